@@ -38,7 +38,8 @@ def attempt(seed: int, ahead: bool, reflectors: int, kind: str, joint: bool) -> 
     """Simulate one run and calibrate it: the answer, whether it is right, its error over the deviation told."""
     rng = np.random.default_rng([seed, ahead, reflectors, joint])
     clutter, noise, amplitude, misplaced = KINDS[kind]
-    stamp, time = np.linspace(-4, 22, 600), np.arange(17.0) if ahead else np.arange(0, 9, 0.1)
+    stamp = np.linspace(-4, 22, 600)
+    time = np.arange(17.0) if ahead else np.arange(0, 9, 0.1)
     way = 0.5 * stamp + 0.6 * np.sin(0.5 * stamp) if ahead else -1.5 + 3 / (1 + np.exp(-(stamp - 4.5) / 0.8))
     zero = np.zeros(stamp.size)
     track = make_track(stamp, np.stack([zero, way, zero + 2.0] if ahead else [way, zero, zero + 1.5], axis=1))
@@ -49,7 +50,8 @@ def attempt(seed: int, ahead: bool, reflectors: int, kind: str, joint: bool) -> 
         marks = rng.uniform(low, high, (reflectors, 3))
     points = np.concatenate([marks, rng.uniform(low, high, (CLUTTER, 3))])
     echoes = np.concatenate([np.full(reflectors, amplitude, complex), clutter * gaussian(rng, CLUTTER)])
-    bias, offset = rng.uniform(-2.5, 2.5), rng.uniform(-0.8, 0.8) if joint else 0.0
+    bias = rng.uniform(-2.5, 2.5)
+    offset = rng.uniform(-0.8, 0.8) if joint else 0.0
     pose = poses_at(track, time, offset)
     there = pose[:, None, :3] + antennas
     signal = noise * gaussian(rng, time.size, len(antennas), FREQUENCY.size)

@@ -52,7 +52,11 @@ def _array(kind: Any, rank: int) -> Any:
     return types.Array(kind, rank, "C")
 
 
-_C, _F, _W, _I, _D = types.complex64, types.float32, types.uint64, types.int64, types.float64
+_C = types.complex64
+_F = types.float32
+_W = types.uint64
+_I = types.int64
+_D = types.float64
 _PLACES = (_array(_W, 1), _array(_W, 1), _array(types.uint32, 1), _array(_W, 1), _I, _I, _F)
 ADJOINT = (_array(_W, 1), _I, *_PLACES, _array(_F, 2), _array(_C, 2))
 _SORTED = (_array(types.int32, 2), _array(types.int32, 2), _I, _I)
@@ -112,7 +116,9 @@ def _tool(name: str) -> str:
 
 
 def _loop(code: str) -> Counter[str]:
-    labels, names, loops = {}, [], []
+    labels = {}
+    names = []
+    loops = []
     for line in code.splitlines():
         if label := re.match(r"\s*(\.L_\w+):", line):
             labels[label[1]] = len(names)
@@ -150,7 +156,8 @@ def main() -> None:
     options = parser.parse_args()
     operator, half, whole = lines_per_load()
     engine = operator.engine
-    size, stride = engine._spectrum.size, 1 << max(5, (engine._bins - 1).bit_length())
+    size = engine._spectrum.size
+    stride = 1 << max(5, (engine._bins - 1).bit_length())
     print(f"window of {engine.width} taps, {size} slots, {stride} bins kept; {half:.2f} and {whole:.2f} lines per load")
     with tempfile.TemporaryDirectory() as home:
         folder = options.folder or Path(home)

@@ -42,7 +42,8 @@ def main() -> None:
     }
     images = {name: (rng.normal(size=(2, len(d.channels), *SHAPE)).astype(np.float32)) for name, d in cases.items()}
     data = {name: (pair[0] + 1j * pair[1]).astype(np.complex64) for name, pair in images.items()}
-    found, plain = cases["M' = 3"].likelihood(data["M' = 3"]), by_matrix(cases["M' = 3"], data["M' = 3"])
+    found = cases["M' = 3"].likelihood(data["M' = 3"])
+    plain = by_matrix(cases["M' = 3"], data["M' = 3"])
     inner = found[14 : 14 + plain.shape[0]]
     print(f"largest relative difference from the plain way: {np.abs(inner - plain).max() / np.abs(plain).max():.1e}")
     times: dict[str, list[float]] = {name: [] for name in [*cases, "M' = 3, one matrix product"]}

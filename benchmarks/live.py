@@ -61,13 +61,16 @@ step = [1.0, 1.0]
 wander = 0.2
 """
 SETTLED = 30.0  # m of the lane after which the estimates of 50 scans and more have settled
-NEAR, HALO = 0.3, 1.0  # m
+# m
+NEAR = 0.3
+HALO = 1.0
 
 
 def make_model(folder: Path) -> Path:
     """Save a model that reads a feature of every sub-band; what it was trained on is noise."""
     names = ("C_HH_F0", "C_HH_F1", "M_VV_F1", "P_alpha_F2", "C_VV_F3", "R_HH_HV_F4")
-    rng, label = np.random.default_rng(1), np.arange(200) < 60
+    rng = np.random.default_rng(1)
+    label = np.arange(200) < 60
     values = rng.normal(size=(200, len(names))) + label[:, None] + 2
     normalizer = HistogramNormalizer().fit(values)
     discriminant = FisherDiscriminant().fit(normalizer.transform(values), label.astype(int))
@@ -77,7 +80,8 @@ def make_model(folder: Path) -> Path:
 def play(run: Path, lane: Path, home: Path, options: argparse.Namespace, model: Path | None) -> dict:
     """Feed a run to a process of its own; give its report."""
     home.mkdir()
-    incoming, output = home / "incoming", home / "out"
+    incoming = home / "incoming"
+    output = home / "out"
     command = [sys.executable, "-m", "flgpr", "live", str(incoming), "-o", str(output), "--lane", str(lane), "--quiet"]
     command += ["--recipe", "wang2007", "--speed", "15", "--idle", "15"] + (
         [] if model is None else ["--model", str(model)]
@@ -104,7 +108,8 @@ def _processor_time() -> float:
 
 def agreement(live: pd.DataFrame, batch: pd.DataFrame) -> str:
     """Compare alarm tables where the estimates have settled."""
-    live, batch = live[live["y"] > SETTLED], batch[batch["y"] > SETTLED]
+    live = live[live["y"] > SETTLED]
+    batch = batch[batch["y"] > SETTLED]
     away = cKDTree(live[["x", "y"]]).query(batch[["x", "y"]])[0]
     found = away <= NEAR
     back = cKDTree(batch[["x", "y"]]).query(live[["x", "y"]])[0] <= NEAR
@@ -143,7 +148,8 @@ def main() -> None:
         for name, chosen in [cases[options.case]] if options.case else cases.values():
             start = time.perf_counter()
             told = play(run, home / "lane.toml", home / ("play-" + name.split()[0]), options, chosen)
-            latency, counts = told["latency_ms"], told["counts"]
+            latency = told["latency_ms"]
+            counts = told["counts"]
             left = np.median([one["raised_left_m"] for one in told["raised"]])
             in_time = np.mean([one["in_time"] for one in told["raised"]])
             print(

@@ -39,7 +39,8 @@ def main() -> None:
     parser.add_argument("--scans", type=int, default=18)
     parser.add_argument("--compare", type=float)
     arguments = parser.parse_args()
-    recipe, lane = load_recipe("wang2007"), Lane(-1.5, 1.5, 0.0, arguments.length)
+    recipe = load_recipe("wang2007")
+    lane = Lane(-1.5, 1.5, 0.0, arguments.length)
     with tempfile.TemporaryDirectory() as temporary:
         home = Path(temporary)
         writer = get_context("spawn").Process(target=write_noise_run, args=(home / "run.zarr", arguments.scans))

@@ -34,7 +34,9 @@ BODIES = {"metal": (0.12, 0.0), "gap": (0.15, 0.015), "solid": (0.15, 0.0)}  # h
 PLASTIC = 2.9  # permittivity
 RADIUS = 0.16  # m
 AHEAD = 1.8  # m from the array to the body's centre
-TX_HEIGHT, RX_HEIGHT = 1.05, 0.99  # m
+# m
+TX_HEIGHT = 1.05
+RX_HEIGHT = 0.99
 RX_X = 0.1 * np.arange(-4, 5)  # m
 ABSORBER = 10  # cells
 CENTRE = 0.87e9  # Hz, of the pulse
@@ -151,7 +153,9 @@ def received(path):
         field[component] = np.mean(rows, axis=1)
     even = {c: (f + f[::-1]) / 2 for c, f in field.items()}
     odd = {c: (f - f[::-1]) / 2 for c, f in field.items()}
-    along, up = output.cell[0] * current, output.cell[2] * current  # moments of the two transmitters
+    # moments of the two transmitters
+    along = output.cell[0] * current
+    up = output.cell[2] * current
     return 1j * np.stack([even["x"] / along, odd["z"] / along, odd["x"] / up, even["z"] / up])
 
 

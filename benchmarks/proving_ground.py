@@ -48,14 +48,16 @@ def oracle_curve(found: pd.DataFrame, kind: str, column: str) -> tuple[np.ndarra
 
 def reliability(one: Match, lanes: list[str]) -> tuple[pd.DataFrame, float]:
     """Share of hits among the alarms in some lanes by their stated probability, and the expected calibration error."""
-    p, hit = [], []
+    p = []
+    hit = []
     for name in lanes:
         alarms, targets = (table[table["lane"] == name] for table in (one.alarms, one.truth))
         alarms = alarms[one.lanes[name].contains(alarms["x"].to_numpy(), alarms["y"].to_numpy())]
         off = alarms[["x", "y"]].to_numpy()[:, None] - targets[["x", "y"]].to_numpy()
         hit.append(np.hypot(off[..., 0], off[..., 1]).min(axis=1) <= one.halo)
         p.append(expit(alarms["confidence"].to_numpy()))
-    p, hit = np.concatenate(p), np.concatenate(hit)
+    p = np.concatenate(p)
+    hit = np.concatenate(hit)
     number = np.clip(np.digitize(p, BINS) - 1, 0, len(BINS) - 2)
     table = pd.DataFrame({"bin": number, "p": p, "hit": hit}).groupby("bin").agg(
         alarms=("p", "size"), stated=("p", "mean"), true=("hit", "mean"), hits=("hit", "sum")
@@ -86,7 +88,8 @@ def main() -> None:
             for number, entry in enumerate(given.entries):
                 one = matched(ground, truth, given.folder, entry, split)
                 curve = roc_of(one, (one.truth["kind"] == kind).to_numpy())
-                far, pd_ = curve["far"].to_numpy(), curve["pd"].to_numpy()
+                far = curve["far"].to_numpy()
+                pd_ = curve["pd"].to_numpy()
                 told = ", ".join(f"{level:g}: {at_pd(far, pd_, level):.3f}" for level in levels)
                 print(f"| {split} | {kind} | {entry} | {told} |")
                 style = "-" if split == "standard" else "--"

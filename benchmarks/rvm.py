@@ -30,14 +30,18 @@ Data = tuple[NDArray[Any], NDArray[Any], float]
 def ripley(count: int, seed: int) -> Data:
     """Draw from Ripley's published mixture: two classes of two normals each, variance 0.03."""
     rng = np.random.default_rng(seed)
-    label, side = rng.integers(0, 2, count), rng.integers(0, 2, count)
+    label = rng.integers(0, 2, count)
+    side = rng.integers(0, 2, count)
     centre = np.array([[[-0.7, 0.3], [0.3, 0.3]], [[-0.3, 0.7], [0.4, 0.7]]])
     return centre[label, side] + np.sqrt(0.03) * rng.standard_normal((count, 2)), label, 4.0
 
 
 def data_sets() -> dict[str, Data]:
     """Two-class problems that ship with scikit-learn, and Ripley's."""
-    cancer, iris, wine, digits = load_breast_cancer(), load_iris(), load_wine(), load_digits()
+    cancer = load_breast_cancer()
+    iris = load_iris()
+    wine = load_wine()
+    digits = load_digits()
     pair = np.isin(digits.target, (3, 8))
     later = iris.target > 0
     sets = {
@@ -82,7 +86,8 @@ def evidence(X: NDArray[Any], y: NDArray[Any], gamma: float, machine: Any) -> fl
         K = np.vstack([np.ones(len(X)), K]) if len(machine.mu_) > len(K) else K
         weights = machine.mu_
     else:
-        K, weights = rbf_kernel(machine.relevance_vectors_, X, gamma=gamma), np.ravel(machine.dual_coef_)
+        K = rbf_kernel(machine.relevance_vectors_, X, gamma=gamma)
+        weights = np.ravel(machine.dual_coef_)
     alpha = K @ (y - expit(weights @ K)) / weights
     good = alpha > 0
     t = y.astype(float)
@@ -115,8 +120,10 @@ def quality() -> None:
     print("|---|---|---|---|---|")
     total = np.zeros(2, np.int64)
     for name, (X, y, gamma) in data_sets().items():
-        a, b = ours(X, y, gamma), fast(X, y, gamma)
-        mine, own = a.log_evidence_, evidence(X, y, gamma, b)
+        a = ours(X, y, gamma)
+        b = fast(X, y, gamma)
+        mine = a.log_evidence_
+        own = evidence(X, y, gamma, b)
         check = evidence(X, y, gamma, a)
         if abs(check - mine) > 1e-3:
             print(f"our evidence does not check: {mine:.4f}, {check:.4f}")
@@ -145,9 +152,11 @@ def speed() -> None:
     machine = RelevanceVectorClassifier(gamma=gamma)
     runs: dict[str, Any] = {}
     for name, warm in (("cold", False), ("warm", True)):
-        start, busy = time.perf_counter(), time.process_time()
+        start = time.perf_counter()
+        busy = time.process_time()
         runs[name] = leave_one_out(machine, X, y, warm=warm)[1]
-        took, busy = time.perf_counter() - start, time.process_time() - busy
+        took = time.perf_counter() - start
+        busy = time.process_time() - busy
         print(f"leave-one-out, N = 153, {name}: {took:.1f} s, {busy:.1f} s of processor time")
     gain = np.array([w.log_evidence_ - c.log_evidence_ for w, c in zip(runs["warm"], runs["cold"], strict=True)])
     print(

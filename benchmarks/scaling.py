@@ -18,7 +18,8 @@ from typing import Any
 
 KEPT = Path(__file__).with_name("workers.json")
 WORKERS = (1, 2, 8, 16, 32, 64, 128, 256, 512, 1024)
-SCANS_PER_KM, BLOCK = 600, 16
+SCANS_PER_KM = 600
+BLOCK = 16
 LANE_BLOCKS = 45  # 1.2 km
 
 
@@ -66,8 +67,12 @@ def read_costs(measured: dict[str, Any]) -> Costs:
 
 def simulate(costs: Costs, lanes: Sequence[int], workers: int, at_once: int) -> float:
     """Simulate lanes of so many blocks each and give the seconds they take."""
-    free, scheduler, driver, last = [0.0] * workers, 0.0, 0.0, 0.0
-    waiting, events = list(enumerate(lanes))[::-1], []
+    free = [0.0] * workers
+    scheduler = 0.0
+    driver = 0.0
+    last = 0.0
+    waiting = list(enumerate(lanes))[::-1]
+    events = []
     steps: dict[int, list[list[float]]] = {}
 
     def open_lane(now: float) -> None:
@@ -110,10 +115,13 @@ def bounds(costs: Costs, lanes: Sequence[int], at_once: int) -> dict[str, float]
 def tell(figure: Path | None) -> None:
     """Print the tables and draw the figure."""
     measured = json.loads(KEPT.read_text())
-    costs, pieces, scans = read_costs(measured), measured["pieces"], measured["scans"]
+    costs = read_costs(measured)
+    pieces = measured["pieces"]
+    scans = measured["scans"]
     passes = sum(map(bool, costs.blocks))
     work = SCANS_PER_KM * sum(one["processor_seconds"] for one in pieces) / scans
-    run, written = measured["run_bytes"] / scans, sum(one["bytes"] for one in pieces) / scans
+    run = measured["run_bytes"] / scans
+    written = sum(one["bytes"] for one in pieces) / scans
     parts = sum(one["bytes"] for one in pieces if one["block"] >= 0) / scans
     stored, noted, between = (SCANS_PER_KM * size / 1e9 for size in (run, written, parts))
     print(f"a kilometre ({SCANS_PER_KM} scans): {work:.0f} s of a core; {stored:.2f} GB of run, read {passes} times;")

@@ -85,7 +85,8 @@ def _exact(alarms: pd.DataFrame, n: int, area: float, threshold: float) -> tuple
     above = alarms["confidence"].to_numpy() >= threshold
     low, high = clopper_pearson(above[:n].sum(), n)
     far_low, far_high = poisson_interval(above[n:].sum(), area)
-    true_pd, true_far = stats.norm.sf(threshold - GAIN), RATE * stats.norm.sf(threshold)
+    true_pd = stats.norm.sf(threshold - GAIN)
+    true_far = RATE * stats.norm.sf(threshold)
     return bool(low <= true_pd <= high), bool(far_low <= true_far <= far_high)
 
 

@@ -30,7 +30,9 @@ ROUGHNESSES = (0.001, 0.002, 0.004, 0.008)
 SEEDS = 6
 FIGURES = ("formula_db", "measured_db", "margin_db")
 SHOWN_SITES = ("prepared-earth", "arid-sand", "temperate")
-SHOWN_DEPTH, SHOWN_ROUGHNESS = 7.5, 2.0  # cm, mm
+# cm, mm
+SHOWN_DEPTH = 7.5
+SHOWN_ROUGHNESS = 2.0
 ANTI_PERSONNEL = ("pma-1", "pmn")
 COLOURS, LINES = (
     ("#c1440e", "#1b5e9b", "#3a7d44"),

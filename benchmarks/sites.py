@@ -73,7 +73,9 @@ def contents() -> str:
     rows = []
     for site in SITES:
         scene = Scene(site=site)
-        clutter, holes, stones = scene.clutter, scene.holes, scene.stones
+        clutter = scene.clutter
+        holes = scene.holes
+        stones = scene.stones
         sizes = " to ".join(number(1e2 * radius) for radius in stones.radius)
         fill = " to ".join(number(share) for share in holes.looseness)
         rows.append(
@@ -118,7 +120,8 @@ def sigma(scene: Scene, frequency: float, sine: float | np.ndarray) -> tuple[np.
 def ranges_of(site: str) -> dict[str, tuple[float, float]]:
     """Read the ranges that a site's file tells in lines like ``# range rms_height 0.001 0.004``."""
     text = (resources.files("flgpr.simulate") / "sites" / f"{site}.toml").read_text(encoding="utf-8")
-    found, part = {}, ""
+    found = {}
+    part = ""
     for line in text.splitlines():
         if heading := re.fullmatch(r"\[(\w+)\]", line):
             part = heading[1]

@@ -36,7 +36,10 @@ from flgpr.io import RunDescription, Scan, describe_for_live, encode_scan, write
 from flgpr.io.scan_file import scan_name
 from flgpr.model import SPEED_OF_LIGHT, make_run
 
-RATE, STEP, LAP = 4.2, 0.4, 400  # scans/s of the radar, m from scan to scan, scans of a lap
+# scans/s of the radar, m from scan to scan, scans of a lap
+RATE = 4.2
+STEP = 0.4
+LAP = 400
 HALO = 0.3  # m
 FREQUENCY = 0.75e9 + 15e6 * np.arange(40)
 TX = np.repeat([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0]], 4, axis=0)
@@ -44,7 +47,9 @@ RX = np.tile([[x, 0.0, 0.0] for x in (-1.0, -0.4, 0.4, 1.0)], (2, 1))
 SHAPE = (1, len(TX), FREQUENCY.size)
 FAULTS = {"lost": 0.005, "late": 0.01, "duplicate": 0.005, "corrupt": 0.002, "masked": 0.005, "pose": 0.005}
 BURST = 1e-4  # chance per scan that it and the next 30 are lost
-TAKEN_AWAY, FARTHEST = 2000, 1500  # scans
+# scans
+TAKEN_AWAY = 2000
+FARTHEST = 1500
 RECIPE = """
 name = "soak"
 description = "A cheap recipe for hours of scans"
@@ -90,8 +95,11 @@ class World:
         )
         places = np.vstack([np.column_stack([rng.uniform(-2, 2, 2000), rng.uniform(0, lap, 2000)]), targets])
         echo = np.append(0.3 * (rng.normal(size=2000) + 1j * rng.normal(size=2000)), np.full(24, 2.0))
-        self.signal, self.pose = np.zeros((LAP, *SHAPE), np.complex64), np.zeros((LAP, 6))
-        self.pose[:, 0], self.pose[:, 1], self.pose[:, 2] = 0.03 * rng.normal(size=LAP), STEP * np.arange(LAP), 2.0
+        self.signal = np.zeros((LAP, *SHAPE), np.complex64)
+        self.pose = np.zeros((LAP, 6))
+        self.pose[:, 0] = 0.03 * rng.normal(size=LAP)
+        self.pose[:, 1] = STEP * np.arange(LAP)
+        self.pose[:, 2] = 2.0
         for k, pose in enumerate(self.pose):
             local = np.column_stack(
                 [places[:, 0] - pose[0], (places[:, 1] - pose[1]) % lap, np.full(len(places), -2.0)]
@@ -120,17 +128,21 @@ def frames(
     world: World, scans: int, seed: int, made: Counter[str], gaps: set[int]
 ) -> Iterator[list[tuple[str, bytes]]]:
     """Give scan after scan the files that the radar writes then, and count what was made wrong of it."""
-    rng, run = np.random.default_rng(seed + 1), world.description().run_id
+    rng = np.random.default_rng(seed + 1)
+    run = world.description().run_id
     waiting: dict[int, tuple[str, bytes]] = {}
     burst = 0
     for number in range(scans):
-        scan, chance = world.scan(number), rng.random()
+        scan = world.scan(number)
+        chance = rng.random()
         burst = 30 if burst == 0 and rng.random() < BURST else max(burst - 1, 0)
         ends = np.cumsum(list(FAULTS.values()))
         at = int(np.searchsorted(ends, chance))
         fault = "lost" if burst else [*FAULTS, ""][at]
-        name, now = scan_name(number), []
-        signal, pose = scan.signal, scan.pose
+        name = scan_name(number)
+        now = []
+        signal = scan.signal
+        pose = scan.pose
         if fault == "masked":
             signal = signal.copy()
             signal[0, 3, 5] = np.nan
@@ -183,20 +195,25 @@ def memory(process: subprocess.Popen[bytes]) -> float:
 
 def drive(world: World, home: Path, options: argparse.Namespace) -> dict[str, Any]:
     """Drive with faults; give the record, minute by minute, and what came of it."""
-    incoming, output = home / "incoming", home / "out"
+    incoming = home / "incoming"
+    output = home / "out"
     incoming.mkdir()
     write_description(world.description(), incoming)
     command = [sys.executable, "-m", "flgpr", "live", str(incoming), "--recipe", str(home / "soak.toml")]
     command += ["-o", str(output), "--quiet"]
-    scans, rate = round(options.hours * 3600 * RATE), RATE * options.speed
+    scans = round(options.hours * 3600 * RATE)
+    rate = RATE * options.speed
     rng = np.random.default_rng(options.seed + 2)
     kills = sorted(rng.integers(0, scans // 3, options.kills).tolist(), reverse=True)
     made: Counter[str] = Counter()
     gaps: set[int] = set()
-    watched, rows = Watched(output / "live.jsonl"), []
+    watched = Watched(output / "live.jsonl")
+    rows = []
     lying: deque[tuple[int, str]] = deque()
     process = subprocess.Popen(command)
-    start, held, due = time.monotonic(), 0.0, 60.0 / options.speed
+    start = time.monotonic()
+    held = 0.0
+    due = 60.0 / options.speed
     number = 0
     try:
         for number, files in enumerate(frames(world, scans, options.seed, made, gaps)):
@@ -239,18 +256,21 @@ def drive(world: World, home: Path, options: argparse.Namespace) -> dict[str, An
     (incoming / "end.json").write_text("{}")
     process.wait(600)
     report = json.loads((output / "live.json").read_text())
-    wall, scans = time.monotonic() - start, number + 1
+    wall = time.monotonic() - start
+    scans = number + 1
     return {"rows": rows, "made": dict(made), "gaps": sorted(gaps), "report": report, "scans": scans, "wall_s": wall}
 
 
 def lost(alarms: Any, want: np.ndarray, gaps: list[int], laps: range) -> tuple[int, int, int]:
     """Mines that were passed, those without an alarm, and of these the ones whose ground lost three or more scans."""
-    places, holes = cKDTree(alarms[["x", "y"]]), np.asarray(gaps)
+    places = cKDTree(alarms[["x", "y"]])
+    holes = np.asarray(gaps)
     due = missing = excused = 0
     for lap in laps:
         here = want + [0.0, lap * LAP * STEP]
         away = places.query(here)[0] > HALO
-        due, missing = due + len(here), missing + int(away.sum())
+        due = due + len(here)
+        missing = missing + int(away.sum())
         for _, y in here[away]:
             first, last = (y - 5.0) / STEP, (y - 2.0) / STEP
             excused += int(((holes >= first) & (holes <= last)).sum() >= 3)

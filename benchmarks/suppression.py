@@ -43,13 +43,16 @@ def main() -> None:
         return ImagingOperator(frequency, tx, rx, points, tolerance=1e-3)
 
     image = operator_on(pixels).adjoint(data)[:, 0]
-    vv, vh = np.abs(image[3]), np.abs(image[2])
+    vv = np.abs(image[3])
+    vh = np.abs(image[2])
     levels = [np.quantile(vv, 0.85), np.quantile(vh, 0.85), np.quantile(vh, 0.95)]
     thresholds = Thresholds(*(np.full(4, level) for level in levels))
-    walls, cpus = {}, {}
+    walls = {}
+    cpus = {}
     for _ in range(ROUNDS + 1):
         for name in ("iteration", "least squares"):
-            wall, cpu = time.perf_counter(), time.process_time()
+            wall = time.perf_counter()
+            cpu = time.process_time()
             whole = operator_on(pixels)
             image = whole.adjoint(data)[:, 0]
             mask = mixed_mask(image[3], image[2], thresholds, region, pixels[..., 0])
@@ -65,7 +68,8 @@ def main() -> None:
     print(f"{mask.mean():.1%} of {mask.size} pixels under the mask; {course.told()}")
     print("| form | wall, median (least to most), s | CPU, median, s |\n|---|---|---|")
     for name in walls:
-        w, c = walls[name][1:], cpus[name][1:]
+        w = walls[name][1:]
+        c = cpus[name][1:]
         print(f"| {name} | {np.median(w):.2f} ({min(w):.2f} to {max(w):.2f}) | {np.median(c):.2f} |")
 
 

@@ -86,20 +86,25 @@ def levels(run, places) -> tuple[np.ndarray, np.ndarray, list]:
 def main() -> None:
     folder = sample_lane()
     run = open_run(folder / "run.zarr")
-    truth, objects = read_table(folder / "truth.csv", "truth"), read_table(folder / "objects.csv", "objects")
-    scene, sensor = lane_scene(run, truth, objects), lane_sensor(run)
+    truth = read_table(folder / "truth.csv", "truth")
+    objects = read_table(folder / "objects.csv", "objects")
+    scene = lane_scene(run, truth, objects)
+    sensor = lane_sensor(run)
     truth = truth[truth["kind"] == "metal"]
     names = [f"{kind} mine {i + 1}" for i, kind in enumerate(truth["kind"])] + list(objects["kind"])
     places = np.concatenate([truth[["x", "y"]].to_numpy(), objects[["x", "y"]].to_numpy()])
     want, want_at, want_images = levels(run, places)
-    got, got_at, first = [], [], None
+    got = []
+    got_at = []
+    first = None
     for seed in range(SURFACES):
         level, at, images = levels(Simulator(scene, sensor, seed).run(), places)
         got.append(level)
         got_at.append(at)
         first = first or images
         print(f"surface {seed + 1} of {SURFACES}", end="\r", flush=True)
-    got, got_at = np.array(got), np.array(got_at)
+    got = np.array(got)
+    got_at = np.array(got_at)
     pols = list(run["polarization"].values)
     co = [pols.index("HH"), pols.index("VV")]
     scale = np.median((want - np.median(got, axis=0))[:, co])
@@ -109,7 +114,8 @@ def main() -> None:
 
 
 def report(names, pols, want, got, want_at, got_at) -> None:
-    hh, vv = pols.index("HH"), pols.index("VV")
+    hh = pols.index("HH")
+    vv = pols.index("VV")
     print("| target | quantity | full wave | simulated, median (95 % of 50 surfaces) | within |")
     print("|---|---|---|---|---|")
     rows = []

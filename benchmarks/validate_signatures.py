@@ -17,7 +17,9 @@ ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "tests"))
 from simulate.fullwave_difference import compare, load, names, simulated  # noqa: E402
 
-LEVEL, PLACE = 2.0, 5.0  # dB, cm: what must hold
+# dB, cm: what must hold
+LEVEL = 2.0
+PLACE = 5.0
 ORDER = {"metal": 0, "gap": 1, "solid": 2}
 WORDS = {"metal": "metal", "gap": "plastic, gap", "solid": "plastic, solid"}
 

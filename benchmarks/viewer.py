@@ -79,7 +79,8 @@ def look(page, url):
 
 def live_delay(page, folder):
     """Time from the writing of an alarm's event to its line on the page, ms."""
-    file, waits = folder / "live.jsonl", []
+    file = folder / "live.jsonl"
+    waits = []
     file.write_text(json.dumps({"event": "start", "lane": {"x_min": -3, "x_max": 3, "y_min": 0, "y_max": 60}}) + "\n")
     scan = {"event": "scan", "scan": 0, "pose": [0, 2, 5, 0, 0, 0]}
     with server("--live", folder) as (url, _):

@@ -36,7 +36,8 @@ STEP = 1000 / 600  # m between scans
 
 def write_noise_run(path: Path, scans: int) -> Path:
     """Store a run of noise whose level falls with no structure at all."""
-    sensor, rng = load_sensor("sri-array"), np.random.default_rng(1)
+    sensor = load_sensor("sri-array")
+    rng = np.random.default_rng(1)
     tones = 442.5e6 + 2.5e6 * np.arange(1024)
     tx, rx = sensor.pairs()
     shape = (3, len(tx), tones.size)
@@ -56,7 +57,8 @@ class Clock:
 
     def __call__(self, items: Iterable, label: str, total: int) -> Iterator:  # noqa: ARG002
         """Pass items through and time them."""
-        wall, cpu = time.perf_counter(), time.process_time()
+        wall = time.perf_counter()
+        cpu = time.process_time()
         yield from items
         self.rows.append((label, time.perf_counter() - wall, time.process_time() - cpu))
 
@@ -79,7 +81,9 @@ def main() -> None:
         places = np.linspace(5, length - 5, max(2, options.scans // 12))
         truth = pd.DataFrame({"target_id": [f"T{i}" for i in range(places.size)], "x": 0.0, "y": places, "depth": 0.05})
         truth["kind"] = "metal"
-        clock, wall, cpu = Clock(), time.perf_counter(), time.process_time()
+        clock = Clock()
+        wall = time.perf_counter()
+        cpu = time.process_time()
         found = detect(open_run(store), recipe, lane, clock)[0]
         score = pd_mean(roc(found.alarms, truth, lane))
         total = ("all", time.perf_counter() - wall, time.process_time() - cpu)

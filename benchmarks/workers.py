@@ -43,9 +43,11 @@ from wang2007 import STEP, write_noise_run
 def once(store: Path, lane: Path, output: Path, workers: int) -> dict[str, Any]:
     """Detect once and return the time, the reports and the digests of the result."""
     reports: list[dict[str, Any]] = []
-    begun, driver = time.perf_counter(), time.process_time()
+    begun = time.perf_counter()
+    driver = time.process_time()
     result = tasks.detect_run(store, "wang2007", output, lane, report=False, workers=workers, note=reports.append)
-    wall, driver = time.perf_counter() - begun, time.process_time() - driver
+    wall = time.perf_counter() - begun
+    driver = time.process_time() - driver
     return {
         "wall": wall,
         "driver": driver,
@@ -62,12 +64,14 @@ def plan(reports: list[dict[str, Any]], scans: int) -> list[str]:
         rows[report["stage"], report["block"] >= 0].append(report)
     lines = [f"{'stage':10s} {'piece':6s} {'pieces':>6s} {'s each':>8s} {'MB each':>8s} {'s in all':>8s}   (processor)"]
     for (stage, is_block), some in rows.items():
-        seconds, size = [one["processor_seconds"] for one in some], [one["bytes"] / 1e6 for one in some]
+        seconds = [one["processor_seconds"] for one in some]
+        size = [one["bytes"] / 1e6 for one in some]
         lines.append(
             f"{stage:10s} {'block' if is_block else 'fold':6s} {len(some):6d} {median(seconds):8.3f} "
             f"{median(size):8.2f} {sum(seconds):8.2f}"
         )
-    total, size = processor(reports), sum(one["bytes"] for one in reports) / 1e6
+    total = processor(reports)
+    size = sum(one["bytes"] for one in reports) / 1e6
     lines.append(
         f"per scan: {1e3 * total / scans:.0f} ms, {len(reports) / scans:.2f} pieces, {size / scans:.2f} MB written"
     )
@@ -105,9 +109,11 @@ def scheduler_load(pieces: int) -> None:
             hands = [subprocess.Popen([*dask, "worker", address, *options], env=environment) for _ in range(2)]
             with Cluster(address) as cluster:
                 list(cluster.run(nothing, [(job, "signature", number) for number in range(20)]))
-                before, begun = psutil.Process(head.pid).cpu_times(), time.perf_counter()
+                before = psutil.Process(head.pid).cpu_times()
+                begun = time.perf_counter()
                 done = len(list(cluster.run(nothing, [(job, "signature", number) for number in range(pieces)])))
-                after, wall = psutil.Process(head.pid).cpu_times(), time.perf_counter() - begun
+                after = psutil.Process(head.pid).cpu_times()
+                wall = time.perf_counter() - begun
                 begun = time.perf_counter()
                 for number in range(50):
                     list(cluster.run(nothing, [(job, "signature", number)]))

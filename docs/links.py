@@ -10,7 +10,8 @@ class _Page(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.anchors, self.targets = set(), set()
+        self.anchors = set()
+        self.targets = set()
         self.feed(text)
 
     def handle_starttag(self, _, attrs):

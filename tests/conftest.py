@@ -119,7 +119,8 @@ def small_run():
     rng = np.random.default_rng(5)
     shape = (4, 2, 2, 5)
     pose = np.zeros((4, 6))
-    pose[:, 1], pose[:, 2] = np.arange(4), 1.5
+    pose[:, 1] = np.arange(4)
+    pose[:, 2] = 1.5
     return make_run(
         rng.normal(size=shape) + 1j * rng.normal(size=shape),
         1e9 + 1e7 * np.arange(5),

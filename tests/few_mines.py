@@ -45,7 +45,8 @@ def make_lane(folder: Path) -> None:
     (folder / "sensor.toml").write_text(sensor)
     (folder / "scene.toml").write_text(SCENE)
     (folder / "lane.toml").write_text(LANE)
-    run, truth = folder / "run.zarr", folder / "truth.csv"
+    run = folder / "run.zarr"
+    truth = folder / "truth.csv"
     tasks.simulate_lane(folder / "scene.toml", folder / "sensor.toml", 1, run, errors=False, truth=truth)
 
 
@@ -71,7 +72,8 @@ def follow(text: str, message: str) -> str:
     tables = re.split(r"^(?=\[)", text, flags=re.MULTILINE)
     wanted = [n for n, one in enumerate(tables) if one.startswith(header) and (not stage or f"stage = {stage}" in one)]
     assert len(wanted) == 1, (header, stage)
-    table, entry = tables[wanted[0]], f"{key} = {value}"
+    table = tables[wanted[0]]
+    entry = f"{key} = {value}"
     table, found = re.subn(rf"^{key} = .*$", lambda _: entry, table, flags=re.MULTILINE)
     tables[wanted[0]] = table if found else table.replace("\n", f"\n{entry}\n", 1)
     return "".join(tables)

@@ -4,8 +4,13 @@ import struct
 
 import numpy as np
 
-SAMPLES, INTERVAL, ZERO = 256, 0.2e-9, 20  # 5 GHz sampling; time zero at this sample
-NOMINAL, STEP, SEPARATION = 500e6, 0.05, 0.2
+# 5 GHz sampling; time zero at this sample
+SAMPLES = 256
+INTERVAL = 0.2e-9
+ZERO = 20
+NOMINAL = 500e6
+STEP = 0.05
+SEPARATION = 0.2
 WINDOW = SAMPLES * INTERVAL * 1e9  # ns
 SPEED = 1e8  # m/s in the ground
 REFLECTORS = ((0.5, 0.4), (1.4, 0.8))  # along the line and below it, m
@@ -42,7 +47,9 @@ def write_dt1(path, counts, real=False, order="<", comment=None, dead=None, hd=T
     for k, trace in enumerate(counts):
         head = np.zeros(25)
         head[[0, 1, 2, 5, 6, 7]] = k + 1, step * k, len(trace), 4 if real else 2, WINDOW, 8
-        head[21], head[23], head[24] = k == dead, 36000 + k, k == comment
+        head[21] = k == dead
+        head[23] = 36000 + k
+        head[24] = k == comment
         data += head.astype(order + "f4").tobytes() + b"note".ljust(28, b"\0")
         data += trace.astype(order + ("f4" if real else "i2")).tobytes()
     path.write_bytes(data)
@@ -72,7 +79,8 @@ def write_dzt(path, channels, bits=16, names=("50400",), per_metre=1 / STEP, dat
         head[1024 * k + 98 : 1024 * k + 98 + len(name)] = name
     kind, offset = {8: ("u1", 128), 16: ("<u2", 32768), 32: ("<i4", 0)}[bits]
     raw = (channels.astype(np.int64) + offset).astype(kind)
-    raw[..., 0], raw[..., 1] = np.arange(len(raw))[:, None] % 200, 7
+    raw[..., 0] = np.arange(len(raw))[:, None] % 200
+    raw[..., 1] = 7
     raw[5, :, 1] = 9
     path.write_bytes(bytes(head) + raw.tobytes())
     return path
@@ -133,9 +141,11 @@ def ibm(value):
     exponent = 0
     size = abs(value)
     while size >= 1:
-        size, exponent = size / 16, exponent + 1
+        size = size / 16
+        exponent = exponent + 1
     while size < 1 / 16:
-        size, exponent = size * 16, exponent - 1
+        size = size * 16
+        exponent = exponent - 1
     return (int(value < 0) << 31) | ((exponent + 64) << 24) | round(size * 2**24)
 
 

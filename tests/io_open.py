@@ -7,10 +7,13 @@ import numpy as np
 
 from io_gpr import INTERVAL, NOMINAL, STEP
 
-SLICES, CHANNELS, SAMPLES = 12, 3, 64
+SLICES = 12
+CHANNELS = 3
+SAMPLES = 64
 RNG = np.random.default_rng(6)
 COUNTS = RNG.integers(-3000, 3000, size=(SLICES, CHANNELS, SAMPLES))
-EASTING, NORTHING = 614_325.0, 4_840_256.0
+EASTING = 614_325.0
+NORTHING = 4_840_256.0
 
 
 def way(slices=SLICES):

@@ -7,7 +7,8 @@ from flgpr.model import Lane, make_run
 
 LANE = Lane(-0.75, 0.75, 2.0, 20.0)
 TARGETS = np.array([[0.2, 9.5], [-0.4, 11.4], [0.3, 13.3], [-0.3, 15.2], [0.1, 17.1]])
-SCANS, STEP = 42, 0.4
+SCANS = 42
+STEP = 0.4
 
 
 def small_recipe():

@@ -40,7 +40,9 @@ def small_recipe(median_step=1):
 def course(rng, y, sway):
     """Make the poses of a vehicle that sways by so many metres (standard deviation) and yaws a little."""
     pose = np.zeros((len(y), 6))
-    pose[:, 0], pose[:, 1], pose[:, 2] = sway * rng.normal(size=len(y)), y, 2.0
+    pose[:, 0] = sway * rng.normal(size=len(y))
+    pose[:, 1] = y
+    pose[:, 2] = 2.0
     pose[:, 3] = 0.01 * rng.normal(size=len(y))
     return pose
 

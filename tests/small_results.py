@@ -16,7 +16,8 @@ def small_result(folder, classifier=None):
     alarms = pd.DataFrame(
         {"alarm_id": ["a", "b", "c"], "x": [0.1, -0.7, 0.9], "y": [3.0, 3.5, 2.2], "confidence": [9.0, 4.0, 2.5]}
     )
-    x, y = np.arange(-1, 1.01, 0.5), np.arange(2.0, 4.01, 0.5)
+    x = np.arange(-1, 1.01, 0.5)
+    y = np.arange(2.0, 4.01, 0.5)
     view = xr.DataArray(
         np.random.default_rng(0).random((1, 1, y.size, x.size), np.float32),
         dims=("polarization", "subband", "y", "x"),

@@ -35,7 +35,8 @@ def models_in(annotation):
 
 
 def reachable(roots):
-    found, left = [], list(roots)
+    found = []
+    left = list(roots)
     while left:
         model = left.pop()
         if model not in found and issubclass(model, Entries):
@@ -59,7 +60,8 @@ MODELS = reachable([Recipe, Scene, Sensor, Body, Description, *SETTINGS])
 
 def example(annotation):
     """Any value of a type."""
-    origin, of = get_origin(annotation), get_args(annotation)
+    origin = get_origin(annotation)
+    of = get_args(annotation)
     if annotation in (float, int, str, bool):
         return {float: 0.5, int: 1, str: "HH", bool: True}[annotation]
     if origin is Literal:
@@ -82,7 +84,8 @@ def whole(model):
 
 def with_number(annotation, bad):
     """All values of a type that have one number replaced."""
-    origin, of = get_origin(annotation), get_args(annotation)
+    origin = get_origin(annotation)
+    of = get_args(annotation)
     if annotation in (float, int):
         yield bad
     elif origin is Annotated:

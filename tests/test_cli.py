@@ -25,7 +25,8 @@ def test_import_detect_and_score_a_lane_from_its_archive(fullwave_archive, tmp_p
     found = call("detect", tmp_path / "b.zarr", "--recipe", "demo", "-o", tmp_path / "result", "--json")
     assert found.exit_code == 0, found.output
     assert json.loads(found.stdout)["alarms"] > 3
-    truth, objects = tmp_path / "b-truth.csv", tmp_path / "b-objects.csv"
+    truth = tmp_path / "b-truth.csv"
+    objects = tmp_path / "b-objects.csv"
     scored = call("score", tmp_path / "result" / "alarms.csv", "--truth", truth, "--objects", objects, "--json")
     assert scored.exit_code == 0, scored.output
     summary = json.loads(scored.stdout)
@@ -83,7 +84,8 @@ def test_coverage_lies_where_the_vehicle_heads(tmp_path):
     pose = run["pose"].values.copy()
     pose[:, [0, 1, 3]] = np.stack([pose[:, 1], 0 * pose[:, 1], 0 * pose[:, 1] + np.pi / 2], axis=1)
     save_run(run.assign(pose=(run["pose"].dims, pose)), tmp_path / "rail.zarr")
-    ahead, across = tasks.run_info(RUN), tasks.run_info(tmp_path / "rail.zarr")
+    ahead = tasks.run_info(RUN)
+    across = tasks.run_info(tmp_path / "rail.zarr")
     assert across["lane"]["x"] == pytest.approx(ahead["lane"]["y"])
     assert across["lane"]["y"] == pytest.approx(ahead["lane"]["x"])
     assert across["looks"]["unseen_share"] < 0.1
@@ -209,7 +211,9 @@ def test_an_alarm_list_of_any_detector_is_scored_open_or_sealed(tmp_path):
     (tmp_path / "lane.toml").write_text("x_min = -1.5\nx_max = 1.5\ny_min = 0\ny_max = 60\n")
     (tmp_path / "truth.csv").write_text("target_id,x,y,kind,depth\na,0,10,metal,0.05\nb,0.5,30,plastic,0.1\n")
     (tmp_path / "alarms.csv").write_text("x,y,confidence\n0.1,10.2,5\n-1,50,3\n0.4,30.1,2\n")
-    lane, alarms, truth = tmp_path / "lane.toml", tmp_path / "alarms.csv", tmp_path / "truth.csv"
+    lane = tmp_path / "lane.toml"
+    alarms = tmp_path / "alarms.csv"
+    truth = tmp_path / "truth.csv"
     done = call("score", alarms, "--truth", truth, "--lane", lane, "-o", tmp_path / "score", "--json")
     assert done.exit_code == 0, done.output
     assert (tmp_path / "score" / "report.html").exists()

@@ -100,7 +100,8 @@ figure, axes = plt.subplots(figsize=(6, 3.6), layout="constrained")
 for shift, (group, points) in zip(
     (0.94, 1.0, 1.06), told.points.groupby("group"), strict=True
 ):
-    below, above = points.pd - points.pd_low, points.pd_high - points.pd
+    below = points.pd - points.pd_low
+    above = points.pd_high - points.pd
     axes.errorbar(
         points.far_allowed * shift,
         points.pd,

@@ -36,7 +36,8 @@ step = [3.0, 4.0]
 )
 lanes = ("north", "south")
 for seed, name in enumerate(lanes):
-    scene, store = home / "scene.toml", home / f"{name}.zarr"
+    scene = home / "scene.toml"
+    store = home / f"{name}.zarr"
     tasks.simulate_lane(scene, "sri-array", seed, store)
 runs = [home / f"{name}.zarr" for name in lanes]
 areas = [home / f"{name}-lane.toml" for name in lanes]

@@ -35,7 +35,8 @@ from flgpr.simulate.soil import mironov, one_way_loss, peplinski_conductivity, t
 from flgpr.simulate.targets import node_weights
 
 HOME = Path(__file__).parent.parent / "images"
-ARID, CLAY = (3.0, 0.03), (40.0, 0.25)
+ARID = (3.0, 0.03)
+CLAY = (40.0, 0.25)
 """Clay (per cent) and moisture of dry sand and of wet clay."""
 BANDS = {name: band for name, band in load_recipe("wang2007").image.subbands.items() if name != "F0"}
 COLOURS = dict(zip(BANDS, ("#0072b2", "#009e73", "#e69f00", "#d55e00"), strict=True))
@@ -81,7 +82,8 @@ def geometry():
     sensor = load_sensor("sri-array")
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     side, plot = figure.subplots(1, 2, width_ratios=(1.15, 1))
-    h, y = sensor.height, 12.0
+    h = sensor.height
+    y = 12.0
     side.plot([-4, 27], [0, 0], color="saddlebrown", lw=2)
     side.fill_between([-4, 27], -1.4, 0, color="#e8dcc8")
     side.add_patch(Rectangle((-3.6, 0.5), 3.4, 1.8, fc="0.75", ec="0.3"))
@@ -258,7 +260,9 @@ def edge_levels(permittivity, incidence):
     """
     sine = np.sin(incidence) / np.sqrt(permittivity)
     k = 2 * np.pi * 1.05e9 / SPEED_OF_LIGHT * np.sqrt(permittivity)
-    x, area, wavelength = 2 * k * 0.16 * sine, np.pi * 0.16**2, 2 * np.pi / k
+    x = 2 * k * 0.16 * sine
+    area = np.pi * 0.16**2
+    wavelength = 2 * np.pi / k
     optics = 4 * np.pi * area**2 / wavelength**2 * (2 / x) ** 2 * (2 / (np.pi * x)) / 4
     told = {}
     for rim in visible_rims(cylinder(0.16, 0.15), sine):
@@ -384,10 +388,12 @@ def oh1992(frequency, sine, permittivity, rms_height):
 def roughness():
     """Backscatter over frequency of two sites: one scale, one scale on uneven ground, and a model fitted to soils."""
     figure = Figure(figsize=(9, 3.6), layout="constrained")
-    f, sine = np.linspace(0.44e9, 3.0e9, 120), np.sin(np.radians(67))
+    f = np.linspace(0.44e9, 3.0e9, 120)
+    sine = np.sin(np.radians(67))
     for axes, site in zip(figure.subplots(1, 2, sharey=True), ("arid-sand", "gravel"), strict=True):
         scene = Scene(site=site)
-        surface, eps = scene.surface, scene.soil.media(f)[-1]
+        surface = scene.surface
+        eps = scene.soil.media(f)[-1]
         for name, uneven, style in (("one scale", 0.0, "C0--"), ("on a class D track", 1024e-6, "C0")):
             known = (surface.rms_height, surface.correlation_length, surface.slope, uneven)
             axes.plot(f / 1e9, 10 * np.log10(surface_backscatter(f, sine, eps, *known)[0]), style, label=name)

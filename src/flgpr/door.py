@@ -35,7 +35,8 @@ MOST_VALUES = 8_000_000
 """Most values in a file of JSON: each takes up to 100 bytes of memory."""
 MOST_NESTING = 100
 """Deepest nesting of JSON; Python itself gives up at about ten times that."""
-_MOST_EXPANSION, _SMALL = 200, 64 * 2**20
+_MOST_EXPANSION = 200
+_SMALL = 64 * 2**20
 """What decodes into more than the second number of bytes may take this many times its room in the file, not more."""
 _BLOCK = 2**15
 _FILE = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_NOCTTY
@@ -71,7 +72,8 @@ class Folder:
     """
 
     def __init__(self, root: str | Path, listed: Mapping[str, Listed] | None = None) -> None:
-        self.root, self.listed = Path(root), listed
+        self.root = Path(root)
+        self.listed = listed
         self.proven: set[str] = set()  #: names of listed files whose digest was right when they were read
         self._blocks: dict[str, list[bytes]] = {}
 
@@ -143,7 +145,8 @@ class Folder:
             if name not in self._blocks:
                 self._blocks[name] = self._prove_blocks(name, file)
             proven = self._blocks[name]
-            first, stop = offset // _BLOCK, min(-(-(offset + length) // _BLOCK), len(proven))
+            first = offset // _BLOCK
+            stop = min(-(-(offset + length) // _BLOCK), len(proven))
             file.seek(first * _BLOCK)
             blocks = [file.read(_BLOCK) for _ in range(first, stop)]
         if [hashlib.sha256(block).digest() for block in blocks] != proven[first:stop]:
@@ -180,7 +183,8 @@ class Folder:
         return handle
 
     def _check_state(self, name: str, state: os.stat_result, most: int) -> None:
-        entry, size = self._entry(name), state.st_size
+        entry = self._entry(name)
+        size = state.st_size
         if entry is not None and entry.sizes and size not in entry.sizes:
             wanted = " or ".join(map(str, entry.sizes))
             raise DoorError(f"{self.root}: {name} differs from what was written ({size} bytes against {wanted})")
@@ -201,7 +205,8 @@ class Folder:
         self.proven.add(name)
 
     def _prove_blocks(self, name: str, file: BinaryIO) -> list[bytes]:
-        whole, proven = hashlib.sha256(), []
+        whole = hashlib.sha256()
+        proven = []
         while block := file.read(_BLOCK):
             whole.update(block)
             proven.append(hashlib.sha256(block).digest())

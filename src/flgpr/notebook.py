@@ -19,7 +19,8 @@ class View:
     """A viewer that serves in a thread of its own until :meth:`close`; in a notebook its value is the page."""
 
     def __init__(self, viewer: Viewer, height: int) -> None:
-        self._viewer, self._height = viewer, height
+        self._viewer = viewer
+        self._height = height
         self._thread = threading.Thread(target=viewer.run, name="flgpr view", daemon=True)
         self._thread.start()
         atexit.register(self.close)

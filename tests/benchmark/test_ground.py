@@ -37,7 +37,8 @@ def designs(lanes):
 def test_no_split_trains_on_what_it_tests(ground):
     for row in ground.table.splits.values():
         for fold in row.folds:
-            known, tested = ground.matching(fold.train, fold.without), ground.matching(fold.test)
+            known = ground.matching(fold.train, fold.without)
+            tested = ground.matching(fold.test)
             assert known
             assert tested
             assert {lane.part for lane in known} == {"train"}
@@ -136,7 +137,8 @@ def test_the_full_form_tells_ten_points_of_pd_apart(ground):
     """By McNemar's test with power 0.8 at 5 %, where a quarter of the mines are found by one of the two alone."""
     truth = [draw_world(lane.scene, lane.seed).truth() for lane in ground.tested("standard")]
     mines = sum(int((table["kind"] != "simulant").sum()) for table in truth)
-    apart, differing = 0.1, 0.25
+    apart = 0.1
+    differing = 0.25
     needed = ((1.96 * differing**0.5 + 0.84 * (differing - apart**2) ** 0.5) / apart) ** 2
     assert mines >= needed > 100
     halos = sum(len(table) for table in truth) * np.pi * ground.table.halo**2
@@ -192,7 +194,8 @@ def test_the_list_names_entries_splits_and_lanes():
 
 def test_the_full_wave_track_tries_on_the_packaged_lane_as_its_array_saw_it():
     (lane,) = FULLWAVE.tested("full-wave")
-    run, sensor = open_run(lane.stored[0]), FULLWAVE.lanes["arid-known-1"].sensor
+    run = open_run(lane.stored[0])
+    sensor = FULLWAVE.lanes["arid-known-1"].sensor
     tx, rx = sensor.pairs()
     np.testing.assert_allclose(run["tx_position"].values, tx)
     np.testing.assert_allclose(run["rx_position"].values, rx)

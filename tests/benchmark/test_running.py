@@ -103,7 +103,8 @@ def test_nothing_in_the_folder_tells_where_the_targets_of_test_lanes_lie(field):
 
 
 def test_every_opening_of_the_truth_is_counted(field):
-    out, ground = field / "out", load_ground(False, field / "ground.toml")
+    out = field / "out"
+    ground = load_ground(False, field / "ground.toml")
     write_table([out], out)
     before = looks(out)
     truth, _, rules = open_truth(out / "lanes" / SEALED, passphrase(ground))
@@ -191,7 +192,8 @@ def test_entries_cost_what_they_would_alone(field):
 
 
 def test_training_on_shared_images_is_that_of_train_and_detect(field, tmp_path):
-    out, lanes = field / "out", ["arid-known-1", "gravel-known-1"]
+    out = field / "out"
+    lanes = ["arid-known-1", "gravel-known-1"]
     runs, truths, areas = (
         [out / "lanes" / f"{name}{end}" for name in lanes] for end in (".zarr", "-truth.csv", "-lane.toml")
     )
@@ -207,7 +209,8 @@ def test_training_on_shared_images_is_that_of_train_and_detect(field, tmp_path):
 
 
 def test_alarms_made_elsewhere_enter(field, tmp_path):
-    out, ground = field / "out", load_ground(False, field / "ground.toml")
+    out = field / "out"
+    ground = load_ground(False, field / "ground.toml")
     truth = truth_of(ground)
     given = tmp_path / "perfect"
     given.mkdir()
@@ -262,7 +265,8 @@ def test_a_stage_that_spends_all_its_mines_enters(field):
 
 def test_the_oracle_bounds_what_is_found(field, tmp_path):
     shutil.copytree(field / "out", tmp_path / "out")
-    out, ground = tmp_path / "out", load_ground(False, field / "ground.toml")
+    out = tmp_path / "out"
+    ground = load_ground(False, field / "ground.toml")
     looked = len(looks(out))
     found = run_oracle(out, field / "one.toml")
     assert len(looks(out)) == looked + 1
@@ -283,8 +287,10 @@ def test_the_oracle_bounds_what_is_found(field, tmp_path):
 def test_the_oracle_finds_echoes_that_are_there_and_no_others(field):
     lane = load_ground(False, field / "ground.toml").lanes["arid-bare-1"]
     clutter = oracle.Clutter(oracle._chain(str(field / "out"), lane, field / "one.toml"), lane.scene.lane)
-    rng, looks = np.random.default_rng(0), clutter.looks
-    with_echo, without = [], []
+    rng = np.random.default_rng(0)
+    looks = clutter.looks
+    with_echo = []
+    without = []
     for place in rng.choice(np.unique(looks.place), 12, replace=False):
         at = looks.place == place
         own = rng.normal(size=(at.sum(), looks.chip.shape[1], 2)).view(np.complex128)[..., 0]

@@ -76,7 +76,8 @@ def write_ground(folder):
 def field(tmp_path_factory):
     """A folder with the ground, a recipe and what it gave on one tier first and then on all."""
     folder = tmp_path_factory.mktemp("tiers")
-    ground, out = write_ground(folder), folder / "out"
+    ground = write_ground(folder)
+    out = folder / "out"
     run_benchmark([folder / "one.toml"], out, ground=ground, tier="smooth")
     (folder / "first").mkdir()
     shutil.copytree(out / "entries", folder / "first" / "entries")
@@ -86,7 +87,8 @@ def field(tmp_path_factory):
 
 
 def test_a_tier_runs_alone_and_all_go_on_from_there(field):
-    first, out = field / "first", field / "out"
+    first = field / "first"
+    out = field / "out"
     assert [path.name for path in sorted((first / "entries" / "one").iterdir())] == ["smooth"]
     assert list(pd.read_csv(first / PRINTS)["lane"]) == [f"smooth-sand-{name}-1" for name in ("known", "test", "bare")]
     assert sorted(path.name for path in (out / "entries" / "one").iterdir()) == sorted(TIERS)
@@ -117,7 +119,8 @@ def test_a_tier_changes_the_surface_of_a_design_and_of_no_other(field):
 
 
 def test_the_truth_of_both_tiers_is_sealed_before_either_runs(field):
-    ground, lanes = load_ground(False, field / "ground.toml"), field / "out" / "lanes"
+    ground = load_ground(False, field / "ground.toml")
+    lanes = field / "out" / "lanes"
     files = {path.name for path in lanes.iterdir()}
     for name, lane in ground.lanes.items():
         assert (f"{name}-truth.csv" in files) == (lane.part == "train")
@@ -220,7 +223,8 @@ def test_the_oracle_needs_the_lanes_of_its_tier(field, tmp_path):
 
 
 def test_alarm_lists_may_be_of_one_tier_or_of_both(field, tmp_path):
-    out, given = tmp_path / "out", tmp_path / "given"
+    out = tmp_path / "out"
+    given = tmp_path / "given"
     shutil.copytree(field / "out", out, ignore=shutil.ignore_patterns("kept"))
     given.mkdir()
     LIST.assign(lane="rough-sand-test-1").to_csv(given / "standard.csv", index=False)
@@ -240,7 +244,8 @@ def test_alarm_lists_may_be_of_one_tier_or_of_both(field, tmp_path):
 
 
 def test_the_command_takes_a_tier_and_refuses_one_that_is_not_there(field):
-    out, ground = field / "out", field / "ground.toml"
+    out = field / "out"
+    ground = field / "ground.toml"
     before = digests(out)
     run = ["benchmark", "run", str(field / "one.toml"), "-o", str(out), "--ground", str(ground)]
     result = CliRunner().invoke(app, [*run, "--tier", "muddy"])

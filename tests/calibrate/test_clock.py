@@ -16,7 +16,8 @@ from flgpr.model.track import make_track
 
 FREQUENCY = np.linspace(1.0e9, 2.5e9, 60)
 TARGETS = np.array([[-0.6, 6.0, 0.0], [0.9, 7.5, 0.0]])
-OFFSET, BIAS = 3.37, 0.21
+OFFSET = 3.37
+BIAS = 0.21
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +35,8 @@ def moving():
 
 def test_the_clock_is_found_by_focus_alone(moving):
     run, track = moving
-    x, y = np.arange(-1.5, 1.8, 0.06), np.arange(5.5, 8.5, 0.06)
+    x = np.arange(-1.5, 1.8, 0.06)
+    y = np.arange(5.5, 8.5, 0.06)
     pixels = np.stack([*np.meshgrid(x, y), np.zeros((y.size, x.size))], axis=-1)
     fit = estimate_clock(run, track, pixels, np.arange(2.6, 4.4, 0.1), ImagingOperator)
     assert fit.offset == pytest.approx(OFFSET, abs=0.02)

@@ -22,7 +22,9 @@ def truth():
     for _ in range(2):
         side = np.zeros((5, 2, 2), complex)
         cross = 0.05 * rng.uniform(1, 2, (5, 2)) * np.exp(2j * np.pi * rng.random((5, 2)))
-        side[:, 0, 0], side[:, 0, 1], side[:, 1, 0] = 1, cross[:, 0], cross[:, 1]
+        side[:, 0, 0] = 1
+        side[:, 0, 1] = cross[:, 0]
+        side[:, 1, 0] = cross[:, 1]
         side[:, 1, 1] = rng.uniform(0.7, 1.4, 5) * np.exp(1j * rng.uniform(-0.7, 0.7, 5))
         sides.append(side)
     strength = rng.uniform(0.5, 2, (5, 3)) * np.exp(2j * np.pi * rng.random((5, 3)))

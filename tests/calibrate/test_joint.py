@@ -27,7 +27,8 @@ NOWHERE = np.empty((0, 3))
 def rail(bias=0.0, offset=0.0, targets=MARKS, amplitude=None, noise=0.3, coupling=5.0, seed=0):
     """An antenna that goes sideways at uneven speed, its track, and what stands still in all scans."""
     rng = np.random.default_rng(seed)
-    stamp, time = np.linspace(-4, 14, 400), np.arange(0, 9, 0.1)
+    stamp = np.linspace(-4, 14, 400)
+    time = np.arange(0, 9, 0.1)
     way = -1.5 + 3.0 / (1 + np.exp(-(stamp - 4.5) / 0.8))
     track = make_track(stamp, np.stack([way, np.zeros_like(way), np.full_like(way, 1.5)], axis=1))
     pose = np.zeros((time.size, 6))
@@ -104,7 +105,8 @@ def test_offset_and_bias_are_found_together():
 
 def test_what_stands_still_would_pass_for_an_echo():
     """Coupling at the distance that one reflector keeps from an antenna that hardly moves in range."""
-    mark, run = MARKS[:1], rail(-1.0, targets=MARKS[:1], coupling=60.0)[0]
+    mark = MARKS[:1]
+    run = rail(-1.0, targets=MARKS[:1], coupling=60.0)[0]
     assert found(run, mark).bias == pytest.approx(-1.0, abs=0.01)
     kept = estimate_range_bias(run, mark, ImagingOperator)
     assert kept.doubt or abs(kept.bias + 1.0) > 0.1
@@ -152,7 +154,8 @@ def test_the_edges_of_the_search_are_not_answers():
 
 def test_a_clock_that_cannot_be_told_from_the_bias_is_not_told():
     """Straight towards a reflector at one speed: an offset is a bias."""
-    time, stamp = np.arange(0, 9, 0.1), np.linspace(-4, 14, 400)
+    time = np.arange(0, 9, 0.1)
+    stamp = np.linspace(-4, 14, 400)
     track = make_track(stamp, np.stack([0 * stamp, 0.3 * stamp, 0 * stamp], axis=1))
     pose = np.zeros((90, 6))
     pose[:, 1] = 0.3 * time

@@ -11,7 +11,8 @@ FREQUENCY = np.linspace(1e9, 3e9, 40)
 TX = np.array([[-1.0, 0, 0], [-0.3, 0, 0], [0.3, 0, 0], [1.0, 0, 0]])
 RX = TX[::-1] + [0, 0, -0.2]
 FOCUS = np.array([0.2, 10.0, -1.5])
-PAIR_TIME, TONE_TIME = 0.01 * np.arange(4), 0.0002 * np.arange(40)
+PAIR_TIME = 0.01 * np.arange(4)
+TONE_TIME = 0.0002 * np.arange(40)
 
 
 def driven(target, speed):
@@ -49,7 +50,8 @@ def test_away_from_the_focus_the_error_is_as_stated():
 
 def test_velocity_is_in_the_vehicle_frame():
     pose = np.zeros((5, 6))
-    pose[:, 0], pose[:, 3] = 2.0 * np.arange(5), np.pi / 2
+    pose[:, 0] = 2.0 * np.arange(5)
+    pose[:, 3] = np.pi / 2
     run = make_run(np.ones((5, 1, 1, 1)), [1e9], ["HH"], [[0, 0, 0]], [[0, 0, 0]], pose, np.arange(5.0))
     np.testing.assert_allclose(vehicle_velocity(run), np.tile([0, 2.0, 0], (5, 1)), atol=1e-12)
     with pytest.raises(ValueError, match="increasing times"):
@@ -68,7 +70,8 @@ def drive(count=400):
     return make_track(time, place, heading, 0.02 * np.sin(time), 0.03 * np.cos(time))
 
 
-LEVER, LATENCY = np.array([0.4, -1.1, 0.8]), 0.18
+LEVER = np.array([0.4, -1.1, 0.8])
+LATENCY = 0.18
 
 
 def antenna_track(reference):

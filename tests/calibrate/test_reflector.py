@@ -16,10 +16,13 @@ GAIN = np.array([[1.0, 0.7j, -1.3, 0.9 + 0.3j], [0.5, 1.1, 1.2j, 0.8]])
 def measured(slope, noise=0.0, seed=1):
     rng = np.random.default_rng(seed)
     pose = np.zeros((6, 6))
-    pose[:, 1], pose[:, 2], pose[:, 3] = np.linspace(0, 2.5, 6), 1.8, np.linspace(-0.05, 0.05, 6)
+    pose[:, 1] = np.linspace(0, 2.5, 6)
+    pose[:, 2] = 1.8
+    pose[:, 3] = np.linspace(-0.05, 0.05, 6)
     signal = np.zeros((6, 2, 4, FREQUENCY.size), complex)
     for scan, p in enumerate(pose):
-        c, s = np.cos(p[3]), np.sin(p[3])
+        c = np.cos(p[3])
+        s = np.sin(p[3])
         turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
         legs = [np.linalg.norm(a @ turn.T + p[:3] - POINT, axis=1) for a in (TX, RX)]
         late = (legs[0] + legs[1]) / C + DELAY

@@ -26,7 +26,8 @@ def parts():
 def test_short_then_through_leave_the_scene(parts):
     cable, leak, scene = parts
     joint = np.exp(-2j * np.pi * FREQUENCY * 0.09 / C)
-    run, short = sweeps(cable * scene + leak, 3), sweeps(leak, 2)
+    run = sweeps(cable * scene + leak, 3)
+    short = sweeps(leak, 2)
     through = subtract_standard(sweeps(cable * joint + leak), short)
     clean = divide_by_through(subtract_standard(run, short), through, 0.09)
     np.testing.assert_allclose(clean["signal"].values[2, 0], scene, atol=1e-5)

@@ -50,8 +50,11 @@ def test_the_packaged_lane_is_clear(recipe):
 
 def bare_run(step, height=3.5, scans=3, apart=1.0):
     """A run without echoes over 1.3 GHz, in steps (Hz)."""
-    antennas, pose = np.zeros((4, 3)), np.zeros((scans, 6))
-    antennas[:, 0], pose[:, 1], pose[:, 2] = np.linspace(-1, 1, 4), apart * np.arange(scans), height
+    antennas = np.zeros((4, 3))
+    pose = np.zeros((scans, 6))
+    antennas[:, 0] = np.linspace(-1, 1, 4)
+    pose[:, 1] = apart * np.arange(scans)
+    pose[:, 2] = height
     tones = 0.3e9 + step * np.arange(round(1.3e9 / step) + 1)
     return make_run(np.zeros((scans, 2, 4, tones.size)), tones, ("HH", "VV"), antennas, antennas, pose)
 

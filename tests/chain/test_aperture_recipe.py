@@ -24,7 +24,10 @@ def rail(heading=np.pi / 2, waits=20, noise=0.3):
     rng = np.random.default_rng(5)
     y = np.append(np.full(waits, -1.5), np.linspace(-1.5, 1.5, 61) + rng.normal(0, 0.005, 61))
     pose = np.zeros((y.size, 6))
-    pose[:, 0], pose[:, 1], pose[:, 2], pose[:, 3] = -3.0, y, 1.5, heading
+    pose[:, 0] = -3.0
+    pose[:, 1] = y
+    pose[:, 2] = 1.5
+    pose[:, 3] = heading
     signal = echo(pose[:, :3], pose[:, :3], MARKS, FREQUENCY)
     signal = signal + noise * (rng.normal(size=signal.shape) + 1j * rng.normal(size=signal.shape))
     return make_run(signal[:, None, None], FREQUENCY, ["VV"], [[0, 0, 0]], [[0, 0, 0]], pose, np.arange(y.size))
@@ -33,16 +36,19 @@ def rail(heading=np.pi / 2, waits=20, noise=0.3):
 def test_the_image_of_the_aperture_is_the_weighted_sum_of_its_scans():
     run = rail()
     run["valid"][30] = False
-    taken, recipe = aperture_run(run), parse_recipe(fit_recipe(rail()))
+    taken = aperture_run(run)
+    recipe = parse_recipe(fit_recipe(rail()))
     assert dict(taken["signal"].sizes) == {"scan": 1, "polarization": 1, "pair": 80, "frequency": 81}
     imager = ScanImager(taken, recipe.image.grid(), {"all": (2e9, 3e9)}, "hann")
-    image, points = imager.image(0), recipe.image.grid().points()
+    image = imager.image(0)
+    points = recipe.image.grid().points()
     pose = aperture_pose(run)
     np.testing.assert_allclose(pose, taken["pose"].values[0])
     places = np.linalg.inv(turn(pose)) @ np.append(points.reshape(-1, 3), np.ones((points[..., 0].size, 1)), axis=1).T
     lane = places[:3].T.reshape(points.shape)
     np.testing.assert_allclose(lane_to_scan(lane, pose), points, atol=1e-9)
-    scans, weights = np.delete(np.arange(81), 30), np.zeros(81)
+    scans = np.delete(np.arange(81), 30)
+    weights = np.zeros(81)
     weights[scans] = way_weights(run["pose"].values[scans, :3])
     slow = aperture_image(run, lane, aperture_blocks(run, scans), weights, window="hann")
     assert np.abs(image.values[0, 0] - slow[0]).max() < 2e-3 * np.abs(slow).max()
@@ -50,7 +56,8 @@ def test_the_image_of_the_aperture_is_the_weighted_sum_of_its_scans():
 
 def turn(pose):
     """Matrix (4, 4) from the lane to the scan frame of a level pose: x' = x cos - y sin, y' = x sin + y cos."""
-    c, s = np.cos(pose[3]), np.sin(pose[3])
+    c = np.cos(pose[3])
+    s = np.sin(pose[3])
     move = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
     move[:2, 3] = -move[:2, :2] @ pose[:2]
     return move

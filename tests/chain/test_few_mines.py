@@ -126,7 +126,8 @@ def test_a_stage_that_takes_all_targets_is_named(lane, tmp_path):
 def view_of(truth, seen=(0.0, 10.0)):
     """Two channels of noise of the magnitude one, with bright mines; nothing was seen before and after ``seen``."""
     rng = np.random.default_rng(0)
-    y, x = np.arange(0, 10.05, 0.1), np.arange(-2, 2.05, 0.1)
+    y = np.arange(0, 10.05, 0.1)
+    x = np.arange(-2, 2.05, 0.1)
     values = rng.rayleigh(1.0, (1, 2, y.size, x.size))
     for mine_x, mine_y in truth[["x", "y"]].to_numpy(dtype=float):
         values += 5 * np.exp(-((x - mine_x) ** 2 + (y[:, None] - mine_y) ** 2) / 0.1)
@@ -342,7 +343,8 @@ def examples(hits, false_alarms):
     ],
 )
 def test_every_detector_tells_how_many_examples_it_needs(name, on, hits, false_alarms, needed):
-    some, table = examples(hits, false_alarms), DetectorTable(estimator=name, on=on)
+    some = examples(hits, false_alarms)
+    table = DetectorTable(estimator=name, on=on)
     with pytest.raises(TooFewExamplesError, match=f"^training needs {needed}$"):
         train_estimator(some, table, ["a", "b"])
 

@@ -40,8 +40,11 @@ LOW = changed(
 def bare_run(height=2.0, polarization=("HH",), tones=None, scans=6, step=1.0, course=0.0, width=2.0):
     """Make a run without echoes: geometry, tones and polarizations are all that a recipe is made of."""
     tones = 1e9 + 5e6 * np.arange(200) if tones is None else tones
-    antennas, pose = across(width, 4), np.zeros((scans, 6))
-    pose[:, 0], pose[:, 1], pose[:, 2] = course, step * np.arange(scans), height
+    antennas = across(width, 4)
+    pose = np.zeros((scans, 6))
+    pose[:, 0] = course
+    pose[:, 1] = step * np.arange(scans)
+    pose[:, 2] = height
     signal = np.zeros((scans, len(polarization), len(antennas), len(tones)))
     return make_run(signal, tones, polarization, antennas, antennas, pose)
 
@@ -177,7 +180,8 @@ def call(*arguments):
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory):
     """Two short runs of noise, with features."""
-    home, rng = tmp_path_factory.mktemp("runs"), np.random.default_rng(4)
+    home = tmp_path_factory.mktemp("runs")
+    rng = np.random.default_rng(4)
     for name in ("a", "b"):
         run = bare_run(0.5, ("HH", "VV", "HV"), 1e9 + 15e6 * np.arange(50), width=1.0)
         run["signal"].values[:] = rng.normal(size=run["signal"].shape)
@@ -186,7 +190,8 @@ def stored(tmp_path_factory):
 
 
 def test_the_command_line_writes_a_recipe_once_and_detects_with_it(stored, tmp_path):
-    run, file = stored / "a.zarr", tmp_path / "own.toml"
+    run = stored / "a.zarr"
+    file = tmp_path / "own.toml"
     printed = call("recipe", "for", run)
     assert printed.exit_code == 0, printed.output
     assert call("recipe", "for", run, "-o", file).stdout == f"wrote {file}\n"

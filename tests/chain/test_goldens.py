@@ -44,7 +44,8 @@ def demo():
 
 def features():
     """Alarms and features of a small lane, and what a classifier that was trained on them says."""
-    run, recipe = small_run(), parse_recipe(small_recipe())
+    run = small_run()
+    recipe = parse_recipe(small_recipe())
     found = detect(run, recipe, LANE)[0]
     truth = pd.DataFrame(
         {"target_id": ["a", "b", "c"], "x": TARGETS[:, 0], "y": TARGETS[:, 1], "kind": "metal", "depth": 0.05}
@@ -73,7 +74,8 @@ def test_a_chain_finds_what_it_found(chain):
         assert list(table.columns) == list(want.columns), name
         assert len(table) == len(want), name
         for column in want.columns:
-            got, frozen = table[column].to_numpy(), want[column].to_numpy()
+            got = table[column].to_numpy()
+            frozen = want[column].to_numpy()
             if np.issubdtype(frozen.dtype, np.number):
                 scale = np.nanmax(np.abs(frozen), initial=0)
                 np.testing.assert_allclose(

@@ -62,9 +62,11 @@ def gathered(stage, truth=None, scans=6, seed=5):
 
 def test_the_ratio_is_that_of_two_compound_gaussian_densities():
     rng = np.random.default_rng(1)
-    x, size = noise(rng, 5, 12), 12
+    x = noise(rng, 5, 12)
+    size = 12
     vectors = np.linalg.qr(noise(rng, size, 3))[0].T
-    share, ratios = np.array([0.6, 0.3, 0.1]), (2.0, 50.0)
+    share = np.array([0.6, 0.3, 0.1])
+    ratios = (2.0, 50.0)
     subspace = np.einsum("k,ki,kj->ij", share, vectors, vectors.conj())
 
     def density(y, covariance):  # the likeliest texture put in; constants alike on both sides are left out
@@ -104,7 +106,8 @@ def test_signatures_are_those_of_a_body_that_it_never_simulated(run):
     )  # fmt: skip
     imager = ScanImager(Simulator(scene, load_sensor(run[1]), 9).run(), GRID, BANDS, "hann")
     chips = stage._chips(imager.image(0).values)
-    row, column = int(np.abs(GRID.y[stage._rows] - 6.27).argmin()), int(np.abs(GRID.x[stage._columns] - 0.33).argmin())
+    row = int(np.abs(GRID.y[stage._rows] - 6.27).argmin())
+    column = int(np.abs(GRID.x[stage._columns] - 0.33).argmin())
     metre = int(6.27 - GRID.y_min)
     white = chips[row, column] @ learnt["whitener"][metre].T
     part = (np.abs(learnt["signature"][metre] @ white) ** 2).sum() / (np.abs(white) ** 2).sum()
@@ -123,7 +126,8 @@ def test_the_map_is_largest_where_a_signature_lies_in_speckle_and_not_where_some
     image = image_of(noise(rng, 4, 2, GRID.ny, GRID.nx))
     ahead = examples["ahead"]
     body = examples["bodies"][np.abs(ahead - 2.0).argmin()].reshape(4, 2, 3, 3)
-    like, unlike = (20, 28), (20, 12)
+    like = (20, 28)
+    unlike = (20, 12)
     for (row, column), what in ((like, body), (unlike, noise(rng, 4, 2, 3, 3))):
         rows, columns = np.ix_(row + 2 * np.arange(-1, 2), column + 2 * np.arange(-1, 2))
         image.values[:, :, rows, columns] += 5 * what / np.sqrt((np.abs(what) ** 2).mean())
@@ -166,7 +170,10 @@ def test_its_map_is_smoothed_over_as_many_metres_as_asked_for(run):
     learnt, _ = LikelihoodMap.fit(stage_of(run).settings, [gathered(stage_of(run))])
     image = image_of(noise(np.random.default_rng(7), 4, 2, GRID.ny, GRID.nx))
     sharp, smooth = (stage_of(run, learnt, blur=blur).map(image) for blur in (0.0, 0.2))
-    row, column, reach = 20, 20, 8  # four standard deviations of two pixels
+    # four standard deviations of two pixels
+    row = 20
+    column = 20
+    reach = 8
     offset = np.arange(-reach, reach + 1)
     weight = np.exp(-(offset[:, None] ** 2 + offset**2) / (2 * 2**2))
     around = sharp[row - reach : row + reach + 1, column - reach : column + reach + 1]
@@ -237,7 +244,8 @@ def test_a_sub_band_alone_is_the_ratio_of_densities_of_its_own_values(whole):
 
 def test_a_stone_is_told_from_a_mine(whole):
     stage, examples = whole
-    rng, odds = np.random.default_rng(10), {}
+    rng = np.random.default_rng(10)
+    odds = {}
     for sort, ahead in (("bodies", "ahead"), ("stones", "stones_ahead")):
         nearest = np.argsort(np.abs(examples[ahead] - 2.0), kind="stable")[:12]
         odds[sort] = []

@@ -15,7 +15,8 @@ from flgpr.chain.stages import TrainingView
 from flgpr.chain.stages.network import ChipNetwork, NetworkSettings, forward, train_network, weights_of
 from flgpr.model import Lane
 
-X, Y = np.round(np.arange(-3, 3.05, 0.1), 9), np.round(np.arange(0, 40.05, 0.1), 9)
+X = np.round(np.arange(-3, 3.05, 0.1), 9)
+Y = np.round(np.arange(0, 40.05, 0.1), 9)
 LANE = Lane(-1.5, 1.5, 2.0, 38.0)
 MINES = pd.DataFrame({"x": np.tile([-0.8, 0.1, 0.9], 4), "y": 4.0 + 2.7 * np.arange(12), "kind": "metal"})
 
@@ -26,7 +27,8 @@ def view_of(seed, truth=MINES):
     values = rng.rayleigh(1.0, (1, 2, Y.size, X.size))
     for x, y in truth[["x", "y"]].to_numpy():
         values += 4 * np.exp(-((X - x) ** 2 + (Y[:, None] - y) ** 2) / 0.15)
-    rows, columns = rng.integers(0, Y.size, 150), rng.integers(0, X.size, 150)
+    rows = rng.integers(0, Y.size, 150)
+    columns = rng.integers(0, X.size, 150)
     values[0, 0, rows, columns] += 8
     coords = {"polarization": ["HH"], "subband": ["F1", "F2"], "y": Y, "x": X}
     return xr.DataArray(values.astype(np.float32), dims=tuple(coords), coords=coords)
@@ -41,18 +43,21 @@ def network(learnt, **settings):
 
 
 def made_up(channels=2, sizes=(3, 4, 5), seed=3):
-    rng, of = np.random.default_rng(seed), (channels, *sizes)
+    rng = np.random.default_rng(seed)
+    of = (channels, *sizes)
     weights = {f"kernel{k}": rng.normal(size=(of[k + 1], of[k], 3, 3)).astype(np.float32) for k in range(3)}
     weights |= {f"bias{k}": rng.normal(size=of[k + 1]).astype(np.float32) for k in range(3)}
     return weights | {"last": rng.normal(size=of[3]).astype(np.float32), "bias": np.float32([0.3])}
 
 
 def test_the_forward_pass_is_three_convolutions_a_mean_and_a_sum():
-    weights, x = made_up(), np.random.default_rng(0).normal(size=(2, 2, 21, 21)).astype(np.float32)
+    weights = made_up()
+    x = np.random.default_rng(0).normal(size=(2, 2, 21, 21)).astype(np.float32)
     for chip, score in zip(x, forward(x, weights), strict=True):
         maps = chip
         for k, stride in enumerate((1, 2, 2)):
-            kernels, bias = weights[f"kernel{k}"], weights[f"bias{k}"]
+            kernels = weights[f"kernel{k}"]
+            bias = weights[f"bias{k}"]
             sums = [sum(map(partial(correlate, mode="valid"), maps, some)) for some in kernels]
             maps = np.maximum(np.array(sums)[:, ::stride, ::stride] + bias[:, None, None], 0)
         assert score == pytest.approx(maps.mean(axis=(1, 2)) @ weights["last"] + 0.3, rel=1e-4)

@@ -55,10 +55,12 @@ def test_a_background_of_blocks_is_that_of_all_scans():
 
 def test_a_run_view_of_parts_in_any_order_is_exactly_that_of_all_scans():
     rng = np.random.default_rng(4)
-    lane, image = Grid.spanning((-1, 1), (0, 8), 0.1), Grid.spanning((-1.5, 1.5), (1, 3), 0.05)
+    lane = Grid.spanning((-1, 1), (0, 8), 0.1)
+    image = Grid.spanning((-1.5, 1.5), (1, 3), 0.05)
     values = rng.random((9, 2, *image.shape), dtype=np.float32)
     poses = [np.array([0.03 * k, 0.7 * k - 1, 2, 0.02 * k, 0, 0]) for k in range(9)]
-    plain, folded = RunViewSums(lane, 2.5), RunViewSums(lane, 2.5)
+    plain = RunViewSums(lane, 2.5)
+    folded = RunViewSums(lane, 2.5)
     for one, pose in zip(values, poses, strict=True):
         plain.add(one, image, pose)
     for block in (range(6, 9), range(0, 3), range(3, 6)):
@@ -92,7 +94,8 @@ class Counted:
     """A chain of two passes: the sum of the scans' numbers, then how many lie above their mean."""
 
     def __init__(self, scans):
-        self.added, self.known = [], {}
+        self.added = []
+        self.known = {}
         passes = (Pass("sum", "adding", self._sum), Pass("above", "comparing", self._above))
         self.chain = Chain(passes, scans, self.known)
 
@@ -123,7 +126,8 @@ class Slow(Chain):
 
     def __init__(self, concurrent):
         super().__init__([Pass("sum", "sum", self._start)], self.numbers_.size, {})
-        self.workers, self.concurrent = set(), concurrent
+        self.workers = set()
+        self.concurrent = concurrent
 
     def _start(self, block):
         total = np.zeros(1)
@@ -144,7 +148,8 @@ def threads(request, monkeypatch):
 
 
 def test_threads_that_take_blocks_give_the_bits_of_one(threads):
-    chain, several = Slow(False), Slow(True)
+    chain = Slow(False)
+    several = Slow(True)
     chain.go()
     several.go()
     assert several.known["sum"]["total"] == chain.known["sum"]["total"]
@@ -161,7 +166,8 @@ def test_what_would_leave_most_threads_without_a_piece_is_shared(pieces, left, m
 
 def test_an_error_ends_the_pieces_at_work_at_their_next_scan(threads):
     """The first piece that fails is told, whichever fails first, and none goes on in the background."""
-    begun, gone = threading.Event(), []
+    begun = threading.Event()
+    gone = []
 
     class Broken(Slow):
         def _start(self, block):

@@ -23,7 +23,8 @@ from flgpr.live.detector import LiveDetector
 from flgpr.model import Lane
 from small_lane import LANE, LANE_TOML, TARGETS, small_recipe, small_run
 
-X, Y = np.round(np.arange(-2, 2.05, 0.1), 9), np.round(np.arange(0, 10.05, 0.1), 9)
+X = np.round(np.arange(-2, 2.05, 0.1), 9)
+Y = np.round(np.arange(0, 10.05, 0.1), 9)
 ONE = [[0.0, 5.0]]  # a place: pixel 50, 20
 TRUTH = pd.DataFrame({"x": TARGETS[:, 0], "y": TARGETS[:, 1], "kind": ["metal", "plastic", "metal"]})
 
@@ -139,7 +140,8 @@ def test_rx_of_correlated_gaussian_logs_is_about_chi_squared():
 def test_channels_that_are_copies_count_once():
     values = speckle()
     copied = np.concatenate([values, values[:1]])
-    once, twice = rx(as_view(values)), rx(as_view(copied, ("HH", "VV", "HV")))
+    once = rx(as_view(values))
+    twice = rx(as_view(copied, ("HH", "VV", "HV")))
     assert np.isfinite(twice).all()
     np.testing.assert_allclose(twice, once, rtol=0.2)  # they are shrunk differently
 
@@ -165,7 +167,8 @@ def test_matched_filters_are_their_closed_forms():
     x, y = np.meshgrid(X, Y)
     away = (abs(x) <= 1.5) & np.all([np.hypot(x - a, y - b) > 1 for a, b in lane.truth[["x", "y"]].to_numpy()], axis=0)
     clutter = logs[:, away].T
-    mean, covariance = clutter.mean(axis=0), ledoit_wolf(clutter)[0]
+    mean = clutter.mean(axis=0)
+    covariance = ledoit_wolf(clutter)[0]
     s = (20 * np.log10(2.0) + SIGNATURE).ravel() - mean
     np.testing.assert_allclose(learnt["signature"], s, rtol=1e-5)
     np.testing.assert_allclose(learnt["covariance"], covariance, rtol=1e-6)
@@ -182,9 +185,11 @@ def test_matched_filters_are_their_closed_forms():
 
 
 def test_ace_does_not_depend_on_strength_but_amf_does():
-    lane, settings = training(), MatchedSettings(reach=0.05)
+    lane = training()
+    settings = MatchedSettings(reach=0.05)
     learnt = Matched.fit(settings, [lane])[0]
-    stage, point = Matched(settings, None, learnt), np.array([[-0.5, 3.0]])
+    stage = Matched(settings, None, learnt)
+    point = np.array([[-0.5, 3.0]])
     weak = lane.view.copy(
         data=np.broadcast_to(
             10 ** ((learnt["mean"] + np.array([3.0, 1.0, 2.0, -1.0])).reshape(2, 2, 1, 1) / 20), lane.view.shape
@@ -195,7 +200,8 @@ def test_ace_does_not_depend_on_strength_but_amf_does():
             10 ** ((learnt["mean"] + 4 * np.array([3.0, 1.0, 2.0, -1.0])).reshape(2, 2, 1, 1) / 20), lane.view.shape
         )
     )
-    one, other = stage.of_view(weak, point), stage.of_view(strong, point)
+    one = stage.of_view(weak, point)
+    other = stage.of_view(strong, point)
     np.testing.assert_allclose(other["ace"], one["ace"], rtol=1e-6)
     np.testing.assert_allclose(other["amf"], 4 * one["amf"], rtol=1e-6)  # fmt: skip
 
@@ -303,7 +309,8 @@ def test_sections_rank_alike(run):
     whole = LaneChain(run, one, LANE, explains=False)
     whole.go()
     alarms = whole.ranked_alarms()[0]
-    known, rows = whole.known["alarms"], whole.grid.ny
+    known = whole.known["alarms"]
+    rows = whole.grid.ny
     maxima = pd.DataFrame({name: known[f"maximum|{name}"] for name in ("x", "y", "magnitude")})
     threshold = lane_threshold(one, LANE, maxima, int(known["seen"]))
     parts = []

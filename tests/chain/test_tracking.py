@@ -11,7 +11,8 @@ from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.stages.tracking import Tracking, TrackingSettings
 from small_lane import LANE, TARGETS, small_recipe, small_run
 
-X, Y = np.linspace(-2, 2, 81), np.linspace(3, 7, 81)
+X = np.linspace(-2, 2, 81)
+Y = np.linspace(3, 7, 81)
 
 
 def stage(imaged=(0, 1), **settings):

@@ -71,7 +71,8 @@ def test_the_chain_equals_its_plain_parts(run, recipe, found):
 def test_every_alarm_has_its_features_and_their_variants(found):
     names = [f"{name}_{band}" for band in ("F1", "F2") for name in FEATURES]
     polarimetric = [f"paper.{name}" for name in names if "P_" in name]
-    own, paper = (f"linear.P_psi_{band}" for band in ("F1", "F2")), (f"paper.circular.P_psi_{b}" for b in ("F1", "F2"))
+    own = (f"linear.P_psi_{band}" for band in ("F1", "F2"))
+    paper = (f"paper.circular.P_psi_{b}" for b in ("F1", "F2"))
     swapped = [f"swapped.{n}" for n in names]
     assert list(found.features.columns) == ["scans", *names, *own, *swapped, *polarimetric, *paper]
     turned = found.features[["P_psi_F1", "paper.circular.P_psi_F1"]]

@@ -60,7 +60,8 @@ def test_channels_do_not_mix(scans):
 
 def test_calibration_gain_cancels(scans):
     louder = [100 * image for image in scans]
-    b1, b1_louder = self_signature(scans), self_signature(louder)
+    b1 = self_signature(scans)
+    b1_louder = self_signature(louder)
     np.testing.assert_allclose(b1_louder, b1, atol=1e-5)
     cleaned = [
         remove_background(s, b, gain_background(s_all, b, (5, 5), (9, 9)))

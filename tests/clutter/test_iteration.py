@@ -55,7 +55,8 @@ def noise(*shape):
 @pytest.mark.parametrize("amplitude", ["region", "whole"])
 def test_equations_5_to_8_term_by_term(amplitude):
     points = Grid.spanning((-0.6, 0.6), (3, 4), 0.1).points()
-    mask, region = RNG.random(points.shape[:-1]) < 0.3, (points[..., 1] > 3.45).astype(int)
+    mask = RNG.random(points.shape[:-1]) < 0.3
+    region = (points[..., 1] > 3.45).astype(int)
     b = noise(1, 16, 99)
     A = equation_3_matrix(FREQUENCY, TX, RX, points.reshape(-1, 3))
     want = equations_5_to_8(b.ravel().astype(complex), A, mask.ravel(), region.ravel(), 3, amplitude == "whole")
@@ -73,15 +74,18 @@ def test_the_operators_are_exact_adjoints_of_one_another(seed):
     stack = FrameStack([operator_on(points, behind) for behind in (0.0, 0.7, 1.5)])
     x = rng.normal(size=(2, 1, 40)) + 1j * rng.normal(size=(2, 1, 40))
     b = rng.normal(size=(3, 2, 16, 99)) + 1j * rng.normal(size=(3, 2, 16, 99))
-    left, right = np.vdot(b, stack.forward(x)), np.vdot(stack.adjoint(b), x)
+    left = np.vdot(b, stack.forward(x))
+    right = np.vdot(stack.adjoint(b), x)
     assert abs(left - right) < 1e-5 * np.linalg.norm(b) * np.linalg.norm(stack.forward(x))
 
 
 def test_a_scatterer_under_the_mask_goes_and_one_outside_stays():
-    strong, weak = data(-1.0, 5.0, 10.0), data(0.8, 3.4)
+    strong = data(-1.0, 5.0, 10.0)
+    weak = data(0.8, 3.4)
     image = operator_on(PIXELS)
     course = iterate_suppression(strong + weak, operator_on, PIXELS, disc(-1.0, 5.0), REGION)
-    before, after = image.adjoint(strong + weak), image.adjoint(averaged(course, 6))
+    before = image.adjoint(strong + weak)
+    after = image.adjoint(averaged(course, 6))
     assert peak_db(after, -1.0, 5.0) - peak_db(before, -1.0, 5.0) < -30
     assert peak_db(after, 0.8, 3.4) == pytest.approx(peak_db(image.adjoint(weak), 0.8, 3.4), abs=0.1)
 
@@ -174,7 +178,8 @@ def test_an_array_thinned_in_frequency_diverges_and_the_average_does_not(seed):
 def sparse():
     """An array and tones so sparse that the residual rises on the way, with A as a matrix, and sub-regions."""
     points = Grid.spanning((-1.5, 1.5), (3, 5.5), 0.1).points()
-    tones, pairs = FREQUENCY[::4], slice(None, None, 2)
+    tones = FREQUENCY[::4]
+    pairs = slice(None, None, 2)
 
     def operator_on(on):
         return ImagingOperator(tones, TX[pairs], RX[pairs], on, tolerance=1e-6)

@@ -49,7 +49,8 @@ def test_each_sub_region_has_its_own_threshold():
 
 @pytest.mark.parametrize("level", [0.6, 1.0, 1.8])
 def test_regions_are_kept_whole_where_they_meet_the_other_mask(level):
-    shape, other = np.abs(speckle()) > level, np.abs(speckle()) > 2.2
+    shape = np.abs(speckle()) > level
+    other = np.abs(speckle()) > 2.2
     whole = intersect(shape, other, "region")
     assert np.array_equal(whole, regions_that_meet(shape, other))
     assert np.array_equal(intersect(shape, other), shape & other)
@@ -60,7 +61,9 @@ def test_regions_are_kept_whole_where_they_meet_the_other_mask(level):
 
 
 def test_the_fundamental_mask_is_vv_and_vh_or_vv_and_x():
-    vv, vh, x = speckle(), speckle(), speckle()
+    vv = speckle()
+    vh = speckle()
+    x = speckle()
     a, b, c = (np.abs(one) > 1.5 for one in (vv, vh, x))
     inside = REGION >= 0
     assert np.array_equal(fundamental_mask(vv, vh, thresholds(), REGION, x), ((a & b) | (a & c)) & inside)
@@ -71,14 +74,17 @@ def test_the_fundamental_mask_is_vv_and_vh_or_vv_and_x():
 
 @pytest.mark.parametrize("low_vv", [0.0, 0.7, 5.0])
 def test_the_extended_mask_as_written_is_the_low_vh_mask_at_the_roadside(low_vv):
-    vv, vh = speckle(), speckle()
+    vv = speckle()
+    vh = speckle()
     written = extended_mask_as_written(vv, vh, low_vv, 0.5, ACROSS) & (REGION >= 0)
     assert np.array_equal(extended_mask(vh, thresholds(), REGION, ACROSS), written)
     assert np.array_equal(written, (np.abs(vh) > 0.5) & (np.abs(ACROSS) >= 4) & (np.abs(ACROSS) <= 10) & (REGION >= 0))
 
 
 def test_the_mixture_is_the_union():
-    vv, vh, x = speckle(), speckle(), speckle()
+    vv = speckle()
+    vh = speckle()
+    x = speckle()
     both = fundamental_mask(vv, vh, thresholds(), REGION, x) | extended_mask(vh, thresholds(), REGION, ACROSS)
     assert np.array_equal(mixed_mask(vv, vh, thresholds(), REGION, ACROSS, x), both)
 

@@ -69,7 +69,8 @@ def test_the_shared_branch_keeps_the_ratio_of_the_polarizations_and_the_own_one_
     without = [image * 0 + image for image in scans]
     changed = [gain * image for image in scans]
     (tool, a), (louder, b) = estimate(without), estimate(changed)
-    first, second = a.coherent(scans[1], tool.gains[1]), b.coherent(changed[1], louder.gains[1])
+    first = a.coherent(scans[1], tool.gains[1])
+    second = b.coherent(changed[1], louder.gains[1])
     ratio = (second / first)[:, :, 20, 20]
     # Not exact: with other weights among the polarizations the scans weigh a little differently in B1.
     np.testing.assert_allclose(ratio / ratio[:1], gain[:, :, 0, 0] / 3 * np.ones(2), rtol=0.05)
@@ -106,8 +107,10 @@ def test_cropping_keeps_the_nearest_rows(scans):
 @pytest.mark.parametrize("method", ["mean", "median"])
 def test_the_background_of_the_nearest_rows_has_the_bits_of_the_whole(scans, method):
     """Gains are those of whole images; the second pass need not see the rest."""
-    rows, reach = 20, 20 + WINDOWS[0][0] // 2 + WINDOWS[1][0] // 2
-    whole, near = BackgroundEstimator(*WINDOWS, 2, method), BackgroundEstimator(*WINDOWS, 2, method, reach)
+    rows = 20
+    reach = 20 + WINDOWS[0][0] // 2 + WINDOWS[1][0] // 2
+    whole = BackgroundEstimator(*WINDOWS, 2, method)
+    near = BackgroundEstimator(*WINDOWS, 2, method, reach)
     for tool, seen in ((whole, SHAPE[2]), (near, reach)):
         for image in scans:
             tool.add_signature(image)
@@ -151,7 +154,8 @@ def test_what_is_learnt_does_not_hang_on_when(scans, ask):
             np.testing.assert_array_equal(getattr(got, name), value)
         getattr(early, ask.replace("restore", "state"))()
         if ask == "restore":
-            state, early = early.state(), CausalBackground(*WINDOWS, warm_up=3)
+            state = early.state()
+            early = CausalBackground(*WINDOWS, warm_up=3)
             early.restore(state)
 
 
@@ -169,7 +173,8 @@ def test_a_span_follows_a_self_signature_that_changes():
 
 
 def test_a_scan_with_an_infinite_pixel_spoils_no_others(scans):
-    causal, other = CausalBackground(*WINDOWS, warm_up=3), CausalBackground(*WINDOWS, warm_up=3)
+    causal = CausalBackground(*WINDOWS, warm_up=3)
+    other = CausalBackground(*WINDOWS, warm_up=3)
     huge = scans[0].copy()
     huge[..., -1, -1] = np.inf
     for image in scans:

@@ -30,7 +30,8 @@ def peak(signal, x, y):
 
 
 def test_a_scatterer_under_the_mask_goes_and_one_outside_stays():
-    strong, weak = 10 * data(-1.23, 4.02), data(0.52, 3.0)
+    strong = 10 * data(-1.23, 4.02)
+    weak = data(0.52, 3.0)
     mask = operator(square(-1.2, 4.0))
     result = suppress_by_model(strong + weak, mask, iterations=40)
     assert 20 * np.log10(peak(result.data, -1.2, 4.0) / peak(strong, -1.2, 4.0)) < -40
@@ -39,8 +40,10 @@ def test_a_scatterer_under_the_mask_goes_and_one_outside_stays():
 
 def test_what_the_spared_pixels_explain_stays():
     """A mine close to the mask: the plain fit takes a part of it, the fit that knows its place does not."""
-    bush, mine = 10 * data(-0.61, 4.02), data(-0.38, 4.0)
-    under, road = square(-0.6, 4.0, 0.1), square(-0.3, 4.0, 0.15)
+    bush = 10 * data(-0.61, 4.02)
+    mine = data(-0.38, 4.0)
+    under = square(-0.6, 4.0, 0.1)
+    road = square(-0.3, 4.0, 0.15)
     both = np.concatenate([under.reshape(-1, 3), road.reshape(-1, 3)])
     spared = np.arange(len(both)) >= under.shape[0] * under.shape[1]
     lost = {}
@@ -70,7 +73,8 @@ def test_a_taper_keeps_the_direct_coupling_out_of_the_fit():
     """A strong echo from far outside the mask leaks into it through the band's sidelobes unless they are tapered."""
     coupling = 1000 * np.exp(-2j * np.pi * FREQUENCY * 1.0 / 299792458.0)[None, None, :] * np.ones((1, 16, 1))
     target = data(0.0, 3.0)
-    mask, position = operator(square(0, 3)), FREQUENCY - FREQUENCY.mean()
+    mask = operator(square(0, 3))
+    position = FREQUENCY - FREQUENCY.mean()
     weight = hann(2 * position / np.ptp(FREQUENCY))
     with_taper = suppress_by_model(coupling + target, mask, 5, weight).data
     without = suppress_by_model(coupling + target, mask, 5).data

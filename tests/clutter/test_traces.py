@@ -38,7 +38,8 @@ def test_later_time_zero_makes_echoes_come_earlier():
 
 @pytest.mark.parametrize("frequency", [0.2e9, 0.5e9, 1.1e9])
 def test_dewow_takes_the_running_mean_off(frequency):
-    length, time = 3e-9, 7e-9
+    length = 3e-9
+    time = 7e-9
     wave = lambda at: np.exp(2j * np.pi * frequency * at)  # noqa: E731
     around = time + length * (np.arange(20000) + 0.5) / 20000 - length / 2
     wanted = wave(time) - wave(around).mean()
@@ -77,7 +78,8 @@ def test_a_slow_change_goes_with_a_window_only():
 
 
 def test_another_run_is_subtracted_scan_by_scan_or_by_its_mean():
-    both, empty = echoes((20, 1), (40, 2), scans=4), echoes((40, 2), scans=4)
+    both = echoes((20, 1), (40, 2), scans=4)
+    empty = echoes((40, 2), scans=4)
     assert level_at(subtract_run(both, empty), 40).max() < 0.1
     one = run_of(empty["signal"].values[:1])
     np.testing.assert_allclose(subtract_run(both, one)["signal"], subtract_run(both, empty)["signal"], atol=1e-5)

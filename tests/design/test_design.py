@@ -23,7 +23,9 @@ NARROW = {"start": 1000e6, "step": 1e6, "count": 3}
 @pytest.fixture(scope="module")
 def small():
     data = load_sensor("sri-array").model_dump()
-    data["rx"], data["tones"], data["footprint"] = data["rx"][::5], WIDE, (-3.0, 3.0, 6.0, 14.0)
+    data["rx"] = data["rx"][::5]
+    data["tones"] = WIDE
+    data["footprint"] = (-3.0, 3.0, 6.0, 14.0)
     return Sensor.model_validate(data)
 
 
@@ -88,7 +90,8 @@ def test_what_a_study_finds(small, found):
         assert power.shape == (y.size, x.size)
         assert power.max() <= 0.05
     assert set(found.ratio) == {(kind, p) for kind in ("metal", "plastic") for p in ("HH", "VV")}
-    metal, plastic = found.ratio["metal", "HH"], found.ratio["plastic", "HH"]
+    metal = found.ratio["metal", "HH"]
+    plastic = found.ratio["plastic", "HH"]
     assert np.isfinite(metal).all()
     assert np.median(metal - plastic) > 5
 

@@ -43,7 +43,8 @@ def smooth(**parts):
 
 @pytest.mark.parametrize("site", ["arid-sand", "temperate", "prepared-earth"])
 def test_formula_and_images_agree(sensor, site):
-    bodies, depths = ["metal-at", "plastic-at", "m19", "pmn"], [0.0, 0.1]
+    bodies = ["metal-at", "plastic-at", "m19", "pmn"]
+    depths = [0.0, 0.1]
     ground = ground_model(site)
     expected = expected_signal_to_clutter(sensor, ground, bodies, depths)
     measured = measure_signal_to_clutter(sensor, ground, bodies, depths)
@@ -141,7 +142,8 @@ def test_the_cell_of_a_line_of_receivers_is_that_of_its_bandwidth_and_length():
         name="line", source="test", polarization=("HH",), height=4.0, tx=((0.0, 0.0, 0.0),), rx=receivers, tones=tones,
         footprint=(-12.0, 12.0, 6.0, 18.0),
     )  # fmt: skip
-    slant, sine = math.hypot(12, 4), 12 / math.hypot(12, 4)
+    slant = math.hypot(12, 4)
+    sine = 12 / math.hypot(12, 4)
     # A boxcar of B Hz is as wide as one range cell c/(2B·sinθ), a uniform aperture L on one leg as λR/L.
     down = SPEED_OF_LIGHT / (2 * 61 * 5e6 * sine)
     across = SPEED_OF_LIGHT / 1.05e9 * slant / (2.0 * 41 / 40)

@@ -15,7 +15,8 @@ def test_example_trains_and_finds_its_own_mines(tmp_path, monkeypatch):
     values = (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
     points = np.array([[0.5, 1.5], [1.5, 3.0], [2.4, 5.0], [1.0, 6.5]])
     for x, y in points:
-        row, column = round(y / 0.02), round(x / 0.05)
+        row = round(y / 0.02)
+        column = round(x / 0.05)
         values[:, row - 8, column] += 9
         values[:, row + 8, column] += 9
     axes = {"polarization": ["HH", "VV"], "y": 0.02 * np.arange(400), "x": 0.05 * np.arange(60)}

@@ -39,8 +39,10 @@ def test_deflection_is_norm_of_a_squared_plus_twice_that_of_b(rng):
     form = deflection_form(mu, C)
     count = 200_000
     under = circular(rng, np.zeros(6), np.eye(6), count), circular(rng, mu, C + np.eye(6), count)
-    t0, t1 = form(under[0]), form(under[1])
-    gain, variance = t1.mean() - t0.mean(), t0.var()
+    t0 = form(under[0])
+    t1 = form(under[1])
+    gain = t1.mean() - t0.mean()
+    variance = t0.var()
     # Error of gain²/variance from those of the two means and of the variance.
     error_gain = np.sqrt((t0.var() + t1.var()) / count)
     error_variance = np.std((t0 - t0.mean()) ** 2) / np.sqrt(count)
@@ -55,7 +57,8 @@ def test_deflection_is_norm_of_a_squared_plus_twice_that_of_b(rng):
 def test_no_form_near_by_has_a_higher_generalised_deflection(rng, gamma):
     mu, C = moments(rng)
     form = deflection_form(mu, C, gamma)
-    A, b = matrix_of(form), form.linear
+    A = matrix_of(form)
+    b = form.linear
     best = deflection(A, b, mu, C, gamma)
     for _ in range(50):
         dA = rng.normal(size=A.shape) + 1j * rng.normal(size=A.shape)
@@ -70,7 +73,8 @@ def test_generalised_deflection_is_that_of_gaussian_data(rng):
     mu, C = moments(rng, level=0.8)
     form = deflection_form(mu, C, 0.4)
     count = 100_000
-    t0, t1 = form(circular(rng, 0 * mu, np.eye(6), count)), form(circular(rng, mu, C + np.eye(6), count))
+    t0 = form(circular(rng, 0 * mu, np.eye(6), count))
+    t1 = form(circular(rng, mu, C + np.eye(6), count))
     measured = (t1.mean() - t0.mean()) ** 2 / (0.4 * t0.var() + 0.6 * t1.var())
     assert measured == pytest.approx(deflection(matrix_of(form), form.linear, mu, C, 0.4), rel=0.05)
 
@@ -153,7 +157,8 @@ def test_positive_projection_drops_negative_eigenvalues(rng):
 
 
 def test_separate_classes_score_by_the_better_form(rng):
-    a, b = np.eye(8)[0] * 6, np.eye(8)[5] * 1.5
+    a = np.eye(8)[0] * 6
+    b = np.eye(8)[5] * 1.5
     examples = np.concatenate([circular(rng, a, np.eye(8), 30), circular(rng, b, np.eye(8), 30)])
     labels = np.repeat(["metal", "plastic"], 30)
     detector = DeflectionDetector(classes="separate").fit(examples, labels)
@@ -175,7 +180,8 @@ def test_separate_classes_score_by_the_better_form(rng):
 def test_other_estimators_come_near_the_truth_with_many_examples(rng, moments_name):
     mu, C = moments(rng, n=4, level=3)
     detector = DeflectionDetector(moments=moments_name).fit(circular(rng, mu, C + np.eye(4), 4000))
-    found, wanted = detector.forms_[0].vectors[0], np.linalg.eigh(C + np.outer(mu, mu.conj()))[1][:, -1]
+    found = detector.forms_[0].vectors[0]
+    wanted = np.linalg.eigh(C + np.outer(mu, mu.conj()))[1][:, -1]
     assert abs(found.conj() @ wanted) > 0.99
 
 

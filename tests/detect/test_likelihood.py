@@ -81,7 +81,8 @@ def test_several_forms_score_by_the_largest(rng):
 
 
 def test_detector_refuses_other_images(rng):
-    detector, image = chip_detector(rng), draw(rng, 2, 12, 5)
+    detector = chip_detector(rng)
+    image = draw(rng, 2, 12, 5)
     with pytest.raises(ValueError, match="channels"):
         detector.likelihood(image, channels=("VV", "HH"))
     with pytest.raises(ValueError, match="spacing"):

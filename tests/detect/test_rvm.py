@@ -46,7 +46,8 @@ def problem():
 
 def test_mode_covariance_and_evidence_are_tippings(problem):
     design, t = problem
-    active, alpha = np.array([3, 17, 40, 80]), np.array([0.2, 1.0, 0.05, 2.0])
+    active = np.array([3, 17, 40, 80])
+    alpha = np.array([0.2, 1.0, 0.05, 2.0])
     rows = np.ascontiguousarray(design[:, active].T)
     mean, covariance, residual, curvature, evidence, found = relevance.laplace(
         rows, t.astype(float), 0.3, alpha, np.zeros(4)
@@ -62,7 +63,8 @@ def test_mode_covariance_and_evidence_are_tippings(problem):
 
 def test_laplaces_evidence_is_near_the_integral():
     X, t = ripley(40, 0)
-    design, alpha = design_of(X)[:, [2, 40]], np.array([0.3, 0.5])
+    design = design_of(X)[:, [2, 40]]
+    alpha = np.array([0.3, 0.5])
     grid = np.linspace(-12, 12, 401)
     w = np.stack(np.meshgrid(grid, grid, indexing="ij"), axis=-1)
     c = w @ design.T
@@ -90,7 +92,8 @@ def test_fixed_point_and_no_gain_outside_by_the_textbook_formulas(problem):
 
 def test_candidates_have_the_textbook_gain(problem):
     design, t = problem
-    active, alpha = np.array([5, 60]), np.array([0.1, 0.2])
+    active = np.array([5, 60])
+    alpha = np.array([0.1, 0.2])
     rows = np.ascontiguousarray(design.T)
     posterior = relevance.laplace(rows[active], t.astype(float), 0.0, alpha, np.zeros(2))
     allowed = np.ones(81, bool)
@@ -200,7 +203,8 @@ def test_laplacian_fit_is_stationary_in_the_penalised_evidence(problem):
     fit = fit_sparse(design, t, rate=0.5, tol=1e-9)
     s, q = tipping2001.sparsity_and_quality(design, t, fit.active, fit.alpha)
     v = 1 / fit.alpha
-    s, q = s[fit.active], q[fit.active]
+    s = s[fit.active]
+    q = q[fit.active]
     slope = 0.5 * (-s / (1 + v * s) + q**2 / (1 + v * s) ** 2 - 0.5)
     np.testing.assert_allclose(slope, 0, atol=1e-5)
     pruned = fit_sparse(design, t, rate=0.5, algorithm="ard")
@@ -247,7 +251,8 @@ def test_moderation_never_changes_the_class_and_softens_probabilities():
     X, y = ripley(120, 4)
     soft = RelevanceVectorClassifier(gamma=4.0).fit(X, y)
     hard = RelevanceVectorClassifier(gamma=4.0, moderated=False).fit(X, y)
-    p, m = soft.predict_proba(X)[:, 1], hard.predict_proba(X)[:, 1]
+    p = soft.predict_proba(X)[:, 1]
+    m = hard.predict_proba(X)[:, 1]
     np.testing.assert_array_equal(p > 0.5, m > 0.5)
     assert (np.abs(p - 0.5) < np.abs(m - 0.5)).all()
 

@@ -40,7 +40,8 @@ def test_two_alarms_share_a_target_as_equation_19_says():
 
 def test_weights_are_equations_18_and_19():
     rng = np.random.default_rng(1)
-    target, distance = rng.integers(-1, 5, 60), rng.random(60)
+    target = rng.integers(-1, 5, 60)
+    distance = rng.random(60)
     beta = np.where(target % 2, 0.5, 1.0)
     want = wang2007.equation_18_weights(target, distance, 30.0, beta, 0.8)
     assert hit_weights(target, distance, 30.0, beta, 0.8).tolist() == want

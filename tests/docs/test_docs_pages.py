@@ -62,7 +62,8 @@ def test_every_page_is_in_a_table_of_contents():
 def resolves(name):
     """Whether a dotted name is a module or something in one."""
     first, *parts = name.split(".")
-    found, path = importlib.import_module(first), first
+    found = importlib.import_module(first)
+    path = first
     for part in parts:
         path = f"{path}.{part}"
         if part in getattr(found, "model_fields", {}):
@@ -90,7 +91,8 @@ COMMANDS = typer.main.get_command(app)
 
 def command_of(words):
     """Find the command and return it with what is left of the words."""
-    found, words = COMMANDS, list(words)
+    found = COMMANDS
+    words = list(words)
     while hasattr(found, "commands"):
         if not words or words[0].startswith("-"):
             return found, words

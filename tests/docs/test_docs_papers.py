@@ -15,7 +15,8 @@ KINDS = ("exact", "a reading", "ours", "judged", "measured", "run beside")
 
 def rows(page):
     """Rows of the tables of a page that say of every step of what kind it is, as lists of cells."""
-    inside, found = False, []
+    inside = False
+    found = []
     for line in read(page).splitlines():
         cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] if line.startswith("|") else []
         if cells == HEAD:

@@ -160,7 +160,8 @@ NOT_HERE = (
 
 def follow(page, space):
     """Do what a page says; return what each command printed."""
-    text, printed = read(page), {}
+    text = read(page)
+    printed = {}
     for fence in FENCE.finditer(text):
         kind, body = fence.groups()
         if kind in ("toml", "text") and (name := file_shown(text, fence.start())):

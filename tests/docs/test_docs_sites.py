@@ -53,7 +53,11 @@ def test_prepared_surfaces_return_as_much_less_as_the_page_says(program):
 
 def roughness_index(unevenness):
     """IRI of ``G0·(n/0.1)^-2``, m/km: mean travel of the quarter car at 80 km/h (Sayers, Gillespie & Paterson 1986)."""
-    tyre, spring, damper, wheel = 653.0, 63.3, 6.0, 0.15  # over the sprung mass
+    # over the sprung mass
+    tyre = 653.0
+    spring = 63.3
+    damper = 6.0
+    wheel = 0.15
     speed = 80 / 3.6
     cycles = np.geomspace(1e-3, 20, 20_000)
     s = 2j * np.pi * cycles * speed
@@ -76,8 +80,11 @@ def test_classes_have_the_roughness_indices_of_the_page():
 
 def carried_off_db(site, frequency):
     """By how much the simulator's σ⁰ of sri-array lies over the formula's at 67°, dB, HH and VV."""
-    scene, tones = Scene(site=site), load_sensor("sri-array").tones
-    surface, axis, sine = scene.surface, tones.axis(), np.array([np.sin(np.radians(67))])
+    scene = Scene(site=site)
+    tones = load_sensor("sri-array").tones
+    surface = scene.surface
+    axis = tones.axis()
+    sine = np.array([np.sin(np.radians(67))])
     tone = int(np.abs(axis - frequency).argmin())
     spectra = _surface_spectra(surface, scene.soil, scene.grass.model_copy(update={"height": 0.0}), tones)
     carried = np.einsum("rc,rc->c", spectra.weights(sine)[0], spectra.basis[:, :, tone])[:2]

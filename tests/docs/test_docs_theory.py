@@ -149,8 +149,10 @@ def test_backscatter_of_one_scale_and_of_tracks(site, figures):
     """The table of the clutter's spectrum: four rows of arid sand and two of gravel, and the model fitted to soils."""
     rows = (THEORY.parent / "physics.md").read_text(encoding="utf-8").splitlines()
     first = next(i for i, row in enumerate(rows) if row.startswith(f"| {site}, one"))
-    frequency, sine = np.array([0.44, 0.60, 0.75, 1.05, 2.55]) * 1e9, np.sin(np.radians(67))
-    surface, eps = Scene(site=site).surface, Scene(site=site).soil.media(frequency)[-1]
+    frequency = np.array([0.44, 0.60, 0.75, 1.05, 2.55]) * 1e9
+    sine = np.sin(np.radians(67))
+    surface = Scene(site=site).surface
+    eps = Scene(site=site).soil.media(frequency)[-1]
     classes = (0, 256e-6, 1024e-6, 4096e-6) if site == "arid-sand" else (0, 1024e-6)
     known = (surface.rms_height, surface.correlation_length, surface.slope)
     wanted = [surface_backscatter(frequency, sine, eps, *known, uneven)[0] for uneven in classes]

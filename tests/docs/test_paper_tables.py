@@ -40,7 +40,8 @@ def numbers(text, word):
 @pytest.mark.parametrize("name", PRINTED)
 def test_every_equation_figure_and_table_has_its_row(name):
     equations, figures, roman = PRINTED[name]
-    places, drawn = [], []
+    places = []
+    drawn = []
     for head, rows in tables(page(name)):
         (drawn if head[0] == "figure" else places).extend(row[0] for row in rows)
     assert numbers("; ".join(places), "Eq") >= set(range(1, equations + 1))

@@ -7,7 +7,8 @@ from flgpr.features import ContrastSums, PatchShape, local_contrast
 from flgpr.model import Grid
 from reference.wang2007 import equation_7_contrast
 
-X, Y = -2.0 + 0.1 * np.arange(41), 1.0 + 0.1 * np.arange(61)
+X = -2.0 + 0.1 * np.arange(41)
+Y = 1.0 + 0.1 * np.arange(61)
 
 
 def image(values, pose_y):
@@ -29,7 +30,8 @@ def test_contrast_is_equation_7(images):
     for i, (x, y) in enumerate(zip(alarms["x"], alarms["y"], strict=True)):
         top = bottom = 0.0
         for one in images:
-            row, column = round((y - one.attrs["pose"][1] - 1.0) / 0.1), round((x + 2.0) / 0.1)
+            row = round((y - one.attrs["pose"][1] - 1.0) / 0.1)
+            column = round((x + 2.0) / 0.1)
             patch = np.abs(one.values[0, 0, row - 12 : row + 13, column - 12 : column + 13])
             m_in, c = equation_7_contrast(patch, (5, 3), (9, 7))
             top, bottom = top + m_in * c, bottom + m_in

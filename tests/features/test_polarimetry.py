@@ -11,13 +11,17 @@ DEGREE = np.pi / 180
 
 
 def turned(s, angle):
-    c, d = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    d = np.sin(angle)
     r = np.array([[c, -d], [d, c]])
     return r @ np.asarray(s, complex) @ r.T
 
 
-SPHERE, DIPOLE, DIHEDRAL = np.eye(2), np.diag([1.0, 0.0]), np.diag([1.0, -1.0])
-CYLINDER, QUARTER = np.diag([1.0, 0.5]), np.diag([1.0, 1j])
+SPHERE = np.eye(2)
+DIPOLE = np.diag([1.0, 0.0])
+DIHEDRAL = np.diag([1.0, -1.0])
+CYLINDER = np.diag([1.0, 0.5])
+QUARTER = np.diag([1.0, 1j])
 HELICES = [np.array([[1, sign * 1j], [sign * 1j, -1]]) / 2 for sign in (1, -1)]
 
 

@@ -42,7 +42,8 @@ def test_a_shifted_template_in_an_empty_region_correlates_fully(rng):
 def test_shifts_are_not_circular(rng):
     template = rng.random((6, 6))
     region = np.zeros((8, 8))
-    region[:3], region[-3:] = np.pad(template[3:], ((0, 0), (1, 1))), np.pad(template[:3], ((0, 0), (1, 1)))
+    region[:3] = np.pad(template[3:], ((0, 0), (1, 1)))
+    region[-3:] = np.pad(template[:3], ((0, 0), (1, 1)))
     halves = [np.linalg.norm(template[part]) / np.linalg.norm(template) for part in (slice(0, 3), slice(3, 6))]
     # A circular shift would join the two halves to a perfect match; each alone is worth its share of the energy.
     assert max(halves) ** 2 <= max_correlation(region, template) + 1e-9
@@ -125,7 +126,8 @@ def test_regions_are_where_they_are_asked_for():
 
 
 def test_tiles_neither_overlap_nor_touch_mines():
-    lane, mines = Lane(-1.5, 1.5, 0, 30), np.array([[0.2, 4.4], [-1.2, 12.0], [1.0, 25.1]])
+    lane = Lane(-1.5, 1.5, 0, 30)
+    mines = np.array([[0.2, 4.4], [-1.2, 12.0], [1.0, 25.1]])
     tiles = clutter_tiles(lane, (1.5, 1.5), mines, 0.4).to_numpy()
     gap = np.abs(tiles[:, None] - tiles[None])
     assert ((gap >= 1.5 - 1e-9).any(axis=2) | np.eye(len(tiles), dtype=bool)).all()

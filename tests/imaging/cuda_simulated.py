@@ -69,7 +69,8 @@ def test_both_directions_agree_with_the_direct_sum(name):
     exact = ImagingOperator(**case, method="direct")
     data = noise((2, 3, 20))
     image = noise((2, len(exact.subbands), 8), seed=1)
-    adjoint, forward = operator.adjoint(data), operator.forward(image)
+    adjoint = operator.adjoint(data)
+    forward = operator.forward(image)
     assert relative(adjoint, exact.adjoint(data)) < exact.tolerance
     assert relative(forward, exact.forward(image)) < exact.tolerance
     gap = np.vdot(forward.astype(complex), data) - np.vdot(image, adjoint.astype(complex))
@@ -122,7 +123,8 @@ def test_nothing_in_nothing_out():
 
 def test_page_locked_memory_holds_images():
     operator = ImagingOperator(TONES, TX, RX, scene(), device="cuda")
-    data, out = noise((1, 3, 20)), operator.image_buffer(1)
+    data = noise((1, 3, 20))
+    out = operator.image_buffer(1)
     assert operator.adjoint(data, out=out) is out
     assert np.array_equal(out, operator.adjoint(data))
     assert cuda.is_available()
@@ -147,7 +149,8 @@ class Plan:
         if gpu_binsizex > 1000:
             raise RuntimeError("Error creating plan.")
         assert (kind, isign, dtype) == (2, 1, "complex64")
-        self.modes, self.many = np.arange(modes[0]) - modes[0] // 2, many
+        self.modes = np.arange(modes[0]) - modes[0] // 2
+        self.many = many
 
     def setpts(self, x):
         self.kernel = np.exp(1j * np.outer(self.modes, x.copy_to_host()))
@@ -158,7 +161,8 @@ class Plan:
 
 
 def test_the_benchmark_counts_batches_the_device_and_its_peer(monkeypatch):
-    tones, points = 0.8e9 + 0.2e9 * np.arange(11), scene(count=3)
+    tones = 0.8e9 + 0.2e9 * np.arange(11)
+    points = scene(count=3)
     monkeypatch.setitem(sys.modules, "cufinufft", SimpleNamespace(Plan=Plan))
     monkeypatch.setattr(bench_peers, "missing_peers", lambda device: [])
     monkeypatch.setattr(bench_peers, "BIN_SIZES", (512, 2048))

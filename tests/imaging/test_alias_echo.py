@@ -8,7 +8,9 @@ from flgpr.model import Grid, Sensor, alias_paths, load_sensor, unambiguous_path
 from flgpr.simulate import Scene, Simulator
 
 HEIGHT = 3.5
-AHEAD, UP = 0.6, 0.3  # m: a corner reflector under the van
+# m: a corner reflector under the van
+AHEAD = 0.6
+UP = 0.3
 GRID = Grid.spanning((-0.5, 0.5), (10.0, 24.0), 0.04)
 
 

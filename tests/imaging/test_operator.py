@@ -36,7 +36,8 @@ def test_a_scatterer_focuses_where_it_is():
 @pytest.mark.parametrize("kind", [{}, {"dtype": "complex128"}, {"half_space": 3.4}])
 def test_results_do_not_depend_on_the_number_of_threads(kind):
     operator = ImagingOperator(TONES, TX, RX, grid() - [0, 0, 0.1], BANDS, method="profile", **kind)
-    data, image = noise((3, 6, 128)), noise((3, 2, 33, 21))
+    data = noise((3, 6, 128))
+    image = noise((3, 2, 33, 21))
     found = []
     most = numba.get_num_threads()
     try:
@@ -56,7 +57,8 @@ def test_kept_delays_and_phasors_give_the_bits_of_those_found_anew(kind, channel
     def results(kept):
         monkeypatch.setattr("flgpr.imaging.engines.KEPT_BYTES", kept)
         operator = ImagingOperator(TONES, TX, RX, grid() - [0, 0, 0.1], BANDS[:1], method="profile", **kind)
-        data, image = noise((channels, 6, 128)), noise((channels, 1, 33, 21))
+        data = noise((channels, 6, 128))
+        image = noise((channels, 1, 33, 21))
         return [(operator.adjoint(data), operator.forward(image)) for _ in range(3)]
 
     for one, other in zip(results(0), results(1 << 26), strict=True):
@@ -66,7 +68,8 @@ def test_kept_delays_and_phasors_give_the_bits_of_those_found_anew(kind, channel
 
 @pytest.mark.parametrize("tolerance", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5])
 def test_a_channel_alone_agrees_with_the_direct_sums_at_every_width(tolerance):
-    data, image = noise((1, 6, 128)), noise((1, 1, 33, 21))
+    data = noise((1, 6, 128))
+    image = noise((1, 1, 33, 21))
     direct = ImagingOperator(TONES, TX, RX, grid(), dtype="complex128", method="direct")
     fast = ImagingOperator(TONES, TX, RX, grid(), tolerance=tolerance, method="profile", dtype="complex64")
     for exact, found in ((direct.adjoint(data), fast.adjoint(data)), (direct.forward(image), fast.forward(image))):
@@ -86,7 +89,8 @@ def test_scans_on_leading_axes_are_imaged_one_by_one():
 
 def test_images_go_where_they_are_told():
     operator = ImagingOperator(TONES, TX, RX, grid(), BANDS)
-    data, out = noise((1, 6, 128)), np.empty((1, 2, 33, 21), np.complex64)
+    data = noise((1, 6, 128))
+    out = np.empty((1, 2, 33, 21), np.complex64)
     assert operator.adjoint(data, out=out) is out
     assert np.array_equal(out, operator.adjoint(data))
     with pytest.raises(ValueError, match=r"out must be contiguous complex64 of the shape \(1, 2, 33, 21\)"):

@@ -14,7 +14,8 @@ POSES = np.array([[0, 0.4, 1.5, 0, 0, 0], [0.1, 0.9, 1.5, 0.08, 0, 0], [0.0, 1.4
 def run_of(poses):
     signal = []
     for pose in poses:
-        tx, rx = vehicle_to_lane(TX, pose), vehicle_to_lane(RX, pose)
+        tx = vehicle_to_lane(TX, pose)
+        rx = vehicle_to_lane(RX, pose)
         path = np.linalg.norm(tx - TARGET, axis=1) + np.linalg.norm(rx - TARGET, axis=1)
         signal.append(np.exp(-2j * np.pi * FREQUENCY * path[:, None] / 299792458.0)[None])
     return make_run(np.array(signal), FREQUENCY, ["HH"], TX, RX, poses)

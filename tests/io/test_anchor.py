@@ -44,7 +44,9 @@ def test_there_and_back(lon, lat, azimuth, height):
 
 def test_the_uncertainty_is_that_of_repeated_surveys():
     rng = np.random.default_rng(4)
-    sigma, place, found = 0.02, np.array([1.0, 150.0, 0.0]), []
+    sigma = 0.02
+    place = np.array([1.0, 150.0, 0.0])
+    found = []
     true = fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", sigma, [0.0] * 4)
     metre = np.array([1 / (111_320 * math.cos(math.radians(47.9))), 1 / 111_200])
     for _ in range(400):

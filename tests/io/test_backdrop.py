@@ -22,12 +22,14 @@ EAST, NORTH = transform_lonlat([11.3, 47.9], "EPSG:32632")
 
 def write(path, crs="EPSG:32632", kind="rgb", west=-100.0, dtype="uint8", driver="GTiff"):
     """A map of 200 m x 200 m in pixels of 0.25 m, green but for the marks."""
-    size, pixel = 800, 0.25
+    size = 800
+    pixel = 0.25
     transform = rasterio.transform.from_origin(EAST + west, NORTH + 100.0, pixel, pixel)
     number = np.ones((size, size), np.uint8)
     for index, (x, y) in enumerate(MARKS, 2):
         east, north = transform_lonlat(ANCHOR.to_geodetic([x, y, 0.0])[:2], "EPSG:32632")
-        column, row = (east - EAST - west) / pixel, (NORTH + 100.0 - north) / pixel
+        column = (east - EAST - west) / pixel
+        row = (NORTH + 100.0 - north) / pixel
         number[int(row) - 4 : int(row) + 5, int(column) - 4 : int(column) + 5] = index
     colours = np.array([(0, 0, 0), (0, 200, 0), *MARKS.values()], np.uint8)
     bands = colours[number].transpose(2, 0, 1) if kind == "rgb" else number[None]
@@ -82,7 +84,8 @@ def test_a_long_lane_is_as_sharp_whichever_way_it_lies(tmp_path):
     for azimuth in (0.0, 60.0, 90.0):
         turn = np.radians(azimuth)
         transform = rasterio.transform.from_origin(EAST - 600, NORTH + 600, 0.5, 0.5)
-        east, north = (np.arange(2400) - 1199.5) * 0.5, (1199.5 - np.arange(2400)[:, None]) * 0.5
+        east = (np.arange(2400) - 1199.5) * 0.5
+        north = (1199.5 - np.arange(2400)[:, None]) * 0.5
         stripes = (np.floor((east * np.sin(turn) + north * np.cos(turn)) / 8) % 2 * 255).astype(np.uint8)
         about = {"driver": "GTiff", "width": 2400, "height": 2400, "count": 4, "dtype": "uint8", "crs": "EPSG:32632"}
         about |= {"photometric": "rgb", "alpha": "no"}

@@ -88,10 +88,13 @@ def test_the_signal_is_referenced_to_the_scene_as_the_standard_has_it(anchor, tm
 
     from flgpr.model import Grid
 
-    target, tones = np.array([1.0, 12.0, 0.0]), np.linspace(1e9, 2e9, 21)
-    tx, rx = np.array([[-0.5, 0, 0]]), np.array([[0.5, 0, 0]])
+    target = np.array([1.0, 12.0, 0.0])
+    tones = np.linspace(1e9, 2e9, 21)
+    tx = np.array([[-0.5, 0, 0]])
+    rx = np.array([[0.5, 0, 0]])
     pose = np.zeros((3, 6))
-    pose[:, 1], pose[:, 2] = [0.0, 1.0, 2.0], 1.5
+    pose[:, 1] = [0.0, 1.0, 2.0]
+    pose[:, 2] = 1.5
     path = [
         np.linalg.norm(vehicle_to_lane(tx, p) - target) + np.linalg.norm(vehicle_to_lane(rx, p) - target) for p in pose
     ]

@@ -10,7 +10,10 @@ from flgpr.cli import app
 from flgpr.io import explain_files, import_mapped
 from flgpr.io.mapping import parse_mapping
 
-SCANS, TX, RX, TONES = 20, 4, 16, 401
+SCANS = 20
+TX = 4
+RX = 16
+TONES = 401
 RNG = np.random.default_rng(8)
 FREQUENCY = np.linspace(0.5e9, 2.5e9, TONES)
 SENDERS = np.stack([np.linspace(-0.6, 0.6, TX), np.zeros(TX), np.full(TX, 1.2)], axis=-1)

@@ -20,7 +20,8 @@ def test_a_full_wave_archive_needs_only_its_guesses_checked(fullwave_archive, tm
     with pytest.raises(ValueError, match=r"lane\?|frame"):
         parse_mapping(draft)
     checked = put(draft.replace("?", ""), tmp_path / "m.toml")
-    run, want = import_mapped(checked, fullwave_archive).run, import_fullwave(fullwave_archive).run
+    run = import_mapped(checked, fullwave_archive).run
+    want = import_fullwave(fullwave_archive).run
     for name in want.variables:
         if want[name].dtype.kind in "fc":
             np.testing.assert_allclose(run[name].values, want[name].values, rtol=0, atol=1e-15)

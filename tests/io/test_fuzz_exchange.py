@@ -172,7 +172,8 @@ RECORDINGS = {
 def test_damaged_recordings(kind, data, tmp_path):
     """Damage to the recording, its header or its positions; what can still be read makes a run or is refused."""
     write, header, positions, places = RECORDINGS[kind]
-    folder, good = tmp_path / "damaged", tmp_path / "good"
+    folder = tmp_path / "damaged"
+    good = tmp_path / "good"
     path = folder / f"a.{kind.rpartition('.')[2]}"
     if not good.exists():
         folder.mkdir()

@@ -117,7 +117,8 @@ def test_geotiff_pixels_lie_where_the_lane_has_them(anchor, tmp_path):
     rasterio = pytest.importorskip("rasterio")
     from pyproj import Transformer
 
-    x, y = np.arange(-2, 2.01, 0.1), np.arange(0, 60.01, 0.1)
+    x = np.arange(-2, 2.01, 0.1)
+    y = np.arange(0, 60.01, 0.1)
     values = np.full((2, 1, y.size, x.size), np.nan, np.float32)
     values[1, 0, 310, 7] = 5.0
     view = xr.DataArray(

@@ -79,7 +79,8 @@ def test_the_runs_phases_are_those_of_the_echoes(name, tmp_path):
     run = gpr_run(read_gpr(path), band=(150e6, 1e9), separation=SEPARATION, time_zero=zero)
     np.testing.assert_allclose(run["rx_position"].values[0] - run["tx_position"].values[0], [0, SEPARATION, 0])
     np.testing.assert_allclose(run["pose"].values[:, 1], ALONG, atol=1e-5)
-    tones, field = run["frequency"].values, run["signal"].values[:, 0, 0]
+    tones = run["frequency"].values
+    field = run["signal"].values[:, 0, 0]
     late = np.linspace(-2e-9, 2e-9, 81)
     for k, (x, _) in enumerate(REFLECTORS):
         trace = round(x / STEP)
@@ -91,7 +92,8 @@ def test_the_runs_phases_are_those_of_the_echoes(name, tmp_path):
 
 def test_traces_come_back_from_the_run(tmp_path):
     run = gpr_run(read_gpr(written("a.DT1", tmp_path)), band=(20e6, 2.4e9))
-    count, start = run.attrs["samples"], run.attrs["first_sample_s"]
+    count = run.attrs["samples"]
+    start = run.attrs["first_sample_s"]
     time = start + np.arange(count) * run.attrs["time_window_s"] / count
     tones = run["frequency"].values
     back = 2 / count * (run["signal"].values[:, 0, 0] @ np.exp(2j * np.pi * np.outer(tones, time))).real
@@ -105,7 +107,8 @@ def test_channels_of_a_dzt_are_apart(tmp_path):
     assert read.frequencies == (400e6, 350e6)
     np.testing.assert_array_equal(read.traces[..., 2:], both[..., 2:])
     assert read.marks == (5,)
-    first, second = gpr_run(read, 0, band=(1e8, 1e9)), gpr_run(read, 1, band=(1e8, 1e9))
+    first = gpr_run(read, 0, band=(1e8, 1e9))
+    second = gpr_run(read, 1, band=(1e8, 1e9))
     np.testing.assert_allclose(first["signal"].values, -second["signal"].values, rtol=1e-5)
     assert any("channel 1 of 2" in note for note in second.attrs["import_notes"])
     with pytest.raises(ValueError, match="channel must be from 0 to 1, got 2"):
@@ -184,7 +187,8 @@ def test_positions_and_an_anchor_put_the_traces_in_the_lane(kind, tmp_path):
     names = {"dt1": "a.DT1", "dzt": "a.dzt", "rd3": "a.rd3", "iprb": "a.iprb"}
     if kind == "sgy":
         places = np.round(np.stack([lon, lat], axis=1) * 3600 * 10000).astype(int)
-        path, traces = write_segy(tmp_path / "a.sgy", COUNTS, unit=2, scalar=-10000, place=places), np.arange(40)
+        path = write_segy(tmp_path / "a.sgy", COUNTS, unit=2, scalar=-10000, place=places)
+        traces = np.arange(40)
     else:
         path = written(names[kind], tmp_path)
     if kind == "dt1":
@@ -344,7 +348,8 @@ def test_info_without_the_header_names_it(tmp_path):
 
 
 def test_units_of_the_command_line(tmp_path):
-    path, store = written("a.rd3", tmp_path), tmp_path / "a.zarr"
+    path = written("a.rd3", tmp_path)
+    store = tmp_path / "a.zarr"
     words = ["import", "gpr", str(path), "-o", str(store), "--time-zero", "4", "--step", "0.1", "--quiet"]
     done = CliRunner().invoke(app, [*words, "--band", "2e8", "8e8"])
     assert (done.exit_code, done.output) == (0, "")
@@ -358,7 +363,9 @@ def test_units_of_the_command_line(tmp_path):
 def test_segyio_writes_what_is_read(tmp_path):
     segyio = pytest.importorskip("segyio")
     spec = segyio.spec()
-    spec.samples, spec.format, spec.tracecount = np.arange(SAMPLES), 1, len(COUNTS)
+    spec.samples = np.arange(SAMPLES)
+    spec.format = 1
+    spec.tracecount = len(COUNTS)
     with segyio.create(tmp_path / "a.sgy", spec) as file:
         file.trace = COUNTS.astype(np.float32)
         file.bin[segyio.BinField.Interval] = 200

@@ -70,8 +70,10 @@ def test_decks_that_are_there_with_their_results_stay(folder, tmp_path, caplog):
 
 def test_the_direct_wave_can_be_kept(folder):
     results, _ = folder
-    kept, taken = GprmaxRun(results, keep_direct=True).scan(0), GprmaxRun(results).scan(0)
-    tx, rx = np.array([0.0, 0.0, 0.0]), np.array([0.38, 0.0, 0.0])
+    kept = GprmaxRun(results, keep_direct=True).scan(0)
+    taken = GprmaxRun(results).scan(0)
+    tx = np.array([0.0, 0.0, 0.0])
+    rx = np.array([0.38, 0.0, 0.0])
     direct = dipole_field(np.eye(3)[0], rx - tx, 0, TONES)
     np.testing.assert_allclose((kept - taken)[0, 0], direct, atol=0.01 * np.abs(direct).max())
 
@@ -132,7 +134,8 @@ def test_a_stopped_import_goes_on_unless_a_result_has_changed(folder, tmp_path, 
     told = {"runs": runs, "pose": manifest["pose"] * 3, "time": [0.0, 1.0, 2.0]}
     (copy / "manifest.json").write_text(json.dumps(manifest | told))
     whole = import_gprmax_results(copy, tmp_path / "whole.zarr")
-    made, scan = [], GprmaxRun.scan
+    made = []
+    scan = GprmaxRun.scan
 
     def stopped(run, index):
         made.append(index)

@@ -13,7 +13,10 @@ from flgpr.io import open_run
 from flgpr.io.gprmax import pulse
 from io_gprmax import SPEED, dipole_field
 
-CELL, STEP, STEPS, CENTRE = 0.01, 1.9e-11, 700, 1e9
+CELL = 0.01
+STEP = 1.9e-11
+STEPS = 700
+CENTRE = 1e9
 OFFSETS = np.array([[0.4, 0.0, 0.0], [-0.3, 0.2, 0.0]])
 
 

@@ -19,7 +19,8 @@ pytestmark = pytest.mark.skipif(PYTHON is None, reason="gprMax is not installed"
 
 
 def test_dipoles_in_air_are_the_textbooks_in_level_and_phase(tmp_path):
-    tx, rx = np.array([0.0, 0.0, 0.0]), np.array([[0.31, 0.0, 0.0], [-0.2, 0.27, 0.07]])
+    tx = np.array([0.0, 0.0, 0.0])
+    rx = np.array([[0.31, 0.0, 0.0], [-0.2, 0.27, 0.07]])
     sensor = Sensor(
         name="dipoles", source="test", polarization=("HH", "VV", "HV"), height=0.35, tilt=0.25, tx=(tuple(tx),),
         rx=tuple(map(tuple, rx)), tones={"start": 500e6, "step": 50e6, "count": 11}, antenna={"kind": "dipole"},
@@ -34,7 +35,8 @@ def test_dipoles_in_air_are_the_textbooks_in_level_and_phase(tmp_path):
         ["sh", str(folder / "run.sh")], env=os.environ | {"PYTHON": str(PYTHON)}, capture_output=True, check=False
     )
     assert told.returncode == 0, told.stderr[-2000:]
-    kept, taken = GprmaxRun(folder, keep_direct=True), GprmaxRun(folder)
+    kept = GprmaxRun(folder, keep_direct=True)
+    taken = GprmaxRun(folder)
     signal = kept.scan(0)
     tilted = np.array([0.0, np.sin(0.25), np.cos(0.25)])
     for row, (send, receive) in enumerate(((np.eye(3)[0], np.eye(3)[0]), (tilted, tilted), (np.eye(3)[0], tilted))):

@@ -12,7 +12,8 @@ from flgpr.io.mapped import import_mapped
 from flgpr.model.track import make_track
 
 FREQUENCY = np.array([1.0e9, 1.1e9, 1.25e9, 1.3e9])
-TX, RX = np.array([[-1.0, 0, 0], [1.0, 0, 0]]), np.array([[0.0, 0, 0.2], [0.5, 0, 0.2], [0.7, 0.1, 0.2]])
+TX = np.array([[-1.0, 0, 0], [1.0, 0, 0]])
+RX = np.array([[0.0, 0, 0.2], [0.5, 0, 0.2], [0.7, 0.1, 0.2]])
 
 MAPPING = """
 title = "made up"
@@ -52,7 +53,8 @@ def field():
 
 @pytest.fixture
 def arrays(field):
-    way, stamp = np.arange(5.0), 1000.0 * np.arange(5)
+    way = np.arange(5.0)
+    stamp = 1000.0 * np.arange(5)
     return {"field": field, "f": FREQUENCY / 1e9, "tx": 100 * TX, "rx": 100 * RX, "way": way, "t": stamp}
 
 
@@ -65,7 +67,8 @@ def write(arrays, path):
                 value = np.asarray(value).T
                 if np.iscomplexobj(value):
                     record = np.zeros(value.shape, [("real", value.real.dtype), ("imag", value.real.dtype)])
-                    record["real"], record["imag"] = value.real, value.imag
+                    record["real"] = value.real
+                    record["imag"] = value.imag
                     value = record
                 file[name] = value
                 file[name].attrs["MATLAB_class"] = np.bytes_("single")
@@ -233,7 +236,9 @@ angle_unit = "rad"
 
 
 def test_an_impulse_at_a_delay_has_the_phase_of_its_path(tmp_path):
-    start, step, count = 4e-9, 0.1e-9, 400
+    start = 4e-9
+    step = 0.1e-9
+    count = 400
     time = start + step * np.arange(count)
     delays = np.array([9.13e-9, 17.7e-9])
     arg = (time - delays[:, None]) / 0.25e-9
@@ -249,7 +254,8 @@ def test_an_impulse_at_a_delay_has_the_phase_of_its_path(tmp_path):
 
 
 def test_conjugated_recorders_and_path_offsets(tmp_path):
-    path, offset = 12.3, 8.0
+    path = 12.3
+    offset = 8.0
     np.savez(tmp_path / "p.npz", s=np.exp(2j * np.pi * FREQUENCY * (path - offset) / 299_792_458.0)[None], f=FREQUENCY)
     text = IMPULSE.replace('"trace"', '"s"\nconjugate = true').replace('"sample"', '"frequency"')
     text = re.sub(r"\[samples\].*?\[antenna", '[frequency]\nvariable = "f"\nunit = "Hz"\n[antenna', text, flags=re.S)

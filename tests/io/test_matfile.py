@@ -50,7 +50,10 @@ def test_numbers_come_as_they_were_saved(packed, tmp_path):
 
 def test_structures_cells_and_text(tmp_path):
     cell = np.empty((2, 2), object)
-    cell[0, 0], cell[1, 0], cell[0, 1], cell[1, 1] = np.arange(3.0), "word", {"in": 5.0}, np.array(["ab", "cde"])
+    cell[0, 0] = np.arange(3.0)
+    cell[1, 0] = "word"
+    cell[0, 1] = {"in": 5.0}
+    cell[1, 1] = np.array(["ab", "cde"])
     pair = np.zeros((1, 2), [("x", object)])
     pair["x"][0] = 1.0, 2.0
     data = {"fp": np.ones((2, 2)), "af": {"r": np.arange(4.0)}}
@@ -116,7 +119,8 @@ def test_what_unpacks_to_more_than_the_limit_is_refused(tmp_path):
 
 def test_what_would_fill_the_memory_is_refused_before_it_does(tmp_path):
     """A variable of 768 MB of zeros in 3.5 MB; the child may take 560."""
-    size, work = 768 * 2**20, zlib.compressobj(1)
+    size = 768 * 2**20
+    work = zlib.compressobj(1)
     start = variable("<", "x", 9, b"")[8:-8] + struct.pack("<II", 2, size)
     packed = [work.compress(struct.pack("<II", 14, len(start) + size) + start)]
     packed += [work.flush(zlib.Z_FULL_FLUSH), work.compress(bytes(2**20)) + work.flush(zlib.Z_FULL_FLUSH)]

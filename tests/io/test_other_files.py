@@ -270,7 +270,8 @@ def test_a_merged_b_scan_is_told_and_imported_by_its_draft(merged, tmp_path):
 
 def test_the_axes_of_a_profile_are_not_swapped(tmp_path):
     """The layout of MCoRDS files: samples x scans, a fast time and the clock of the scans."""
-    fast, slow = np.linspace(0, 50e-9, 200)[:, None], np.linspace(0, 10, 41)[None]
+    fast = np.linspace(0, 50e-9, 200)[:, None]
+    slow = np.linspace(0, 10, 41)[None]
     savemat(tmp_path / "a.mat", {"Data": np.ones((200, 41)), "GPS_time": slow, "Time": fast})
     draft = propose_mapping(tmp_path / "a.mat")
     assert 'dims = ["sample", "scan"]' in draft

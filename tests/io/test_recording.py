@@ -199,7 +199,8 @@ clock_offset = 0.0
 def test_a_drive_focuses_to_a_reflector_at_its_place(tmp_path, monkeypatch):
     """The commands of the exchange page: two of them to the first picture."""
     monkeypatch.chdir(tmp_path)
-    reflector, tones = np.array([0.3, 7.0, 0.0]), np.linspace(0.5e9, 3.0e9, 256)
+    reflector = np.array([0.3, 7.0, 0.0])
+    tones = np.linspace(0.5e9, 3.0e9, 256)
 
     def iq(k):
         """Antennas at 1.5 m, driving at 2 m/s along x = 0.1 m and turning to the right by 0.05 rad/s."""

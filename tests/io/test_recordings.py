@@ -347,7 +347,8 @@ def test_positions_of_segy_in_every_angular_unit(unit, scalar, tmp_path):
     degrees = np.stack([11 + np.arange(TRACES) / 3600, np.full(TRACES, 47.5125)], axis=1)
     values = degrees * (3600 if unit == 2 else 1)
     if unit == 4:  # 47 degrees, 30 minutes and 45 seconds are 473045
-        whole, minutes = np.floor(degrees), degrees % 1 * 60
+        whole = np.floor(degrees)
+        minutes = degrees % 1 * 60
         values = whole * 10_000 + np.floor(minutes + 1e-9) * 100 + (minutes - np.floor(minutes + 1e-9)) * 60
     place = np.round(values * scalar).astype(int)
     read = read_gpr(write_segy(tmp_path / "a.sgy", COUNTS, unit=unit, scalar=-scalar, place=place))

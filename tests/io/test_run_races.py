@@ -47,7 +47,8 @@ def test_a_writer_that_begins_while_another_commits_is_refused(tmp_path, monkeyp
 
 
 def test_a_writer_that_gives_up_takes_nothing_of_the_next_ones(tmp_path, monkeypatch):
-    failing, next_one = begin(tmp_path / "a.zarr"), []
+    failing = begin(tmp_path / "a.zarr")
+    next_one = []
     failing.append(np.ones((1, 2, 4)), np.zeros(6))
     real = Path.rename
 

@@ -116,7 +116,8 @@ def bytes_of(path):
 def test_a_stopped_writer_goes_on_and_the_bytes_are_the_same(small_run, tmp_path, damage):
     stop_after(small_run, tmp_path / "a.zarr", 3)
     left = tmp_path / "a.zarr.partial"
-    journal, chunk = left / "journal.jsonl", left / "signal" / "c" / "1" / "0" / "0" / "0"
+    journal = left / "journal.jsonl"
+    chunk = left / "signal" / "c" / "1" / "0" / "0" / "0"
     if damage == "torn journal line":
         journal.write_bytes(journal.read_bytes()[:-7])
     elif damage == "altered chunk":
@@ -295,7 +296,8 @@ def test_damaged_archives_are_refused(fullwave_archive, tmp_path):
 
 def test_a_stopped_save_goes_on_with_the_same_run_and_throws_away_another(small_run, tmp_path, monkeypatch):
     want = bytes_of(save_run(small_run, tmp_path / "w", resume=True))
-    append, seen = RunWriter.append, []
+    append = RunWriter.append
+    seen = []
 
     def stopping(writer, *scan):
         if len(seen) == 2:

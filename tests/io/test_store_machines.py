@@ -33,12 +33,14 @@ class ShortFile:
     """A file of which the next write keeps only so many bytes, as on a full disk, and raises at the one after."""
 
     def __init__(self, file, keep):
-        self.file, self.keep = file, keep
+        self.file = file
+        self.keep = keep
 
     def write(self, data):
         if self.keep is None:
             raise Full(errno.ENOSPC, "No space left on device")
-        kept, self.keep = data[: self.keep], None
+        kept = data[: self.keep]
+        self.keep = None
         return self.file.write(kept)
 
     def __getattr__(self, name):
@@ -51,7 +53,9 @@ class JournalMachine(RuleBasedStateMachine):
     def __init__(self):
         super().__init__()
         self.folder = Path(tempfile.mkdtemp())
-        self.journal, self.lines = None, []  # lines: what must stand in the file, after the head
+        # lines: what must stand in the file, after the head
+        self.journal = None
+        self.lines = []
         self.count = 0
         self.quick = mock.patch.object(os, "fsync", return_value=None)
         self.quick.start()
@@ -78,7 +82,8 @@ class JournalMachine(RuleBasedStateMachine):
     @precondition(lambda self: self.journal)
     @rule()
     def append(self):
-        scan, before = self.make(), self.path.stat().st_size
+        scan = self.make()
+        before = self.path.stat().st_size
         self.journal.append(scan)
         self.lines.append((scan, self.path.read_bytes()[before:]))
 
@@ -88,7 +93,8 @@ class JournalMachine(RuleBasedStateMachine):
         """It is refused or it is whole; what is appended later is not lost with it."""
         file = self.journal._log._file
         self.journal._log._file = ShortFile(file, keep)
-        before, scan = self.path.stat().st_size, self.make()
+        before = self.path.stat().st_size
+        scan = self.make()
         try:
             self.journal.append(scan)
         except Full:
@@ -129,7 +135,8 @@ class JournalMachine(RuleBasedStateMachine):
         """A crash of the machine may keep less than was written."""
         size = round(share * self.path.stat().st_size)
         os.truncate(self.path, size)
-        end, kept = len(self.head), []
+        end = len(self.head)
+        kept = []
         for scan, line in self.lines if size >= end else []:
             end += len(line)
             kept += [(scan, line)] if end <= size else []
@@ -190,9 +197,14 @@ class StoreMachine(RuleBasedStateMachine):
     def __init__(self):
         super().__init__()
         self.home = Path(tempfile.mkdtemp())
-        self.path, self.partial = self.home / "run.zarr", self.home / "run.zarr.partial"
-        self.writer, self.begun, self.stored = None, [], None  # begun: scans of the writer or what it left
-        self.count, self.inputs = 0, {"digest": "0f"}
+        self.path = self.home / "run.zarr"
+        self.partial = self.home / "run.zarr.partial"
+        # begun: scans of the writer or what it left
+        self.writer = None
+        self.begun = []
+        self.stored = None
+        self.count = 0
+        self.inputs = {"digest": "0f"}
         self.quick = mock.patch.object(os, "fsync", return_value=None)
         self.quick.start()
 
@@ -291,7 +303,9 @@ class StoreMachine(RuleBasedStateMachine):
     def commit(self):
         with self.writer:
             pass
-        self.writer, self.stored, self.begun = None, self.begun, []
+        self.writer = None
+        self.stored = self.begun
+        self.begun = []
         assert not self.partial.exists()
 
     @precondition(lambda self: self.writer is not None and self.begun)
@@ -312,7 +326,8 @@ class StoreMachine(RuleBasedStateMachine):
 
         with mock.patch.object(run_store, "replace_folder", stop), pytest.raises(Kill):
             self.writer.commit()
-        self.stored, self.begun = self.begun, []
+        self.stored = self.begun
+        self.begun = []
         self.kill()
 
     @precondition(lambda self: self.stored)

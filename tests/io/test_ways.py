@@ -99,7 +99,8 @@ RASTER = HEAD.replace('["scan", "frequency"]', '["frequency", "scan", "scan"]') 
 @pytest.mark.parametrize("rows", [3, 2])
 def test_a_raster_is_flattened_in_c_order(rows, tmp_path):
     data = np.arange(9.0 * rows).reshape(3, rows, 3) + 1j
-    x, y = np.array([0.0, 10.0, 20.0]), np.arange(1.0, rows + 1)
+    x = np.array([0.0, 10.0, 20.0])
+    y = np.arange(1.0, rows + 1)
     table = '[pose]\nx = {variable = "x", axis = 1}\ny = {variable = "y", axis = 0}\nz = "z"\nunit = "mm"\n' + LEVEL
     height = np.arange(3.0 * rows).reshape(rows, 3)
     run = arrived(tmp_path, table, RASTER, data=data, x=x, y=y, z=height).run
@@ -234,7 +235,8 @@ def test_robots_quaternions_become_heading_pitch_and_roll():
 def test_orientations_in_a_mapping(tmp_path):
     angles = np.column_stack([np.linspace(-0.5, 0.5, 5), np.full(5, 0.1), np.full(5, -0.2)])
     turned = Rotation.from_matrix([heading_matrix(h) @ attitude_matrix(p, r) for h, p, r in angles])
-    q, e = turned.as_quat(), turned.as_euler("ZXY", degrees=True)
+    q = turned.as_quat()
+    e = turned.as_euler("ZXY", degrees=True)
     body = 'body = ["x", "y", "z"]'
     for text in (
         f'orientation = {{variable = "q", {body}}}',

@@ -22,7 +22,8 @@ def test_bilinear_is_exact_on_a_plane_and_nan_outside():
     y, x = np.mgrid[0:6, 0:9]
     plane = np.stack([2.0 * y - 3.0 * x + 1, 0.5 * x])
     rng = np.random.default_rng(1)
-    row, column = rng.uniform(0, 5, 50), rng.uniform(0, 8, 50)
+    row = rng.uniform(0, 5, 50)
+    column = rng.uniform(0, 8, 50)
     np.testing.assert_allclose(bilinear(plane, row, column)[0], 2 * row - 3 * column + 1, atol=1e-5)
     got = bilinear(plane, np.array([-0.01, 5.0, 0.0]), np.array([0.0, 8.0, 8.01]))
     assert np.isnan(got[0]).tolist() == [True, False, True]
@@ -34,8 +35,10 @@ def test_bilinear_is_its_definition_to_the_border_of_any_image(kind, shape):
     rng = np.random.default_rng(2)
     image = (rng.normal(size=(3, 2, *shape)) + 1j * rng.normal(size=(3, 2, *shape))).astype(np.complex64)
     image = image if kind == np.complex64 else np.ascontiguousarray(image.real)
-    row, column = rng.uniform(-1, shape[0], (4, 25)), rng.uniform(-1, shape[1], (4, 25))
-    row[0], column[0] = 0.0, np.linspace(0, shape[1] - 1, 25)
+    row = rng.uniform(-1, shape[0], (4, 25))
+    column = rng.uniform(-1, shape[1], (4, 25))
+    row[0] = 0.0
+    column[0] = np.linspace(0, shape[1] - 1, 25)
     got = bilinear(image, row, column)
     assert got.dtype == kind
     assert got.shape == (3, 2, 4, 25)
@@ -43,7 +46,8 @@ def test_bilinear_is_its_definition_to_the_border_of_any_image(kind, shape):
     for at, (r, c) in enumerate(zip(row.ravel(), column.ravel(), strict=True)):
         one = got.reshape(3, 2, -1)[..., at]
         if 0 <= r <= shape[0] - 1 and 0 <= c <= shape[1] - 1:
-            i, j = int(r), int(c)
+            i = int(r)
+            j = int(c)
             (a, b), (d, e) = (padded[:, :, i + k, j : j + 2].transpose(2, 0, 1) for k in (0, 1))
             want = (1 - r + i) * ((1 - c + j) * a + (c - j) * b) + (r - i) * ((1 - c + j) * d + (c - j) * e)
             np.testing.assert_allclose(one, want if kind == np.complex64 else want.real, atol=1e-5)
@@ -75,6 +79,7 @@ def test_the_median_of_a_window_of_more_pixels_than_16_bits_count(shape, size, s
     image = np.random.default_rng(5).normal(size=shape).astype(np.float32)
     got = median_stack(image[None], size, step)[0]
     for (row, column), value in np.ndenumerate(got):
-        y, x = row * step, column * step
+        y = row * step
+        x = column * step
         window = image[max(y - size[0] // 2, 0) : y + size[0] // 2 + 1, max(x - size[1] // 2, 0) : x + size[1] // 2 + 1]
         assert value == np.float32(np.median(window.astype(np.float64)))

@@ -12,7 +12,8 @@ def kaiser_bessel(width, beta, distance):
 
 @pytest.mark.parametrize("width", [2, 3, 4, 5, 8, 13])
 def test_transform_is_the_fourier_integral_of_the_window(width):
-    beta, frequency = 2.3 * width, np.linspace(0, 1.7, 12)
+    beta = 2.3 * width
+    frequency = np.linspace(0, 1.7, 12)
     distance = np.linspace(-width / 2, width / 2, 20001)
     value = kaiser_bessel(width, beta, distance)
     integral = np.trapezoid(value * np.cos(2 * np.pi * frequency[:, None] * distance), distance, axis=1)
@@ -33,7 +34,8 @@ def test_polynomials_are_the_window_to_single_precision(width):
 
 def test_interpolating_a_tone_errs_as_predicted():
     window = design(100, 1e-3)
-    size, width = window.size, window.width
+    size = window.size
+    width = window.width
     place = 40 / size
     t = np.random.default_rng(1).uniform(20, 30, 4000)
     first = np.ceil(t - width / 2)

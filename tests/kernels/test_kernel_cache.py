@@ -40,7 +40,8 @@ print(*(hashlib.sha256(np.ascontiguousarray(one).tobytes()).hexdigest() for one 
 def test_a_copy_of_the_sources_loads_what_was_compiled_and_gives_the_same_bits(tmp_path):
     package = Path(flgpr.__file__).parent
     copy = shutil.copytree(package, tmp_path / "copy" / "flgpr", ignore=shutil.ignore_patterns("static", "__pycache__"))
-    told, kept = [], []
+    told = []
+    kept = []
     for source in (package, copy):
         environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kernels"), "PYTHONPATH": str(source.parent)}
         ran = subprocess.run(
@@ -80,7 +81,8 @@ def test_without_a_place_to_keep_it_a_kernel_is_compiled_all_the_same(tmp_path, 
 
 
 def test_one_process_compiles_and_the_others_wait_but_not_for_ever(tmp_path, monkeypatch):
-    path, order = tmp_path / "kernel.lock", []
+    path = tmp_path / "kernel.lock"
+    order = []
     compile_once = compiled._once(order.append, path)
     with path.open("w") as other:  # a lock belongs to an opened file, so that this stands for another process
         fcntl.flock(other, fcntl.LOCK_EX)
@@ -130,7 +132,9 @@ def test_imaging_to_other_tolerances_calls_what_was_compiled_ahead(monkeypatch):
     for kernel, given in named.items():
         monkeypatch.setattr(ahead, kernel.py_func.__name__, mock.Mock(compile=given.append))
     ahead.compile_tolerances()
-    tones, ends, ground = np.linspace(0.8e9, 1.8e9, 24), np.ones((2, 4, 3)), np.zeros((2, 2, 3))
+    tones = np.linspace(0.8e9, 1.8e9, 24)
+    ends = np.ones((2, 4, 3))
+    ground = np.zeros((2, 2, 3))
     operator = ImagingOperator(tones, *ends, ground, tolerance=0.1, method="profile")
     operator.forward(operator.adjoint(np.zeros((1, 4, 24), np.complex64)))
     for kernel, given in named.items():

@@ -38,7 +38,8 @@ STEPS = st.lists(
 def test_all_problems_are_counted_whatever_their_order(steps):
     clock = Clock()
     rate = EventRate(burst=3, clock=clock)
-    given_events, written = [], []
+    given_events = []
+    written = []
     for number, (what, pause) in enumerate(steps):
         clock.now += pause
         if what == "look":

@@ -55,7 +55,9 @@ def drawn(count, seed, looks=2):
     (a, b, c), (g, h), rho = KNOWN.mean, KNOWN.spread, KNOWN.correlation
     alike = np.linalg.cholesky(rho + (1 - rho) * np.eye(looks))
     for z in rng.normal(-1.5, 2.0, count):
-        p, seen, weights = 1 / (1 + math.exp(-z)), rng.uniform(0.02, 0.04), rng.uniform(0.008, 0.02, looks)
+        p = 1 / (1 + math.exp(-z))
+        seen = rng.uniform(0.02, 0.04)
+        weights = rng.uniform(0.008, 0.02, looks)
         values = z + a + (b + c * p) * z + math.exp(g + h * p) * (alike @ rng.normal(size=looks))
         for k in range(1, looks + 1):
             w = weights[:k]
@@ -63,7 +65,9 @@ def drawn(count, seed, looks=2):
 
 
 def test_log_odds_after_further_looks_are_the_weighed_mean_with_them():
-    rng, z, weights = np.random.default_rng(3), -0.8, np.array([0.01, 0.015, 0.02])
+    rng = np.random.default_rng(3)
+    z = -0.8
+    weights = np.array([0.01, 0.015, 0.02])
     mean, deviation = KNOWN.after(z, 0.03, weights)
     p = 1 / (1 + math.exp(-z))
     alike = np.linalg.cholesky(0.6 + 0.4 * np.eye(3))
@@ -84,7 +88,8 @@ def test_the_numbers_are_learnt_of_what_alarms_became():
 
 
 def test_looks_to_come_weigh_as_they_then_do(run, model):
-    detector, checked = started(run, model, looks=1), 0
+    detector = started(run, model, looks=1)
+    checked = 0
     for scan in (one for one in _scans(run) if one.number < 30):
         before = {one.alarm_id: (one, detector.coming(one)) for one in detector.alarms.values()}
         seen = {name: detector.looked(one)[1] for name, (one, _) in before.items()}
@@ -109,7 +114,8 @@ def test_an_alarm_stands_at_the_mean_of_its_looks(run, model):
 def test_what_is_followed_is_what_alarms_became(run, model):
     followed = list(follow(started(run, model, looks=2), run))
     assert len(followed) > 100
-    detector, odds = started(run, model, looks=2), set()
+    detector = started(run, model, looks=2)
+    odds = set()
     for scan in _scans(run):
         detector.add(scan)
         odds |= {one.confidence for one in detector.alarms.values()}
@@ -151,7 +157,8 @@ def test_no_look_comes_to_who_stands_or_drives_back(run, model):
         if scan.number == 20:
             break
     alarm = next(one for one in detector.alarms.values() if len(detector.coming(one)) >= 3)
-    history, newest = detector.history, detector.history[-1].pose
+    history = detector.history
+    newest = detector.history[-1].pose
     for step in (0.0, 1e-9, -0.4):
         detector.history = [replace(one, pose=newest + [0, step * k, 0, 0, 0, 0]) for k, one in enumerate(history)]
         assert detector.coming(alarm) == []
@@ -163,7 +170,9 @@ def test_odds_beyond_all_bounds_end_no_training():
         warnings.simplefilter("ignore", RuntimeWarning)
         for seed in range(6):
             rng = np.random.default_rng(seed)
-            odds, later, seen = rng.normal(-300, 400, 160), rng.normal(-300, 400, 160), rng.uniform(0.01, 0.02, 160)
+            odds = rng.normal(-300, 400, 160)
+            later = rng.normal(-300, 400, 160)
+            seen = rng.uniform(0.01, 0.02, 160)
             arrays, notes = learn(map(Followed, odds, seen, seen, seen**2, later))
             assert notes["looks"] == 160
             assert all(np.isfinite(one).all() for one in arrays.values())
@@ -218,7 +227,8 @@ def test_who_was_told_to_wait_is_told_when_no_look_came(run, model, tmp_path, mo
             lane=tmp_path / "lane.toml", vehicle=Vehicle(0.1),
         )
     )  # fmt: skip
-    take, waited = live._take, []
+    take = live._take
+    waited = []
 
     def taken(arrival, events):
         whole = take(arrival, events)

@@ -84,7 +84,8 @@ def near(table, other, radius=0.25):
 
 
 def test_live_agrees_with_batch_once_it_has_settled(played, batch, scans):
-    live, whole = seen(played[0].table(), scans), seen(batch, scans)
+    live = seen(played[0].table(), scans)
+    whole = seen(batch, scans)
     assert len(whole) > 15
     assert near(whole, live).mean() >= 0.8
     top = whole.head(8)
@@ -101,7 +102,8 @@ def test_with_the_whole_background_live_finds_what_batch_finds(run, recipe, scan
     for scan in scans:
         detector.background.add(detector._image(scan))
     play(detector, scans)
-    live, whole = seen(detector.table(), scans), seen(batch, scans)
+    live = seen(detector.table(), scans)
+    whole = seen(batch, scans)
     assert near(whole, live, 0.15).mean() >= 0.9
 
 
@@ -157,7 +159,8 @@ def test_neighbours_that_change_places_change_little(run, recipe, scans, played)
     detector = start(run, recipe)
     updates = play(detector, order)
     assert {update.outcome for update in updates} == {"taken", "warm-up"}
-    mine, usual = seen(detector.table(), scans), seen(played[0].table(), scans)
+    mine = seen(detector.table(), scans)
+    usual = seen(played[0].table(), scans)
     assert near(usual.head(10), mine, 0.2).all()
 
 
@@ -208,7 +211,8 @@ def test_a_classifier_gives_the_confidence_that_batch_gives(run, recipe, scans):
 def test_features_taken_in_scan_by_scan_are_those_of_all_scans_at_once(run, recipe, scans):
     """A detector that forgets what it has gathered goes through all scans in memory again, late ones among them."""
     order = [*scans[:30], scans[32], scans[30], scans[31], *scans[33:]]
-    detector, plain = start(run, recipe), start(run, recipe)
+    detector = start(run, recipe)
+    plain = start(run, recipe)
     for scan in order:
         plain._sums = None
         assert detector.add(scan).alarms == plain.add(scan).alarms
@@ -216,7 +220,8 @@ def test_features_taken_in_scan_by_scan_are_those_of_all_scans_at_once(run, reci
 
 
 def test_a_scan_at_which_the_features_fail_does_not_spoil_those_after_it(run, recipe, scans, monkeypatch):
-    broken, plain = start(run, recipe), start(run, recipe)
+    broken = start(run, recipe)
+    plain = start(run, recipe)
     for number, scan in enumerate(scans[:40]):
         plain._sums = None
         expected = plain.add(scan).alarms
@@ -278,7 +283,8 @@ def test_a_named_feature_is_the_mean_over_the_scans_so_far(run, scans, sharp):
         detector.add(scan)
     (stage,) = detector.reads.stages.values()
     alarms = pd.DataFrame([vars(one) for one in detector.alarms.values()])
-    sums, each = AlarmSums(detector.reads, alarms), []
+    sums = AlarmSums(detector.reads, alarms)
+    each = []
     for one in detector.history:
         sums.add(one)
         local = [lane_to_scan([x, y, 0.0], one.pose)[:2] for x, y in alarms[["x", "y"]].to_numpy()]
@@ -334,7 +340,8 @@ def test_the_magnitude_can_be_the_confidence(run, scans):
 def test_a_snapshot_goes_on_bit_by_bit(run, recipe, scans, request, tmp_path, how):
     recipe, model = (recipe, None) if how == "contrast" else request.getfixturevalue("sharp")
     whole, expected = request.getfixturevalue("played" if how == "contrast" else "sharp_played")
-    first, intake = start(run, recipe, model=model), Intake(describe_for_live(run))
+    first = start(run, recipe, model=model)
+    intake = Intake(describe_for_live(run))
     for scan in scans[:23]:
         first.add(scan)
     write_snapshot(tmp_path / "s.npz", take_snapshot(first, intake, {"scan-000022.scan"}, "mark"))
@@ -350,9 +357,11 @@ def test_a_snapshot_goes_on_bit_by_bit(run, recipe, scans, request, tmp_path, ho
 
 def test_passed_alarms_are_a_few_bytes_each(run, played, monkeypatch):
     """After hours on the road a snapshot is still written at once: their words do not grow with them."""
-    detector, intake = played[0], Intake(describe_for_live(run))
+    detector = played[0]
+    intake = Intake(describe_for_live(run))
     words, arrays = take_snapshot(detector, intake, set(), "")
-    known, size = len(detector.table()), sum(array.nbytes for array in arrays.values())
+    known = len(detector.table())
+    size = sum(array.nbytes for array in arrays.values())
     monkeypatch.setattr(detector, "passed", detector.passed * 1000)
     more, grown = take_snapshot(detector, intake, set(), "")
     assert len(canonical_json(more)) == len(canonical_json(words))
@@ -363,7 +372,8 @@ def test_passed_alarms_are_a_few_bytes_each(run, played, monkeypatch):
 
 
 def test_a_snapshot_of_something_else_or_damaged_is_refused(run, recipe, scans, tmp_path):
-    detector, intake = start(run, recipe), Intake(describe_for_live(run))
+    detector = start(run, recipe)
+    intake = Intake(describe_for_live(run))
     for scan in scans[:6]:
         detector.add(scan)
     path = tmp_path / "s.npz"

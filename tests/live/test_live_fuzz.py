@@ -193,7 +193,8 @@ def test_a_length_that_is_too_large_costs_no_frame_that_follows():
     frames = [scan_frame(number) for number in range(40)]
     head = bytearray(frames[5])
     struct.pack_into("<Q", head, 12, struct.unpack_from("<Q", head, 12)[0] + 30 * len(frames[0]))
-    stream, kinds = FrameStream(), []
+    stream = FrameStream()
+    kinds = []
     for sent, frame in enumerate([*frames[:5], bytes(head), *frames[6:]]):
         kinds += ["bad" if one.value is not None else one.kind for one in stream.take(frame, False)]
         assert sent < 7 or len(kinds) >= sent

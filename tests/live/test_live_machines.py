@@ -27,7 +27,8 @@ from live_lane import make_lane_run, small_recipe
 TINY = describe_for_live(
     make_run(np.zeros((1, 1, 1, 2)), [1e9, 2e9], ["HH"], [[0, 0, 0]], [[1, 0, 0]], np.zeros((1, 6)))
 )
-NUMBERS, FEW = st.integers(0, 30), st.integers(0, 4)
+NUMBERS = st.integers(0, 30)
+FEW = st.integers(0, 4)
 
 
 class IntakeMachine(RuleBasedStateMachine):
@@ -36,7 +37,9 @@ class IntakeMachine(RuleBasedStateMachine):
     def __init__(self):
         super().__init__()
         self.intake = Intake(TINY)
-        self.known, self.went, self.poses = set(), [], {}
+        self.known = set()
+        self.went = []
+        self.poses = {}
         self.kept = None
         self.frames = self.bad = 0
 
@@ -48,7 +51,8 @@ class IntakeMachine(RuleBasedStateMachine):
     @rule(number=NUMBERS, pose=st.sampled_from([True, True, True, False]), whole=st.sampled_from([True, True, False]))
     def give(self, number, pose, whole):
         data, where = self.frame(number, pose, whole)
-        scan, new = self.intake.admit(data), number not in self.went
+        scan = self.intake.admit(data)
+        new = number not in self.went
         self.frames += 1
         if new:
             self.known.add(number)
@@ -68,7 +72,8 @@ class IntakeMachine(RuleBasedStateMachine):
 
     def check_filled(self, number, scan):
         near = [known for known in sorted(self.poses)[-8:] if known != number]  # its own came with a bad signal
-        before, after = ([n for n in near if n < number] or [None])[-1], ([n for n in near if n > number] or [None])[0]
+        before = ([n for n in near if n < number] or [None])[-1]
+        after = ([n for n in near if n > number] or [None])[0]
         pair = (before, after) if None not in (before, after) else tuple(near[-2:] if after is None else near[:2])
         if len(near) < 2 or min(abs(number - n) for n in pair) > 3:
             assert scan is None
@@ -81,7 +86,8 @@ class IntakeMachine(RuleBasedStateMachine):
         data, _ = self.frame(number, run="0123456789abcdef" if other else TINY.run_id)
         raw = bytearray(data)
         raw[at % len(raw)] ^= 0 if other else 8
-        self.frames, self.bad = self.frames + 1, self.bad + 1
+        self.frames = self.frames + 1
+        self.bad = self.bad + 1
         with pytest.raises(ScanFileError, match=r"frame|scan"):
             self.intake.admit(bytes(raw))
 
@@ -94,7 +100,9 @@ class IntakeMachine(RuleBasedStateMachine):
     @rule()
     def go_on_from_what_was_kept(self):
         state, (known, went, poses, self.frames, self.bad) = self.kept
-        self.known, self.went, self.poses = set(known), list(went), dict(poses)
+        self.known = set(known)
+        self.went = list(went)
+        self.poses = dict(poses)
         self.intake = Intake(TINY)
         self.intake.restore(state)
 
@@ -129,13 +137,17 @@ class WatchMachine(RuleBasedStateMachine):
 
     def __init__(self):
         super().__init__()
-        self.folder, self.ahead = Path(tempfile.mkdtemp()), 0.0
+        self.folder = Path(tempfile.mkdtemp())
+        self.ahead = 0.0
         (self.folder / "run.json").write_text(json.dumps(TINY.as_json()))
         clock = mock.Mock(wraps=time, time=lambda: time.time() + self.ahead)
         clock.time_ns = lambda: time.time_ns() + int(self.ahead * 1e9)
         self.clock = mock.patch.object(watch, "time", clock)
         self.clock.start()
-        self.whole, self.torn, self.handed = {}, {}, set()  # torn: size when last looked at, and since when
+        # torn: size when last looked at, and since when
+        self.whole = {}
+        self.torn = {}
+        self.handed = set()
         self.ended = False
         self.start(None)
 
@@ -145,7 +157,8 @@ class WatchMachine(RuleBasedStateMachine):
 
     def start(self, known):
         self.watch = FolderWatch(self.folder, Inbox(), known)
-        self.told, self.ended_told = False, False
+        self.told = False
+        self.ended_told = False
 
     def frame(self, number):
         return encode_scan(number, np.full(TINY.shape, number + 0.5), np.zeros(6))
@@ -161,7 +174,8 @@ class WatchMachine(RuleBasedStateMachine):
 
     @rule(number=FEW, share=st.floats(0, 1, exclude_max=True))
     def write_a_part(self, number, share):
-        path, frame = self.folder / scan_name(number), self.frame(number)
+        path = self.folder / scan_name(number)
+        frame = self.frame(number)
         if path.name not in self.whole:
             path.write_bytes(frame[: int(share * len(frame))])
             self.torn.setdefault(path.name, None)
@@ -232,9 +246,11 @@ class WatchMachine(RuleBasedStateMachine):
             assert arrivals.pop(0).kind == "run"
             self.told = True
         self.handed &= {*self.whole, *self.torn}
-        now, given_up = time.time() + self.ahead, set()
+        now = time.time() + self.ahead
+        given_up = set()
         for name in {*self.torn} - self.handed:
-            size, before = (self.folder / name).stat().st_size, self.torn[name]
+            size = (self.folder / name).stat().st_size
+            before = self.torn[name]
             if before is None or before[0] != size:
                 self.torn[name] = size, now
             elif now - before[1] > 1.0:
@@ -287,7 +303,8 @@ class SessionMachine(RuleBasedStateMachine):
 
     def teardown(self):
         (self.home / "in" / "end.json").write_text("{}")
-        report, twin = self.options("out").run(), self.options("twin").run()
+        report = self.options("out").run()
+        twin = self.options("twin").run()
         self.quick.stop()
         assert report.counts == twin.counts
         assert (self.home / "out" / "alarms.csv").read_bytes() == (self.home / "twin" / "alarms.csv").read_bytes()
@@ -310,7 +327,8 @@ class SessionMachine(RuleBasedStateMachine):
         self.files += 1
 
     def frame(self, number, fault=""):
-        signal, pose = RUN["signal"].values[number], RUN["pose"].values[number].copy()
+        signal = RUN["signal"].values[number]
+        pose = RUN["pose"].values[number].copy()
         pose[1] += self.datum + (45.0 if fault == "wrong" else 0.0)
         data = encode_scan(
             number, signal * (np.nan if fault == "masked" else 1), None if fault == "pose" else pose, number / 4.2
@@ -340,7 +358,8 @@ class SessionMachine(RuleBasedStateMachine):
     @rule(frames=st.integers(1, 12), before=st.booleans(), every=st.integers(1, 4))
     def run_and_kill(self, frames, before, every):
         """Killed before a frame is dealt with or after its events are written, with snapshots in between."""
-        run, seen = self.options("out", snapshot=every, idle=0.0), 0
+        run = self.options("out", snapshot=every, idle=0.0)
+        seen = 0
         take = run._take
 
         def deal(*arguments):

@@ -16,7 +16,8 @@ from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.state import restore_snapshot, take_snapshot
 from live_lane import LANE, make_lane_run, small_recipe
 
-SCANS, LONG = 13, 34
+SCANS = 13
+LONG = 34
 RUN = make_lane_run(scans=LONG)
 DESCRIBED = describe_for_live(RUN)
 RECIPE = parse_recipe(small_recipe())
@@ -115,7 +116,8 @@ def test_a_jump_takes_no_memory():
 
 def test_positions_that_moved_for_good_are_followed_and_nothing_is_lost():
     """A datum that moves by 500 m: alarms of before stay, and the drive beyond finds what a drive from there finds."""
-    scans, at = scans_of(LONG), 17
+    scans = scans_of(LONG)
+    at = 17
     moved = [shifted(one, 1, 500.0) if one.number >= at else one for one in scans]
     detector, updates = played(moved, None)
     assert detector.left_out == 0
@@ -153,7 +155,8 @@ def test_a_wrong_pose_after_a_pause_does_not_blind_for_good():
 
 
 def test_a_vehicle_that_turns_around_is_not_accused():
-    scans, turn = scans_of(LONG), 0.5
+    scans = scans_of(LONG)
+    turn = 0.5
     pose = scans[20].pose.copy()
     back = []
     for k, scan in enumerate(scans[20:]):
@@ -170,7 +173,8 @@ def test_what_is_held_back_is_in_the_snapshot():
     scans = scans_of(LONG)
     moved = [shifted(one, 1, 500.0) if one.number >= 10 else one for one in scans]
     undisturbed, _ = played(moved)
-    detector, intake = LiveDetector(DESCRIBED, RECIPE, LANE), Intake(DESCRIBED)
+    detector = LiveDetector(DESCRIBED, RECIPE, LANE)
+    intake = Intake(DESCRIBED)
     for scan in moved[:12]:
         detector.add(scan)
     assert list(detector.held) == [10, 11]

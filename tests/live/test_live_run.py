@@ -124,7 +124,9 @@ def test_what_a_radar_gets_wrong_is_counted_and_survived(home, whole, tmp_path):
     (incoming / "run.json").write_bytes((home / "incoming" / "run.json").read_bytes())
     good = frames(home)
     sent = list(good)
-    sent[12], sent[13] = good[13], good[12]  # out of order
+    # out of order
+    sent[12] = good[13]
+    sent[13] = good[12]
     sent[16] = good[16][:5000] + b"\0" + good[16][5001:]  # corrupt
     hole = decode_frame(good[20])
     samples = np.frombuffer(hole.payload, "<c8").copy()
@@ -212,7 +214,8 @@ def test_a_run_that_was_killed_goes_on(home, whole, tmp_path, after):
 
 def test_a_live_process_that_is_killed_again_and_again_ends_alike(home, whole, tmp_path):
     """SIGKILL after so many lines of the event file, three times, snapshots being written all along; one is whole."""
-    incoming, output = tmp_path / "in", tmp_path / "out"
+    incoming = tmp_path / "in"
+    output = tmp_path / "out"
     feed(home / "run.zarr", incoming, FAST, count=SCANS - 3)  # it waits for the rest
     words = ["live", str(incoming), "--recipe", str(home / "recipe.toml"), "-o", str(output), "--snapshot", "3"]
     context = multiprocessing.get_context("forkserver")
@@ -235,7 +238,8 @@ def test_a_live_process_that_is_killed_again_and_again_ends_alike(home, whole, t
 
 
 def test_files_that_were_taken_away_are_forgotten(home, whole, tmp_path):
-    incoming, output = tmp_path / "in", tmp_path / "out"
+    incoming = tmp_path / "in"
+    output = tmp_path / "out"
     feed(home / "run.zarr", incoming, FAST, count=SCANS - 3)
     LiveRun(options(home, output, incoming, idle=0.5)).run()
     assert len(read_snapshot(output / "snapshot.bundle")[0]["names"]) == SCANS - 3
@@ -254,7 +258,8 @@ def lines_of(output):
 
 
 def test_going_on_needs_the_same_recipe_unless_fresh(home, whole, tmp_path):
-    output, vehicle = tmp_path / "out", Vehicle(15 / 3.6, front=0.4)
+    output = tmp_path / "out"
+    vehicle = Vehicle(15 / 3.6, front=0.4)
     shutil.copytree(whole[0], output)
     (tmp_path / "other.toml").write_text(small_recipe().replace("radius = 0.4", "radius = 0.5"))
     other = LiveOptions(tmp_path / "other.toml", output, home / "incoming", vehicle=vehicle)
@@ -281,8 +286,10 @@ def test_a_socket_gives_the_same_alarms(home, whole, tmp_path):
 
 
 def test_a_sender_goes_on_after_a_restart_without_describing_the_run_again(home, whole, tmp_path):
-    path, output = tmp_path / "radar.sock", tmp_path / "out"
-    good, description = frames(home), (home / "incoming" / "run.json").read_text()
+    path = tmp_path / "radar.sock"
+    output = tmp_path / "out"
+    good = frames(home)
+    description = (home / "incoming" / "run.json").read_text()
 
     def play(*data):
         run = LiveRun(LiveOptions(home / "recipe.toml", output, socket=path))

@@ -74,7 +74,9 @@ def test_an_alias_lies_whole_repetitions_before_or_behind_its_echo():
 
 
 def test_no_path_by_way_of_the_image_is_outside_its_bounds():
-    x, y, rng = (-2.0, 3.0), (6.5, 24.5), np.random.default_rng(3)
+    x = (-2.0, 3.0)
+    y = (6.5, 24.5)
+    rng = np.random.default_rng(3)
     ground = np.column_stack([rng.uniform(*x, 2000), rng.uniform(*y, 2000), np.zeros(2000)])
     edges = np.array([(a, b, 0.0) for a in x for b in y])
     places = np.concatenate([ground, edges])[:, None]
@@ -86,7 +88,9 @@ def test_no_path_by_way_of_the_image_is_outside_its_bounds():
 @pytest.mark.parametrize("step", [2.5e6, 5.5e6, 6e6, 6.5e6, 8e6, 12e6, 20e6])
 def test_what_is_called_aliased_is_where_an_echo_of_some_path_before_the_image_appears(step):
     """The rule, an inequality, against aliases of all paths from the direct coupling to the image's nearest pixel."""
-    x, y, tones = (-2.0, 3.0), (6.5, 22.0), 300e6 + step * np.arange(int(1.4e9 / step))
+    x = (-2.0, 3.0)
+    y = (6.5, 22.0)
+    tones = 300e6 + step * np.arange(int(1.4e9 / step))
     paths = image_paths(tones, ANTENNAS, ANTENNAS + [0.3, 0.0, 0.0], x, y)
     before = np.linspace(paths.direct, paths.nearest, 4000)
     inside = any(alias_paths(p, paths.unambiguous, paths.nearest, paths.farthest + paths.cell).size for p in before)
@@ -104,7 +108,9 @@ def test_the_sub_band_with_the_widest_cell_or_step_decides():
 
 
 def test_an_image_may_end_where_the_error_says_and_not_behind():
-    van, x, y = load_sensor("sri-van"), (-3.24, 3.24), (6.75, 23.25)
+    van = load_sensor("sri-van")
+    x = (-3.24, 3.24)
+    y = (6.75, 23.25)
 
     def on(step):
         tones = van.tones.model_copy(update={"step": step, "count": round(1.344e9 / step) + 1})

@@ -33,7 +33,8 @@ def test_scan_frame_round_trip():
 @pytest.mark.parametrize("take", [vehicle_to_lane, vehicle_to_scan, scan_to_lane, lane_to_scan])
 def test_many_poses_at_once_are_each_pose_by_itself_to_the_bit(take):
     rng = np.random.default_rng(2)
-    points, poses = rng.normal(size=(4, 7, 3)), rng.normal(size=(5, 6))
+    points = rng.normal(size=(4, 7, 3))
+    poses = rng.normal(size=(5, 6))
     want = [[take(some, pose) for pose in poses] for some in points]
     np.testing.assert_array_equal(take(points[:, None], poses), want)
 

@@ -18,7 +18,8 @@ RATE = 4.2  # scans per second
 
 def straight(step=1.0, scans=SCANS):
     pose = np.zeros((scans, 6))
-    pose[:, 1], pose[:, 2] = step * np.arange(scans), 2.0
+    pose[:, 1] = step * np.arange(scans)
+    pose[:, 2] = 2.0
     return pose
 
 
@@ -99,7 +100,8 @@ def test_honest_drives_are_believed(name):
 
 
 def test_scans_that_are_lost_widen_what_is_allowed():
-    pose, number = straight(1.0), np.array([0, 1, 2, 3, 4, 5, 6, 7, 60, 61, 62, 63, 64])
+    pose = straight(1.0)
+    number = np.array([0, 1, 2, 3, 4, 5, 6, 7, 60, 61, 62, 63, 64])
     pose[8:, 1] += 600
     assert judge_poses(pose, None, number=number).notes() == []
     assert judge_poses(pose).notes() != []
@@ -208,7 +210,8 @@ def test_a_clock_that_jumps_is_told_and_poses_are_not_blamed(jump):
 
 
 def test_a_wrong_pose_is_found_while_the_clock_jumps():
-    pose, time = straight(), clock()
+    pose = straight()
+    time = clock()
     pose[6, 1] += 45
     time[6:] -= 50
     motion = judge_poses(pose, time)
@@ -243,7 +246,8 @@ def test_limits_have_bounds():
 
 def gate_alone(pose, time, limits):
     """The obvious twin: every pose judged by the gate, none passed over."""
-    gate, trusted = PoseGate(limits), set()
+    gate = PoseGate(limits)
+    trusted = set()
     for number in range(len(pose)):
         verdict = gate.judge(Sighting(number, float(time[number]), pose[number]))
         trusted -= set(verdict.forgotten)
@@ -281,7 +285,8 @@ def test_passing_over_what_is_in_order_changes_nothing(drive):
 def test_a_gate_goes_on_from_its_state(drive, at):
     pose, time = drive
     sightings = [Sighting(k, float(time[k]), pose[k]) for k in range(30) if np.isfinite(pose[k]).all()]
-    first, second = PoseGate(MotionLimits()), PoseGate(MotionLimits())
+    first = PoseGate(MotionLimits())
+    second = PoseGate(MotionLimits())
     for one in sightings[:at]:
         first.judge(one)
     second.restore(json.loads(json.dumps(first.state(), allow_nan=False)))
@@ -302,7 +307,8 @@ def test_what_is_held_back_is_bounded():
 
 
 def test_a_number_that_comes_again_takes_the_place_of_the_first():
-    gate, pose = PoseGate(MotionLimits()), straight()
+    gate = PoseGate(MotionLimits())
+    pose = straight()
     for number in range(6):
         gate.judge(Sighting(number, number / RATE, pose[number]))
     for number, place in ((6, 500.0), (7, 501.0), (6, 9000.0), (8, 502.0)):
@@ -312,7 +318,8 @@ def test_a_number_that_comes_again_takes_the_place_of_the_first():
 
 
 def test_a_late_scan_is_judged_by_its_neighbours():
-    pose, limits = straight(), MotionLimits()
+    pose = straight()
+    limits = MotionLimits()
     gate = PoseGate(limits)
     for number in (0, 1, 2, 4, 5):
         gate.judge(Sighting(number, number / RATE, pose[number]))
@@ -323,7 +330,8 @@ def test_a_late_scan_is_judged_by_its_neighbours():
 
 def test_a_number_far_ahead_is_no_scan_of_this_drive():
     limits = MotionLimits()
-    before, after = Sighting(5, 1.0, np.zeros(6)), Sighting(5000, 1.2, np.zeros(6))
+    before = Sighting(5, 1.0, np.zeros(6))
+    after = Sighting(5000, 1.2, np.zeros(6))
     step = step_between(limits, before, after)
     assert (step.limit, step.value) == ("scans", 4995)
     assert clock_step(limits, before, after) is None

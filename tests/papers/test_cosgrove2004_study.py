@@ -119,7 +119,8 @@ def test_every_mine_is_seen_twice_at_the_studys_range(recipe, looks):
         assert sum(look.trains for look in seen) == 2 * trains.sum()
         assert sorted({look.depth for look in seen}) == sorted(set(depths))
         assert all(abs(look.place[1] - 15) < 0.7 and abs(look.place[0]) < 1.1 for look in seen)
-    forth, back = looks["open"][: depths.size], looks["open"][depths.size :][::-1]
+    forth = looks["open"][: depths.size]
+    back = looks["open"][depths.size :][::-1]
     for one, other in zip(forth, back, strict=True):
         # Seen from the other end, left is right and far is near; heading and position have errors of a few cm.
         assert one.depth == other.depth
@@ -240,7 +241,8 @@ def premises(seed):
 
 
 def test_verdicts_follow_the_interval_over_seeds():
-    recipe, rng = study_recipe(), np.random.default_rng(0)
+    recipe = study_recipe()
+    rng = np.random.default_rng(0)
     sites = ("sand", "gravel", "clay")
     cases = {s: [case(k, rng.normal(1, 1, 40), rng.normal(0, 1, 500)) for k in range(6)] for s in sites}
     recipe = recipe.model_copy(update={"sites": {site: recipe.sites[site] for site in sites}})
@@ -344,7 +346,8 @@ def test_measures_of_looks_are_of_mines_and_clutter(recipe, looks):
 
 def test_visible_mines_stand_out_of_the_boxes_at_their_range():
     recipe = study_recipe()
-    x, y = np.linspace(-2, 2, 81), np.linspace(12, 28, 401)
+    x = np.linspace(-2, 2, 81)
+    y = np.linspace(12, 28, 401)
     rng = np.random.default_rng(3)
     values = rng.normal(size=(1, y.size, x.size)) + 1j * rng.normal(size=(1, y.size, x.size))
     values[0, np.abs(y - 20).argmin(), np.abs(x - 0.5).argmin()] = 50
@@ -376,7 +379,8 @@ def test_quick_study_writes_its_page_and_goes_on_where_it_stopped(recipe, tmp_pa
     assert model.stages["map.deflection"]["linear-0"].shape == (2 * 28,)  # as the recipe cosgrove2004 takes it
     assert model.notes["detector"].startswith("DeflectionDetector")
     assert set(pd.read_csv(tmp_path / "pd.csv")["seed"]) == {1, 2}
-    before, pictures = (tmp_path / "pd.csv").read_bytes(), {p.stem: p.read_bytes() for p in tmp_path.glob("*.png")}
+    before = (tmp_path / "pd.csv").read_bytes()
+    pictures = {p.stem: p.read_bytes() for p in tmp_path.glob("*.png")}
     monkeypatch.setattr(cosgrove2004, "run_seed", lambda *_: pytest.fail("ran a seed again"))
     monkeypatch.setattr(cosgrove2004, "_figures", lambda *_: pictures)
     monkeypatch.setattr(cosgrove2004, "draw", lambda picture, quick: picture)

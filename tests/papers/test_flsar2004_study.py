@@ -52,7 +52,8 @@ def a_pass(settings, direction, seed, site="arid"):
     rows = [(k, mines.depth) for mines in settings.mines for k in ["metal"] * mines.metal + ["plastic"] * mines.plastic]
     place = np.random.default_rng(0)
     truth = pd.DataFrame(rows, columns=["kind", "depth"])
-    truth["x"], truth["y"] = place.uniform(-1, 1, len(rows)), (np.arange(len(rows)) + 0.5) * settings.pitch
+    truth["x"] = place.uniform(-1, 1, len(rows))
+    truth["y"] = (np.arange(len(rows)) + 0.5) * settings.pitch
     truth["target_id"] = [f"T{i:03d}" for i in range(len(rows))]
     fiducials = pd.DataFrame({"x": np.tile([-2.2, 2.2], 4), "y": np.repeat(np.linspace(5, 60, 4), 2), "height": 0.0})
     image = rng.rayleigh(0.4, (2, 3, *grid.shape))
@@ -128,7 +129,8 @@ def test_open_examples_leave_out_the_subset_and_give_mines_higher_features(small
     assert X.shape == (len(table), 6)
     assert not set(site.mines[site.mines["subset"]]["target"]) & set(table["target"])
     assert (table["kind"] == "metal").sum() + (table["kind"] == "plastic").sum() == (~site.mines["subset"]).sum()
-    metal, clutter = X[table["kind"] == "metal"].mean(), X[table["kind"] == "clutter"].mean()
+    metal = X[table["kind"] == "metal"].mean()
+    clutter = X[table["kind"] == "clutter"].mean()
     assert metal > clutter + 0.05
 
 
@@ -146,7 +148,8 @@ def test_prescreen_loses_weak_mines_and_labels_the_rest(small, site):
 
 
 def scores_of(mine, clutter, target=None):
-    mine, clutter = np.asarray(mine, float), np.asarray(clutter, float)
+    mine = np.asarray(mine, float)
+    clutter = np.asarray(clutter, float)
     clutter = clutter[:, None] if clutter.ndim == 1 else clutter
     target = np.arange(len(mine)).astype(str) if target is None else np.asarray(target)
     return ma.HeldOut(mine, clutter, target, np.arange(len(clutter)).astype(str), np.ones(1))
@@ -239,7 +242,9 @@ def test_area_is_scikit_learns_and_its_interval_covers():
     one = scores_of(rng.normal(1, 1, 40), rng.normal(0, 1, 90))
     label = np.repeat([1, 0], [40, 90])
     assert fi.auc(one) == pytest.approx(roc_auc_score(label, np.concatenate([one.mine, one.clutter.ravel()])))
-    truth, hits = 0.7602, 0  # Φ(1/√2)
+    # Φ(1/√2)
+    truth = 0.7602
+    hits = 0
     for seed in range(60):
         draw = np.random.default_rng(seed)
         value = fi.auc_interval(scores_of(draw.normal(1, 1, 30), draw.normal(0, 1, 60)), 200)
@@ -249,7 +254,8 @@ def test_area_is_scikit_learns_and_its_interval_covers():
 
 def test_looks_at_one_mine_widen_the_interval():
     rng = np.random.default_rng(2)
-    mine, clutter = rng.normal(1, 1, 30), rng.normal(0, 1, 300)
+    mine = rng.normal(1, 1, 30)
+    clutter = rng.normal(0, 1, 300)
     alone = fi.auc_interval(scores_of(mine, clutter), 500)
     twice = fi.auc_interval(scores_of(np.repeat(mine, 2), clutter, np.repeat(np.arange(30), 2)), 500)
     wrong = fi.auc_interval(scores_of(np.repeat(mine, 2), clutter), 500)
@@ -259,8 +265,10 @@ def test_looks_at_one_mine_widen_the_interval():
 
 def test_paired_differences_are_tighter_than_independent_ones():
     rng = np.random.default_rng(3)
-    mine, clutter = rng.normal(1, 1, 50), rng.normal(0, 1, 100)
-    a, b = scores_of(mine, clutter), scores_of(mine + rng.normal(0, 0.1, 50), clutter)
+    mine = rng.normal(1, 1, 50)
+    clutter = rng.normal(0, 1, 100)
+    a = scores_of(mine, clutter)
+    b = scores_of(mine + rng.normal(0, 0.1, 50), clutter)
     measure = fi.Measure(area=200.0, far=0.07)
     value, low, high = fi.difference(a, b, measure, 500)
     assert low <= value <= high
@@ -274,7 +282,8 @@ def test_partial_area_and_pd_are_those_of_the_curve():
         one = scores_of(rng.normal(1, 1, 30), rng.normal(0, 1, (80, repeats)))
         area = 160.0
         curve = fi.roc(one, area)
-        far, pd_of = curve["far"].to_numpy(), curve["pd"].to_numpy()
+        far = curve["far"].to_numpy()
+        pd_of = curve["pd"].to_numpy()
         for limit in (0.04, 0.07, 0.3):
             grid = (np.arange(20_000) + 0.5) / 20_000 * limit
             step = pd_of[np.searchsorted(far, grid, side="right") - 1]
@@ -398,7 +407,8 @@ def reproduced(tmp_path_factory):
         patch.setattr(flsar2004, "PARTS", {k: part for k, part in flsar2004.PARTS.items() if k != "screened"})
         patch.setattr(figures, "OneClassRelevanceVectorMachine", few_references)
         page = flsar2004.reproduce(folder, quick=True)
-        text, findings = page.read_text(encoding="utf-8"), (folder / "findings.json").read_bytes()
+        text = page.read_text(encoding="utf-8")
+        findings = (folder / "findings.json").read_bytes()
         patch.setattr(flsar2004, "PARTS", dict.fromkeys(flsar2004.PARTS, never))
         patch.setattr(figures, "draw", lambda *_: iter(()))
         flsar2004.reproduce(folder, quick=True)

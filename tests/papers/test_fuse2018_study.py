@@ -58,7 +58,8 @@ def make_runs(seed, count):
     bushes that show everywhere, in noise."""
     rng = np.random.default_rng(seed)
     # Off the pixels, and not alike on the three lanes.
-    mines, bushes = MINES + rng.uniform(-0.1, 0.1, MINES.shape), BUSHES + rng.uniform(-0.3, 0.3, BUSHES.shape)
+    mines = MINES + rng.uniform(-0.1, 0.1, MINES.shape)
+    bushes = BUSHES + rng.uniform(-0.3, 0.3, BUSHES.shape)
     points = np.zeros((len(mines) + 12 * len(bushes), 3))
     points[: len(mines), :2] = mines
     points[len(mines) :, :2] = np.repeat(bushes, 12, axis=0) + rng.normal(0, 0.25, (12 * len(bushes), 2))
@@ -67,7 +68,8 @@ def make_runs(seed, count):
     level = {"l": [(1.0, 5.0), (0.03, 2.0)], "x": [(0.02, 3.0)]}
     pose = np.zeros((count, 6))
     pose[:, 1] = 2.0 * np.arange(count) - 5
-    runs, alone = {}, None
+    runs = {}
+    alone = None
     for band, tones in TONES.items():
         own = pose + np.array([0, 0, 3.0 if band == "l" else 3.4, 0, 0, 0])
         strength = np.stack([np.where(mine, a, b) * phase for a, b in level[band]])[:, None]
@@ -106,7 +108,8 @@ def lanes(calibration, tmp_path_factory):
     folder = tmp_path_factory.mktemp("fuse2018")
     results = {}
     for name, seed in (("A", 2), ("B", 3)):
-        frames, shown = make_frames(name, seed), {}
+        frames = make_frames(name, seed)
+        shown = {}
 
         def keep(cleaned, frames=frames, shown=shown):
             shown.update(fuse2018_results.example_arrays(cleaned, frames, RECIPE))
@@ -211,7 +214,8 @@ def test_the_loss_of_a_mine_is_that_of_its_own_data(lanes, calibration):
     made = [suppressed_alone(one, part) for part in (frames.mines[:2], data - frames.mines[:2], data)]
     np.testing.assert_allclose(made[0] + made[1], made[2], atol=2e-4 * np.abs(made[2]).max())  # linear ...
     whole = one.aperture.stack_on(one.stage.points)
-    mine, said = np.abs(whole.adjoint(made[2])[0, 0]), np.abs(one.images["iteration"])
+    mine = np.abs(whole.adjoint(made[2])[0, 0])
+    said = np.abs(one.images["iteration"])
     np.testing.assert_allclose(mine, said, atol=2e-3 * said.max())  # ... and what the iteration did to all of it
 
 

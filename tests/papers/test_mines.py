@@ -119,7 +119,8 @@ def test_draws_make_a_scene_with_the_kind_and_entries_asked_for():
 def test_over_depths_the_whole_lane_has_the_mix_and_no_depth_only_its_first_bodies():
     asked = {0.05: 5, 0.075: 5, 0.10: 10}
     draws = mix_draws_at_depths("plastic", asked, depth_jitter=0.0)
-    at_depth, of_body = Counter(), Counter()
+    at_depth = Counter()
+    of_body = Counter()
     for draw in draws:
         at_depth[draw["depth"]] += draw["count"]
         of_body[draw["body"]] += draw["count"]
@@ -202,10 +203,12 @@ def test_the_tma_4_is_as_high_as_its_charge_and_no_higher_than_with_its_fuzes():
 @pytest.mark.parametrize(("mine", "body"), TAKEN_AS)
 def test_a_mine_that_is_taken_as_another_body_scatters_nearly_as_much(mine, body):
     """Mean power of HH and of VV over the first subband, in soil of permittivity 3.5, 7 cm deep."""
-    soil, depth = 2, 4
+    soil = 2
+    depth = 4
     sines = slice(2, 5)
     eps = nodes.PERMITTIVITY[soil] * (1 - 1j * nodes.LOSS[soil])
-    solved, taken = [], []
+    solved = []
+    taken = []
     for tone in (6, 10, 14):
         frequency = float(nodes.FREQUENCY[tone])
         asked = (nodes.SINE[sines], nodes.SEPARATION[:1], nodes.DEPTH[depth : depth + 1])

@@ -60,7 +60,8 @@ def test_two_samples_of_one_share_rarely_disagree():
 
 
 def test_the_error_of_a_figure_widens_the_interval_of_the_difference():
-    exact, rough = less_figure((0.8, 0.7, 0.9), 0.93, 0.0), less_figure((0.8, 0.7, 0.9), 0.93, 0.045)
+    exact = less_figure((0.8, 0.7, 0.9), 0.93, 0.0)
+    rough = less_figure((0.8, 0.7, 0.9), 0.93, 0.045)
     assert exact == pytest.approx((-0.13, -0.23, -0.03))
     assert rough[1] < exact[1]
     assert rough[2] > 0 > exact[2]  # the paper's own error takes the disagreement away

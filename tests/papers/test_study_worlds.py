@@ -119,7 +119,8 @@ def test_results_of_the_two_worlds_have_other_keys():
 
 
 def test_bodies_of_a_mix_are_dealt_over_all_lanes_in_their_shares():
-    buried, surface = Counter(), Counter()
+    buried = Counter()
+    surface = Counter()
     for scene, seed in wang.calibration_scenes().values():
         for target in draw_world(scene, seed).targets:
             lies = target.depth < 0

@@ -53,7 +53,8 @@ def fake_lane(name, seed):
             "depth": [-0.15, 0.05, 0.1, -0.15, 0.05, 0.05, 0.1, 0.05, 0.1],
         }
     )
-    x, y = np.arange(-3, 3.01, 0.1), np.arange(0, 60.01, 0.1)
+    x = np.arange(-3, 3.01, 0.1)
+    y = np.arange(0, 60.01, 0.1)
     values = rng.rayleigh(size=(3, 5, y.size, x.size)).astype(np.float32)
     for tx, ty in truth[["x", "y"]].to_numpy()[:7]:
         values[..., round(ty / 0.1), round((tx + 3) / 0.1)] += 3
@@ -94,7 +95,8 @@ def test_the_scorer_is_pd_mean_of_the_curve(results, pool):
 
 
 def test_the_scorers_curve_is_that_of_the_bootstrap(pool):
-    confidence, far = np.random.default_rng(6).normal(size=len(pool.labels)), np.linspace(0, 0.1, 21)
+    confidence = np.random.default_rng(6).normal(size=len(pool.labels))
+    far = np.linspace(0, 0.1, 21)
     design = make_design(pool.reference, MINES, area="paper")
     want = make_scores(pool.match_of(confidence), design, MINES)
     ones = np.ones(len(want.target)), np.ones(len(design.block_lane))
@@ -114,7 +116,8 @@ def test_training_anew_widens_the_band(pool):
 def test_a_draw_of_everything_once_is_the_lanes_themselves(pool):
     once = Draw(np.ones(27), np.ones(len(pool.labels)), pool.scorer.area)
     for columns, method in ((["C_HH_F1"], "A"), (["C_HH_F1", "M_VV_F1"], "C")):
-        cross, duplicate = method in "CD", method in "AC"
+        cross = method in "CD"
+        duplicate = method in "AC"
         plain, drawn = (pool.folds(columns, cross, duplicate, draw=draw) for draw in (None, once))
         for one, other in zip(plain, drawn, strict=True):
             np.testing.assert_array_equal(one.scatter, other.scatter)
@@ -273,7 +276,8 @@ def test_a_difference_reads_the_columns_that_it_changes():
 
 
 def test_the_differences_are_those_of_the_two_recipes():
-    printed, changed = load_recipe("wang2007-printed"), load_recipe("wang2007")
+    printed = load_recipe("wang2007-printed")
+    changed = load_recipe("wang2007")
     told = {one.entry: (one.printed, one.changed) for one in DIFFERENCES}
     for entry in ("background.median_step", "features.gain", "features.psi", "score.area"):
         table, name = entry.split(".")
@@ -291,7 +295,8 @@ def one_lane(places, confidence):
 
 def test_the_cost_is_the_difference_of_pd_mean_with_either_area():
     # Both mines before the false alarm: PD_mean is 1. One behind it: the false alarm takes its share of the 0.1 per m².
-    first, second = one_lane([10.0, 30.0, 45.0], [3.0, 2.0, 1.0]), one_lane([10.0, 30.0, 45.0], [3.0, 1.0, 2.0])
+    first = one_lane([10.0, 30.0, 45.0], [3.0, 2.0, 1.0])
+    second = one_lane([10.0, 30.0, 45.0], [3.0, 1.0, 2.0])
     assert pd_mean_of(first, MINES, "paper") == 1
     left = 100 - 2 * np.pi  # m², halos of 1 m lie within the lane: both rules agree
     behind = 1 - 1 / left / 0.1
@@ -330,7 +335,8 @@ def test_the_costs_of_what_nobody_reads_are_zero(results):
 
 
 def test_the_study_takes_the_packaged_recipe_and_the_other_readings_beside_it():
-    own, packaged = parse_recipe(packaged_text("wang2007")), load_recipe("wang2007-printed")
+    own = parse_recipe(packaged_text("wang2007"))
+    packaged = load_recipe("wang2007-printed")
     assert own.features.variants
     assert not packaged.features.variants
     plain = own.model_copy(update={"features": own.features.model_copy(update={"variants": False})})
@@ -347,7 +353,9 @@ def test_a_blind_lane_in_one_sub_band_gives_what_it_gives_in_all(tmp_path, monke
     assert len(one.alarms) > 20
     scene, seed = lanes.quick_scenes()[1]["b1"]
     assert {name.rpartition("_")[2] for name in one.features if name[-2] == "F"} == {"F1"}
-    table, few, wide = parse_recipe(packaged_text("wang2007")).image, sensor((0.75e9, 1.35e9)), sensor()
+    table = parse_recipe(packaged_text("wang2007")).image
+    few = sensor((0.75e9, 1.35e9))
+    wide = sensor()
     # The same recording with its other tones left out: both images are right to the imaging tolerance.
     scene = scene.model_copy(update={"track": scene.track.model_copy(update={"positions": (0.0, 2.8)})})
     run = open_run(store_lane(tmp_path / "all", scene, seed, wide, silent)[0])

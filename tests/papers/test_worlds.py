@@ -54,7 +54,8 @@ def test_a_region_is_judged_by_the_mean_over_its_worlds():
 
 
 def test_regions_disagree_by_chance_as_rarely_as_they_should():
-    rng, wrong = np.random.default_rng(2), 0
+    rng = np.random.default_rng(2)
+    wrong = 0
     for _ in range(300):
         regions = [[larger(value) for value in rng.normal(0, 1, 18)] for _ in range(13)]
         wrong += any(statements.pooled(region, 13)[2] != UNDECIDED for region in regions)
@@ -77,7 +78,9 @@ def write_lane(job, folder, rng):
     for kind, mix, level in (("metal", "metal", 14), ("plastic", job.mines, 2), ("simulant", "simulant", -2)):
         for body, count in mix_counts(mix, job.count).items():
             bodies += [(kind, body, level)] * count
-    targets, ratios, far = [], [], []
+    targets = []
+    ratios = []
+    far = []
     luck = rng.normal(0, 1.5)  # what the mines of a lane share
     for number, (kind, body, level) in enumerate(bodies):
         ratio = level - 20 * math.log10(rough / 2) + rng.normal(0, 2)

@@ -11,7 +11,8 @@ from flgpr_papers.worlds.effects import block_differences, fit_means, fit_shares
 
 def test_a_single_share_is_that_of_the_jeffreys_penalty():
     """Firth 1993: for one binomial sample half a target is added to either side."""
-    found, count = np.array([3, 4, 3]), np.array([14, 14, 14])
+    found = np.array([3, 4, 3])
+    count = np.array([14, 14, 14])
     fit = fit_shares(np.ones((3, 1)), found, count)
     assert fit.value([1.0])[0] == pytest.approx((10 + 0.5) / (42 + 1))
     assert fit.dispersion == 1.0  # the worlds differ less than by chance
@@ -20,7 +21,8 @@ def test_a_single_share_is_that_of_the_jeffreys_penalty():
 def test_shares_of_none_and_all_stay_finite():
     matrix = np.repeat([[1.0, -1.0], [1.0, 1.0]], 4, axis=0)
     fit = fit_shares(matrix, [0] * 4 + [14] * 4, [14] * 8)
-    low, high = fit.value([1, -1]), fit.value([1, 1])
+    low = fit.value([1, -1])
+    high = fit.value([1, 1])
     assert 0 < low[1] < low[0] < low[2] < 0.25
     assert high[0] == pytest.approx(1 - low[0])
     assert fit.difference([1, 1], [1, -1])[1] > 0.8
@@ -31,12 +33,14 @@ def test_intervals_cover_though_mines_of_a_world_share_their_ground():
     rng = np.random.default_rng(5)
     matrix = np.repeat([[1.0, -1.0], [1.0, 1.0]], 12, axis=0)
     truth = np.array([logit(0.4), 0.5])
-    covered, binomial = 0, 0
+    covered = 0
+    binomial = 0
     for _ in range(300):
         share = expit(matrix @ truth + rng.normal(0, 1.0, 24))
         fit = fit_shares(matrix, rng.binomial(14, share), 14)
         _, low, high = fit.linear([0, 1.0])
-        middle, narrow = (low + high) / 2, (high - low) / 2 / np.sqrt(fit.dispersion)
+        middle = (low + high) / 2
+        narrow = (high - low) / 2 / np.sqrt(fit.dispersion)
         expected = 0.5 * 0.87  # what is left of a slope when it is averaged over worlds of 1 logit spread
         covered += low <= expected <= high
         binomial += abs(middle - expected) <= narrow

@@ -70,7 +70,8 @@ def scene_of(tables):
 
 
 def test_all_parts_together_turn_each_road_into_the_other():
-    smooth, natural = ablation.smooth_road(), ablation.natural_road()
+    smooth = ablation.smooth_road()
+    natural = ablation.natural_road()
     assert scene_of(ablation.replaced(smooth, natural, ablation.PARTS)) == scene_of(natural)
     made = scene_of(ablation.replaced(natural, smooth, ablation.PARTS))
     assert made == scene_of(smooth)
@@ -79,7 +80,8 @@ def test_all_parts_together_turn_each_road_into_the_other():
 
 
 def test_a_part_changes_nothing_but_itself():
-    smooth, natural = ablation.smooth_road(), ablation.natural_road()
+    smooth = ablation.smooth_road()
+    natural = ablation.natural_road()
     before = scene_of(smooth).model_dump()
     after = scene_of(ablation.replaced(smooth, natural, ["roughness"])).model_dump()
     assert after["surface"]["rms_height"] == 0.005

@@ -16,7 +16,9 @@ from flgpr.imaging import ImagingOperator
 from flgpr.io.mapped import import_mapped
 
 DISTANCE = 1.67  # m, of source and receivers from the centre
-FOAM, PLASTIC = 0.0400, 0.0155  # m, radii
+# m, radii
+FOAM = 0.0400
+PLASTIC = 0.0155
 APART = FOAM + PLASTIC
 PIXEL = 0.002
 SIDE = np.arange(-0.12, 0.12 + PIXEL / 2, PIXEL)

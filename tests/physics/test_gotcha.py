@@ -10,7 +10,8 @@ from scipy.io import loadmat
 from flgpr.imaging import ImagingOperator
 
 TARGETS = [(-15.63, 21.59), (-27.80, 38.80)]
-WIDTH_RANGE, WIDTH_CROSS = 0.505, 0.467
+WIDTH_RANGE = 0.505
+WIDTH_CROSS = 0.467
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,8 @@ def test_the_mapping_says_it_all():
     run = import_mapped(MAPPING, folder=folder).run
     side = np.arange(-1.0, 1.01, 0.1)
     pixels = TARGET + np.stack([*np.meshgrid(side, side), np.zeros((side.size, side.size))], axis=-1)
-    tones, place = run["frequency"].values, run["tx_position"].values
+    tones = run["frequency"].values
+    place = run["tx_position"].values
     image = ImagingOperator(tones, place, place, pixels).adjoint(run["signal"].values[0])[0, 0]
     parts = [loadmat(path)["data"][0, 0] for path in sorted(folder.glob("*.mat"))]
     phase = np.concatenate([p["fp"].T for p in parts])[None]

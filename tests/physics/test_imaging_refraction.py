@@ -15,7 +15,9 @@ RX = np.tile(np.stack([np.linspace(-2, 2, 8), np.zeros(8), np.full(8, 5.0)], axi
 
 def fermat(antenna, point, permittivity):
     """Least optical path over all points of entry on the line between antenna and point (PHYSICS: Refraction)."""
-    across, height, depth = np.hypot(*(point[:2] - antenna[:2])), antenna[2], -point[2]
+    across = np.hypot(*(point[:2] - antenna[:2]))
+    height = antenna[2]
+    depth = -point[2]
 
     def path(entry):
         return np.hypot(height, across - entry) + np.sqrt(permittivity) * np.hypot(depth, entry)
@@ -51,7 +53,8 @@ def buried_echo(point, permittivity):
 
 @pytest.mark.parametrize("y", [7.0, 12.0])
 def test_a_buried_point_focuses_where_it_is_and_not_beyond(y):
-    depth, permittivity = 0.10, 3.4
+    depth = 0.10
+    permittivity = 3.4
     data = buried_echo(np.array([0.0, y, -depth]), permittivity)[None]
     ahead = y + np.arange(-0.3, 0.5, 0.01)
     line = np.stack([np.zeros_like(ahead), ahead, np.full_like(ahead, -depth)], axis=1)
@@ -67,7 +70,8 @@ def test_a_buried_point_focuses_where_it_is_and_not_beyond(y):
 
 def test_depth_is_found_where_the_view_is_steep_and_wide():
     # Depth and distance trade off along a line seen from afar; close to the array the pair of them is resolved.
-    truth, permittivity = np.array([0.2, 1.0, -0.5]), 3.4
+    truth = np.array([0.2, 1.0, -0.5])
+    permittivity = 3.4
     tx = np.array([[x, y, 2.0] for x in np.linspace(-3, 3, 7) for y in np.linspace(-2, 4, 7)])
     length = [2 * fermat(t, truth, permittivity) for t in tx]
     data = np.exp(-2j * np.pi * TONES * np.array(length)[:, None] / SPEED_OF_LIGHT)
@@ -85,7 +89,8 @@ def test_refracted_pair_is_adjoint(method):
     operator = ImagingOperator(TONES, TX, RX, points, half_space=3.4, tolerance=1e-5, method=method)
     data = rng.normal(size=(1, 16, 241)) + 1j * rng.normal(size=(1, 16, 241))
     image = rng.normal(size=(1, 1, 200)) + 1j * rng.normal(size=(1, 1, 200))
-    modelled, imaged = operator.forward(image).astype(complex), operator.adjoint(data).astype(complex)
+    modelled = operator.forward(image).astype(complex)
+    imaged = operator.adjoint(data).astype(complex)
     gap = np.vdot(modelled, data) - np.vdot(image, imaged)
     assert abs(gap) < 1e-6 * np.linalg.norm(modelled) * np.linalg.norm(data)
     exact = ImagingOperator(TONES, TX, RX, points, half_space=3.4, dtype="complex128", method="direct").adjoint(data)

@@ -19,7 +19,8 @@ def images():
     if not os.environ.get("FLGPR_MEASURED_DATA") or not folder.is_dir():
         pytest.skip("FLGPR_MEASURED_DATA has no merit folder")
     run = import_mapped(MAPPING, folder=folder).run
-    side, height = np.arange(-0.06, 0.0601, 0.0025), np.arange(0.0, 0.0701, 0.0025)
+    side = np.arange(-0.06, 0.0601, 0.0025)
+    height = np.arange(0.0, 0.0701, 0.0025)
     pixels = np.stack(np.meshgrid(side, side, height, indexing="ij"), axis=-1)
     pixels = pixels[np.hypot(pixels[..., 0], pixels[..., 1]) < 0.06]
     operator = ImagingOperator(

@@ -116,9 +116,12 @@ class Echoes:
     """Each reflector's part of the rail data under a model of clock, range and place, summed over the aperture."""
 
     def __init__(self, run, track, marks):
-        self.track, self.marks = track, marks
-        self.time, tones = run["time"].values, run["frequency"].values
-        self.middle, self.step = tones[tones.size // 2], tones[1] - tones[0]
+        self.track = track
+        self.marks = marks
+        self.time = run["time"].values
+        tones = run["frequency"].values
+        self.middle = tones[tones.size // 2]
+        self.step = tones[1] - tones[0]
         spectrum = np.zeros((self.time.size, 1 << 13), complex)
         columns = (np.arange(tones.size) - tones.size // 2) % spectrum.shape[1]
         spectrum[:, columns] = run["signal"].values[:, 0, 0] * np.hanning(tones.size)
@@ -129,7 +132,8 @@ class Echoes:
         """Field of every scan at its distance (scan,), its carrier taken off."""
         place = 2 * distance * self.step / C % 1.0 * self.profile.shape[1]
         cell = place.astype(int)
-        rows, part = np.arange(self.time.size), place - cell
+        rows = np.arange(self.time.size)
+        part = place - cell
         ends = [self.profile[rows, (cell + k) % self.profile.shape[1]] for k in (0, 1)]
         return ((1 - part) * ends[0] + part * ends[1]) * np.exp(4j * np.pi * self.middle * distance / C)
 

@@ -6,7 +6,8 @@ those that the two dipoles would have in the soil alone, per unit current moment
 
 import numpy as np
 
-SPEED, MU = 299_792_458.0, 4e-7 * np.pi
+SPEED = 299_792_458.0
+MU = 4e-7 * np.pi
 
 
 def cylinder_cells(radius, top, bottom, x, y, cell=0.02):
@@ -23,14 +24,19 @@ def dipole_below(antenna, direction, points, frequency, permittivity):
     """Electric field (point, 3) in the soil of a short dipole of unit moment above it, one tone; far field, rays."""
     index = np.sqrt(permittivity)
     offset = points[:, :2] - antenna[:2]
-    across, high, deep = np.hypot(*offset.T), antenna[2], -points[:, 2]
+    across = np.hypot(*offset.T)
+    high = antenna[2]
+    deep = -points[:, 2]
     run = across * high / (high + deep / index.real)  # ground range at which the ray enters
     for _ in range(30):  # Snell's law by Newton's method
-        sine, below = run / np.hypot(run, high), (across - run) / np.hypot(across - run, deep)
+        sine = run / np.hypot(run, high)
+        below = (across - run) / np.hypot(across - run, deep)
         slope = high**2 / np.hypot(run, high) ** 3 + index.real * deep**2 / np.hypot(across - run, deep) ** 3
         run = run - (sine - index.real * below) / slope
-    above, under = np.hypot(run, high), np.hypot(across - run, deep)
-    sine, cosine = run / above, high / above
+    above = np.hypot(run, high)
+    under = np.hypot(across - run, deep)
+    sine = run / above
+    cosine = high / above
     inner = np.sqrt(1 - (sine / index.real) ** 2)  # cosine below
     ahead = np.column_stack([offset / across[:, None], np.zeros(len(points))])
     up = np.array([0.0, 0.0, 1.0])

@@ -17,7 +17,8 @@ def equation_4(x, A, b):
 def equations_7_to_12(x, examples, rank, ddof):
     """Detector output for one vector after training on examples, example by example."""
     count, features = examples.shape
-    A, b = np.zeros((features, features), complex), np.zeros(features, complex)
+    A = np.zeros((features, features), complex)
+    b = np.zeros(features, complex)
     for example in examples:
         A += np.outer(example, example.conj()) / (count - ddof)
         b += example / count
@@ -31,7 +32,8 @@ def equations_7_to_12(x, examples, rank, ddof):
 
 def deflection(A, b, mu, C, gamma=1.0):
     """Generalised deflection (Eq. 3) of Eq. 4 from its mean and variance for circular Gaussian data."""
-    R, eye = C + np.eye(mu.size), np.eye(mu.size)
+    R = C + np.eye(mu.size)
+    eye = np.eye(mu.size)
     gain = np.trace(A @ C).real + (mu.conj() @ A @ mu).real + 2 * (b.conj() @ mu).real
 
     def variance(S, centre):
@@ -47,7 +49,8 @@ def likelihood_map(image, shape, score):
     out = np.full((rows, columns), np.nan)
     for row in range(rows):
         for column in range(columns):
-            top, left = row - v // 2, column - u // 2
+            top = row - v // 2
+            left = column - u // 2
             if top < 0 or left < 0 or top + v > rows or left + u > columns:
                 continue
             cut = np.concatenate([image[c, top : top + v, left : left + u].ravel() for c in range(channels)])

@@ -13,7 +13,8 @@ def coefficients(size, index):
 
     psi, psi_slope = riccati(size, spherical_jn)
     chi, chi_slope = riccati(size, spherical_yn)
-    xi, xi_slope = psi - 1j * chi, psi_slope - 1j * chi_slope
+    xi = psi - 1j * chi
+    xi_slope = psi_slope - 1j * chi_slope
     inner, inner_slope = riccati(index * size, spherical_jn)
     a = (index * inner * psi_slope - psi * inner_slope) / (index * inner * xi_slope - xi * inner_slope)
     b = (inner * psi_slope - index * psi * inner_slope) / (inner * xi_slope - index * xi * inner_slope)
@@ -24,7 +25,8 @@ def amplitudes(size, index, cosine):
     """S1 and S2 (their Eq. 4.74) at a scattering angle given by its cosine, complex for complex wave vectors."""
     a, b = coefficients(size, index)
     s1 = s2 = 0j
-    before, pi = 0, 1
+    before = 0
+    pi = 1
     for n in range(1, a.size + 1):
         tau = n * cosine * pi - (n + 1) * before
         weight = (2 * n + 1) / (n * (n + 1))
@@ -37,7 +39,8 @@ def amplitudes(size, index, cosine):
 def unit_vectors(transverse, azimuth, wavenumber):
     """Direction of a downgoing wave in the soil, and its H and V vectors as the signatures have them."""
     down = np.sqrt(wavenumber**2 - transverse**2 + 0j)
-    c, s = np.cos(azimuth), np.sin(azimuth)
+    c = np.cos(azimuth)
+    s = np.sin(azimuth)
     direction = np.array([transverse * c, transverse * s, -down]) / wavenumber
     return direction, np.array([[-s, c, 0], np.array([down * c, down * s, transverse]) / wavenumber])
 

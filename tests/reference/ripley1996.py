@@ -6,7 +6,8 @@ import numpy as np
 def ripley(count, seed):
     """Ripley 1996: two classes, each an equal mixture of two normals with variance 0.03."""
     rng = np.random.default_rng(seed)
-    label, side = rng.integers(0, 2, count), rng.integers(0, 2, count)
+    label = rng.integers(0, 2, count)
+    side = rng.integers(0, 2, count)
     centre = np.array([[[-0.7, 0.3], [0.3, 0.3]], [[-0.3, 0.7], [0.4, 0.7]]])
     return centre[label, side] + np.sqrt(0.03) * rng.standard_normal((count, 2)), label
 

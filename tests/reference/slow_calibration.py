@@ -11,7 +11,9 @@ def fields_over_bias(run, points, biases):
     The vehicle's axes are those of the lane; w is a scan's share of the way over the mean share.
     """
     keep = np.flatnonzero(run["valid"].values.all(axis=tuple(range(1, run["valid"].ndim))))
-    tones, signal, pose = run["frequency"].values, run["signal"].values, run["pose"].values
+    tones = run["frequency"].values
+    signal = run["signal"].values
+    pose = run["pose"].values
     hann = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(1, tones.size + 1) / (tones.size + 1))
     way = np.zeros(keep.size)
     for k in range(keep.size - 1):

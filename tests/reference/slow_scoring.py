@@ -57,7 +57,8 @@ def chord_area(centres, radius, lane):
             if abs(y - cy) < radius:
                 half = math.sqrt(radius**2 - (y - cy) ** 2)
                 spans.append((max(cx - half, lane.x_min), min(cx + half, lane.x_max)))
-        total, reach = 0.0, -math.inf
+        total = 0.0
+        reach = -math.inf
         for low, high in sorted(span for span in spans if span[1] > span[0]):
             total += max(0.0, high - max(low, reach))
             reach = max(reach, high)
@@ -81,7 +82,8 @@ def chord_area(centres, radius, lane):
 
 def _smooth(function, low, high):
     """Integrate with y = middle - half·cos(t), which takes the square roots at the ends out."""
-    middle, half = (low + high) / 2, (high - low) / 2
+    middle = (low + high) / 2
+    half = (high - low) / 2
     return quad(lambda t: function(middle - half * math.cos(t)) * half * math.sin(t), 0, math.pi, epsabs=1e-11)[0]
 
 
@@ -135,10 +137,12 @@ def box_curve(image, x, y, targets, lane, box):
     centres = []
     for row in range(int((lane.y_max - lane.y_min) / box)):
         for column in range(int((lane.x_max - lane.x_min) / box)):
-            cx, cy = lane.x_min + box * (column + 0.5), lane.y_min + box * (row + 0.5)
+            cx = lane.x_min + box * (column + 0.5)
+            cy = lane.y_min + box * (row + 0.5)
             if all(abs(cx - tx) >= box or abs(cy - ty) >= box for tx, ty in targets):
                 centres.append((cx, cy))
-    at, off = peaks(targets), peaks(centres)
+    at = peaks(targets)
+    off = peaks(centres)
     rows = [(math.inf, 0.0, 0.0)]
     for threshold in sorted({*at, *off}, reverse=True):
         pd = sum(value >= threshold for value in at) / len(at)
@@ -222,14 +226,19 @@ def frame_counts(alarms, poses, truth, area, halo, threshold=-math.inf):
 
     A look is a target in a frame's detection area. An alarm near a target that is in none is not counted.
     """
-    looks, n_false = [], 0
+    looks = []
+    n_false = 0
     for frame, pose in poses.items():
-        x, y, heading = pose[0], pose[1], pose[3]  # clockwise from +y
+        # clockwise from +y
+        x = pose[0]
+        y = pose[1]
+        heading = pose[3]
         declared = alarms[(alarms["frame"] == frame) & (alarms["confidence"] >= threshold)]
         seen = [(row.across, row.ahead) for row in declared.itertuples()]
         targets = []
         for target in truth.itertuples():
-            east, north = target.x - x, target.y - y
+            east = target.x - x
+            north = target.y - y
             across = east * math.cos(heading) - north * math.sin(heading)
             ahead = east * math.sin(heading) + north * math.cos(heading)
             targets.append((across, ahead))

@@ -43,7 +43,8 @@ def check(operator, truth, weight, tolerance, polarizations=2):
     """Compare both directions and the pair of them with the sums over ``truth`` (pair, frequency, pixel)."""
     data = complex_normal((polarizations, *truth.shape[:2]))
     image = complex_normal((polarizations, len(weight), truth.shape[2]), seed=1)
-    adjoint, forward = operator.adjoint(data), operator.forward(image)
+    adjoint = operator.adjoint(data)
+    forward = operator.forward(image)
     exact = np.einsum("cqf,sf,qfp->csp", data, weight, truth, optimize=True)
     assert relative(adjoint, exact) < tolerance
     exact = np.einsum("csp,sf,qfp->cqf", image, weight, truth.conj(), optimize=True)
@@ -90,7 +91,8 @@ def test_ranges_beyond_the_ambiguous_one_wrap(method):
 
 @METHODS
 def test_permittivity_and_path_offset(method):
-    points, offset = pixels(), np.linspace(-3, 40, 8)
+    points = pixels()
+    offset = np.linspace(-3, 40, 8)
     operator = ImagingOperator(TONES, TX, RX, points, BANDS, 1e-4, permittivity=2.2, path_offset=offset, method=method)
     check(operator, phase(TONES, points, np.sqrt(2.2), offset), inside(TONES, BANDS), 1e-4)
 
@@ -110,7 +112,8 @@ def test_antenna_patterns_weigh_both_directions(method):
 @METHODS
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_few_tones(method, count):
-    tones, points = TONES[3 : 3 + count], pixels()
+    tones = TONES[3 : 3 + count]
+    points = pixels()
     operator = ImagingOperator(tones, TX, RX, points, None, 1e-4, method=method)
     check(operator, phase(tones, points), np.ones((1, count)), 1e-4)
 
@@ -128,7 +131,8 @@ def test_more_channels_than_a_lane_row():
 def test_a_long_sparse_band_stays_within_tolerance():
     # Too many steps for 32-bit delays at this tolerance: double precision takes over.
     steps = np.sort(np.random.default_rng(5).choice(5000, 300, replace=False))
-    tones, points = 0.5e9 + 0.3e6 * steps, pixels()
+    tones = 0.5e9 + 0.3e6 * steps
+    points = pixels()
     operator = ImagingOperator(tones, TX, RX, points, None, 1e-5, method="profile")
     assert operator.adjoint(np.zeros((1, 8, 300))).dtype == np.complex64
     check(operator, phase(tones, points), np.ones((1, 300)), 1e-5)

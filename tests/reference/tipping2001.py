@@ -41,13 +41,15 @@ def log_evidence(design, t, alpha, offset=0.0):
 
 def equation_16_updates(design, t, rounds, offset=0.0, threshold=1e9):
     """All precisions at once, alpha = gamma / w², those beyond the threshold pruned."""
-    active, alpha = np.arange(design.shape[1]), np.ones(design.shape[1])
+    active = np.arange(design.shape[1])
+    alpha = np.ones(design.shape[1])
     for _ in range(rounds):
         w, covariance, _, _ = mode_and_covariance(design[:, active], t, alpha, offset)
         gamma = 1 - alpha * np.diag(covariance)
         alpha = gamma / w**2
         keep = alpha < threshold
-        active, alpha = active[keep], alpha[keep]
+        active = active[keep]
+        alpha = alpha[keep]
     return active, alpha
 
 
@@ -56,7 +58,8 @@ def sparsity_and_quality(design, t, active, alpha, offset=0.0):
     phi = design[:, active]
     w, covariance, B, y = mode_and_covariance(phi, t, alpha, offset)
     t_hat = phi @ w + np.linalg.inv(B) @ (t - y)
-    s, q = np.empty(design.shape[1]), np.empty(design.shape[1])
+    s = np.empty(design.shape[1])
+    q = np.empty(design.shape[1])
     for i in range(design.shape[1]):
         column = design[:, i]
         S = column @ B @ column - column @ B @ phi @ covariance @ phi.T @ B @ column
@@ -65,5 +68,6 @@ def sparsity_and_quality(design, t, active, alpha, offset=0.0):
         if own.size:
             a = alpha[own[0]]
             S, Q = a * S / (a - S), a * Q / (a - S)
-        s[i], q[i] = S, Q
+        s[i] = S
+        q[i] = Q
     return s, q

@@ -17,7 +17,8 @@ def r_k(v):
 def equation_2_self_signature(scans):
     total = np.zeros(scans[0].shape, complex)
     for v in scans:
-        m, theta = np.abs(v), np.angle(v)
+        m = np.abs(v)
+        theta = np.angle(v)
         limit = m.mean() + 5 * m.std()
         for index in np.ndindex(v.shape):
             total[index] += min(m[index], limit) * np.exp(1j * theta[index]) / r_k(v)
@@ -30,7 +31,8 @@ def clipped(v):
 
 
 def window(array, y, x, size):
-    hy, hx = size[0] // 2, size[1] // 2
+    hy = size[0] // 2
+    hx = size[1] // 2
     return array[max(0, y - hy) : y + hy + 1, max(0, x - hx) : x + hx + 1]
 
 
@@ -77,14 +79,18 @@ def local_maxima(values, spacing, radius):
 
 def equation_7_contrast(patch, inner, guard):
     n = patch.shape[0] // 2
-    ins, outs = [], []
+    ins = []
+    outs = []
     for y, x in np.ndindex(patch.shape):
-        dy, dx = abs(y - n), abs(x - n)
+        dy = abs(y - n)
+        dx = abs(x - n)
         if dx <= inner[0] // 2 and dy <= inner[1] // 2:
             ins.append(patch[y, x])
         if dx > guard[0] // 2 or dy > guard[1] // 2:
             outs.append(patch[y, x])
-    m_in, mu, sigma = max(ins), sum(outs) / len(outs), np.std(outs)
+    m_in = max(ins)
+    mu = sum(outs) / len(outs)
+    sigma = np.std(outs)
     return m_in, (m_in - mu) / sigma
 
 
@@ -107,7 +113,8 @@ def equations_6_to_17_features(magnitude, coherent, inner, guard, psi="circular"
     sums = dict.fromkeys(("P_H", "P_alpha", "P_tau", "P_psi"), 0.0)
     turn = 0j
     for patch, weight in zip(coherent, m["HH"], strict=True):
-        n, pixels = patch.shape[-1] // 2, inner[0] * inner[1]
+        n = patch.shape[-1] // 2
+        pixels = inner[0] * inner[1]
         for y in range(n - inner[1] // 2, n + inner[1] // 2 + 1):
             for x in range(n - inner[0] // 2, n + inner[0] // 2 + 1):
                 s = [[[hh, hv], [hv, vv]] for hh, vv, hv in patch[:, y - 2 : y + 3, x - 2 : x + 3].reshape(3, -1).T]

@@ -30,10 +30,12 @@ def _trial(t):
 def equation_14_symmetric_part(s):
     """S_sym by trying many angles, then more about the best of them (Eq. 13 and 14)."""
     s_a = np.eye(2) / math.sqrt(2)
-    centre, reach = 0.0, math.pi / 2
+    centre = 0.0
+    reach = math.pi / 2
     for _ in range(8):
         angles = np.linspace(centre - reach, centre + reach, 41)
-        centre, reach = angles[np.abs(np.tensordot(s, _trial(angles))).argmax()], reach / 10
+        centre = angles[np.abs(np.tensordot(s, _trial(angles))).argmax()]
+        reach = reach / 10
     return inner(s, s_a) * s_a + inner(s, _trial(centre)) * _trial(centre)
 
 

@@ -17,7 +17,9 @@ FACTS = {
 
 
 def made_up():
-    x, y, dips = np.linspace(-3, 3, 7), np.linspace(6, 14, 9), np.linspace(-60, 0, 63).reshape(9, 7)
+    x = np.linspace(-3, 3, 7)
+    y = np.linspace(6, 14, 9)
+    dips = np.linspace(-60, 0, 63).reshape(9, 7)
     lobe = {"distance": 10.0, "down": 0.07, "cross": 0.3, "level": -14.2, "x": 1.25, "y": -0.5}
     return Design(
         load_sensor("sri-array"), FACTS, x, y, np.full((9, 7), 0.07) + x / 1e3, np.full((9, 7), 0.3) + x / 1e2,

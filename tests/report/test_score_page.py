@@ -47,7 +47,9 @@ class Tags(HTMLParser):
 
     def __init__(self):
         super().__init__()
-        self.open, self.links, self.tags = [], [], []
+        self.open = []
+        self.links = []
+        self.tags = []
 
     def handle_starttag(self, tag, attrs):
         self.tags.append(tag)
@@ -108,7 +110,8 @@ def test_the_page_prints_convention_counts_and_operating_points(written):
 def test_the_page_opens_with_the_operating_point_and_tells_chance(written):
     text = written[2]["html"].read_text(encoding="utf-8")
     main = json.loads(written[2]["json"].read_text(encoding="utf-8"))["detections"]["main"]
-    point, last = main["operating_point"], main["points"][-1]
+    point = main["operating_point"]
+    last = main["points"][-1]
     lead = re.search(r"<p class=lead>(.*?)</p>", text, re.S).group(1)
     assert f"{point['n_detected']} of 16 targets found at 0.05 false alarms per m²" in lead
     assert f"chance {point['chance']:.2f}" in lead

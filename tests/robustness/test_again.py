@@ -35,10 +35,12 @@ GIVEN = [one.name for one in COMMANDS if one.name not in SLOW or "FLGPR_KILLS" i
 def test_given_again_it_says_so_and_on_another_input_it_is_refused(name, commands, tmp_path, monkeypatch):
     if name == "simulate signature":
         make_signatures_cheap(monkeypatch.setattr)
-    command, output = commands[name], tmp_path / "out"
+    command = commands[name]
+    output = tmp_path / "out"
     command.start(output)
     command(output)
-    want, times = command.content(output), stamps(output)
+    want = command.content(output)
+    times = stamps(output)
     again = command.run(output)
     assert again.exit_code == 0, again.output
     assert "Traceback" not in again.output
@@ -63,7 +65,8 @@ MADE_BY_WHOLE_FILES = [
 
 @pytest.mark.parametrize("name", MADE_BY_WHOLE_FILES)
 def test_a_file_of_the_same_name_with_other_bytes_is_never_written_over(name, commands, tmp_path):
-    command, output = commands[name], tmp_path / "out"
+    command = commands[name]
+    output = tmp_path / "out"
     command.start(output)
     command(output)
     for path in [one for one in output.iterdir() if one.is_file()]:
@@ -89,7 +92,8 @@ def test_every_command_of_the_command_line_is_tried():
 
 
 def test_a_live_run_takes_away_what_a_killed_one_left_and_refuses_a_second_one(commands, tmp_path):
-    command, output = commands["live"], tmp_path / "out"
+    command = commands["live"]
+    output = tmp_path / "out"
     command.start(output)
     command(output)
     want = command.content(output)
@@ -105,7 +109,8 @@ def test_a_live_run_takes_away_what_a_killed_one_left_and_refuses_a_second_one(c
 
 def test_a_score_that_was_stopped_before_its_last_step_is_finished(commands, tmp_path, monkeypatch):
     """The manifest of the result still allows the files of before, too."""
-    command, output = commands["score in a result"], tmp_path / "out"
+    command = commands["score in a result"]
+    output = tmp_path / "out"
     command.start(output)
     command(output)
     want = command.content(output)
@@ -128,7 +133,8 @@ def test_a_score_that_was_stopped_before_its_last_step_is_finished(commands, tmp
 
 
 def test_a_training_at_the_same_output_is_refused(commands, tmp_path):
-    command, output = commands["train"], tmp_path / "out"
+    command = commands["train"]
+    output = tmp_path / "out"
     command.start(output)
     with held_folder(output / ".partial-model"):
         told = command.run(output)

@@ -50,7 +50,8 @@ def worker(scheduler, home):
 
 
 def test_a_cluster_gives_the_same_bytes_and_a_killed_worker_costs_only_what_it_was_at(lane, scheduler, tmp_path):
-    done, at_kill = [], {}
+    done = []
+    at_kill = {}
     with workers(scheduler, 2, tmp_path / "dask") as processes:
 
         def note(report):

@@ -458,7 +458,9 @@ def test_the_viewer_notices_a_change_that_keeps_size_and_times(copied):
         ("view/score.json", source.score_bytes),
     ):
         read()
-        path, whole, times = folder / name, (folder / name).read_bytes(), (folder / name).stat()
+        path = folder / name
+        whole = (folder / name).read_bytes()
+        times = (folder / name).stat()
         path.write_bytes(bytes([whole[0] ^ 1]) + whole[1:])
         os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
         assert path.stat().st_mtime_ns == times.st_mtime_ns
@@ -515,7 +517,8 @@ def test_a_file_that_grows_while_it_is_read_is_refused(tmp_path, monkeypatch):
 
     class Shorter:
         def __init__(self, real):
-            self.st_mode, self.st_size = real.st_mode, next(sizes, 1)
+            self.st_mode = real.st_mode
+            self.st_size = next(sizes, 1)
 
     monkeypatch.setattr(door.os, "fstat", lambda handle: Shorter(state(handle)))
     with pytest.raises(DoorError, match="stay as it is while it is read"):

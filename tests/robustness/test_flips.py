@@ -22,7 +22,8 @@ from small_results import small_result
 
 def small_classifier():
     rng = np.random.default_rng(1)
-    values, label = rng.normal(size=(40, 2)), np.arange(40) % 2
+    values = rng.normal(size=(40, 2))
+    label = np.arange(40) % 2
     normalizer = HistogramNormalizer().fit(values)
     discriminant = FisherDiscriminant().fit(normalizer.transform(values + label[:, None]), label)
     return Classifier(("C_HH_F1", "M_VV_F1"), normalizer, discriminant, {"lanes": ["a"]})
@@ -75,7 +76,8 @@ def test_every_damage_to_every_file_is_an_error(kind, small_run, tmp_path):
     assert names
     rng = np.random.default_rng(5)
     for name in names:
-        path, whole = folder / name, (folder / name).read_bytes()
+        path = folder / name
+        whole = (folder / name).read_bytes()
         damages = [whole[: len(whole) // 2], whole + b" ", b"", None]
         for at in rng.integers(0, max(len(whole), 1), 4):
             flipped = bytearray(whole or b"\0")
@@ -115,7 +117,8 @@ def test_the_viewer_shows_nothing_that_was_altered(tmp_path):
     folder = make_result(tmp_path / "it", None)
     view(folder)
     for name in sorted(name for name in digests(folder) if name.startswith("view/") or name == "manifest.json"):
-        path, whole = folder / name, (folder / name).read_bytes()
+        path = folder / name
+        whole = (folder / name).read_bytes()
         if not whole or "evidence" in name:
             continue
         path.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
@@ -129,7 +132,8 @@ def test_a_result_can_be_read_whenever_adding_files_stops(tmp_path, monkeypatch)
     folder = make_result(tmp_path / "it", None)
     kept = tmp_path / "kept"
     shutil.copytree(folder, kept)
-    write, stop = result_module.write_whole, [0]
+    write = result_module.write_whole
+    stop = [0]
 
     def stopping(path, data):
         if not stop[0]:

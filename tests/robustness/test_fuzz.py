@@ -60,7 +60,8 @@ class Folder:
     """A folder one file of which is damaged at a time."""
 
     def __init__(self, path, read):
-        self.path, self.read = path, read
+        self.path = path
+        self.read = read
         self.files = {p.relative_to(path).as_posix(): p.read_bytes() for p in sorted(path.rglob("*")) if p.is_file()}
 
     def attack(self, draw, mend=None):
@@ -138,7 +139,8 @@ def mend_bundle(name):
         try:
             first, _, rest = files[name].partition(b"\n")
             length = int(first.split()[0])
-            head, body = json.loads(rest[:length]), rest[length:]
+            head = json.loads(rest[:length])
+            body = rest[length:]
             for one in head["arrays"]:
                 size = np.dtype(one["dtype"]).itemsize * int(np.prod(one["shape"]))
                 one["sha256"] = sha256(body[one["at"] : one["at"] + size])
@@ -237,7 +239,8 @@ def test_a_damaged_register(data, tmp_path):
 @FUZZ
 @given(data=st.data())
 def test_a_damaged_work_file(data, tmp_path):
-    whole, path = tmp_path / "whole.arrays", tmp_path / "damaged.arrays"
+    whole = tmp_path / "whole.arrays"
+    path = tmp_path / "damaged.arrays"
     arrays = {"a": np.arange(7.0), "b": np.array(["HH", "VV"]), "c": np.zeros((2, 0, 3), np.complex64)}
     if not whole.exists():
         write_bundle(whole, arrays)
@@ -253,7 +256,8 @@ def test_a_damaged_work_file(data, tmp_path):
 @FUZZ
 @given(data=st.data())
 def test_a_damaged_live_snapshot(data, tmp_path):
-    whole, path = tmp_path / "whole.npz", tmp_path / "damaged.npz"
+    whole = tmp_path / "whole.npz"
+    path = tmp_path / "damaged.npz"
     if not whole.exists():
         write_snapshot(whole, ({"format": "flgpr-live-snapshot", "version": 1}, {"a": np.arange(3.0)}))
     path.write_bytes(damaged(whole.read_bytes(), data.draw))
@@ -264,7 +268,8 @@ def test_a_damaged_live_snapshot(data, tmp_path):
 @FUZZ
 @given(data=st.data())
 def test_a_damaged_archive_of_a_full_wave_lane(data, tmp_path):
-    whole, path = tmp_path / "whole.npz", tmp_path / "damaged.npz"
+    whole = tmp_path / "whole.npz"
+    path = tmp_path / "damaged.npz"
     if not whole.exists():
         np.savez(
             whole,
@@ -307,7 +312,9 @@ def test_a_damaged_journal(data, tmp_path):
 @given(data=st.data())
 def test_a_damaged_journal_costs_scans_and_nothing_else(data, small_run, tmp_path):
     """A stopped import whose journal is damaged ends in the same store."""
-    want, stopped, path = tmp_path / "want", tmp_path / "stopped", tmp_path / "a.zarr"
+    want = tmp_path / "want"
+    stopped = tmp_path / "stopped"
+    path = tmp_path / "a.zarr"
     if not want.exists():
         save_run(small_run, want)
         fixed = [small_run[n].values for n in ("frequency", "polarization", "tx_position", "rx_position")]

@@ -58,7 +58,9 @@ class Killer:
     """Runs work in child processes and kills them."""
 
     def __init__(self, seed, home, work):
-        self.rng, self.home, self.work = np.random.default_rng(seed), home, work
+        self.rng = np.random.default_rng(seed)
+        self.home = home
+        self.work = work
         self.context = multiprocessing.get_context("forkserver")
         self.context.set_forkserver_preload(["flgpr.execution.ready", "every_command", *LATE])
         self.kills = 0
@@ -154,7 +156,9 @@ class Detection:
     """A detection that may have been done already."""
 
     def __init__(self, *arguments, section=None, every=2.0):
-        self.arguments, self.section, self.every = arguments, section, every
+        self.arguments = arguments
+        self.section = section
+        self.every = every
 
     def __call__(self, output):
         run, recipe, area = self.arguments
@@ -167,7 +171,8 @@ class Import:
     """An import that may have been done already, and then takes away what was left."""
 
     def __init__(self, work, *arguments):
-        self.work, self.arguments = work, arguments
+        self.work = work
+        self.arguments = arguments
 
     def __call__(self, output):
         output.mkdir(exist_ok=True)
@@ -287,7 +292,9 @@ FEW = ("import mapped", "export qgis", "plan lane")
 def test_kills_of_every_command(commands, tmp_path):
     every = "FLGPR_KILLS" in os.environ
     order = np.random.default_rng(11).permutation(list(commands) if every else FEW)
-    wanted, kills, rounds = KILLS if every else 1, 0, 0
+    wanted = KILLS if every else 1
+    kills = 0
+    rounds = 0
     while kills < wanted or rounds < len(order):
         name = str(order[rounds % len(order)])
         home = tmp_path / str(rounds)

@@ -59,7 +59,8 @@ def trained(examples, tmp_path_factory):
 def forge(source, folder, change):
     """Write a model again with what ``change`` makes of its words and arrays, digests and all."""
     bundle = Bundle(source / MODEL_FILE)
-    about, arrays = json.loads(json.dumps(bundle.about)), dict(bundle)
+    about = json.loads(json.dumps(bundle.about))
+    arrays = dict(bundle)
     change(about, arrays)
     folder.mkdir(parents=True, exist_ok=True)
     write_bundle(folder / MODEL_FILE, arrays, about)
@@ -152,8 +153,10 @@ def deep_tree(about, arrays, marker):
     """One tree of 100,000 nodes, each with one leaf: every alarm would take them all."""
     inner = 50_000
     count = 2 * inner + 1
-    left, right = np.full(count, -1), np.full(count, -1)
-    left[:inner], right[:inner] = np.arange(1, inner + 1), np.arange(inner + 1, count)
+    left = np.full(count, -1)
+    right = np.full(count, -1)
+    left[:inner] = np.arange(1, inner + 1)
+    right[:inner] = np.arange(inner + 1, count)
     arrays |= {"detector.first": np.array([0]), "detector.left": left, "detector.right": right,
                "detector.feature": np.zeros(count, int), "detector.split": np.zeros(count),
                "detector.value": np.zeros(count)}  # fmt: skip

@@ -124,7 +124,8 @@ def test_a_name_that_is_too_long_is_refused_and_leaves_nothing(command, inputs, 
 )
 def test_a_disk_that_cannot_be_written_is_told(command, number, rule, inputs, tmp_path, monkeypatch):
     """Root may write where others may not, so that what the system would say is put in its mouth."""
-    output, real = str(tmp_path), os.mkdir
+    output = str(tmp_path)
+    real = os.mkdir
     real_open = os.open
 
     def refuse(path):

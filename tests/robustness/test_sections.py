@@ -43,7 +43,8 @@ def results(folder):
 
 
 def test_sections_hold_the_run_view_of_the_whole_lane(lane, folder):
-    parts, whole = results(folder), lane.result.detections[0].view
+    parts = results(folder)
+    whole = lane.result.detections[0].view
     assert len(parts) == 4
     views = [part.detections[0].view for part in parts]
     assert max(view.sizes["y"] for view in views) <= 20
@@ -58,7 +59,8 @@ def test_sections_are_joined_for_the_report_and_thinned_if_they_are_long(lane, f
     assert joined.lane == whole.lane
     assert joined.recipe_text == whole.recipe_text
     xr.testing.assert_identical(joined.detections[0].view, whole.detections[0].view)
-    few, full = join_sections(folder, results_at(folder), most=24).detections[0].view, whole.detections[0].view
+    few = join_sections(folder, results_at(folder), most=24).detections[0].view
+    full = whole.detections[0].view
     assert few.sizes["y"] <= 24 < full.sizes["y"]
     np.testing.assert_array_equal(few.max("y"), full.max("y"))
     np.testing.assert_array_equal(few["looks"].max("y"), full["looks"].max("y"))
@@ -66,7 +68,8 @@ def test_sections_are_joined_for_the_report_and_thinned_if_they_are_long(lane, f
 
 
 def test_sections_hold_the_alarms_and_features_of_the_whole_lane(lane, folder):
-    parts, whole = results(folder), lane.result.detections[0]
+    parts = results(folder)
+    whole = lane.result.detections[0]
     order = ["y", "x"]
     features = pd.concat([part.detections[0].alarms[order].join(part.detections[0].features) for part in parts])
     expected = whole.alarms[order].join(whole.features)
@@ -105,7 +108,8 @@ class _Stop(Exception):
 
 
 def test_sections_go_on_where_they_were_stopped_the_last_step_too(lane, folder, tmp_path, monkeypatch):
-    job, done = small_job(lane, tmp_path / "result"), []
+    job = small_job(lane, tmp_path / "result")
+    done = []
 
     def note(report):
         done.append((report["lane"], report["stage"], report["block"]))
@@ -240,7 +244,8 @@ def test_the_command_line_takes_and_scores_sections(lane, tmp_path):
 
 def test_a_lane_of_any_length_is_planned_within_the_memory():
     recipe = load_recipe("wang2007")
-    short, long = Lane(-1.5, 1.5, 0, 1200), Lane(-1.5, 1.5, 0, 200_000)
+    short = Lane(-1.5, 1.5, 0, 1200)
+    long = Lane(-1.5, 1.5, 0, 200_000)
     assert plan_sections(SIZES, recipe, short) == [Section(0, 12001)]
     assert memory_needed(SIZES | {"scan": 10**6}, recipe, short) == memory_needed(SIZES, recipe, short)
     sections = plan_sections(SIZES, recipe, long)

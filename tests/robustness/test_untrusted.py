@@ -168,7 +168,8 @@ def test_a_run_larger_than_the_memory_is_refused(store):
 
 
 def test_a_run_too_long_for_a_recipe_that_keeps_images_is_refused(tmp_path):
-    recipe, lane = load_recipe("demo"), Lane(-1.0, 1.0, 2.0, 6.2)
+    recipe = load_recipe("demo")
+    lane = Lane(-1.0, 1.0, 2.0, 6.2)
     sizes = {"polarization": 3, "pair": 14, "frequency": 106, "scan": 3}
     assert len(plan_sections(sizes, recipe, lane)) == 1
     with pytest.raises(ValueError, match=r"at least .* for 5000 scans with the recipe 'demo', got 2 GB"):
@@ -202,7 +203,8 @@ def test_what_is_no_size(text):
 
 
 def test_archives_that_expand_are_refused_before_they_do(tmp_path):
-    kind, shape = zipfile.ZIP_DEFLATED, (100 * 2**20,)
+    kind = zipfile.ZIP_DEFLATED
+    shape = (100 * 2**20,)
     with zipfile.ZipFile(tmp_path / "bomb.npz", "w", kind) as archive, archive.open("data.npy", "w") as member:
         np.lib.format.write_array_header_1_0(member, {"descr": "|u1", "fortran_order": False, "shape": shape})
         for _ in range(100):

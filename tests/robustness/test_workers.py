@@ -35,7 +35,8 @@ def test_worker_count_does_not_change_a_byte(lane, workers, tmp_path):
 @pytest.mark.parametrize("threads", [1, 2, 4])
 def test_thread_count_does_not_change_a_byte(lane, threads, tmp_path, monkeypatch):
     monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
-    at_work, part = set(), LaneChain.part
+    at_work = set()
+    part = LaneChain.part
 
     def watched(*arguments):
         at_work.add(threading.current_thread().name)
@@ -52,7 +53,8 @@ def test_thread_count_does_not_change_a_byte(lane, threads, tmp_path, monkeypatc
 
 def test_a_broken_scan_ends_the_run_by_its_name_and_mended_it_goes_on(lane, tmp_path, monkeypatch):
     monkeypatch.setattr(numba, "get_num_threads", lambda: 2)
-    run, output = tmp_path / "run.zarr", tmp_path / "result"
+    run = tmp_path / "run.zarr"
+    output = tmp_path / "result"
     shutil.copytree(lane.run, run)
     [chunk] = [path for path in (run / "signal" / "c" / "20").rglob("*") if path.is_file()]
     data = chunk.read_bytes()
@@ -107,7 +109,8 @@ def test_detection_in_memory_finds_the_same(lane):
 
 def test_a_killed_worker_process_costs_only_its_piece(lane, tmp_path):
     """Kill one of two workers when half is done: the others' pieces are not done again."""
-    done, victims = [], []
+    done = []
+    victims = []
 
     def note(report):
         done.append((report["stage"], report["block"]))
@@ -288,7 +291,9 @@ def test_a_training_that_would_overwrite_other_files_begins_nothing(lane, tmp_pa
 def test_a_stop_within_a_block_costs_the_scan_in_flight(lane, tmp_path, monkeypatch):
     """A stop in each of the four passes: every scan of every pass is made once, but for the four that were stopped."""
     monkeypatch.setattr(checkpoint, "KEEP_EVERY", 0.0)
-    count, image, stops = 0, ScanImager.image, (2, 40, 75, 120)
+    count = 0
+    image = ScanImager.image
+    stops = (2, 40, 75, 120)
 
     def counted(imager, *arguments):
         nonlocal count
@@ -332,7 +337,9 @@ def test_the_work_folder_of_many_blocks_holds_few_parts(lane, threads, tmp_path,
     """Nine blocks, folded once they are twice as large as what is folded already: more than once, one by one."""
     monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
     monkeypatch.setattr(passes, "BLOCK", 4)
-    held, folds, put = {"signature": [], "gain": [], "view": []}, [], checkpoint.Checkpoint.__setitem__
+    held = {"signature": [], "gain": [], "view": []}
+    folds = []
+    put = checkpoint.Checkpoint.__setitem__
 
     def keep(work, name, arrays):
         put(work, name, arrays)
@@ -358,7 +365,9 @@ def test_the_work_folder_of_many_blocks_holds_few_parts(lane, threads, tmp_path,
 def test_what_is_folded_already_is_not_done_again_unless_it_is_damaged(lane, damaged, tmp_path, monkeypatch):
     monkeypatch.setattr(numba, "get_num_threads", lambda: 1)
     monkeypatch.setattr(lane_work, "FOLD_BYTES", 1)
-    done, job, so_far = [], small_job(lane, tmp_path / "result"), tmp_path / "result.work" / "signature-so-far.arrays"
+    done = []
+    job = small_job(lane, tmp_path / "result")
+    so_far = tmp_path / "result.work" / "signature-so-far.arrays"
 
     def stop(report):
         if report["block"] == 1:
@@ -380,7 +389,9 @@ def test_a_recipe_without_features_goes_on_as_well(lane, confidence, tmp_path, m
     text = re.sub(r"(?ms)^\[features\].*?(?=^\[)", "", lane.recipe.read_text())
     (tmp_path / "bare.toml").write_text(f'confidence = "{confidence}"\n{text}')
     monkeypatch.setattr(checkpoint, "KEEP_EVERY", 0.0)
-    count, image, ends = 0, ScanImager.image, []
+    count = 0
+    image = ScanImager.image
+    ends = []
 
     def counted(imager, *arguments):
         nonlocal count
@@ -392,7 +403,8 @@ def test_a_recipe_without_features_goes_on_as_well(lane, confidence, tmp_path, m
     monkeypatch.setattr(ScanImager, "image", counted)
     where = lane.run, tmp_path / "bare.toml"
     tasks.detect_run(*where, tmp_path / "whole", lane.area, report=False)
-    once, count = count, 0
+    once = count
+    count = 0
     assert once == 4 * 36
     ends += [2, 40, 75, 120]
     for _ in ends:

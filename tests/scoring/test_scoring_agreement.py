@@ -35,7 +35,8 @@ JOINT = {
 @pytest.mark.parametrize("shares", JOINT.values(), ids=JOINT)
 def test_kappa_is_that_of_scikit_learn_and_its_interval_covers(shares):
     rng = np.random.default_rng(4)
-    covered, rounds = 0, 400
+    covered = 0
+    rounds = 400
     for number in range(rounds):
         first, second = drawn(rng, shares, 60)
         told = agreement(first, second, NAMES)

@@ -92,14 +92,16 @@ def test_draws_are_reproducible_and_clusters_and_lanes_widen_a_band():
     double = truth.assign(mine=truth["target_id"])
     copy = double.assign(target_id=double["target_id"] + "b")
     twice = match(alarms, pd.concat([double, copy], ignore_index=True), LANE)
-    grouped, loose = pd_mean_interval(twice, cluster="mine"), pd_mean_interval(twice)
+    grouped = pd_mean_interval(twice, cluster="mine")
+    loose = pd_mean_interval(twice)
     assert np.diff(grouped)[0] > 1.2 * np.diff(loose)[0]
     low, high = pd_mean_interval(matched, draws=300)
     assert low <= pd_mean(roc(alarms, truth, LANE)) <= high
 
 
 def test_several_lanes_are_drawn_as_wholes():
-    first, second = drawn(1), drawn(2)
+    first = drawn(1)
+    second = drawn(2)
     alarms = pd.concat([first[0].assign(lane="a"), second[0].assign(lane="b")], ignore_index=True)
     truth = pd.concat([first[1].assign(lane="a"), second[1].assign(lane="b")], ignore_index=True)
     matched = match(alarms, truth, {"a": LANE, "b": LANE})
@@ -110,7 +112,10 @@ def test_several_lanes_are_drawn_as_wholes():
 
 def test_coverage_of_a_band_by_simulation():
     """The true curve is known: targets N(2, 1), false alarms N(0, 1) at a known rate; 120 lanes of 20 targets."""
-    rng, rate, runs, inside = np.random.default_rng(11), 0.3, 120, 0
+    rng = np.random.default_rng(11)
+    rate = 0.3
+    runs = 120
+    inside = 0
     grid = np.linspace(0.005, 0.1, 20)
     truth = pd.DataFrame({"x": 2.0, "y": np.arange(20) * 10.0 + 5, "depth": 0.0, "kind": "metal"})
     truth["target_id"] = [f"m{k}" for k in range(20)]
@@ -129,7 +134,8 @@ def test_coverage_of_a_band_by_simulation():
 
 
 def test_exact_intervals_cover_by_simulation():
-    rng, runs = np.random.default_rng(3), 20_000
+    rng = np.random.default_rng(3)
+    runs = 20_000
     slack = 4 * math.sqrt(0.95 * 0.05 / runs)
     for n in (12, 20, 50, 200):
         low, high = clopper_pearson(rng.binomial(n, 0.85, runs), n)
@@ -175,8 +181,10 @@ def test_a_detector_compared_with_itself_does_not_differ():
 def test_a_comparison_is_antisymmetric_and_sees_a_better_detector():
     good, truth = drawn(7, targets=14, gain=6.0)
     poor = good.assign(confidence=np.random.default_rng(0).permutation(good["confidence"]))
-    a, b = match(good, truth, LANE), match(poor, truth, LANE)
-    there, back = compare(a, b, draws=200), compare(b, a, draws=200)
+    a = match(good, truth, LANE)
+    b = match(poor, truth, LANE)
+    there = compare(a, b, draws=200)
+    back = compare(b, a, draws=200)
     assert there.difference == pytest.approx(roc_mean(good, truth) - roc_mean(poor, truth))
     assert there.low > 0
     assert there.p_value < 0.05

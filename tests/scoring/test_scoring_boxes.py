@@ -11,7 +11,8 @@ from flgpr.model import Lane
 from flgpr.scoring import box_peaks, box_roc, clopper_pearson, example_roc, offset_boxes, pd_mean, peak_roc, with_area
 
 LANE = Lane(0.0, 3.0, 0.0, 5.0)
-X, Y = np.arange(0.125, 3, 0.25), np.arange(0.125, 5, 0.25)
+X = np.arange(0.125, 3, 0.25)
+Y = np.arange(0.125, 5, 0.25)
 
 
 def truth_table(places):

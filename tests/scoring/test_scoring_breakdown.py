@@ -170,7 +170,8 @@ def test_survey_error_takes_its_share_of_the_halo():
 
 
 def test_survey_error_changes_no_count():
-    plain, told = roc(ALARMS, TRUTH, LANE), roc(ALARMS, TRUTH, LANE, survey_error=0.3)
+    plain = roc(ALARMS, TRUTH, LANE)
+    told = roc(ALARMS, TRUTH, LANE, survey_error=0.3)
     assert told.attrs["survey_share_of_halo"] == pytest.approx(0.3)
     assert plain.to_numpy().tolist() == told.to_numpy().tolist()
     with pytest.raises(ValueError, match="survey_error must not"):

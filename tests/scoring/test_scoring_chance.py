@@ -41,7 +41,8 @@ def strewn(rng, count, lane=LONG):
 def test_it_is_its_slow_twin(seed, halo):
     rng = np.random.default_rng(seed)
     lanes = {"a": Lane(-2.0, 2.0, 5.0, 35.0), "b": Lane(0.0, 3.0, -9.0, 1.0)}
-    truth, alarms = [], []
+    truth = []
+    alarms = []
     for name, lane in lanes.items():
         low, high = [lane.x_min - 1, lane.y_min - 1], [lane.x_max + 1, lane.y_max + 1]  # some stand outside
         truth.append(pd.DataFrame(rng.uniform(low, high, (4, 2)), columns=["x", "y"]).assign(lane=name))
@@ -52,7 +53,8 @@ def test_it_is_its_slow_twin(seed, halo):
     found = chance(match(alarms, truth, lanes, halo), shifts=7, seed=3).best
     parts = (np.arange(7) + np.random.default_rng(3).random(7)) / 7
     for name, lane in lanes.items():
-        rows, near = truth[truth["lane"] == name], alarms[alarms["lane"] == name].to_dict("records")
+        rows = truth[truth["lane"] == name]
+        near = alarms[alarms["lane"] == name].to_dict("records")
         for number, part in enumerate(parts):
             shift = part * (lane.y_max - lane.y_min)
             expected = moved_best(near, rows.to_dict("records"), lane, halo, shift)
@@ -144,7 +146,8 @@ def scored():
 
 
 def test_targets_are_found_at_the_operating_point(scored):
-    point, outcomes = scored.point, scored.outcomes
+    point = scored.point
+    outcomes = scored.outcomes
     assert (scored.far, scored.too_small) == (0.05, False)
     assert point["far"] <= 0.05 < scored.curve["far"].iloc[-1]
     assert outcomes["found"].sum() == point["n_detected"] < outcomes["detected"].sum()
@@ -180,7 +183,8 @@ def test_a_lane_too_small_for_the_operating_point_takes_one_false_alarm():
 
 
 def test_where_few_halos_have_room_the_formula_stands_beside():
-    lane, truth = Lane(-1.0, 1.0, 0.0, 12.0), mines(0.0, [2.0, 9.0])
+    lane = Lane(-1.0, 1.0, 0.0, 12.0)
+    truth = mines(0.0, [2.0, 9.0])
     alarms = strewn(np.random.default_rng(10), 12, lane)
     small, large = (score(alarms, truth, lane, Rules(halo=halo, draws=20)) for halo in (0.7, 0.3))
     assert small.few_halos == pytest.approx(small.curve.attrs["area"] / (np.pi * 0.49))
@@ -195,7 +199,8 @@ def test_a_comparison_and_a_blind_score_tell_chance(scored, tmp_path):
     assert both.chance_a == scored.pd_mean["chance"]
     assert both.chance_b == pytest.approx(random_pd(np.linspace(0, 0.1, 101), 1.0).mean(), abs=0.04)
     pytest.importorskip("cryptography")
-    lane, phrase = scored.matched.lanes[""], "correct horse battery"
+    lane = scored.matched.lanes[""]
+    phrase = "correct horse battery"
     sealed = seal_truth(scored.matched.truth, lane, tmp_path / "sealed", phrase)
     points = score_blind(scored.matched.alarms, sealed, phrase).points
     row = points[(points["group"] == "all") & (points["far_allowed"] == 0.05)].iloc[0]

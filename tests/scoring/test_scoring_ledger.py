@@ -191,7 +191,8 @@ def test_a_line_is_on_the_disk_before_it_counts(tmp_path, monkeypatch):
 
 
 def test_a_lost_last_line_shows_beside_a_report_and_beside_a_witness(tmp_path):
-    book, witness = tmp_path / "book.jsonl", tmp_path / "elsewhere" / "witness.jsonl"
+    book = tmp_path / "book.jsonl"
+    witness = tmp_path / "elsewhere" / "witness.jsonl"
     witness.parent.mkdir()
     watched = WitnessedRegister(book, witness)
     for event in "abc":

@@ -46,7 +46,8 @@ def test_a_plan_shows_what_it_promises_and_no_smaller_one_does():
 
 def test_power_by_simulation():
     plan = sample_size(0.8, 0.05, 0.9, true_pd=0.95, true_far=0.02, power=0.85)
-    rng, runs = np.random.default_rng(0), 20_000
+    rng = np.random.default_rng(0)
+    runs = 20_000
     passed = (rng.binomial(plan.mines, 0.05, runs) <= plan.misses).mean()
     assert passed == pytest.approx(plan.pd_power, abs=4 * math.sqrt(0.25 / runs))
     # A detector that just misses the claim passes at most once in ten.

@@ -227,7 +227,8 @@ def test_options_that_a_sealed_truth_has_no_use_for_are_refused(what, trial, sea
 
 
 def test_options_of_open_scores_are_never_dropped(demo, trial):
-    folder, truth = demo[0].folder, str(trial / "plan.csv")
+    folder = demo[0].folder
+    truth = str(trial / "plan.csv")
     for given, message in (
         ([str(folder), "--truth", truth, "--halo", "2"], "a result is scored by the halo of its recipe, got --halo"),
         ([str(trial / "a.csv"), "--truth", truth, "--show", "curve"], "--show goes with --seal, got --show"),
@@ -263,7 +264,8 @@ def test_a_result_is_held_to_its_own_recipe_and_model(demo, trial, tmp_path):
 
 
 def test_a_model_is_registered_with_its_recipe(tmp_path):
-    book, recipe = tmp_path / "book.jsonl", content_hash("recipe")
+    book = tmp_path / "book.jsonl"
+    recipe = content_hash("recipe")
     (tmp_path / "recipe").write_text("recipe")
     model = tmp_path / "model"
     model.mkdir()

@@ -195,19 +195,22 @@ def test_intervals_are_the_exact_ones():
 
 
 def test_a_halo_given_as_diameter_is_half_as_wide():
-    truth, alarms = truth_table([(2, 5)]), alarm_table([(2, 5.5, 2.0), (2, 5.6, 1.0)])
+    truth = truth_table([(2, 5)])
+    alarms = alarm_table([(2, 5.5, 2.0), (2, 5.6, 1.0)])
     curve = roc(alarms, truth, LANE, 1.0, halo_as="diameter")
     assert curve[["n_detected", "n_false"]].to_numpy().tolist() == [[0, 0], [1, 0], [1, 1]]
 
 
 def test_nearest_assignment_lets_an_alarm_find_one_target_only():
-    truth, alarms = truth_table([(2, 5), (2, 6.5)]), alarm_table([(2, 5.7, 1.0)])
+    truth = truth_table([(2, 5), (2, 6.5)])
+    alarms = alarm_table([(2, 5.7, 1.0)])
     assert roc(alarms, truth, LANE)["n_detected"].iloc[-1] == 2
     assert roc(alarms, truth, LANE, assignment="nearest")["n_detected"].iloc[-1] == 1
 
 
 def test_frames_count_the_same_ground_again():
-    truth, alarms = truth_table([(2, 5)]), alarm_table([(1, 15, 1.0)])
+    truth = truth_table([(2, 5)])
+    alarms = alarm_table([(1, 15, 1.0)])
     area = accumulated_area(12)
     assert area == 12 * 14 * 5
     curve = roc(alarms, truth, LANE, area="frames", frame_area=area)

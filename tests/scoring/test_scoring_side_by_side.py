@@ -33,7 +33,8 @@ def alarms(seed, pd_true, false):
 
 def inverted(only_a, only_b, n, level):
     """Differences that the score test accepts, each with the nuisance share that makes the counts most likely."""
-    z, accepted = stats.norm.ppf((1 + level) / 2), []
+    z = stats.norm.ppf((1 + level) / 2)
+    accepted = []
     for gap in np.linspace(-0.999, 0.999, 1999):
         share = np.linspace(max(0.0, -gap), (1 - gap) / 2, 1001)
         likely = xlogy(only_a, share + gap) + xlogy(only_b, share) + xlogy(n - only_a - only_b, 1 - 2 * share - gap)
@@ -53,7 +54,10 @@ def test_the_paired_interval_is_the_score_test_inverted(counts, level):
 def test_paired_intervals_cover():
     """About as often as they say, for few targets, where the plain one of Wald covers far less."""
     rng = np.random.default_rng(0)
-    p_a, p_b, n, runs = 0.25, 0.05, 20, 4000
+    p_a = 0.25
+    p_b = 0.05
+    n = 20
+    runs = 4000
     counts = rng.multinomial(n, [p_a, p_b, 1 - p_a - p_b], runs)
     ends = {tuple(one): paired_interval(*one, n) for one in np.unique(counts[:, :2], axis=0)}
     covered = np.mean([low <= p_a - p_b <= high for low, high in (ends[tuple(one)] for one in counts[:, :2])])

@@ -17,7 +17,8 @@ from flgpr.screen import (
 )
 from reference import flsar2004
 
-X, Y = np.arange(-1.5, 1.51, 0.08), np.arange(0, 6.01, 0.04)
+X = np.arange(-1.5, 1.51, 0.08)
+Y = np.arange(0, 6.01, 0.04)
 
 
 def learn(places, **more):

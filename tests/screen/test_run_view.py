@@ -14,7 +14,8 @@ GRID = Grid.spanning((-1.0, 1.0), (1.0, 4.0), 0.05)
 def scan_image(value, pose):
     """Image whose magnitude is a plane in the lane frame, so that bilinear sampling is exact."""
     points = GRID.points()
-    c, s = np.cos(pose[3]), np.sin(pose[3])
+    c = np.cos(pose[3])
+    s = np.sin(pose[3])
     x = pose[0] + c * points[..., 0] + s * points[..., 1]
     y = pose[1] - s * points[..., 0] + c * points[..., 1]
     data = value(x, y)[None, None].astype(np.complex64)
@@ -30,7 +31,10 @@ PLANES = [lambda x, y, k=k: 20 + (1 + k) * x - (2 - k) * y for k in range(4)]
 def test_run_view_is_the_second_largest_over_the_scans_that_see_the_pixel(y_max):
     grid = Grid.spanning((-0.9, 0.9), (1.0, 5.0), 0.1)
     view = run_view([scan_image(f, p) for f, p in zip(PLANES, POSES, strict=True)], grid, y_max)
-    x_min, x_max, y_min, y_high = GRID.x[0], GRID.x[-1], GRID.y[0], min(GRID.y[-1], y_max)
+    x_min = GRID.x[0]
+    x_max = GRID.x[-1]
+    y_min = GRID.y[0]
+    y_high = min(GRID.y[-1], y_max)
     checked = 0
     for iy, y in enumerate(grid.y):
         for ix, x in enumerate(grid.x):
@@ -53,7 +57,8 @@ def test_in_a_mean_view_near_looks_weigh_more():
     grid = Grid.spanning((-0.5, 0.5), (2.0, 2.4), 0.1)
     whole, parts = (MeanViewSums(grid, 3.5, falloff=2.0) for _ in range(2))
     for plane, pose in zip(PLANES[:3], POSES, strict=False):
-        one, part = scan_image(plane, pose), MeanViewSums(grid, 3.5, falloff=2.0)
+        one = scan_image(plane, pose)
+        part = MeanViewSums(grid, 3.5, falloff=2.0)
         for sums in (whole, part):
             sums.add(np.abs(one.values), GRID, np.asarray(pose))
         parts.merge(part.state())

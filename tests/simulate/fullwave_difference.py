@@ -16,7 +16,9 @@ from flgpr.simulate import Scene, Simulator
 
 ARCHIVES = Path(__file__).parent.parent / "data" / "signatures"
 KINDS = {"metal": "metal", "gap": "plastic", "solid": "simulant"}
-X, Y = np.arange(-0.4, 0.41, 0.02), np.arange(-0.9, 1.51, 0.01)  # m about the body's centre, on the flat ground
+# m about the body's centre, on the flat ground
+X = np.arange(-0.4, 0.41, 0.02)
+Y = np.arange(-0.9, 1.51, 0.01)
 BANDS = ("whole", "low", "middle", "high")
 
 
@@ -148,15 +150,18 @@ class Comparison(NamedTuple):
 def compare(case, signal):
     """Compare a case with a signal (polarization, pair, frequency) that should be the same."""
     rows = [case.polarization.index(label) for label in ("HH", "VV")]
-    full, other = case.signal[rows], np.asarray(signal)[rows]
+    full = case.signal[rows]
+    other = np.asarray(signal)[rows]
     image = images(case, other)
     (level, place), (other_level, other_place) = peaks(images(case, full)), peaks(image)
     near = np.abs(Y[:, None] - place[..., None, None]) < 0.051  # (polarization, band, y, 1)
     there = 20 * np.log10((image * near).max(axis=(2, 3))) - other_level
-    power, coherence = np.zeros_like(level), np.zeros_like(level)
+    power = np.zeros_like(level)
+    coherence = np.zeros_like(level)
     for k, (low, high) in enumerate(bands(case.frequency)):
         within = (case.frequency >= low) & (case.frequency <= high)
-        a, b = full[..., within].reshape(2, -1), other[..., within].reshape(2, -1)
+        a = full[..., within].reshape(2, -1)
+        b = other[..., within].reshape(2, -1)
         norms = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
         power[:, k] = 20 * np.log10(norms[0] / norms[1])
         coherence[:, k] = np.abs((a * b.conj()).sum(axis=1)) / (norms[0] * norms[1])

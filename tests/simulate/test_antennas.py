@@ -78,7 +78,8 @@ def test_leakage_in_frequency_has_its_level_and_coherence(quiet):
     leaked = np.array([AntennaErrors(sensor, seed).apply(only_h, 0)[1] for seed in range(12)])
     level = np.mean(np.abs(leaked[:, :9]) ** 2)  # nine receivers of their own
     assert 10 * np.log10(level) == pytest.approx(-20, abs=0.6)
-    rng, frequency = np.random.default_rng(0), quiet.tones.axis()
+    rng = np.random.default_rng(0)
+    frequency = quiet.tones.axis()
     drawn = random_response(rng, (600,), frequency, 100e6)
     apart = 10  # tones of 10 MHz
     coherence = np.mean(drawn[:, apart:] * drawn[:, :-apart].conj())
@@ -137,7 +138,8 @@ def test_scans_have_the_same_errors_in_any_order(quiet):
     every |= {"isolation_bandwidth": 1e8, "imbalance_db": 0.5, "ringing_db": -25.0, "ringing_frequencies": (1e9,)}
     every |= {"clutter_to_noise_db": 15.0, "burst_probability": 0.3}
     sensor = with_errors(quiet, **every)
-    there, back = Impairments(sensor, 1), Impairments(sensor, 1)
+    there = Impairments(sensor, 1)
+    back = Impairments(sensor, 1)
     forward = [there.apply(PLAIN, k) for k in (0, 70)]
     backward = [back.apply(PLAIN, k) for k in (70, 0)]
     np.testing.assert_array_equal(forward, backward[::-1])

@@ -19,7 +19,9 @@ SINE_AIR = np.sin(np.radians(67.0))
 
 def physical_optics_flash(a, k, sine):
     """σ_PO of one edge of a disc: (4πA²/λ²)·cos²θ·(2/x)²·(2/πx)/4, x = 2ka·sinθ."""
-    x, area, wavelength = 2 * k * a * sine, np.pi * a**2, 2 * np.pi / k
+    x = 2 * k * a * sine
+    area = np.pi * a**2
+    wavelength = 2 * np.pi / k
     return 4 * np.pi * area**2 / wavelength**2 * (1 - sine**2) * (2 / x) ** 2 * (2 / (np.pi * x)) / 4
 
 
@@ -62,7 +64,8 @@ def test_a_thin_plate_is_keller_s_half_plane():
 
 
 def test_slab_reflection_is_the_closed_form():
-    k, eps = 2 * np.pi * 1e9 / SPEED_OF_LIGHT, 2.9
+    k = 2 * np.pi * 1e9 / SPEED_OF_LIGHT
+    eps = 2.9
     q = k * np.sqrt(eps - SINE_AIR**2)
     top = (np.sqrt(3.4 - SINE_AIR**2) - np.sqrt(eps - SINE_AIR**2)) / (
         np.sqrt(3.4 - SINE_AIR**2) + np.sqrt(eps - SINE_AIR**2)
@@ -75,7 +78,8 @@ def test_slab_reflection_is_the_closed_form():
 @pytest.mark.parametrize("soil", [3.4, 5.0 - 0.3j])
 def test_the_layers_strength_is_the_sum_of_their_currents(soil):
     """Born's integral over depth in thin slices, H and V by continuity of the field across the layers."""
-    k, step = np.array([15.0, 40.0]), 1e-4
+    k = np.array([15.0, 40.0])
+    step = 1e-4
     z = (np.arange(1500) + 0.5) * step
     inner = np.where(z < 0.015, 1.0, 2.9)
     down = np.sqrt(soil - SINE_AIR**2)
@@ -88,7 +92,8 @@ def test_the_layers_strength_is_the_sum_of_their_currents(soil):
 
 def test_a_gap_raises_vv_and_a_solid_of_small_contrast_does_not():
     """A thin gap in dry sand has VV/HH = cos²θ_t + ε_s·sin²θ_t, 4.1 dB; specular reflection had a null in its place."""
-    k, soil = np.array([20.0]), np.array([3.43])
+    k = np.array([20.0])
+    soil = np.array([3.43])
     gap = layers_strength(SINE_AIR, k, soil, [(0.001, 1.0)])
     solid = layers_strength(SINE_AIR, k, soil, [(0.15, 3.4)])
     assert 20 * np.log10(np.abs(gap[1] / gap[0])) == pytest.approx(4.1, abs=0.1)
@@ -98,7 +103,9 @@ def test_a_gap_raises_vv_and_a_solid_of_small_contrast_does_not():
 def tabulated_over_layers(name, layers, soil, sine):
     """Rms of a table's body near 3 GHz over that of two rims of :func:`layers_strength`, HH and VV, dB."""
     frequency = np.linspace(2.4e9, 3.2e9, 81)
-    k, eps, s = 2 * np.pi * frequency / SPEED_OF_LIGHT, PERMITTIVITY[soil], SINE[sine]
+    k = 2 * np.pi * frequency / SPEED_OF_LIGHT
+    eps = PERMITTIVITY[soil]
+    s = SINE[sine]
     media = np.full(k.size, eps * (1 - 1j * LOSS[soil]))
     table = packaged_table(name).at(frequency, media, 1e3)[0, sine, 0, :2]
     near, far = (
@@ -110,7 +117,8 @@ def tabulated_over_layers(name, layers, soil, sine):
     return 20 * np.log10(np.linalg.norm(table, axis=1) / np.linalg.norm(ruled, axis=1))
 
 
-GAP, SOLID = [(0.015, 1.0), (0.135, 2.9)], [(0.15, 2.9)]
+GAP = [(0.015, 1.0), (0.135, 2.9)]
+SOLID = [(0.15, 2.9)]
 
 
 @pytest.mark.parametrize("sine", [1, 3, 5])

@@ -65,7 +65,9 @@ def rms_db(values):
     [(2.9, 3.5, 18.0, 0.05), (1.0, 3.5, 18.0, 0.07), (3.0, 9.0, 13.0, 0.06), (3.0, 9 - 1.2j, 13.0, 0.06)],
 )
 def test_a_sphere_scatters_as_mie_says(medium, soil, wavenumber, tolerance):
-    radius, azimuth = 0.1, np.array([0.0, 0.4, 1.3])  # k·a = 3.4 to 3.9
+    # k·a = 3.4 to 3.9
+    radius = 0.1
+    azimuth = np.array([0.0, 0.4, 1.3])
     kappa = wavenumber * SINE
     down = np.sqrt(wavenumber**2 * soil - kappa**2 + 0j)
     waves = Waves(np.full(3, kappa), azimuth)
@@ -77,7 +79,10 @@ def test_a_sphere_scatters_as_mie_says(medium, soil, wavenumber, tolerance):
 
 
 def test_finer_cells_come_nearer_to_mie():
-    wavenumber, soil, medium, radius = 10.0, 3.5, 1.0, 0.1
+    wavenumber = 10.0
+    soil = 3.5
+    medium = 1.0
+    radius = 0.1
     kappa = wavenumber * SINE
     centred = sphere_amplitudes(radius, medium, soil, wavenumber, kappa, 0.0, 0.0)
     expected = centred * np.exp(-2j * np.sqrt(wavenumber**2 * soil - kappa**2) * radius)
@@ -93,13 +98,19 @@ def test_finer_cells_come_nearer_to_mie():
 @pytest.mark.parametrize("soil", [3.4, 3.4 - 0.3j])
 @pytest.mark.parametrize(("nx", "ny", "nz"), [(20, 10, 9)])
 def test_a_faint_box_scatters_as_born_says(soil, nx, ny, nz):
-    cell, contrast, wavenumber = 0.005, 0.01, 27.0
-    k, kappa, azimuth = wavenumber * np.sqrt(complex(soil)), wavenumber * SINE, np.array([0.1, 0.5])
+    cell = 0.005
+    contrast = 0.01
+    wavenumber = 27.0
+    k = wavenumber * np.sqrt(complex(soil))
+    kappa = wavenumber * SINE
+    azimuth = np.array([0.1, 0.5])
     lattice = Lattice(cell, np.full((nx, ny, nz, 3), soil + contrast, complex))
     got = scattering_amplitudes(lattice, soil, wavenumber, Waves(np.full(2, kappa), azimuth))[:, 1, :, 0]
     (a, of_sent), (b, of_received) = (unit_vectors(kappa, phi, k) for phi in azimuth)
     x, y, z = k * (a + b)
-    half_x, half_y, height = nx * cell, ny * cell, nz * cell
+    half_x = nx * cell
+    half_y = ny * cell
+    height = nz * cell
     level = 4 * half_x * half_y * np.sinc(x.real * half_x / np.pi) * np.sinc(y.real * half_y / np.pi)
     volume = level * (1 - np.exp(1j * z * height)) / (-1j * z)  # of e^{-jz·z} from -height to 0
     expected = wavenumber**2 / (4 * np.pi) * contrast * volume * (of_received @ of_sent.T)
@@ -107,7 +118,12 @@ def test_a_faint_box_scatters_as_born_says(soil, nx, ny, nz):
 
 
 def test_a_faint_cylinder_has_equal_hh_and_vv_as_born_says():
-    soil, contrast, wavenumber, radius, cell, nz = 3.4, 0.01, 20.0, 0.1, 0.005, 12
+    soil = 3.4
+    contrast = 0.01
+    wavenumber = 20.0
+    radius = 0.1
+    cell = 0.005
+    nz = 12
     kappa = wavenumber * SINE
     z = -2 * np.sqrt(wavenumber**2 * soil - kappa**2)
     lattice = cylinder([(nz * cell, soil + contrast)], radius, cell, soil)
@@ -119,7 +135,8 @@ def test_a_faint_cylinder_has_equal_hh_and_vv_as_born_says():
 
 
 def test_a_thin_gap_raises_vv_by_the_normal_field():
-    soil, wavenumber = 3.43, 4.0
+    soil = 3.43
+    wavenumber = 4.0
     refracted = SINE / np.sqrt(soil)
     body = box((0.003, 0.06, 1.0))
     lattice = lattice_of(body, soil, 0.0015)
@@ -131,7 +148,8 @@ def test_a_thin_gap_raises_vv_by_the_normal_field():
 
 def test_the_checked_figures_of_a_plastic_mine_in_arid_soil():
     # Radius 16 cm, height 15 cm, permittivity 3.0, with a gap of 1.5 cm on top or none, in F1 at 67 degrees.
-    soil, levels = 3.43, {}
+    soil = 3.43
+    levels = {}
     for name, layers in {"gap": [(0.015, 1.0), (0.135, 3.0)], "none": [(0.15, 3.0)]}.items():
         lattice = cylinder(layers, 0.16, 0.0075, soil)
         found = []
@@ -155,7 +173,8 @@ COARSE = {"cells_per_wavelength": 8.0}
 
 @pytest.mark.parametrize("body", [SQUARE, OBLONG])
 def test_changing_places_of_the_antennas_transposes_the_matrix(body):
-    soil, args = 5 - 0.4j, ([0.8, 0.95], [0.2])
+    soil = 5 - 0.4j
+    args = ([0.8, 0.95], [0.2])
     there = solve_box(body, 1.5e9, soil, *args, [0.7], **COARSE)
     back = solve_box(body, 1.5e9, soil, *args, [-0.7], **COARSE)
     assert np.abs(there[..., 1] - there[..., 2]).max() > 1e-3 * np.abs(there).max()
@@ -163,7 +182,9 @@ def test_changing_places_of_the_antennas_transposes_the_matrix(body):
 
 
 def test_a_square_looks_the_same_after_a_quarter_turn_and_in_its_mirror():
-    soil, separation, signs = 4 - 0.1j, [0.5], np.array([1, -1, -1, 1])
+    soil = 4 - 0.1j
+    separation = [0.5]
+    signs = np.array([1, -1, -1, 1])
     aspects = [0.2, 0.2 + np.pi / 2, -0.2]
     first, turned, mirrored = solve_box(SQUARE, 1.5e9, soil, [0.9], aspects, separation, **COARSE)[0]
     far = solve_box(SQUARE, 1.5e9, soil, [0.9], [0.2], [-0.5], **COARSE)[0, 0]
@@ -180,7 +201,9 @@ def test_symmetric_geometry_has_no_cross_polarization():
 
 
 def test_cells_that_are_cut_do_not_change_the_answer_much():
-    body, soil, wavenumber = SQUARE, 3.4, 30.0
+    body = SQUARE
+    soil = 3.4
+    wavenumber = 30.0
     waves = Waves(np.array([wavenumber * SINE]), np.zeros(1))
     fits, cut = (
         np.diag(scattering_amplitudes(lattice_of(body, soil, cell), soil, wavenumber, waves)[:, 0, :, 0])
@@ -190,7 +213,9 @@ def test_cells_that_are_cut_do_not_change_the_answer_much():
 
 
 def test_a_lattice_holds_the_whole_of_every_medium():
-    body, soil, cell = SQUARE, 4.0, 0.0047
+    body = SQUARE
+    soil = 4.0
+    cell = 0.0047
     lattice = lattice_of(body, soil, cell)
     upright = (soil - 1 / (1 / lattice.permittivity[..., 2]).mean(axis=2)[0, 0], lattice.permittivity.shape[2] * cell)
     expected = (soil - upright[1] / (0.012 + 0.03 / 3 + (upright[1] - 0.042) / soil), upright[1])

@@ -49,7 +49,8 @@ def test_the_peak_lies_between_the_near_rim_and_the_bottom_of_the_far_one(case):
     sine = case.body["position_m"][1] / np.hypot(case.body["position_m"][1], case.tx[0, 2])
     slope = np.sqrt(case.soil["permittivity"] - sine**2) / sine
     top, bottom = (slope * (case.body["cover_m"] + drop) for drop in (0, case.body["height_m"]))
-    radius, cell = case.body["radius_m"], 0.10
+    radius = case.body["radius_m"]
+    cell = 0.10
     _, place = peaks(images(case, case.signal[CO]))
     assert (place[:, 0] > -radius + top - cell).all()
     assert (place[:, 0] < radius + bottom + cell).all()
@@ -66,7 +67,9 @@ def test_metal_outshines_a_gap_and_a_gap_a_solid_of_small_contrast():
 def test_a_solid_of_small_contrast_echoes_as_born_says(cover):
     """On one absolute scale, in all four polarizations: VV as strong as HH, cross-polarization from oblique pairs."""
     case = find(3.5, "solid", cover)
-    body, pairs, tones = case.body, slice(0, None, 8), slice(0, None, 6)
+    body = case.body
+    pairs = slice(0, None, 8)
+    tones = slice(0, None, 6)
     points, volume = cylinder_cells(body["radius_m"], -cover, -cover - body["height_m"], *body["position_m"][:2], 0.03)
     got = case.signal[:, pairs, tones]
     want = np.zeros_like(got)

@@ -56,7 +56,8 @@ def test_the_pulse_ends_where_cells_get_too_few():
     narrow = SENSOR.model_copy(update={"tones": SENSOR.tones.model_copy(update={"start": 1450e6, "count": 3})})
     for sensor, cells in ((narrow, 10.0), (SENSOR, 5.0)):
         told = make_decks(flat(soil={"model": "fixed", "permittivity": 4.0}), sensor, 1, cells).manifest
-        centre, cell = told["waveform"]["frequency"], told["grid"]["cell"]
+        centre = told["waveform"]["frequency"]
+        cell = told["grid"]["cell"]
         # exp((1 - x²)/2)·x is 0.01 at x = 3.76: there three cells must fit a wavelength in the soil.
         assert 299792458 / 2 / (3.76 * centre) / cell >= 3.0
     assert make_decks(flat(), SENSOR, 1).manifest["waveform"]["frequency"] == 1e9
@@ -109,7 +110,8 @@ def test_no_disc_is_thinner_than_a_cell():
 def test_the_rough_surface_is_the_simulators_own_snapped_to_cells():
     rough = flat(surface={"rms_height": 0.02, "correlation_length": 0.1}, soil={"model": "fixed", "permittivity": 3.0})
     decks = make_decks(rough, SENSOR, 3)
-    grid, told = decks.manifest["grid"], decks.manifest["surface"]
+    grid = decks.manifest["grid"]
+    told = decks.manifest["surface"]
     heights = np.zeros(grid["shape"][:2])
     for words in lines_of(decks, "box"):
         i0, j0, _, i1, j1, top = (round(float(v) / grid["cell"]) for v in words[:6])
@@ -121,7 +123,8 @@ def test_the_rough_surface_is_the_simulators_own_snapped_to_cells():
     from flgpr.simulate.roughness import HeightField
 
     field = HeightField(0.02, 0.1, stream(3, "heights"))
-    i, j = 30, 40
+    i = 30
+    j = 40
     x, y = (n * grid["cell"] + grid["origin"][a] + grid["cell"] / 2 for a, n in enumerate((i, j)))
     assert heights[i, j] == pytest.approx(float(field(x, y)), abs=0.51 * grid["cell"])
 

@@ -33,7 +33,8 @@ def covariance(view):
 def layer(upright):
     """σ⁰ of the layer by the integral over its height, with κ and loss of a polarization (natural units, 67.4°)."""
     sine = 12 / 13
-    cosine, sine = 5 / 13, 12 / 13
+    cosine = 5 / 13
+    sine = 12 / 13
     depth = optical_depth(GRASS, TONES)
     along = depth * (cosine**2 + upright * sine**2)
     return 0.75 * albedo(GRASS, TONES) * cosine * (1 - np.exp(-2 * along / cosine))
@@ -41,13 +42,15 @@ def layer(upright):
 
 def test_the_layer_s_echo_is_that_of_small_particles_with_their_loss(covariance):
     """14 400 scatterers: 3 standard errors are 2.5 %; the strip spans 65.5 to 68.5 degrees; two ranks err by 1 %."""
-    hh, vv = covariance[0, 0].real, covariance[1, 1].real
+    hh = covariance[0, 0].real
+    vv = covariance[1, 1].real
     np.testing.assert_allclose(hh / layer(1.0), 1, atol=0.05)
     np.testing.assert_allclose(vv / layer(GRASS.upright), 1, atol=0.05)
 
 
 def test_cross_polarization_lies_7_db_below_hh_but_for_the_loss_of_v(covariance):
-    cosine, sine = 5 / 13, 12 / 13
+    cosine = 5 / 13
+    sine = 12 / 13
     depth = optical_depth(GRASS, TONES)
     mean = depth * (1 + cosine**2 + GRASS.upright * sine**2) / 2
     want = 10**-0.7 * 1.5 * albedo(GRASS, TONES) * depth * cosine / (2 * mean) * (1 - np.exp(-2 * mean / cosine))

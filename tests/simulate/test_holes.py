@@ -62,7 +62,9 @@ def test_a_hole_of_the_soil_itself_changes_nothing():
 
 def test_loose_soil_is_passed_sooner_and_with_less_loss():
     """Every term by hand: fill of 0.8 of the density, a cap of 2 cm, 10 cm deep."""
-    ground, s, depth = ground_of(MOIST), 0.92, 0.1
+    ground = ground_of(MOIST)
+    s = 0.92
+    depth = 0.1
     hole = SAME._replace(looseness=0.8, cap=0.02)
     extra, factor = hole_factor(hole, depth, s, ground)
     fill = (1 + 0.8 * (np.sqrt(ground.media[0]) - 1)) ** 2
@@ -95,7 +97,10 @@ def test_a_target_in_a_hole_is_seen_through_it(quiet):
 
 
 def test_the_flashes_of_wall_and_cap_are_their_disc_s_transform():
-    k, s, soil, contrast = 2 * np.pi * 1.05e9 / SPEED, 0.92, 4.0, -0.4
+    k = 2 * np.pi * 1.05e9 / SPEED
+    s = 0.92
+    soil = 4.0
+    contrast = -0.4
     hole = SAME._replace(cap=0.015)
     x = 2 * k * hole.radius * s
     turn = np.exp(1j * x)
@@ -103,7 +108,8 @@ def test_the_flashes_of_wall_and_cap_are_their_disc_s_transform():
     scale = np.sqrt(4 * np.pi) * k**2 / 4 * contrast * hole.radius**2 / (2j * k * np.sqrt(soil - s**2))
     assert abs(wall - scale * 2 * j1(x) / x) < 0.1 * abs(scale) * np.sqrt(8 / (np.pi * x**3))
     h, v = np.sum([np.array(cap_flash(hole, soil, s, k, side)) * turn**side for side in (1, -1)], axis=0)
-    c, q = np.sqrt(1 - s**2), np.sqrt(soil - s**2)
+    c = np.sqrt(1 - s**2)
+    q = np.sqrt(soil - s**2)
     height = 4 * np.pi * hole.cap * jv(2, x) / (2 * k * s) ** 2
     level = np.sqrt(4 * np.pi) * k**2 * c**2 / np.pi
     assert abs(h - level * (soil - 1) / (c + q) ** 2 * height) < 0.3 * abs(h) + 0.2 * level * hole.cap / k**2
@@ -122,7 +128,8 @@ def test_an_empty_hole_echoes_as_its_contrast(quiet):
         scene = Scene(soil=MOIST, surface=BARE, track=STILL, length=30.0, holes=table)
         return Simulator(scene, quiet, 4)
 
-    strong, weak = level(0.7), level(0.9)
+    strong = level(0.7)
+    weak = level(0.9)
     ratio = np.linalg.norm(strong.scan(0)[0]) / np.linalg.norm(weak.scan(0)[0])
     soil = np.sqrt(strong._ground.real[0])
     contrast = [(1 + f * (soil - 1)) ** 2 - soil**2 for f in (0.7, 0.9)]

@@ -22,7 +22,9 @@ NATURAL = {
     "prepared-gravel": "gravel",
     "prepared-clay": "wet-clay",
 }
-CLASS_A, CLASS_C = 16e-6, 256e-6  # middles of ISO 8608's classes, m³
+# middles of ISO 8608's classes, m³
+CLASS_A = 16e-6
+CLASS_C = 256e-6
 
 each = pytest.mark.parametrize("site", PREPARED)
 
@@ -33,7 +35,8 @@ def file_of(site):
 
 def ranges(site):
     """Ranges that a site's file tells: {(table, entry): (least, greatest)}."""
-    found, table = {}, None
+    found = {}
+    table = None
     for line in file_of(site).splitlines():
         if heading := re.fullmatch(r"\[(\w+)\]", line):
             table = heading[1]
@@ -82,7 +85,8 @@ def test_an_entry_with_a_range_is_its_middle(site):
 
 @each
 def test_a_prepared_lane_is_in_no_part_worse_than_the_natural_site(site):
-    lane, natural = Scene(site=site), Scene(site=NATURAL[site])
+    lane = Scene(site=site)
+    natural = Scene(site=NATURAL[site])
     assert lane.surface.rms_height < natural.surface.rms_height
     assert CLASS_A <= lane.surface.unevenness <= CLASS_C < natural.surface.unevenness
     assert lane.surface.cross_db < natural.surface.cross_db
@@ -157,7 +161,9 @@ def test_the_drawn_surface_has_the_declared_rms_height(site):
 @each
 def test_the_drawn_surface_has_the_declared_spectrum(site):
     """Periodograms of profiles of 8 m, over octaves of wavelengths from 1 m to 6 cm."""
-    surface, step, points = Scene(site=site).surface, 0.01, 800
+    surface = Scene(site=site).surface
+    step = 0.01
+    points = 800
     along = np.arange(points) * step
     window = np.hanning(points)
     cycles = np.fft.rfftfreq(points, step)
@@ -220,7 +226,9 @@ def test_simulated_scatterers_have_the_sigma0_of_small_perturbation(site, quiet)
     )  # fmt: skip
     tones = quiet.tones.axis()
     chosen = [np.abs(tones - f).argmin() for f in (0.6e9, 1.05e9, 1.8e9, 2.55e9)]
-    ratios, cross, agreement = [], [], []
+    ratios = []
+    cross = []
+    agreement = []
     for seed in range(6):
         simulator = Simulator(scene, quiet, seed, errors=False)
         pose = simulator.pose[0]

@@ -63,9 +63,12 @@ def test_brewster_s_angle_passes_all_of_v():
 
 def test_transmission_with_divergence_is_reciprocal():
     """t12·t21·cosθ/(n·cosθt) = t12², t12 of the field."""
-    sine, eps = 0.9, 6.0
-    q1, q2 = np.sqrt(1 - sine**2), np.sqrt(eps - sine**2)
-    t_h, t_v = 2 * q1 / (q1 + q2), 2 * np.sqrt(eps) * q1 / (eps * q1 + q2)
+    sine = 0.9
+    eps = 6.0
+    q1 = np.sqrt(1 - sine**2)
+    q2 = np.sqrt(eps - sine**2)
+    t_h = 2 * q1 / (q1 + q2)
+    t_v = 2 * np.sqrt(eps) * q1 / (eps * q1 + q2)
     both = [t * ray_divergence(sine, eps) for t in two_way_transmission(sine, eps)]
     np.testing.assert_allclose(np.abs(both), [t_h**2, t_v**2], rtol=1e-12)
 
@@ -76,7 +79,8 @@ def field_above(eps, depth, x, z, k0, upright):
     Horizontal and seen from its side (H), or upright (its vertical field). Angles first, then evanescent waves.
     """
     n = 40_000
-    angle, decay = (np.arange(n) + 0.5) / n * np.pi / 2, (np.arange(n) + 0.5) / n * 2.0
+    angle = (np.arange(n) + 0.5) / n * np.pi / 2
+    decay = (np.arange(n) + 0.5) / n * 2.0
     total = 0j
     for kr, step in (
         (k0 * np.sin(angle), k0 * np.cos(angle) * np.pi / 2 / n),
@@ -88,7 +92,8 @@ def field_above(eps, depth, x, z, k0, upright):
         if upright:
             total += np.sum(wave * kr**2 / k0**2 * 2 / (eps * q1 + q2) * jv(0, kr * x))
         else:
-            zero, one = jv(0, kr * x), jv(1, kr * x) / (kr * x)
+            zero = jv(0, kr * x)
+            one = jv(1, kr * x) / (kr * x)
             total += np.sum(wave * 2 * ((zero - one) / (q1 + q2) + one * q1 * q2 / (eps * q1 + q2) / k0**2))
     return -1j * total
 
@@ -112,7 +117,8 @@ def test_x_band_is_nearly_blind_in_mironov_sand_and_not_in_dry_sand():
     """Two-way at 5 cm, 9.4 GHz: about 20 dB against 0.9 dB for tanδ = 0.005."""
     from flgpr.simulate.soil import mironov
 
-    k, sine = 2 * np.pi * 9.4e9 / SPEED_OF_LIGHT, 0.92
+    k = 2 * np.pi * 9.4e9 / SPEED_OF_LIGHT
+    sine = 0.92
     sand = -20 * np.log10(two_way_attenuation(0.05, k, sine, mironov(9.4e9, 3.0, 0.03).item()))
     dry = -20 * np.log10(two_way_attenuation(0.05, k, sine, 3.4 * (1 - 0.005j)))
     assert sand == pytest.approx(20, abs=3)

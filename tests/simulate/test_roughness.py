@@ -43,7 +43,8 @@ def test_heights_have_their_rms_and_exponential_correlation():
 
 def profile_density(unevenness, waviness, cycles):
     """One-sided spectrum of a profile, m³: the isotropic spectrum integrated across the profile's direction."""
-    hurst, k = (waviness - 1) / 2, 2 * np.pi * cycles
+    hurst = (waviness - 1) / 2
+    k = 2 * np.pi * cycles
     power = 4 * np.pi * hurst * uneven_height(unevenness, waviness) ** 2 * UNEVEN_LENGTH**2
     isotropic = lambda across: power * (1 + (k**2 + across**2) * UNEVEN_LENGTH**2) ** -(1 + hurst)  # noqa: E731
     return 4 * np.pi * 2 * quad(isotropic, 0, np.inf)[0] / (2 * np.pi) ** 2
@@ -58,8 +59,11 @@ def test_uneven_ground_has_the_profile_of_iso_8608(waviness):
 
 
 def test_backscatter_without_unevenness_is_that_of_exponential_correlation():
-    f, s, length = np.array([0.44e9, 1.05e9, 2.55e9]), 0.005, 0.05
-    k, cosine = 2 * np.pi * f / 299_792_458.0, np.sqrt(1 - SINE**2)
+    f = np.array([0.44e9, 1.05e9, 2.55e9])
+    s = 0.005
+    length = 0.05
+    k = 2 * np.pi * f / 299_792_458.0
+    cosine = np.sqrt(1 - SINE**2)
     alpha = 2.4 / (cosine + np.sqrt(3.4 - SINE**2)) ** 2
     closed = 8 * k**4 * s**2 * cosine**4 * alpha**2 * length**2 * (1 + (2 * k * length * SINE) ** 2) ** -1.5
     np.testing.assert_allclose(surface_backscatter(f, SINE, 3.4, s, length)[0], closed, rtol=1e-12)

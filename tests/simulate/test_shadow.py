@@ -32,10 +32,12 @@ def test_behind_a_high_strip_the_wave_comes_round_its_sides(pair, across, radius
     shadows = Shadows([Strip(0.0, 10.0, 0.0, 30.0, radius)], pair, TONES)
     point = np.array([across, 12.0, 0.0])
     found = shadows.factors(point[None, :], NODES)[0]
-    slant, flat = np.linalg.norm(point - [0, 0, 5.0]), np.hypot(*point[:2])
+    slant = np.linalg.norm(point - [0, 0, 5.0])
+    flat = np.hypot(*point[:2])
     along = 10.0 * 12.0 / flat
     offset = 10.0 * across / flat  # of the ray from the strip's middle, at its foot
-    before, behind = slant * along / flat, slant * (1 - along / flat)
+    before = slant * along / flat
+    behind = slant * (1 - along / flat)
     for factor, tone in zip(found, NODES, strict=True):
         shares = (-offset - radius, -offset + radius, before, behind, 299792458.0 / tone)
         blocked = slow_shadow.part_of_the_wave(*shares)
@@ -120,15 +122,18 @@ def test_who_throws_a_shadow():
 
 def test_scatterers_in_the_shade_keep_their_spectrum_times_the_factor(quiet):
     """The factor at the skeleton's few tones goes through the band as the factor of every tone does."""
-    sensor, frequency = quiet, quiet.tones.axis()
+    sensor = quiet
+    frequency = quiet.tones.axis()
     pose = np.array([0.0, 0.0, sensor.height, 0.0, 0.0, 0.0])
     simulator = Simulator(Scene(track=STILL, surface={"density": 3.0}), sensor, 1, errors=False)
     array = dataclasses.replace(array_state(sensor, pose), tx=np.array([0]), rx=np.array([5]))
     strips = [Strip(0.0, 10.0, 0.0, 1.0, 0.3), Strip(-1.0, 9.0, 0.0, 0.5, 0.1, 6.0)]
-    shadows, layer = Shadows(strips, array, frequency), simulator._layers[0]
+    shadows = Shadows(strips, array, frequency)
+    layer = simulator._layers[0]
     skeleton = Skeleton([layer], View(sensor.footprint, pose, array_state(sensor, pose)), frequency)
     found = layer.echoes(View(sensor.footprint, pose, array))
-    values, points = skeleton.values(found), found.points
+    values = skeleton.values(found)
+    points = found.points
     at_nodes = values.copy()
     shadows.darken(at_nodes, points, skeleton.nodes)
     dark = np.abs(at_nodes / values - 1).max(axis=(1, 2)) > 0.2

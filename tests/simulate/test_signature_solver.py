@@ -79,8 +79,11 @@ def test_a_metal_sphere_scatters_as_mie_says_in_the_limit_of_thin_discs(soil, wa
 @pytest.mark.parametrize("soil", [3.4, 3.4 - 0.03j])
 @pytest.mark.parametrize("wavenumber", [9.0, 12.0])
 def test_a_faint_cylinder_has_equal_hh_and_vv_as_born_says(soil, wavenumber):
-    radius, height, contrast = 0.12, 0.06, 0.001
-    x, down = 2 * wavenumber * radius * SINE, np.sqrt(wavenumber**2 * soil - (wavenumber * SINE) ** 2 + 0j)
+    radius = 0.12
+    height = 0.06
+    contrast = 0.001
+    x = 2 * wavenumber * radius * SINE
+    down = np.sqrt(wavenumber**2 * soil - (wavenumber * SINE) ** 2 + 0j)
     disc = np.pi * radius**2 * 2 * j1(x) / x
     want = wavenumber**2 / (4 * np.pi) * disc * (1 - np.exp(-2j * down * height)) / (2j * down)
     plain, faint = (
@@ -108,7 +111,8 @@ FUZE = body((0.02, (0.06, 1.0)), (0.04, (0.03, "metal"), (0.07, 2.9)))
 def test_transmitter_and_receiver_may_change_places(mode, monkeypatch):
     """T is symmetric in HH and in VV and antisymmetric between H and V, evanescent waves included."""
     monkeypatch.setattr(revolution, "_RANK", 0.0)
-    soil, wavenumber = 4 - 0.2j, 15.0
+    soil = 4 - 0.2j
+    wavenumber = 15.0
     waves = spectral_path(wavenumber * np.sqrt(soil), FUZE.radius).transverse[::6]
     waves = np.concatenate([waves, wavenumber * np.array([0.8, 0.95])])
     answer = ModalSolver(make_grid(FUZE, soil, wavenumber, 6.0), soil, wavenumber, mode).answer(waves)
@@ -122,7 +126,8 @@ def test_transmitter_and_receiver_may_change_places(mode, monkeypatch):
     ("it", "limit"), [(body((0.12, (0.16, "metal"))), 0.23), (body((0.015, (0.16, 1.0)), (0.1, (0.16, 2.9))), 0.06)]
 )
 def test_twice_the_cells_halve_the_error(it, limit):
-    sines, apart = np.array([0.8, 0.92]), np.array([0.0, 0.4])
+    sines = np.array([0.8, 0.92])
+    apart = np.array([0.0, 0.4])
     coarse, fine, finest = (solve_round(it, 0.8e9, 3.5 - 0.05j, sines, apart, DEEP, c) for c in (8.0, 16.0, 32.0))
     assert error(coarse, finest) < limit
     assert error(fine, finest) < error(coarse, finest) / 2
@@ -134,10 +139,14 @@ def test_twice_the_cells_halve_the_error(it, limit):
     ("it", "least"), [(body((0.12, (0.16, "metal"))), 0.2), (body((0.015, (0.16, 1.0)), (0.135, (0.16, 2.9))), 0.04)]
 )
 def test_the_surface_s_multiples_are_those_of_a_surface_in_the_grid(it, least, frequency, depth):
-    soil, wavenumber = 3.5 * (1 - 0.01j), 2 * np.pi * frequency / SPEED_OF_LIGHT
-    path, sines = spectral_path(wavenumber * np.sqrt(soil), it.radius), wavenumber * np.array([0.85, 0.92, 0.97])
+    soil = 3.5 * (1 - 0.01j)
+    wavenumber = 2 * np.pi * frequency / SPEED_OF_LIGHT
+    path = spectral_path(wavenumber * np.sqrt(soil), it.radius)
+    sines = wavenumber * np.array([0.85, 0.92, 0.97])
     grids = make_grid(it, soil, wavenumber, 8.0), make_grid(it, soil, wavenumber, 8.0, cover=depth)
-    added, whole, alone = [], [], []
+    added = []
+    whole = []
+    alone = []
     for mode in range(3):
         below, with_air = (ModalSolver(grid, soil, wavenumber, mode) for grid in grids)
         answer = below.answer(np.concatenate([path.transverse, sines]))

@@ -92,7 +92,8 @@ def test_a_table_gives_back_its_nodes(name, soil, depth):
 
 
 def test_below_its_tones_a_table_falls_with_the_square_and_above_it_stays():
-    table, depth = packaged_table("plastic-at"), 0.05
+    table = packaged_table("plastic-at")
+    depth = 0.05
     f = np.array([0.15e9, 0.3e9, 3.225e9, 3.4e9])
     got = np.abs(table.at(f, np.full(4, 3.1 - 0.06j), depth)[..., :2, :])
     np.testing.assert_allclose(got[..., 0], got[..., 1] / 4, rtol=1e-4, atol=1e-9)
@@ -100,7 +101,8 @@ def test_below_its_tones_a_table_falls_with_the_square_and_above_it_stays():
 
 
 def test_what_the_surface_adds_fades_with_depth():
-    table, f = packaged_table("metal-at"), nodes.FREQUENCY
+    table = packaged_table("metal-at")
+    f = nodes.FREQUENCY
     deep = table.at(f, soil_of(1), 1e4)
     added = [np.linalg.norm(table.at(f, soil_of(1), d) - deep) for d in (0.05, 0.15, 0.3, 0.6)]
     assert added[0] > added[1]
@@ -114,7 +116,8 @@ BETWEEN = np.array([0.75, 0.9, 0.965])  # sines that are not nodes
 @pytest.mark.parametrize(("frequency", "soil"), [(1.0e9, 3.4 - 0.04j), (0.71e9, 4.9 - 0.18j)])
 def test_between_its_nodes_a_table_is_what_solving_there_gives(name, limit, frequency, soil):
     """Tone, soil, loss, depth, sine and azimuth all off their nodes."""
-    apart, depth = np.radians(8.0), 0.037
+    apart = np.radians(8.0)
+    depth = 0.037
     body = packaged_table(name).body
     cells = cells_for(frequency, soil.real)
     want = solve_round(body, frequency, soil, BETWEEN, np.array([apart]), np.array([depth]), cells)[0, :, 0]
@@ -132,7 +135,9 @@ def test_between_its_nodes_a_table_is_what_solving_there_gives(name, limit, freq
 @pytest.mark.parametrize("soil", [2, 6])
 def test_deep_down_a_table_of_plastic_is_what_dipoles_on_a_lattice_give(name, soil):
     """The lattice's cells of 6 mm and its other solver leave a tenth of the amplitude."""
-    table, tone, direction = packaged_table(name), 6, 3
+    table = packaged_table(name)
+    tone = 6
+    direction = 3
     eps = nodes.PERMITTIVITY[soil] * (1 - 1j * nodes.LOSS[soil])
     wavenumber = 2 * np.pi * float(nodes.FREQUENCY[tone]) / SPEED_OF_LIGHT
     waves = Waves(np.array([wavenumber * nodes.SINE[direction]]), np.zeros(1))
@@ -151,7 +156,8 @@ def test_without_a_surface_a_table_gives_its_deepest_node():
 
 def test_weights_are_those_of_polynomials_even_and_odd():
     rng = np.random.default_rng(1)
-    sine, apart = rng.uniform(nodes.SINE.min(), nodes.SINE.max(), 20), rng.uniform(-0.5, 0.5, 20)
+    sine = rng.uniform(nodes.SINE.min(), nodes.SINE.max(), 20)
+    apart = rng.uniform(-0.5, 0.5, 20)
     weight = node_weights(sine, apart, np.zeros(20), np.zeros(1))[0]
     np.testing.assert_allclose(weight[:, :, 0].sum(axis=(0, 1)), 1, atol=1e-12)
 
@@ -169,7 +175,8 @@ def test_weights_are_those_of_polynomials_even_and_odd():
 
 def test_swapping_the_antennas_swaps_hv_and_vh():
     table = packaged_table("metal-at").at(np.array([1e9]), np.array([3.4 - 0.04j]), 0.05)[..., 0]
-    sine, apart = np.full(2, 0.9), np.array([0.3, -0.3])
+    sine = np.full(2, 0.9)
+    apart = np.array([0.3, -0.3])
     weight = node_weights(sine, apart, np.zeros(2), np.zeros(1))
     even = np.einsum("aspn,aspc->nc", weight[..., 0, :], table)
     odd = np.einsum("aspn,aspc->nc", weight[..., 2, :], table)
@@ -187,7 +194,8 @@ def test_all_aspects_of_a_box_come_from_an_eighth_or_a_quarter_of_its_turn(elong
     """Between the nodes and behind every mirror, where (HV + VH)/2 changes its sign."""
     body = Body(name="brick", shape="box", elongation=elongation, layers=[BRICK])
     aspects = np.radians(np.linspace(0, 45 if elongation == 1 else 90, count))
-    at, apart = np.radians([20.0, -20.0, 110.0, 70.0, 200.0, 38.0]), np.radians(12.0)
+    at = np.radians([20.0, -20.0, 110.0, 70.0, 200.0, 38.0])
+    apart = np.radians(12.0)
     solve = partial(solve_box, body, 1.5e9, 4.0 - 0.1j, nodes.SINE)
 
     def channels(found):
@@ -224,7 +232,8 @@ def test_a_table_that_was_stopped_goes_on_and_gives_the_same_bits(tmp_path, monk
 
     with pytest.raises(KeyboardInterrupt):
         build_table(TINY, tmp_path / "part", progress=stop)
-    solved, told = [], []
+    solved = []
+    told = []
     solve = build.solve_piece
     monkeypatch.setattr(build, "solve_piece", lambda *piece: solved.append(piece[1:]) or solve(*piece))
     went_on = build_table(TINY, tmp_path / "part", progress=lambda *at: told.append(at))

@@ -41,7 +41,8 @@ def test_a_corner_reflector_images_at_its_place_and_analytic_level(quiet):
     assert abs(grid.x[column] - 0.52) <= 0.005 + 1e-9
     assert abs(grid.y[row] - 12.03) <= 0.005 + 1e-9
     tx, rx = quiet.pairs()
-    point, up = np.array([0.52, 12.03, 0.0]), np.array([0, 0, quiet.height])
+    point = np.array([0.52, 12.03, 0.0])
+    up = np.array([0, 0, quiet.height])
     axis = np.array([0, np.cos(quiet.tilt), -np.sin(quiet.tilt)])
     frequency = quiet.tones.axis()
     inside = (frequency >= WIDE["all"][0]) & (frequency <= WIDE["all"][1])
@@ -49,8 +50,10 @@ def test_a_corner_reflector_images_at_its_place_and_analytic_level(quiet):
     sigma = np.sqrt((frequency / 1e9) ** 2)
     total = 0.0
     for t, r in zip(tx + up, rx + up, strict=True):
-        ray_t, ray_r = point - t, point - r
-        d_t, d_r = np.linalg.norm(ray_t), np.linalg.norm(ray_r)
+        ray_t = point - t
+        ray_r = point - r
+        d_t = np.linalg.norm(ray_t)
+        d_r = np.linalg.norm(ray_r)
         pattern = (ray_t @ axis / d_t) * (ray_r @ axis / d_r)
         total += pattern / (d_t * d_r) * np.sum((system_response(quiet, frequency) * sigma)[inside])
     assert 20 * np.log10(image.max() / total) == pytest.approx(0, abs=0.1)
@@ -100,7 +103,8 @@ def test_the_near_rim_does_not_hear_the_cover(quiet):
         level = np.abs(echoes.spectrum[side][0]) * np.sqrt(ground.frequency)  # a rim's amplitude falls as 1/sqrt(k)
         return level.max() / level.min()
 
-    near, far = 0, 1
+    near = 0
+    far = 1
     assert ripple(near) == pytest.approx(1, abs=1e-6)
     assert ripple(far) > 4
 
@@ -160,7 +164,8 @@ def test_the_same_seed_gives_the_same_bits_in_any_order(quiet):
     lane = Scene(site="arid-sand", length=20.0, draws=draws, surface={"density": 3.0})
     tones = quiet.tones.model_copy(update={"step": 40e6, "count": 64})
     sensor = load_sensor("sri-array").model_copy(update={"rx": quiet.rx, "tones": tones})
-    one, other = Simulator(lane, sensor, 7), Simulator(lane, sensor, 7)
+    one = Simulator(lane, sensor, 7)
+    other = Simulator(lane, sensor, 7)
     pd.testing.assert_frame_equal(one.truth, other.truth)
     forwards = [one.scan(k) for k in (0, 3, 5)]
     backwards = [other.scan(k) for k in (5, 3, 0)][::-1]
@@ -208,8 +213,10 @@ def expected_power(quiet, subband, surface):
     level = response * np.sqrt(surface(frequency[inside], sine[:, None]))
     image = np.zeros((2, len(points)), complex)
     for t, r in zip(tx, rx, strict=True):
-        ray_t, ray_r = points - t, points - r
-        d_t, d_r = np.linalg.norm(ray_t, axis=1), np.linalg.norm(ray_r, axis=1)
+        ray_t = points - t
+        ray_r = points - r
+        d_t = np.linalg.norm(ray_t, axis=1)
+        d_r = np.linalg.norm(ray_r, axis=1)
         gain = np.maximum(ray_t @ axis / d_t, 0) * np.maximum(ray_r @ axis / d_r, 0) / (d_t * d_r)
         focus = np.linalg.norm(centre - t) + np.linalg.norm(centre - r)
         turn = np.exp(2j * np.pi / 299792458.0 * (focus - d_t - d_r)[:, None] * frequency[inside])
@@ -262,7 +269,8 @@ def test_scatterers_are_k_distributed(shape, want):
 
 
 def test_clutter_decorrelates_with_frequency(clutter):
-    a, b = clutter[:4, 0, 0].ravel(), clutter[:4, 0, 1].ravel()
+    a = clutter[:4, 0, 0].ravel()
+    b = clutter[:4, 0, 1].ravel()
     assert np.abs(np.vdot(a, b)) / np.linalg.norm(a) / np.linalg.norm(b) < 0.25
 
 

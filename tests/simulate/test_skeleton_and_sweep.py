@@ -27,7 +27,8 @@ def few(sensor, beam="aperture", pairs=slice(0, 18, 5)):
 
 
 def slow(points, spectrum, frequency, state):
-    tx, rx = state.position[state.tx], state.position[state.rx]
+    tx = state.position[state.tx]
+    rx = state.position[state.rx]
     exponents = state.exponents(frequency)
     return slow_simulation.sum_swept(points, spectrum, frequency, tx, rx, state.boresight, exponents, state.drift)
 
@@ -40,7 +41,8 @@ def apart(got, want):
 def test_single_echoes_have_the_beam_and_the_motion_of_every_tone(quiet, beam, drift):
     sensor, state = few(quiet, beam)
     state = dataclasses.replace(state, drift=drift * ALONG)
-    frequency, rng = sensor.tones.axis(), np.random.default_rng(2)
+    frequency = sensor.tones.axis()
+    rng = np.random.default_rng(2)
     points = np.column_stack([rng.uniform(-5, 5, 6), rng.uniform(7, 26, 6), rng.uniform(0, 1, 6)])
     spectra = (rng.normal(size=(6, 3, 1)) + 1j * rng.normal(size=(6, 3, 1))) * (frequency / 1e9)
     echoes = Echoes()
@@ -70,7 +72,8 @@ class Strewn:
 def test_layers_have_the_beam_of_every_tone_and_pair(quiet, site):
     sensor, state = few(quiet)
     simulator = Simulator(Scene(site=site, track=STILL, surface={"density": 3.0}), sensor, 1, errors=False)
-    frequency, view = sensor.tones.axis(), View(sensor.footprint, POSE, state)
+    frequency = sensor.tones.axis()
+    view = View(sensor.footprint, POSE, state)
     spreader = Spreader(sensor.tones.start, sensor.tones.step, sensor.tones.count)
     skeleton = Skeleton(simulator._layers, View(sensor.footprint, POSE, array_state(sensor, POSE)), frequency)
     assert skeleton.nodes.size <= 7
@@ -90,7 +93,8 @@ def test_layers_have_the_beam_of_every_tone_and_pair(quiet, site):
 def test_clutter_seen_in_motion_is_that_of_every_tones_place(quiet, seconds, most):
     sensor, state = few(quiet, "constant")
     state = dataclasses.replace(state, drift=np.array([0.0, 4.0, 0.0]) * seconds)
-    frequency, rng = sensor.tones.axis(), np.random.default_rng(5)
+    frequency = sensor.tones.axis()
+    rng = np.random.default_rng(5)
     points = np.column_stack([rng.uniform(-5, 5, 200), rng.uniform(7, 26, 200), np.zeros(200)])
     values = (rng.normal(size=(200, 3, 1)) + 1j * rng.normal(size=(200, 3, 1))).astype(np.complex64)
     functions = np.ones((1, frequency.size))
@@ -107,14 +111,16 @@ def test_motion_moves_the_peak_by_carrier_over_bandwidth(quiet):
     sensor, state = few(quiet, "constant", slice(0, 1))
     frequency = sensor.tones.axis()
     spreader = Spreader(sensor.tones.start, sensor.tones.step, sensor.tones.count)
-    point, one = np.array([[0.3, 16.0, 0.0]]), np.ones((1, 3, 1), np.complex64)
+    point = np.array([[0.3, 16.0, 0.0]])
+    one = np.ones((1, 3, 1), np.complex64)
     peaks = []
     for drift in (0.0, 0.04):
         moving = dataclasses.replace(state, drift=np.array([0.0, drift, 0.0]))
         signal = spreader(point, one, np.ones((1, frequency.size)), moving)[0, 0]
         steps = 64 * frequency.size
         peaks.append(np.argmax(np.abs(np.fft.ifft(signal * np.hanning(frequency.size), steps))) / steps / 10e6)
-    carrier, bandwidth = frequency[frequency.size // 2], frequency.size * 10e6
+    carrier = frequency[frequency.size // 2]
+    bandwidth = frequency.size * 10e6
     ray = point[0] - state.position[[state.tx[0], state.rx[0]]]
     rate = -np.sum(ray @ [0.0, 0.04, 0.0] / np.linalg.norm(ray, axis=1))
     shift = (peaks[1] - peaks[0]) * slow_simulation.C

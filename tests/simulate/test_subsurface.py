@@ -91,7 +91,9 @@ def test_stones_are_as_many_and_as_large_as_their_law(quiet):
     count = sum(field.stones(ix, iy).depth.size for ix in range(30) for iy in range(30))
     assert abs(count - 1800) < 4 * np.sqrt(1800)
     radii = stone_radii(Stones(), np.random.default_rng(0).random(4000))
-    low, high, d = 0.01, 0.08, 2.5
+    low = 0.01
+    high = 0.08
+    d = 2.5
 
     def law(r):
         return (1 - (r / low) ** -d) / (1 - (high / low) ** -d)
@@ -101,7 +103,9 @@ def test_stones_are_as_many_and_as_large_as_their_law(quiet):
 
 
 def test_a_stone_is_a_dipole_when_small_and_optical_when_large():
-    k, es, er = 20.0, 4.0, 7.0
+    k = 20.0
+    es = 4.0
+    er = 7.0
     amplitude, _ = inclusions.stone([0.002, 3.0], er, es, k)
     dipole = k**2 * es * 0.002**3 * (er - es) / (er + 2 * es)
     assert amplitude[0] ** 2 == pytest.approx(4 * np.pi * dipole**2, rel=0.01)
@@ -129,8 +133,11 @@ def test_buried_spheres_have_the_ratio_of_transmissions_and_no_cross(quiet):
     layer, ground = flat_layer(given(places, 0.0), DRY, quiet)
     h, v, x = np.moveaxis(spectra_of(layer.echoes(view_of(quiet)))[..., 100], 1, 0)
     s = sine_at(places)
-    c, q, n = np.sqrt(1 - s**2), np.sqrt(3.4 - s**2), np.sqrt(3.4)
-    t_h, t_v = 2 * c / (c + q), 2 * n * c / (3.4 * c + q)
+    c = np.sqrt(1 - s**2)
+    q = np.sqrt(3.4 - s**2)
+    n = np.sqrt(3.4)
+    t_h = 2 * c / (c + q)
+    t_v = 2 * n * c / (3.4 * c + q)
     np.testing.assert_allclose(np.abs(h), t_h**2, rtol=0.01)
     np.testing.assert_allclose(np.abs(v / h), (t_v / t_h) ** 2, rtol=0.01)
     assert not x.any()
@@ -167,7 +174,11 @@ def test_a_buried_point_is_focused_at_its_apparent_shift(quiet):
 
 def test_the_spectrum_of_the_uneven_soil_is_that_of_its_correlation():
     """Along one axis of isotropic soil the transform is 4π/K·∫ C(r)·r·sin(Kr) dr."""
-    k, s, length, deviation, soil = 12.0, 0.9, 0.03, 0.4, 4.0
+    k = 12.0
+    s = 0.9
+    length = 0.03
+    deviation = 0.4
+    soil = 4.0
     wave = 2 * k * np.sqrt(soil)
     integral = quad(lambda r: r * np.exp(-r / length), 0, np.inf, weight="sin", wvar=wave)[0]
     want = k**4 / (4 * np.pi) * deviation**2 * 4 * np.pi / wave * integral
@@ -184,8 +195,10 @@ def test_the_uneven_soil_echoes_as_its_closed_form(quiet, tone):
     echoes = layer.echoes(view_of(quiet))
     power = np.abs(spectra_of(echoes)[..., tone]) ** 2
     s = sine_at(echoes.points[:, :2])
-    k, eps = ground.wavenumber[tone], ground.media[0][tone]
-    q, c = np.sqrt(eps - s**2), np.sqrt(1 - s**2)
+    k = ground.wavenumber[tone]
+    eps = ground.media[0][tone]
+    q = np.sqrt(eps - s**2)
+    c = np.sqrt(1 - s**2)
     x_min, x_max, y_min, y_max = quiet.footprint
     area = (x_max - x_min) * (y_max - y_min)
     rate = 4 * k * np.abs(q.imag)
@@ -199,7 +212,10 @@ def test_the_uneven_soil_echoes_as_its_closed_form(quiet, tone):
 
 def test_the_two_flashes_of_a_lens_are_born_s_disc(quiet):
     """Both flashes beyond the way to the disc's middle add up to k0²·δε·a²h/4·2J_1(x)/x·sqrt(4π)."""
-    radius, thickness, contrast, k = 0.15, 1e-4, 0.7, 2 * np.pi * 1.2e9 / SPEED
+    radius = 0.15
+    thickness = 1e-4
+    contrast = 0.7
+    k = 2 * np.pi * 1.2e9 / SPEED
     near = complex(inclusions.lens(radius, contrast, thickness, k))
     for s in (0.8, 0.9, 0.97):
         x = 2 * k * radius * s
@@ -237,7 +253,9 @@ def test_roots_of_every_direction_have_the_cross_level_of_thin_wires(few_tones):
     across = 2 * 3.4 / (22 + 3.4)
     s = sine_at(echoes.points[:, :2])
     inside = np.sqrt(1 - s**2 / 3.4)
-    c, q, n = np.sqrt(1 - s**2), np.sqrt(3.4 - s**2), np.sqrt(3.4)
+    c = np.sqrt(1 - s**2)
+    q = np.sqrt(3.4 - s**2)
+    n = np.sqrt(3.4)
     ratio = n * (c + q) / (3.4 * c + q)  # t12 of V over that of H
     level = np.mean((across + (1 - across) * np.cos(turn) ** 2) ** 2)
     cross = np.mean(((1 - across) * np.cos(turn) * np.sin(turn)) ** 2) * np.mean((inside * ratio) ** 2)
@@ -269,7 +287,8 @@ MINES = {"draws": [{"kind": "metal", "depth": 0.05, "count": 4}], "clutter": {"r
 
 def test_the_same_seed_gives_the_same_bits_in_any_order(few_tones):
     one, other = (Simulator(Scene(**LANE, **MINES, **FULL), few_tones, 7) for _ in range(2))
-    forwards, backwards = [one.scan(k) for k in (0, 1, 2)], [other.scan(k) for k in (2, 1, 0)][::-1]
+    forwards = [one.scan(k) for k in (0, 1, 2)]
+    backwards = [other.scan(k) for k in (2, 1, 0)][::-1]
     for a, b in zip(forwards, backwards, strict=True):
         np.testing.assert_array_equal(a, b)
     assert not np.array_equal(Simulator(Scene(**LANE, **MINES, **FULL), few_tones, 8).scan(0), forwards[0])

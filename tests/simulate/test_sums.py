@@ -17,7 +17,8 @@ def cloud(count, seed=0):
 
 def slow(sensor, points, spectrum, frequency):
     state = array_state(sensor, POSE)
-    tx, rx = state.position[state.tx], state.position[state.rx]
+    tx = state.position[state.tx]
+    rx = state.position[state.rx]
     if sensor.antenna.kind == "dipole":
         return slow_simulation.sum_dipoles(points, spectrum, frequency, tx, rx)
     return slow_simulation.sum_points(points, spectrum, frequency, tx, rx, state.boresight, sensor.antenna.exponent)
@@ -41,7 +42,8 @@ def test_single_echoes_are_summed_exactly(quiet, dipoles, kind, cross):
     """HH, HV, VH and VV of echoes whose HV and VH are the same (three channels) or not (four)."""
     constant = quiet.model_copy(update={"antenna": quiet.antenna.model_copy(update={"beam": "constant"})})
     sensor = constant if kind == "horn" else dipoles
-    frequency, state = sensor.tones.axis(), array_state(sensor, POSE)
+    frequency = sensor.tones.axis()
+    state = array_state(sensor, POSE)
     points, coefficient = cloud(8, seed=3)
     echoes = Echoes()
     spectra = coefficient.reshape(8, 6)[:, :cross, None] * (frequency / 1e9)
@@ -64,9 +66,11 @@ def paths(state, point):
 
 def test_an_echo_has_its_weights_in_every_pair(quiet):
     """One for HH, VV and the mean of HV and VH, one for half their difference."""
-    frequency, state = quiet.tones.axis(), array_state(quiet, POSE)
+    frequency = quiet.tones.axis()
+    state = array_state(quiet, POSE)
     points, coefficient = cloud(1, seed=4)
-    path, spectrum = paths(state, points[0]), coefficient.reshape(6)[:4, None] * (frequency / 1e9)
+    path = paths(state, points[0])
+    spectrum = coefficient.reshape(6)[:4, None] * (frequency / 1e9)
     weight = np.random.default_rng(5).normal(size=(2, state.tx.size))
 
     def summed(*arguments):
@@ -74,7 +78,8 @@ def test_an_echo_has_its_weights_in_every_pair(quiet):
         echoes.add(path, points[0], *arguments)
         return sum_echoes(echoes, state, frequency)
 
-    plain, weighted = summed(spectrum), summed(spectrum, weight)
+    plain = summed(spectrum)
+    weighted = summed(spectrum, weight)
     for channels, row in (([1, 0, 0, 0], 0), ([0, 0, 0, 1], 0), ([0, 0.5, 0.5, 0], 0), ([0, 0.5, -0.5, 0], 1)):
         one, other = (np.tensordot(channels, signal, 1) for signal in (plain, weighted))
         np.testing.assert_allclose(other, one * weight[row][:, None], atol=1e-4 * np.abs(one).max())
@@ -83,7 +88,8 @@ def test_an_echo_has_its_weights_in_every_pair(quiet):
 def test_ranges_beyond_the_unambiguous_path_wrap(quiet):
     """A window of profile bins that is longer than c/df must not matter."""
     sensor = quiet.model_copy(update={"tones": quiet.tones.model_copy(update={"step": 40e6, "count": 64})})
-    frequency, points = sensor.tones.axis(), np.array([[0.5, 25.0, 0.0]])
+    frequency = sensor.tones.axis()
+    points = np.array([[0.5, 25.0, 0.0]])
     spreader = Spreader(sensor.tones.start, sensor.tones.step, sensor.tones.count)
     one = np.ones((1, 3, 1), np.complex64)
     got = spreader(points, one, np.ones((1, frequency.size)), array_state(sensor, POSE))

@@ -18,7 +18,8 @@ def terrain(seed=1, **entries):
 
 def test_undulation_has_its_height_length_and_slope():
     """One place in each of 800 worlds: 3 standard errors of a variance are 15 %, of a correlation at most 0.11."""
-    s, length = 0.02, 2.0
+    s = 0.02
+    length = 2.0
     lags = (0.5 * length, length, 2 * length)
     xy = np.array([[0.3, 20.0], *([0.3 + lag, 20.0] for lag in lags), *([0.3, 20.0 + lag] for lag in lags)])
     relief = np.array([terrain(seed, undulation=s, undulation_length=length).relief(xy) for seed in range(800)])
@@ -30,7 +31,8 @@ def test_undulation_has_its_height_length_and_slope():
 
 def test_slopes_are_the_derivative_of_the_height():
     entries = {"slope_along": 0.03, "slope_across": -0.02, "undulation": 0.02, "rut_depth": 0.05}
-    ground, step = terrain(**entries), 0.02
+    ground = terrain(**entries)
+    step = 0.02
     xy = np.random.default_rng(0).uniform([-2, 0], [2, 20], (2000, 2))
     slope = ground.relief(xy)[:, 1:]
     for axis, (move, mean) in enumerate(zip(np.eye(2) * step, (-0.02, 0.03), strict=True)):
@@ -130,7 +132,8 @@ def test_sigma0_is_that_of_the_local_angle(quiet, along):
     soil = {"model": "fixed", "permittivity": 3.4}
     level = Scene(soil=soil, length=30.0, track=STILL, surface={"density": 3.0})
     slope = tables.Terrain(slope_along=along, slope_across=0.02, follow=False)
-    power, sines = [], []
+    power = []
+    sines = []
     for lane in (level, level.model_copy(update={"terrain": slope})):
         simulator = Simulator(lane, quiet, 1, errors=False)
         array = array_state(quiet, simulator.pose[0])

@@ -11,7 +11,8 @@ from flgpr.chain.recipe import parse_recipe, recipe_names
 def train(three_mines, name, text, folder):
     recipe = folder / f"{name}.toml"
     recipe.write_text(text)
-    truth, borders = [three_mines / "truth.csv"], [three_mines / "lane.toml"]
+    truth = [three_mines / "truth.csv"]
+    borders = [three_mines / "lane.toml"]
     return tasks.train_runs([three_mines / "run.zarr"], truth, recipe, folder / "model", lanes=borders)
 
 
@@ -36,7 +37,8 @@ def trained_as_advised(three_mines, name, text, folder):
 
 @pytest.mark.parametrize("name", recipe_names())
 def test_every_packaged_recipe_trains_on_three_mines_and_detects(three_mines, name, tmp_path):
-    text, model = resized(name, three_mines), None
+    text = resized(name, three_mines)
+    model = None
     if name != "demo":
         text, trained = trained_as_advised(three_mines, name, text, tmp_path)
         model = tmp_path / "model"

@@ -64,7 +64,8 @@ def test_its_stage_runs_with_workers_after_a_stop_and_live(lanes, installed, tmp
     lane = lanes / "lane.toml"
     model = tasks.train_runs([lanes / "train.zarr"], [lanes / "train.csv"], recipe, tmp_path / "model", lanes=[lane])
     assert model.detector.features == ("sharp_HH", "sharp_VV", "sharp_HV", "sharp_VH", "C_HH_F1")
-    where, options = (lanes / "test.zarr", recipe), {"model": tmp_path / "model", "report": False}
+    where = (lanes / "test.zarr", recipe)
+    options = {"model": tmp_path / "model", "report": False}
     tasks.detect_run(*where, tmp_path / "plain", lane, **options)
     features = pd.read_csv(tmp_path / "plain" / "features.csv")
     assert features["sharp_HH"].corr(features["C_HH_F1"]) > 0.5  # both tell what stands out

@@ -39,7 +39,10 @@ def system(request, lanes):
 
 class System:
     def __init__(self, name, lanes, model):
-        self.name, self.lanes, self.model, self.folder = name, lanes, model, lanes / name
+        self.name = name
+        self.lanes = lanes
+        self.model = model
+        self.folder = lanes / name
 
     @property
     def truth(self):
@@ -147,8 +150,10 @@ def test_live_runs_it_or_says_why_not(system):
 @pytest.mark.parametrize("system", ["fused"], indirect=True)
 def test_live_maps_what_detection_maps(system):
     """The run-view of the scans that have come is that of the whole run, but for what the background knew by then."""
-    run, recipe = open_run(system.lanes / "test.zarr"), load_recipe(system.lanes / "fused.toml")
-    lane, model = read_lane(system.lanes / "lane.toml"), tasks.read_result(system.folder / "result").model()
+    run = open_run(system.lanes / "test.zarr")
+    recipe = load_recipe(system.lanes / "fused.toml")
+    lane = read_lane(system.lanes / "lane.toml")
+    model = tasks.read_result(system.folder / "result").model()
     detector = LiveDetector(describe_for_live(run), recipe, lane, model, LiveSettings(looks=1))
     whole = tasks.read_result(system.folder / "result").detections[0].view.values[0, 0]
     likeness = []
@@ -162,7 +167,8 @@ def test_live_maps_what_detection_maps(system):
             likeness.append(np.corrcoef(update.view[: len(theirs)][both], theirs[both])[0, 1])
     assert np.median(likeness) > 0.8
     detector.finish()
-    alarms, truth = detector.table(), pd.read_csv(system.truth)[["x", "y"]]
+    alarms = detector.table()
+    truth = pd.read_csv(system.truth)[["x", "y"]]
     assert _finds_more_than_chance(alarms[["x", "y"]], truth)
 
 
@@ -171,7 +177,8 @@ def test_what_each_look_says_adds_up_to_the_confidence(system):
     """The causes of an alarm are all its looks; with one constant for all alarms they make its confidence."""
     index = json.loads((system.folder / "result" / "view" / "index.json").read_text())
     shown = next(one for one in index["detections"] if one["main"])
-    evidence, added = shown["evidence"], shown["contributions"]
+    evidence = shown["evidence"]
+    added = shown["contributions"]
     assert list(added) == ["likelihood", "contrast HH", "contrast VV", "constant"]
     assert evidence["alone"] == ["B1", "B2", "mine over stone"]
     total = np.sum(list(added.values()), axis=0)
@@ -208,7 +215,8 @@ def test_every_frame_counts_its_area_where_the_recipe_says_so(lanes, system, tmp
     result = tasks.read_result(tmp_path / "whole")
     alarms, poses = result.detections[0].frames
     assert sorted(poses) == list(range(1, open_run(lanes / "test.zarr").sizes["scan"]))  # two scans are summed
-    area, halo = result.recipe.frame_area(), result.recipe.score.halo
+    area = result.recipe.frame_area()
+    halo = result.recipe.score.halo
     assert (alarms["across"].between(area.x_min, area.x_max) & alarms["ahead"].between(area.y_min, area.y_max)).all()
     looks, false = frame_counts(alarms, poses, pd.read_csv(system.truth), area, halo)
     scored = json.loads((tmp_path / "whole" / "roc.json").read_text())

@@ -23,7 +23,8 @@ def test_every_plot_draws_what_it_says(run):
 
 
 def test_a_point_appears_where_it_is():
-    point, tones = np.array([0.3, 4.0, 0.0]), np.linspace(1e9, 2e9, 40)
+    point = np.array([0.3, 4.0, 0.0])
+    tones = np.linspace(1e9, 2e9, 40)
     tx = np.stack([np.linspace(-1, 1, 9), np.zeros(9), np.zeros(9)], axis=1)
     pose = np.zeros((2, 6))
     pose[:, 2] = 1.5

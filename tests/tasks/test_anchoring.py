@@ -10,7 +10,9 @@ from typer.testing import CliRunner
 from flgpr.cli import app
 from flgpr.io import open_run, read_anchor, save_run
 
-AZIMUTH, LON, LAT = 30.0, 15.0, 48.75
+AZIMUTH = 30.0
+LON = 15.0
+LAT = 48.75
 LANE = "x_min = -1.5\nx_max = 1.5\ny_min = 0.0\ny_max = 60.0\n"
 
 
@@ -86,7 +88,9 @@ def test_faults_are_told_and_nothing_is_written(survey):
         assert not (survey / "a.toml").exists()
 
     points = survey / "points.csv"
-    crs, accuracy, write = ("--crs", "EPSG:32633"), ("--accuracy", 0.02), ("--write", survey / "a.toml")
+    crs = ("--crs", "EPSG:32633")
+    accuracy = ("--accuracy", 0.02)
+    write = ("--write", survey / "a.toml")
     refused("needs --crs, --accuracy and --write", points, *crs)
     refused("crs must be a reference system", points, "--crs", "EPSG:1", *accuracy, *write)
     refused("an outline needs a lane", points, *crs, *accuracy, *write, "--outline", survey / "o.json")

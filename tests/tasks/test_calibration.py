@@ -16,7 +16,8 @@ from flgpr.model.track import make_track
 
 FREQUENCY = np.linspace(1.0e9, 2.5e9, 40)
 TARGETS = np.array([[-0.6, 6.0, 0.0], [0.9, 7.5, 0.0]])
-OFFSET, BIAS = 3.37, 0.21
+OFFSET = 3.37
+BIAS = 0.21
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +76,8 @@ def biased(folder, tmp_path, bias):
 
 
 def test_both_together_are_found_where_one_after_the_other_fails(folder, tmp_path):
-    run, places = biased(folder, tmp_path, 1.5), ("--reflectors", folder / "reflectors.csv")
+    run = biased(folder, tmp_path, 1.5)
+    places = ("--reflectors", folder / "reflectors.csv")
     words = ("joint", run, *places, "--offsets", 2.6, 4.2, "--step", 0.1, "--biases", -1.9, 1.9)
     made = flgpr(*words, "-o", tmp_path / "ready.zarr")
     assert made.exit_code == 0, made.stderr
@@ -105,7 +107,8 @@ def test_an_answer_not_to_be_trusted_is_refused_and_nothing_written(folder, tmp_
         assert str(words[1]) in told.stderr
         assert not (tmp_path / "no.zarr").exists()
 
-    run, places = folder / "run.zarr", ("--reflectors", folder / "reflectors.csv")
+    run = folder / "run.zarr"
+    places = ("--reflectors", folder / "reflectors.csv")
     refused("edge of those tried", "clock", run, *AREA, "--offsets", 3.5, 4.0, "--step", 0.1)
     refused("", "range-bias", run, *places)  # the clock is not right yet
     refused("edge of those tried", "joint", run, *places, "--offsets", 3.45, 4.0, "--biases", -1.9, 1.9)

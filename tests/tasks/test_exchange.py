@@ -43,7 +43,8 @@ def written(folder, **told):
     alarms = pd.DataFrame(
         {"alarm_id": ["a", "b", "c"], "x": [0.1, -0.7, 1.1], "y": [3.0, 3.5, 4.2], "confidence": [9.0, 4.0, 2.5]}
     )
-    x, y = np.arange(-1.5, 1.51, 0.1), np.arange(2.0, 5.01, 0.1)
+    x = np.arange(-1.5, 1.51, 0.1)
+    y = np.arange(2.0, 5.01, 0.1)
     view = xr.DataArray(
         np.random.default_rng(0).random((1, 1, y.size, x.size), np.float32),
         dims=("polarization", "subband", "y", "x"),

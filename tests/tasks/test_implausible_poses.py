@@ -12,7 +12,8 @@ from flgpr.io import open_run, save_run
 from flgpr.results.result import read_result
 from live_lane import make_lane_run, small_recipe
 
-SCANS, WRONG = 13, 6
+SCANS = 13
+WRONG = 6
 RUN = make_lane_run(scans=SCANS)
 TOLD = "1 of 13 scans have positions that no vehicle reaches, which images leave out: scan 6 after scan 5: "
 
@@ -81,7 +82,8 @@ def test_honest_runs_are_told_nothing(home):
     assert "motion" not in result.manifest["run"]
     assert "vehicle" not in words
     assert call("info", home / "honest.zarr").count("warning") == 0
-    recipe, output = home / "recipe.toml", home / "honest-result"
+    recipe = home / "recipe.toml"
+    output = home / "honest-result"
     told = call("detect", home / "honest.zarr", "--recipe", recipe, "-o", output, "--json")
     assert json.loads(told)["implausible_scans"] == []
 

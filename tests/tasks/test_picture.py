@@ -21,8 +21,11 @@ TARGET = np.array([0.3, 4.0, 0.0])
 def drive(path_of, scans=20, height=1.0, step=0.1):
     """Make a run along +y of an antenna pair that hears one echo with the path that a function gives."""
     pose = np.zeros((scans, 6))
-    pose[:, 1], pose[:, 2], pose[:, 3] = step * np.arange(scans), height, 0.1
-    tx, rx = np.array([[-0.1, 0.0, 0.0]]), np.array([[0.1, 0.0, 0.0]])
+    pose[:, 1] = step * np.arange(scans)
+    pose[:, 2] = height
+    pose[:, 3] = 0.1
+    tx = np.array([[-0.1, 0.0, 0.0]])
+    rx = np.array([[0.1, 0.0, 0.0]])
     signal = [path_phase(TONES, path_of(vehicle_to_lane(tx, p), vehicle_to_lane(rx, p))) for p in pose]
     return make_run(np.array(signal)[:, None], TONES, ["HH"], tx, rx, pose, attrs={"title": "drive"})
 
@@ -39,7 +42,8 @@ def stored(tmp_path):
 def test_the_aperture_image_is_the_sum_term_by_term():
     run = drive(to(TARGET), scans=5)
     points = np.array([[0.3, 4.0, 0.0], [0.1, 3.5, 0.0], [0.5, 4.2, -0.1], [0.0, 0.5, 0.0]])
-    weights, reach = np.array([1.0, 0.5, 2.0, 1.0, 1.0]), 3.8
+    weights = np.array([1.0, 0.5, 2.0, 1.0, 1.0])
+    reach = 3.8
     wanted = np.zeros(len(points), complex)
     for scan in (0, 1, 3, 4):
         pose = run["pose"].values[scan]
@@ -75,7 +79,8 @@ def test_ground_ahead_is_chosen_where_nothing_is_told(stored):
 
 
 def test_antennas_on_the_ground_give_a_section_focused_by_the_ground_s_speed(tmp_path):
-    buried, slow = np.array([0.0, 1.0, -0.6]), 3.0
+    buried = np.array([0.0, 1.0, -0.6])
+    slow = 3.0
     line = save_run(drive(to(buried, slow), scans=41, height=0.0, step=0.05), tmp_path / "line.zarr")
     made = tasks.make_picture(line, tasks.View(permittivity=slow**2))
     assert (made.image.sizes["x"], made.image.sizes["z"] > 1, made.image.sizes["y"] > 1) == (1, True, True)
@@ -129,7 +134,9 @@ def test_what_does_not_fit_is_told_and_nothing_is_written(stored, tmp_path, view
 
 def test_commands_prepare_and_image_go_together(tmp_path):
     """The packaged lane's standing part is prepared away, and the post is what is left brightest."""
-    source, ready, picture = sample_lane() / "run.zarr", tmp_path / "ready.zarr", tmp_path / "ready.png"
+    source = sample_lane() / "run.zarr"
+    ready = tmp_path / "ready.zarr"
+    picture = tmp_path / "ready.png"
     run = CliRunner().invoke
     done = run(app, ["prepare", str(source), "-o", str(ready), "--background", "--band", "0.5", "1.4"])
     assert done.exit_code == 0, done.output

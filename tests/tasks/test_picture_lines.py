@@ -69,7 +69,8 @@ def test_a_section_goes_down_to_the_end_of_the_record_and_z_alone_bounds_it(tmp_
 
 def test_a_section_begins_where_the_record_does(line):
     held = open_run(line)
-    window, first = held.attrs["time_window_s"], held.attrs["first_sample_s"]
+    window = held.attrs["time_window_s"]
+    first = held.attrs["first_sample_s"]
     made = tasks.make_picture(line, tasks.View(permittivity=TRUE))
     assert -made.image["z"].values[0] == pytest.approx(SPEED * (window + first) / 2, abs=made.spacing)
 

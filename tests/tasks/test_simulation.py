@@ -19,7 +19,8 @@ from flgpr.tasks.simulation import preview_figure, simulate_to_store
 @pytest.fixture
 def small():
     data = load_sensor("sri-array").model_dump()
-    data["rx"], data["tones"] = data["rx"][::6], {"start": 600e6, "step": 5e6, "count": 64}
+    data["rx"] = data["rx"][::6]
+    data["tones"] = {"start": 600e6, "step": 5e6, "count": 64}
     scene = Scene(
         site="arid-sand",
         length=12.0,

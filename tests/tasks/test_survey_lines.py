@@ -70,7 +70,8 @@ def test_lines_by_their_own_fixes_need_no_layout(tmp_path):
     for k, path in enumerate(paths):
         lines = []
         for trace in (0, 19):
-            lat, lon = 50 + STEP * trace * NORTH, 8 + k * 0.25 / 71_700.0
+            lat = 50 + STEP * trace * NORTH
+            lon = 8 + k * 0.25 / 71_700.0
             lines += [f"Trace #{trace + 1} at position {STEP * trace}", gga(lat, lon, 100.0)]
         path.with_suffix(".gps").write_text("\n".join(lines))
     good("import", "gpr", *paths, "-o", tmp_path / "s.zarr", "--anchor-from-track")

@@ -10,7 +10,8 @@ from flgpr.model import Lane
 from flgpr.results.result import add_files, read_result, write_result
 from flgpr.results.score import VIEW_SCORE, score_detections, view_score
 
-POLARIZATIONS, SUBBANDS = ["HH", "VV"], ["0.4-1.1", "1.1-1.7"]
+POLARIZATIONS = ["HH", "VV"]
+SUBBANDS = ["0.4-1.1", "1.1-1.7"]
 
 
 def speckle(rng, shape, x, y, peaks, level):
@@ -52,7 +53,8 @@ def alarm_table(rng, truth, count, length):
 def make_long_lane(folder, rows=12_000, seed=3, alarms=900, title="long lane"):
     rng = np.random.default_rng(seed)
     length = 0.1 * rows
-    x, y = np.round(-2.95 + 0.1 * np.arange(60), 9), np.round(0.05 + 0.1 * np.arange(rows), 9)
+    x = np.round(-2.95 + 0.1 * np.arange(60), 9)
+    y = np.round(0.05 + 0.1 * np.arange(rows), 9)
     truth = truth_table(np.random.default_rng(1), max(rows // 150, 2), length)
     table = alarm_table(rng, truth, alarms, length)
     peaks = truth[["x", "y"]].to_numpy()
@@ -82,7 +84,8 @@ def make_long_lane(folder, rows=12_000, seed=3, alarms=900, title="long lane"):
         before=view(14),
     )
     pose = np.zeros((rows // 20, 6))
-    pose[:, 1], pose[:, 2] = 2.0 * np.arange(len(pose)) - 10, 5.0
+    pose[:, 1] = 2.0 * np.arange(len(pose)) - 10
+    pose[:, 2] = 5.0
     run = {"title": title, "pose": pose.tolist(), "masked_scans": [3], "scans": len(pose)}
     run["georeference"] = {"latitude": 48.0, "longitude": 11.0, "azimuth": 90.0}
     lane = Lane(-2.5, 2.5, 5.0, length - 5)

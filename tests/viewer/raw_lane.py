@@ -16,7 +16,8 @@ def make_raw_lane(path, scans=160, tones=None):
     rng = np.random.default_rng(5)
     frequency = np.linspace(0.5e9, 2.5e9, 161) if tones is None else tones
     pose = np.zeros((scans, 6))
-    pose[:, 1], pose[:, 2] = np.linspace(0, 10, scans), 1.0
+    pose[:, 1] = np.linspace(0, 10, scans)
+    pose[:, 2] = 1.0
     signal = np.zeros((scans, 2, 2, frequency.size), complex)
     for x, y in TARGETS:
         for pair in range(2):

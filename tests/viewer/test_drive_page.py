@@ -70,7 +70,8 @@ class Screen:
     """A driver's screen on a page whose clock goes only when it is told to, and a detection that seems alive."""
 
     def __init__(self, page, folder):
-        self.page, self.file = page.page, folder / "live.jsonl"
+        self.page = page.page
+        self.file = folder / "live.jsonl"
 
     def alive(self, ago=-100.0):
         """Let detection give a sign of life so long ago; by the test's own clock it stays fresh."""
@@ -329,7 +330,8 @@ def test_whether_it_can_stop_follows_the_settings(driving):
     assert said["drive-speed"] == "15 km/h stated stops in 3.3 m"
     assert said["drive-aside"] == "0.6 m left"
     assert (said["verdict"], said["drive-verdict"]) == ("go", "Can stop")
-    left, spare = float(said["drive-left"][:-2]), float(said["drive-margin"].split()[0])
+    left = float(said["drive-left"][:-2])
+    spare = float(said["drive-margin"].split()[0])
     assert left == pytest.approx(spare + VEHICLE.stopping_distance, abs=0.11)
     assert said["drive-next"] == f"then {left + 3:.1f} m"
     screen.page.click("#drive-set")
@@ -427,7 +429,8 @@ def test_it_is_read_from_afar_in_any_light_and_touched_with_gloves(tmp_path, ser
     )
     feeder.give(*(alarm(f"alarm-{k}", 0.0, 10.0 + k, 4.5, 0.0) for k in range(2, 5)))
     feeder.give({"event": "counts", "missing": 88, "masked": 88, "duplicate": 88})
-    names, smallest = set(), {}
+    names = set()
+    smallest = {}
     with serving([], live=tmp_path) as viewer:
         page = watch(viewer, size=size, script=CLOCK)
         screen = Screen(page, tmp_path)
@@ -526,7 +529,8 @@ def test_a_drive_at_the_speed_of_a_vehicle_with_faults(tmp_path, serving, watch)
     told = [one for one in seen if one["verdict"] in ("go", "halt")]
     assert told
     for one in told:
-        left, stop = float(one["drive-left"][:-2]), float(re.search(r"stops in (\S+) m", one["drive-speed"])[1])
+        left = float(one["drive-left"][:-2])
+        stop = float(re.search(r"stops in (\S+) m", one["drive-speed"])[1])
         margin = float(one["drive-margin"].split()[0]) * (1 if one["verdict"] == "go" else -1)
         assert left - stop == pytest.approx(margin, abs=0.16)
         assert left >= 0

@@ -26,11 +26,14 @@ MASKED = [*range(26, 34), 36]
 def gappy_result(folder):
     """Write a lane whose track has a gap and some of whose scans are left out: rows that no scan sees are NaN."""
     recipe = parse_recipe(recipe_text("wang2007"))
-    near, far = recipe.image.y[0], recipe.run_view.y_max
+    near = recipe.image.y[0]
+    far = recipe.run_view.y_max
     pose = np.zeros((40, 6))
-    pose[:, 1], pose[:, 2] = np.arange(40) * 2.0 - 10, 5.0
+    pose[:, 1] = np.arange(40) * 2.0 - 10
+    pose[:, 2] = 5.0
     pose[20:, 1] += 24
-    x, y = np.round(np.arange(-2.95, 3, 0.1), 9), np.round(np.arange(-5, 110, 0.1), 9)
+    x = np.round(np.arange(-2.95, 3, 0.1), 9)
+    y = np.round(np.arange(-5, 110, 0.1), 9)
     own = np.delete(pose[:, 1], MASKED)
     seen = ((y[:, None] - own >= near) & (y[:, None] - own <= far)).any(axis=1)
     values = np.where(seen[:, None], 10.0, np.nan)[None, None].repeat(x.size, 3).astype(np.float32)
@@ -39,20 +42,23 @@ def gappy_result(folder):
     view = xr.DataArray(values, dims=("polarization", "subband", "y", "x"), coords=coords)
     alarms = pd.DataFrame({"alarm_id": ["a"], "x": [1.0], "y": [20.0], "confidence": [9.0]})
     run = {"title": "gaps", "pose": pose.tolist(), "masked_scans": MASKED, "scans": 40}
-    found, lane = Detection("main", "", alarms, view), Lane(-2, 2, 0, 105)
+    found = Detection("main", "", alarms, view)
+    lane = Lane(-2, 2, 0, 105)
     return write_result(folder, [found], recipe_text("wang2007"), lane, run)
 
 
 def trained():
     rng = np.random.default_rng(0)
-    values, label = rng.normal(0, 1, (60, 1)) + 6 * (np.arange(60) % 2)[:, None], np.arange(60) % 2
+    values = rng.normal(0, 1, (60, 1)) + 6 * (np.arange(60) % 2)[:, None]
+    label = np.arange(60) % 2
     normalizer = HistogramNormalizer().fit(values)
     return Classifier(("C_HH_F1",), normalizer, FisherDiscriminant().fit(normalizer.transform(values), label))
 
 
 def test_the_slider_says_which_way_is_stricter_and_what_it_costs(watch, shown):
     one = watch(shown)
-    page, slider = one.page, one.page.locator("#threshold")
+    page = one.page
+    slider = one.page.locator("#threshold")
     place = {name: page.get_by_text(name, exact=True).bounding_box()["x"] for name in ("stricter", "more alarms")}
     assert place["stricter"] < slider.bounding_box()["x"] < place["more alarms"]
     assert one.text("#threshold-left") == "5 of 11 alarms left"
@@ -86,7 +92,8 @@ def test_the_legend_tells_halo_border_and_what_is_missed_as_it_is_drawn(watch, s
         drawn = page.locator("#legend li").filter(has_text=name).locator("path")
         return drawn.evaluate_all("(all) => all.map((one) => [one.getAttribute('d'), one.getAttribute('stroke')])")
 
-    shape, missed = paths("plastic"), paths("missed")
+    shape = paths("plastic")
+    missed = paths("missed")
     assert [d for d, _ in missed] == [d for d, _ in shape]  # the plastic mine is missed: a triangle, not a hexagon
     assert shape[1][1] == "#ffffff"
     assert missed[1][1] == "#ff7a59"

@@ -35,7 +35,8 @@ def test_the_picture_is_the_run_view(watch, shown, demo):
         """() => { const b = document.getElementById('lane').getBoundingClientRect();
             return [b.width - 46 - 52, b.height - 8 - 34]; }"""
     )
-    breadth, length = 57 * 0.05, 93 * 0.05
+    breadth = 57 * 0.05
+    length = 93 * 0.05
     scale = min(0.985 * place[0] / length, 0.96 * place[1] / breadth)
     agree = 0
     inner = [(row, column) for row in range(3, 90, 4) for column in range(12, 45, 4)]
@@ -123,7 +124,8 @@ def test_everything_has_a_name_for_screen_readers(watch, shown):
 
 def test_the_page_opens_at_the_operating_point_with_chance_beside(watch, shown, demo, serving, long_lanes):
     """The demo lane is too small for 0.05 per m² and opens at one false alarm; a long lane does not."""
-    one, main = watch(shown), demo[1][0]
+    one = watch(shown)
+    main = demo[1][0]
     assert f"{main.point['n_detected']} of 3" in one.text("#counts")
     assert re.search(rf"chance\s+{main.point['chance']:.2g}", one.text("#counts"))
     assert "Opened at one false alarm, 0.17 per m²: 6.0 m² are too small for 0.05." in one.text("#point")

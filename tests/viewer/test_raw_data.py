@@ -83,7 +83,9 @@ def test_decibels_are_the_greatest_amplitude_of_a_bin(lane, monkeypatch):
     monkeypatch.setattr(raw_module, "MOST_BINS", 200)
     answer = tasks.RawRun(lane).answer("bscan", {"polarization": "VV", "pair": "1"})
     run = open_run(lane)
-    tones, count, stop = run["frequency"].values, 200, answer["delays_ns"]["stop"] * 1e-9
+    tones = run["frequency"].values
+    count = 200
+    stop = answer["delays_ns"]["stop"] * 1e-9
     assert stop == pytest.approx(1 / (tones[1] - tones[0]))
     delays = stop * (np.arange(4 * count) + 0.5) / (4 * count)  # 80 ns at four to a period of the band, 2 GHz
     amplitude = np.abs(direct(run["signal"].values[:, 1, 1], tones, delays)).reshape(-1, count, 4).max(axis=2)
@@ -152,11 +154,13 @@ def test_an_image_that_cannot_be_made_is_told(viewer, lane, tmp_path):
 def test_tones_that_something_else_transmits_on_are_found(lane, tmp_path):
     """Two neighbours and one alone, in one pair; noise and echoes alone disturb none."""
     run = open_run(lane).compute()
-    signal, rng = run["signal"].values.copy(), np.random.default_rng(1)
+    signal = run["signal"].values.copy()
+    rng = np.random.default_rng(1)
     for tone in (30, 31, 100):
         signal[:, :, 1, tone] += 5 * np.exp(2j * np.pi * rng.uniform(size=(160, 2)))
     save_run(run.assign(signal=(run["signal"].dims, signal)), tmp_path / "hit.zarr")
-    raw, query = tasks.RawRun(tmp_path / "hit.zarr"), {"polarization": "VV", "scan": "9", "steps": json.dumps(STEPS)}
+    raw = tasks.RawRun(tmp_path / "hit.zarr")
+    query = {"polarization": "VV", "scan": "9", "steps": json.dumps(STEPS)}
     told = raw.answer("spectrum", query | {"pair": "1"})["disturbed_ghz"]
     np.testing.assert_allclose(told, run["frequency"].values[[30, 31, 100]] * 1e-9)
     assert raw.answer("spectrum", query | {"pair": "0"})["disturbed_ghz"] == []
@@ -271,7 +275,8 @@ def test_the_page_shows_scans_and_ties_them_to_the_track(watch, viewer):
 
 def test_the_page_shows_the_image_of_the_marked_scan_and_of_all(watch, viewer):
     one = watch(viewer)
-    page, idle = one.page, "document.getElementById('bscan').getAttribute('aria-busy') === 'false'"
+    page = one.page
+    idle = "document.getElementById('bscan').getAttribute('aria-busy') === 'false'"
     one.until("document.getElementById('health-rows').children.length === 4")
     one.until(idle)
     before = page.locator("#bscan").screenshot()
@@ -358,7 +363,8 @@ def test_one_scan_on_the_ground_has_no_image(tmp_path):
     run = open_run(tmp_path / "air.zarr").compute()
     run["pose"][:, 2] = 0.0
     save_run(run.assign_attrs(sounding="ground-coupled"), tmp_path / "ground.zarr")
-    raw, query = tasks.RawRun(tmp_path / "ground.zarr"), {"polarization": "HH", "pair": "0", "permittivity": "6"}
+    raw = tasks.RawRun(tmp_path / "ground.zarr")
+    query = {"polarization": "HH", "pair": "0", "permittivity": "6"}
     with pytest.raises(ValueError, match="whole must be true for antennas on the ground"):
         raw.answer("image", query | {"scan": "3"})
     assert raw.answer("image", query | {"whole": "true"})["up"][0] == "z"

@@ -260,10 +260,14 @@ def test_live_events_come_line_by_line(tmp_path, serving):
     lines = ('{"event":"view","halves":"' + "A" * 1000 + '"}\n') * 9000
     file.write_text(lines)
     with serving([], live=tmp_path) as viewer:
-        offset, count, more = 0, 0, True
+        offset = 0
+        count = 0
+        more = True
         while more:
             answer = json.loads(ask(viewer, f"data/live?after={offset}").body)
-            offset, count, more = answer["next"], count + len(answer["events"]), answer["more"]
+            offset = answer["next"]
+            count = count + len(answer["events"])
+            more = answer["more"]
     assert (count, offset) == (9000, len(lines))
     named, found = (LiveFile(path).after(0) for path in (file, tmp_path))
     assert named | {"age": 0, "now": 0} == found | {"age": 0, "now": 0}

@@ -122,7 +122,8 @@ def judge(one, keys):
 
 def test_two_analysts_judge_and_a_third_goes_on(watch, serving, result, tmp_path):
     before = bytes_of(result)
-    anna, ben = tmp_path / "anna.json", tmp_path / "ben.json"
+    anna = tmp_path / "anna.json"
+    ben = tmp_path / "ben.json"
     with serving([result], verdicts=anna) as viewer:
         one = watch(viewer)
         assert one.text("#notes-state") == "verdicts are kept in anna.json"

@@ -27,7 +27,8 @@ from flgpr.results.view_files import TILE_ROWS, plain_json, pyramid
 def slow_trace(signal, frequency, tx, rx, point, offset):
     """The definition, one term at a time."""
     half = (frequency[-1] - frequency[0]) / 2
-    total, weights = 0, 0
+    total = 0
+    weights = 0
     for p in range(len(tx)):
         path = np.linalg.norm(tx[p] - point) + np.linalg.norm(rx[p] - point)
         for k, f in enumerate(frequency):
@@ -45,7 +46,8 @@ def echo(frequency, tx, rx, point):
 @pytest.fixture
 def array():
     x = np.linspace(-1, 1, 6)
-    tx, rx = np.zeros((6, 3)), np.stack([x, 0 * x, 0 * x + 1.5], axis=1)
+    tx = np.zeros((6, 3))
+    rx = np.stack([x, 0 * x, 0 * x + 1.5], axis=1)
     tx[:, 2] = 1.6
     return 0.5e9 + 1e7 * np.arange(60), tx, rx
 
@@ -54,7 +56,8 @@ def test_trace_is_its_definition(array):
     rng = np.random.default_rng(3)
     frequency, tx, rx = array
     signal = rng.normal(size=(2, 6, 60)) + 1j * rng.normal(size=(2, 6, 60))
-    point, offsets = np.array([0.4, 5.0, 0.0]), np.array([-1.0, 0.0, 0.3])
+    point = np.array([0.4, 5.0, 0.0])
+    offsets = np.array([-1.0, 0.0, 0.3])
     points = np.stack([point, [-0.2, 9.0, 0.0]])
     fast = focused_trace(signal, frequency, tx, rx, points, range_kernel(frequency, offsets))
     slow = [[[slow_trace(one, frequency, tx, rx, p, offset) for offset in offsets] for one in signal] for p in points]
@@ -80,7 +83,9 @@ def test_patches_and_cuts_hold_the_image(demo):
     entry = index["detections"][0]["evidence"]
     values = np.fromfile(demo[0].folder / "view" / entry["file"], "<f2")
     assert values.size == entry["start"][-1]
-    size, cut, trace = entry["patch"]["size"], len(entry["cut"]), len(entry["trace"])
+    size = entry["patch"]["size"]
+    cut = len(entry["cut"])
+    trace = len(entry["trace"])
     block = 16 * (size**2 + cut) + 4 * trace
     alarms = demo[0].detections[0].alarms
     pose = np.asarray(demo[0].manifest["run"]["pose"])
@@ -99,7 +104,8 @@ def test_patches_and_cuts_hold_the_image(demo):
 @pytest.fixture
 def approach():
     """Eight scans of a vehicle that drives on, in dB like their number, and three alarms, one of them out of sight."""
-    x, y = np.linspace(-2, 2, 41), np.linspace(2, 14, 121)
+    x = np.linspace(-2, 2, 41)
+    y = np.linspace(2, 14, 121)
     images = []
     for scan in range(8):
         values = np.full((1, 1, y.size, x.size), 10.0 ** (scan / 20), np.complex64)
@@ -157,7 +163,9 @@ def test_with_poses_known_only_what_will_be_kept_is_cut_up(approach):
 
 
 def test_entropy_and_alpha_of_canonical_scatterers():
-    trihedral, dihedral, dipole = [1, 0, 0], [0, 1, 0], [1 / np.sqrt(2), 1 / np.sqrt(2), 0]
+    trihedral = [1, 0, 0]
+    dihedral = [0, 1, 0]
+    dipole = [1 / np.sqrt(2), 1 / np.sqrt(2), 0]
     pure = [np.outer(v, v).astype(complex) for v in (trihedral, dihedral, dipole)]
     mixed = np.diag([1.0, 1.0, 0.0]).astype(complex)
     table = entropy_alpha_points(np.array([*pure, np.eye(3), mixed, np.zeros((3, 3))], dtype=complex))
@@ -207,7 +215,8 @@ def test_before_is_brighter_than_after_at_the_roadside(demo):
     """The strip of the roadside-suppressed variant shows the post before and not after."""
     index = json.loads((demo[0].folder / "view" / "index.json").read_text())
     grid = index["grid"]
-    row, column = round((4.0 - grid["y"]) / grid["dy"]), round((-1.2 - grid["x"]) / grid["dx"])
+    row = round((4.0 - grid["y"]) / grid["dy"])
+    column = round((-1.2 - grid["x"]) / grid["dx"])
     seen = {}
     for one in index["layers"]:
         if (one["polarization"], one["subband"]) == ("HH", "0.45-1.5"):

@@ -44,7 +44,9 @@ class Watched:
         self.page.add_init_script(script)
         self.page.set_viewport_size({"width": size[0], "height": size[1]})
         self.page.emulate_media(color_scheme=scheme)
-        self.requests, self.errors, self.closed = [], [], False
+        self.requests = []
+        self.errors = []
+        self.closed = False
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.on("console", lambda line: line.type in ("error", "warning") and self.errors.append(line.text))

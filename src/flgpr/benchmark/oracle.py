@@ -169,7 +169,8 @@ class Clutter:
 
     def __init__(self, chain: LaneChain, lane: Lane) -> None:
         self.grid = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), STEP)
-        self.looks, self.area = looks_at(chain, self.grid.points().reshape(-1, 3)), lane.area
+        self.looks = looks_at(chain, self.grid.points().reshape(-1, 3))
+        self.area = lane.area
         metre = self.looks.ahead.astype(int)
         self._inverse = {int(one): _inverted(self.looks.chip[metre == one]) for one in np.unique(metre)}
         for one, inverse in self._inverse.items():
@@ -232,7 +233,10 @@ def looks_at(chain: LaneChain, points: FloatArray) -> Looks:
 def _mines(chain: LaneChain, lane: GroundLane, mines: pd.DataFrame) -> tuple[Looks, ComplexArray]:
     """Cut the chips about the mines of a lane, and what the mines' bodies add to them."""
     simulator = Simulator(lane.scene, lane.sensor, lane.seed)
-    cleaned, points, parts, own = chain.cleaned, ground_points(mines), [], []
+    cleaned = chain.cleaned
+    points = ground_points(mines)
+    parts = []
+    own = []
     for index, scan in enumerate(int(one) for one in cleaned.imager.scans):
         image = cleaned.coherent(index)
         seen, where = _seen(chain, points, image)
@@ -252,7 +256,8 @@ def _seen(chain: LaneChain, points: FloatArray, image: xr.DataArray) -> tuple[ND
     """Tell which places have their chips in what the run-view takes of an image, and where in the scan frame."""
     where = lane_to_scan(points, np.asarray(image.attrs["pose"]))[:, :2]
     x_min, x_max, y_min, _ = chain.cleaned.grid.extent()
-    edge, far = 2 * STEP, chain.recipe.run_view.y_max
+    edge = 2 * STEP
+    far = chain.recipe.run_view.y_max
     inside = (where[:, 0] > x_min + edge) & (where[:, 0] < x_max - edge)
     seen = np.flatnonzero(inside & (where[:, 1] > y_min + edge) & (where[:, 1] <= far))
     return seen, where[seen]
@@ -260,7 +265,8 @@ def _seen(chain: LaneChain, points: FloatArray, image: xr.DataArray) -> tuple[ND
 
 def _chips(image: ComplexArray, grid: Grid, where: FloatArray) -> ComplexArray:
     """Cut values (place, polarization x sub-band x 9) of the pixels nearest to places and about them."""
-    row, column = (np.round((where[:, 1] - grid.y_min) / grid.dy), np.round((where[:, 0] - grid.x_min) / grid.dx))
+    row = np.round((where[:, 1] - grid.y_min) / grid.dy)
+    column = np.round((where[:, 0] - grid.x_min) / grid.dx)
     down, across = (np.round(STEP * np.arange(-1, 2) / step) for step in (grid.dy, grid.dx))
     rows, columns = row[:, None, None] + down[:, None], column[:, None, None] + across
     cut = image[:, :, rows.astype(int), columns.astype(int)]

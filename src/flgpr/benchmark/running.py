@@ -29,8 +29,12 @@ from flgpr.scoring import seal_truth
 from flgpr.tasks.detection import detect_runs
 from flgpr.tasks.training import train_runs
 
-SEALED, PRINTS, ALARMS, COSTS = "truth.sealed.json", "fingerprints.csv", "alarms.csv", "costs.json"
-MARK, ABOUT = "ground.json", "entry.json"
+SEALED = "truth.sealed.json"
+PRINTS = "fingerprints.csv"
+ALARMS = "alarms.csv"
+COSTS = "costs.json"
+MARK = "ground.json"
+ABOUT = "entry.json"
 ORACLES = {
     "oracle": ("far", "knows every mine's echo but for a phase in each look, and the clutter's covariance"),
     "oracle-phase": ("far_phase", "knows the phases, too"),
@@ -56,7 +60,8 @@ def packaged_entries(ground: Ground) -> dict[str, Entry]:
     Some are changed further for the quick form, whose few mines would not teach them anything.
     """
     told = tomllib.loads((resources.files("flgpr.benchmark") / "entries.toml").read_text("utf-8"))
-    found, own = {}, ground.table.recipe
+    found = {}
+    own = ground.table.recipe
     for name, row in told.items():
         if own and (row["recipe"] != "wang2007" or "replace" in row):
             continue  # made for another array
@@ -111,7 +116,8 @@ def make_lanes(ground: Ground, home: Path, how: How, tiers: Sequence[Ground] | N
         jobs = [(ground.quick, ground.text, name, str(home.resolve())) for name in left]
         for _ in how.track(executor.run(make_lane, jobs), "simulating lanes", len(jobs)):
             pass
-    prints, held = home / PRINTS, Folder(home).read_if_listed(PRINTS)
+    prints = home / PRINTS
+    held = Folder(home).read_if_listed(PRINTS)
     known = {} if held is None else parse_columns(held).set_index("sha256", drop=False).to_dict("index")
     rows = [
         known.get(read_manifest(home / f"{name}.zarr")["sha256"]) or fingerprint(home, name)
@@ -139,7 +145,8 @@ def seal_tested(ground: Ground, home: Path) -> None:
 
 def make_lane(quick: bool, ground: str, name: str, home: str) -> Report:
     """Simulate one lane, with its truth beside it unless that is sealed."""
-    lane, folder = load_ground(quick, ground).lanes[name], Path(home)
+    lane = load_ground(quick, ground).lanes[name]
+    folder = Path(home)
     if lane.part != "test":
         write_table(lane.truth(), folder / f"{name}-truth.csv")
     lane.make(folder / f"{name}.zarr")
@@ -169,8 +176,12 @@ class Course:
     """An entry on its way over the ground: ``home`` has the lanes, ``folder`` takes what the entry makes."""
 
     def __init__(self, ground: Ground, entry: Entry, home: Path, folder: Path, how: How) -> None:
-        self.ground, self.home, self.folder, self.how = ground, home, folder, how
-        self.recipe, self.file = parse_recipe(entry.text, entry.name), folder / "recipe.toml"
+        self.ground = ground
+        self.home = home
+        self.folder = folder
+        self.how = how
+        self.recipe = parse_recipe(entry.text, entry.name)
+        self.file = folder / "recipe.toml"
         write_whole(self.file, entry.text)
         self.costs = read_costs(folder)
 
@@ -220,7 +231,8 @@ class Course:
     @contextmanager
     def _spending(self, folder: Path) -> Iterator[tuple[How, Costs]]:
         """Give what counts processor time and memory by lane, and the counts, which a folder keeps after a stop."""
-        path, spent = folder / COSTS, read_costs(folder)
+        path = folder / COSTS
+        spent = read_costs(folder)
 
         def note(report: Report) -> None:
             own = spent.setdefault(report["lane"], {"processor_seconds": 0.0, "peak_bytes": 0.0})
@@ -324,7 +336,8 @@ def run_benchmark(
         If an entry is not there, not valid or does not fit the lanes, the folder is of another form of the ground, or
         the ground has no such tier.
     """
-    chosen, folder = load_ground(quick, None if ground is None else Path(ground)), Path(output)
+    chosen = load_ground(quick, None if ground is None else Path(ground))
+    folder = Path(output)
     tiers = chosen.chosen_tiers(tier)
     found = [find_entry(one, chosen) for one in entries] or list(packaged_entries(chosen).values())
     if {entry.name for entry in found} & set(ORACLES):

@@ -186,7 +186,8 @@ def _oracle_rows(ground: Ground, found: pd.DataFrame) -> Iterator[dict[str, Any]
         groups |= _body_groups(own)
         groups |= {site: mines & (own["site"] == site) for site in ground.sites}
         for (group, rows), allowed in itertools.product(groups.items(), ground.table.fars):
-            count, total = int((own.loc[rows, ORACLES[name][0]] <= allowed).sum()), int(rows.sum())
+            count = int((own.loc[rows, ORACLES[name][0]] <= allowed).sum())
+            total = int(rows.sum())
             low, high = clopper_pearson(count, total)
             told = {"pd": count / total, "pd_low": low, "pd_high": high, "n_detected": count, "n_targets": total}
             told |= {"chance": -math.expm1(-allowed * math.pi * ground.table.halo**2), "far": allowed}
@@ -294,7 +295,8 @@ def write_table(folders: Sequence[str | Path], output: str | Path) -> str:
 
     The first file is the same, to the digit, for the same alarms; the second is what this machine took.
     """
-    homes, to = [Path(folder) for folder in folders], Path(output)
+    homes = [Path(folder) for folder in folders]
+    to = Path(output)
     scores, costs = score_entries(homes)
     ground = _ground_of(homes)
     to.mkdir(parents=True, exist_ok=True)
@@ -407,7 +409,8 @@ def same_lanes(ground: Ground, home: Path) -> dict[str, str]:
         key = f"{ground.title} {name}"
         if name not in found.index or key not in known.index:
             return "not there" if key in known.index else "not known"
-        one, other = found.loc[name], known.loc[key]
+        one = found.loc[name]
+        other = known.loc[key]
         if one["sha256"] == other["sha256"]:
             return "same bits"
         levels = [column for column in found.columns if column != "sha256"]

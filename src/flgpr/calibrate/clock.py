@@ -135,7 +135,8 @@ def track_trials(run: xr.Dataset, track: pd.DataFrame, offsets: ArrayLike) -> tu
 
 
 def _outside(run: xr.Dataset, track: pd.DataFrame, offsets: ArrayLike) -> str:
-    time, steps = run["time"].values, np.asarray(offsets)
+    time = run["time"].values
+    steps = np.asarray(offsets)
     if not (np.isfinite(time).all() and steps.size):
         return "run must have a time for every scan to take poses from a track, and there must be offsets to try"
     return (

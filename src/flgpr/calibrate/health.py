@@ -33,7 +33,8 @@ def channel_health(run: xr.Dataset, quiet: float = QUIET) -> pd.DataFrame:
     """
     check_run(run)
     rows = []
-    signal, valid = run["signal"].values, run["valid"].values
+    signal = run["signal"].values
+    valid = run["valid"].values
     for k, label in enumerate(run["polarization"].values):
         power = np.array([_power(signal[valid[:, k, p], k, p]) for p in range(run.sizes["pair"])])
         middle = float(np.median(power[power > 0])) if (power > 0).any() else 1.0
@@ -94,7 +95,8 @@ def _drift(sweeps: NDArray[np.complex128]) -> tuple[float, float]:
     quarter = len(sweeps) // 4
     if quarter < 1:
         return np.nan, np.nan
-    first, last = sweeps[:quarter].mean(axis=0), sweeps[-quarter:].mean(axis=0)
+    first = sweeps[:quarter].mean(axis=0)
+    last = sweeps[-quarter:].mean(axis=0)
     base = float((np.abs(first) ** 2).sum())
     factor = complex((first.conj() * last).sum()) / base if base > 0 else 0j
     return (20 * np.log10(abs(factor)), float(np.angle(factor))) if factor else (np.nan, np.nan)

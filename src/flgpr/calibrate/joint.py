@@ -21,7 +21,9 @@ from flgpr.model.track import poses_at
 
 STANDS_OUT = 4.0
 """Least height of a trusted peak over the best answer elsewhere, dB."""
-_MOVES, _COARSEST = 8, 2.0  # moves to either side that chance is told by; coarsest resolution they allow for, m
+# moves to either side that chance is told by; coarsest resolution they allow for, m
+_MOVES = 8
+_COARSEST = 2.0
 _SUMS = 4_000_000  # held at a time, 96 MB with their powers
 DEFAULT_SEARCH = 3.0
 """How far to either side of zero a range bias is looked for, m, where the unambiguous range allows it."""
@@ -95,7 +97,8 @@ def estimate_joint(
         How often the offsets' step is halved around the best.
     """
     check_run(run)
-    places, cell = np.asarray(points, dtype=np.float64), resolution(run["frequency"].values)
+    places = np.asarray(points, dtype=np.float64)
+    cell = resolution(run["frequency"].values)
     _check(places, biases, tolerance, cell, unambiguous_range(run["frequency"].values))
     run = run.compute()
     way = pd.DataFrame() if track is None else track
@@ -106,18 +109,23 @@ def estimate_joint(
     level, bias = _levels(run, poses, lines, biases)
     background = np.maximum(np.median(level, axis=(0, 2)), np.finfo(np.float32).tiny)
     score = _score(level, background)
-    at, step = int(score.max(axis=1).argmax()), float(np.diff(when).mean()) if when.size > 1 else 0.0
+    at = int(score.max(axis=1).argmax())
+    step = float(np.diff(when).mean()) if when.size > 1 else 0.0
     edge = step > 0 and at in (0, when.size - 1)
-    best, curve, width = float(when[at]), score[at], step
+    best = float(when[at])
+    curve = score[at]
+    width = step
     for _ in range(refine if step else 0):
         width /= 2
         around, poses = track_trials(run, way, [best - width, best, best + width])
         close = _score(_levels(run, poses, lines, biases)[0], background)
         at = int(close.max(axis=1).argmax())
-        best, curve = float(around[at]), close[at]
+        best = float(around[at])
+        curve = close[at]
     found = run if track is None else with_track(run, track, best)
     peak = int(curve.argmax())
-    height, over_bias = float(curve[peak]), score.max(axis=0)
+    height = float(curve[peak])
+    over_bias = score.max(axis=0)
     elsewhere = np.abs(bias - bias[peak]) > 2 * cell
     rival = int(np.where(elsewhere, over_bias, -np.inf).argmax())
     moved = _score_moved(found, places, across, fine, tolerance, biases, background)
@@ -256,7 +264,8 @@ def _sigma(
     else:
         poses = [poses_at(track, run["time"].values, offset + k * step) for k in (-1, 0, 1)]
     level, bias = _levels(run, poses, lines, near[0])
-    wide, k = float(bias[2] - bias[0]), int(np.clip(near[1], 2, bias.size - 3))
+    wide = float(bias[2] - bias[0])
+    k = int(np.clip(near[1], 2, bias.size - 3))
     # Near the peak the echoes' likelihood is the product's curvature times their power over the background in all.
     power = (level[1, :, k] / background).sum() * np.log(10) / 10 * _score(level, background)
     curve = [2 * power[1, k] - power[1, k - 2] - power[1, k + 2], 2 * power[1, k] - power[0, k] - power[2, k], 0.0]

@@ -76,7 +76,8 @@ def _fit(antenna: pd.DataFrame, reference: pd.DataFrame, latency: float) -> Leve
 
 def vehicle_velocity(run: xr.Dataset) -> FloatArray:
     """Velocity (scan, 3) in the vehicle frame, m/s, from a run's poses and times, which must be there and increase."""
-    pose, time = run["pose"].values, run["time"].values
+    pose = run["pose"].values
+    time = run["time"].values
     if len(time) < 2 or not np.isfinite(time).all() or (np.diff(time) <= 0).any():
         raise ValueError("run must have two scans or more with increasing times to tell a velocity")
     lane = np.gradient(pose[:, :3], time, axis=0)

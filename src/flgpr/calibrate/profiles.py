@@ -71,8 +71,10 @@ def fields_over_bias(
     middle = float(tones[0]) + spacing * (int(slot[-1]) // 2)
     size = 1 << int(4 * slot[-1] + 3).bit_length()
     step = SPEED_OF_LIGHT / spacing / size
-    first, last = int(np.floor(2 * biases[0] / step)), int(np.ceil(2 * biases[1] / step))
-    places, signal = np.asarray(points, dtype=np.float64), run["signal"].values
+    first = int(np.floor(2 * biases[0] / step))
+    last = int(np.ceil(2 * biases[1] / step))
+    places = np.asarray(points, dtype=np.float64)
+    signal = run["signal"].values
     scans = np.flatnonzero(complete_scans(run))
     if not scans.size:
         raise ValueError(f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}")
@@ -85,7 +87,8 @@ def fields_over_bias(
         table = _profiles(signal[scans[part]], tones, spacing, slot, size)
         table = np.concatenate([table, np.take(table, np.arange(last - first + 2), axis=-1, mode="wrap")], axis=-1)
         for way, weight, out in zip(ways, weights, field, strict=True):
-            ends, share = antennas_in_lane(run, way[part]), np.repeat(weight[part], signal.shape[2])
+            ends = antennas_in_lane(run, way[part])
+            share = np.repeat(weight[part], signal.shape[2])
             sum_over_biases(table, *ends, share, places, step, middle / SPEED_OF_LIGHT, first, out)
     return field.swapaxes(1, 2), np.asarray(np.arange(first, last + 1) * (0.5 * step), dtype=np.float64)
 

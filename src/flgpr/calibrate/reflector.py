@@ -164,7 +164,8 @@ def estimate_distortion(measured: ArrayLike, known: ArrayLike, iterations: int =
     known : (reflector, 2, 2) array_like
         Scattering matrices.
     """
-    m, s = np.asarray(measured, dtype=np.complex128), np.asarray(known, dtype=np.complex128)
+    m = np.asarray(measured, dtype=np.complex128)
+    s = np.asarray(known, dtype=np.complex128)
     if s.ndim != 3 or s.shape[1:] != (2, 2) or m.shape[-3:] != s.shape:
         raise ValueError(f"measured must have the shape (..., reflector, 2, 2) of known {s.shape}, got {m.shape}")
     if not (np.isfinite(m).all() and np.isfinite(s).all()):
@@ -194,7 +195,8 @@ def remove_distortion(run: xr.Dataset, distortion: Distortion) -> xr.Dataset:
     that cannot be inverted, is a ValueError.
     """
     try:
-        left, right = np.linalg.inv(distortion.rx), np.linalg.inv(distortion.tx)
+        left = np.linalg.inv(distortion.rx)
+        right = np.linalg.inv(distortion.tx)
     except np.linalg.LinAlgError:
         raise ValueError("distortion must be invertible, it is not: a dead channel?") from None
     clean = left @ scattering_matrices(run) @ right

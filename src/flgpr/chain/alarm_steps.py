@@ -77,7 +77,8 @@ class AlarmSteps:
 
     def ran_out(self, recipe: Recipe, shown: Shown) -> str:
         """Tell at which step hits, or false alarms, ran out; "" if some are left."""
-        screen, names = _screen_of(recipe), ", ".join(self._lacking())
+        screen = _screen_of(recipe)
+        names = ", ".join(self._lacking())
         if shown != "clutter" and not self.complete[0]:
             if not self.targets.number:
                 return "the truth holds no target"
@@ -155,7 +156,8 @@ def count_alarm_steps(
     taken = np.concatenate([_taken(truth, number, spent) for number, truth in enumerate(truths)])
     labels = label_lanes([(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes], label_radius)
     known = np.isfinite(pd.concat([one[2] for one in lanes])[list(columns)].to_numpy(dtype=np.float64))
-    hit, false = (labels["label"] == "hit").to_numpy(), (labels["label"] == "false").to_numpy()
+    hit = (labels["label"] == "hit").to_numpy()
+    false = (labels["label"] == "false").to_numpy()
     hit_left = hit & ~np.append(taken, True)[labels["target"].to_numpy()]
     whole = known.all(axis=1)
     return AlarmSteps(

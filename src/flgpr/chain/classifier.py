@@ -125,7 +125,8 @@ def label_lanes(
     """
     if not lanes:
         raise ValueError("lanes must hold at least one lane, got none")
-    parts, targets = [], 0
+    parts = []
+    targets = 0
     for name, alarms, truth, lane in lanes:
         part = label_alarms(alarms, truth, lane, label_radius)
         hit = (part["label"] == "hit").to_numpy()

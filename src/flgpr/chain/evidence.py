@@ -21,7 +21,9 @@ from flgpr.model import SPEED_OF_LIGHT, ground_points, lane_to_scan, vehicle_to_
 from flgpr.screen.views import grid_of, look_weight
 
 MOST_SCANS = 4  # the nearest, where resolution is best
-MOST_ALARMS, MOST_GATHERED = 1000, 4000  # alarms that are explained; of how many, the strongest, it is gathered
+# alarms that are explained; of how many, the strongest, it is gathered
+MOST_ALARMS = 1000
+MOST_GATHERED = 4000
 Maps = Mapping[str, NDArray[Any]]
 Parts = Callable[[xr.DataArray], tuple[Maps, Maps]]
 _CUT = np.round(np.arange(-40, 41) * 0.05, 3)
@@ -67,7 +69,8 @@ def decibels(magnitude: ArrayLike) -> NDArray[np.float16]:
 
 def in_order(evidence: Evidence, rows: NDArray[np.intp]) -> Evidence:
     """Bring evidence into the order of ranked alarms, given the rows that they had; the first ``MOST_ALARMS`` only."""
-    known, wanted = len(evidence.scans), rows[:MOST_ALARMS]
+    known = len(evidence.scans)
+    wanted = rows[:MOST_ALARMS]
     scans = [evidence.scans[row] if row < known else [] for row in wanted]
     blocks = [evidence.blocks[row] if row < known else np.zeros((0, 0), np.float16) for row in wanted]
     points = evidence.polarimetric.reindex(wanted).reset_index(drop=True)
@@ -81,7 +84,8 @@ def caused(evidence: Evidence, slope: float, confidence: ArrayLike) -> pd.DataFr
 
     NaN where an alarm is not explained.
     """
-    count, total = len(evidence.adds), np.asarray(confidence, dtype=np.float64)
+    count = len(evidence.adds)
+    total = np.asarray(confidence, dtype=np.float64)
     shares = np.full((len(total), count), np.nan)
     for row, one in enumerate(evidence.causes):
         if len(one):
@@ -111,12 +115,16 @@ class EvidenceSums:
         falloff: float = 0.0,
     ) -> None:
         self._points = ground_points(alarms)
-        self._patch, self._y_max, self._run, self._subband = patch, y_max, run, subband
+        self._patch = patch
+        self._y_max = y_max
+        self._run = run
+        self._subband = subband
         self._looks: list[list[_Look]] = [[] for _ in self._points]
         self._seen = np.zeros(len(self._points), bool)
         self._coherency = np.zeros((len(self._points), 3, 3), np.complex128)
         self._channels: tuple[list[str], list[str]] = ([], [])
-        self._parts, self._falloff = parts, falloff
+        self._parts = parts
+        self._falloff = falloff
         self._names: tuple[list[str], list[str]] = ([], [])
         self._causes: list[tuple[NDArray[np.intp], NDArray[np.float64]]] = []  # numbers of alarms, and a row each
         self._poses = poses
@@ -133,7 +141,8 @@ class EvidenceSums:
         """
         polarization, subband = ([str(label) for label in image[n].values] for n in ("polarization", "subband"))
         self._channels = (polarization, subband)
-        scan, pose = int(image.attrs["scan"]), np.asarray(image.attrs["pose"])
+        scan = int(image.attrs["scan"])
+        pose = np.asarray(image.attrs["pose"])
         local = lane_to_scan(self._points, pose)
         if self._poses is not None and self._nearest is None:
             self._nearest = self._nearest_scans(image, self._poses)
@@ -160,7 +169,8 @@ class EvidenceSums:
     ) -> None:
         """Take in what a look's value at each alarm in sight is made of."""
         self._names = list(parts[0]), list(parts[1])
-        grid, maps = grid_of(image), [one for some in parts for one in some.values()]
+        grid = grid_of(image)
+        maps = [one for some in parts for one in some.values()]
         if maps:
             row, column = (local[:, 1] - grid.y_min) / grid.dy, (local[:, 0] - grid.x_min) / grid.dx
             values = bilinear(np.stack(maps), row, column).T
@@ -231,7 +241,8 @@ class EvidenceSums:
         alarm = np.concatenate([one for one, _ in self._causes] or [np.zeros(0, np.intp)])
         rows = np.concatenate([rows for _, rows in self._causes] or [np.zeros((0, columns))])
         order = np.lexsort((rows[:, 0], rows[:, 1], alarm))
-        alarm, rows = alarm[order], rows[order]
+        alarm = alarm[order]
+        rows = rows[order]
         borders = np.searchsorted(alarm, np.arange(len(self._points) + 1))
         parts = [rows[first:end].copy() for first, end in itertools.pairwise(borders)]
         for one in parts:
@@ -260,7 +271,9 @@ def _in_sight(image: xr.DataArray, local: NDArray[np.float64], y_max: float) -> 
 
 def _samples(image: xr.DataArray, points: NDArray[np.float64], patch: PatchShape) -> list[NDArray[np.float32]]:
     """Magnitudes about points (alarm, 3), by alarm and channel: patches (y, x), and cuts along the line of sight."""
-    grid, magnitude, where = grid_of(image), np.abs(image.values), points[:, :2]
+    grid = grid_of(image)
+    magnitude = np.abs(image.values)
+    where = points[:, :2]
     away = where / np.maximum(np.hypot(where[:, :1], where[:, 1:]), np.finfo(float).tiny)
     parts = []
     for offsets in (

@@ -35,13 +35,26 @@ Band = tuple[float, float]
 
 _HINT = "`flgpr recipe for RUN` writes one that fits"
 # Lengths that belong to a mine and what surrounds it, whatever the array: Wang et al. 2007, m.
-_RADIUS, _DENSITY, _HALO = 0.75, 0.75, 1.0
-_PATCH, _INNER, _GUARD, _COHERENT = 2.5, (0.5, 0.3), (0.9, 0.7), (0.25, 0.15)
-_MEDIAN, _MEAN, _MEDIAN_STEP = 1.05, 2.55, 0.15
-_WIDTH, _OVERLAP = 0.6e9, 1 / 6  # band whose range cell, 25 cm, is about a mine; part of it that the next band has too
+_RADIUS = 0.75
+_DENSITY = 0.75
+_HALO = 1.0
+_PATCH = 2.5
+_INNER = (0.5, 0.3)
+_GUARD = (0.9, 0.7)
+_COHERENT = (0.25, 0.15)
+_MEDIAN = 1.05
+_MEAN = 2.55
+_MEDIAN_STEP = 0.15
+# band whose range cell, 25 cm, is about a mine; part of it that the next band has too
+_WIDTH = 0.6e9
+_OVERLAP = 1 / 6
 _VIEW = 3.0  # half width of the run-view, m
-_NEAR, _FAR = 1.2, 4.0  # antenna heights ahead: incidence of 50 and 76 degrees
-_SCANS, _APART = 5, 0.5  # scans, and m between them on average, from which on their mean holds little of a target
+# antenna heights ahead: incidence of 50 and 76 degrees
+_NEAR = 1.2
+_FAR = 4.0
+# scans, and m between them on average, from which on their mean holds little of a target
+_SCANS = 5
+_APART = 0.5
 _SPACINGS = (0.01, 0.02, 0.025, 0.03, 0.04, 0.05, 0.1)
 _PIXEL = 2 / 3  # of a resolution cell, as in the paper's images
 _GAP = 20  # usual steps without a tone that divide two bands
@@ -94,7 +107,8 @@ class _Setup:
 
     def behind(self, frames: int) -> float:
         """How far the vehicle drives while an image gathers its last scans: the earliest is so far behind, m."""
-        earlier, later = self.poses[: 1 - frames or None, :2], self.poses[frames - 1 :, :2]
+        earlier = self.poses[: 1 - frames or None, :2]
+        later = self.poses[frames - 1 :, :2]
         return float(np.hypot(*(later - earlier).T).max()) if len(later) else 0.0
 
 
@@ -135,8 +149,10 @@ def check_fit(run: xr.Dataset, recipe: Recipe) -> None:
 
 def fit_faults(run: xr.Dataset, recipe: Recipe) -> tuple[list[str], list[str]]:
     """Tell what of a recipe does not fit a run, entry by entry, and what is doubtful; see :func:`check_fit`."""
-    setup, image = _setup_of(as_imaged(run, recipe)), recipe.image
-    faults, doubts = _channel_faults(recipe, setup.polarizations, setup.tones), []
+    setup = _setup_of(as_imaged(run, recipe))
+    image = recipe.image
+    faults = _channel_faults(recipe, setup.polarizations, setup.tones)
+    doubts = []
     fault, doubt = alias_faults(recipe, setup.tones, setup.tx, setup.rx, setup.behind(image.summed))
     faults += [fault] if fault else []
     doubts += [doubt] if doubt else []
@@ -194,7 +210,8 @@ def _raise(faults: list[str]) -> None:
 
 
 def _channel_faults(recipe: Recipe, polarizations: Sequence[str], tones: FloatArray) -> list[str]:
-    known, faults = ", ".join(polarizations), []
+    known = ", ".join(polarizations)
+    faults = []
     wants = [("contrast.polarization", recipe.contrast.polarization)]
     if recipe.map is None:
         wants.insert(0, ("prescreen.polarization", recipe.prescreen.polarization))
@@ -270,7 +287,8 @@ def _choose(setup: _Setup) -> _Choice:
         raise ValueError(f"run.pose must put the antennas at least 0.05 m above the ground, got {height:.3g} m")
     blur = 1 if setup.drives else 2  # the main lobe of a Hann window is twice as wide
     bands = _divide(setup.tones, blur * _WIDTH)
-    near, middle = _NEAR * height, 2 * _NEAR * height
+    near = _NEAR * height
+    middle = 2 * _NEAR * height
     parts = [name for name in bands if name != "F0"]
     subband = next((name for name in parts if setup.reach(bands[name]) >= middle), parts[-1])
     half = min(max(near, _VIEW), 2 * _VIEW)
@@ -279,7 +297,8 @@ def _choose(setup: _Setup) -> _Choice:
     reach = min((_FAR_APERTURE if setup.aperture else _FAR) * height, max(setup.reach(bands[subband]), middle))
     far = _clear(setup, list(bands.values()), half, middle, reach + (_PATCH + _MEAN) / 2)
     reach = min(reach, max(far - _PATCH / 2, middle))
-    own, widest = bands[subband], max(high - low for low, high in bands.values())
+    own = bands[subband]
+    widest = max(high - low for low, high in bands.values())
     fine = min(blur * SPEED_OF_LIGHT / (2 * widest), setup.cross(float(setup.tones[-1]), near))
     coarse = min(
         blur * SPEED_OF_LIGHT / (2 * (own[1] - own[0])), setup.cross((own[0] + own[1]) / 2, (near + reach) / 2)
@@ -293,7 +312,8 @@ def _divide(tones: FloatArray, least: float) -> dict[str, Band]:
     pieces = np.split(tones, np.flatnonzero(steps > _GAP * np.median(steps)) + 1) if steps.size else []
     parts: list[Band] = []
     for piece in pieces:
-        low, band = float(piece[0]), float(np.ptp(piece))
+        low = float(piece[0])
+        band = float(np.ptp(piece))
         count = max(int((band / least - _OVERLAP) / (1 - _OVERLAP)), 1)
         width = band / (count - (count - 1) * _OVERLAP)
         starts = [low + number * width * (1 - _OVERLAP) for number in range(count)]
@@ -310,7 +330,9 @@ def _clear(setup: _Setup, bands: Sequence[Band], half: float, least: float, want
     cell = SPEED_OF_LIGHT / min(float(np.ptp(tones)) for tones in inside)
     longest = (min(unambiguous_path(tones) for tones in inside) - cell) / 2
     ends = np.concatenate([setup.tx, setup.rx])
-    back, side, up = setup.ahead - ends[:, 1].min(), half + np.abs(ends[:, 0]).max(), ends[:, 2].max()
+    back = setup.ahead - ends[:, 1].min()
+    side = half + np.abs(ends[:, 0]).max()
+    up = ends[:, 2].max()
     far = math.sqrt(max(longest**2 - side**2 - up**2, 0.0)) - back - 0.1  # borders are rounded
     if far < least:
         apart = SPEED_OF_LIGHT / (2 * math.hypot(least + back + 0.1, side, up) + cell)
@@ -332,22 +354,29 @@ def _pixels(lengths: Sequence[float], spacing: float) -> list[int]:
 def _text(setup: _Setup, choice: _Choice) -> str:
     """Write a recipe, and beside every entry where it comes from."""
     near, far, reach = (round(20 * (setup.ahead + y)) / 20 for y in (_NEAR * setup.height, choice.far, choice.reach))
-    features, labels = _allow_features(setup.polarizations), ", ".join(setup.polarizations)
+    features = _allow_features(setup.polarizations)
+    labels = ", ".join(setup.polarizations)
     polarization = next(label for label in ("HH", "VV", "HV", "VH") if label in setup.polarizations)
-    x, y = float(np.median(setup.poses[:, 0])), np.sort(setup.poses[:, 1])
+    x = float(np.median(setup.poses[:, 0]))
+    y = np.sort(setup.poses[:, 1])
     sides = f"{_NEAR} antenna heights to either side, but {_VIEW:g} to {2 * _VIEW:g} m"
-    view, beside, frames = (x - _VIEW, x + _VIEW), f"{_VIEW:g} m to either side of the vehicle's course", ""
+    view = (x - _VIEW, x + _VIEW)
+    beside = f"{_VIEW:g} m to either side of the vehicle's course"
+    frames = ""
     heights = _FAR_APERTURE if setup.aperture else _FAR
     counts = f"{len(setup.poses)} complete scans and {len(setup.tx)} pairs"
     if setup.aperture:
         counts = f"{len(setup.tx)} places of antennas, one aperture"
         ground = [(side, ahead, 0.0) for side in (-choice.half, choice.half) for ahead in (near, reach)]
         covered = scan_to_lane(ground, setup.poses[0])[:, 0]
-        view, beside = (float(covered.min()), float(covered.max())), "what the image covers"
+        view = (float(covered.min()), float(covered.max()))
+        beside = "what the image covers"
         sides = f"half the way across, and {_VIEW:g} m or {_NEAR} antenna heights and half a patch to either side of it"
         frames = '\nframes = "all"  # the radar moves across what it looks at: all scans are one synthetic aperture'
     band = f"{setup.tones[0] / 1e9:.6g} to {setup.tones[-1] / 1e9:.6g} GHz"
-    fine, coarse, paper = choice.fine, choice.coarse, "as in Wang et al. 2007"
+    fine = choice.fine
+    coarse = choice.coarse
+    paper = "as in Wang et al. 2007"
     bands = "\n".join(f"{name} = [{low / 1e9:.6g}e9, {high / 1e9:.6g}e9]" for name, (low, high) in choice.bands.items())
     window = 'window = "hann"  # its low sidelobes keep the direct coupling out, for no self-signature is subtracted'
     signature = f'self_signature = "none"  # the mean of fewer than {_SCANS} scans {_APART:g} m apart holds the targets'

@@ -124,7 +124,8 @@ class AlarmFeatures:
         own: bool = False,
     ) -> CleanedScan:
         """Clean a scan's image as far as its features need it, and ``own`` if asked for: the rows of the grid."""
-        table, rows = self.recipe.features, self.grid.ny
+        table = self.recipe.features
+        rows = self.grid.ny
         shared = table is not None and (table.gain == "shared" or table.variants)
         own = own or bool(self.stages) or (table is not None and (table.gain == "own" or table.variants))
         return CleanedScan(
@@ -166,8 +167,11 @@ class AlarmSums:
     """
 
     def __init__(self, how: AlarmFeatures, alarms: pd.DataFrame, rows: NDArray[np.intp] | None = None) -> None:
-        self._how, self.rows = how, np.arange(len(alarms)) if rows is None else rows
-        recipe, table, patch = how.recipe, how.recipe.features, how.recipe.contrast.patch()
+        self._how = how
+        self.rows = np.arange(len(alarms)) if rows is None else rows
+        recipe = how.recipe
+        table = how.recipe.features
+        patch = how.recipe.contrast.patch()
         self._contrast: ContrastSums | None = None
         self._ten: dict[str, FeatureSums] = {}  # by prefix
         if table is None:

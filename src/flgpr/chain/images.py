@@ -47,7 +47,8 @@ class RunImages:
         wanted = list(table.polarizations) or labels
         source = imager_of(run, table)
         self.imager = source if wanted == labels else imager_of(run, table, polarizations=wanted)
-        self.frames, self.grid = table.summed, recipe.near_grid()
+        self.frames = table.summed
+        self.grid = recipe.near_grid()
         self.setup = Setup(
             run, others, lane, source, self.grid, recipe.run_view.grid(lane), [labels.index(label) for label in wanted],
             self.frames, known,
@@ -58,7 +59,8 @@ class RunImages:
             if issubclass(named.of, ClutterStage):
                 stage = named.of(named.settings, self.setup, model.stages.get(name))
                 stage.before = before
-                self.stages[name], before = stage, stage.data
+                self.stages[name] = stage
+                before = stage.data
                 if named.of.learns and name not in model.stages:
                     break  # what comes after it works on what it will leave
         self.plain = not self.stages and self.frames == 1

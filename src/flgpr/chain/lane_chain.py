@@ -92,7 +92,8 @@ class Detection:
 def ranked(alarms: pd.DataFrame, features: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, NDArray[np.intp]]:
     """Drop alarms without a confidence, sort and name the rest, and keep their features, of the same index, in step."""
     table = alarms[alarms["confidence"].notna()].sort_values("confidence", ascending=False, kind="stable")
-    features, rows = features.loc[table.index].reset_index(drop=True), table.index.to_numpy()
+    features = features.loc[table.index].reset_index(drop=True)
+    rows = table.index.to_numpy()
     table = table.reset_index(drop=True)
     table["alarm_id"] = [f"alarm-{i + 1}" for i in range(len(table))]
     known = [column.name for column in ALARM_COLUMNS if column.name in table.columns]
@@ -111,7 +112,8 @@ class CleanedRun:
         background: Mapping[str, NDArray[Any]],
         whole: Callable[[int], xr.DataArray] | None = None,
     ) -> None:
-        self.grid, self._whole = images.grid, whole if images.plain else images.image
+        self.grid = images.grid
+        self._whole = whole if images.plain else images.image
         self.gains: FloatArray = background["gains"]
         imager = images.imager
         self.whole_background = Background(**{name: background[name] for name in background if name != "gains"})
@@ -159,12 +161,17 @@ class LaneChain(Chain):
         whole: bool = False,
     ) -> None:
         self._explains = explains
-        self.run, self.recipe, self.lane, self.model = run, recipe, lane, as_model(model)
+        self.run = run
+        self.recipe = recipe
+        self.lane = lane
+        self.model = as_model(model)
         known = {} if known is None else known
-        table, names = recipe.image, recipe.named()
+        table = recipe.image
+        names = recipe.named()
         self.untrained = unlearnt(recipe, self.model, training=truth is not None)
         self.images = RunImages(as_imaged(run, recipe), recipe, lane, self.model, known, others or {})
-        self.imager, self.setup = self.images.imager, self.images.setup
+        self.imager = self.images.imager
+        self.setup = self.images.setup
         (median, _), (mean, _), _ = recipe.smoothing
         reach = self.imager.grid.ny if whole else self.images.grid.ny + median // 2 + mean // 2
         self._reach = min(reach, self.imager.grid.ny)  # rows of the images that the background is estimated on
@@ -211,7 +218,8 @@ class LaneChain(Chain):
             for kind, title in zip(kinds, KINDS.values(), strict=True):
                 name = variation.of(kind.__name__.removeprefix("_"))
                 label = title if variation.name == MAIN else f"{variation.name}: {title}"
-                whole, still = kind in (self._signature, self._gain), kind == self._alarms
+                whole = kind in (self._signature, self._gain)
+                still = kind == self._alarms
                 passes.append(Pass(name, label, partial(kind, variation), whole, still=still))
                 if name == "gain" and self.mapper is not None and made.get(learner) is self.mapper:
                     examples = partial(self._map_examples, self.mapper, targets)
@@ -275,7 +283,8 @@ class LaneChain(Chain):
     def raised(self, variation: Variation | None = None) -> pd.DataFrame:
         """Give the prescreener's alarms of a variation, by default the recipe's own; needs its pass "alarms"."""
         known = self.known[(variation or self.variations[0]).of("alarms")]
-        table, threshold = array_table(group_of(known, "maximum")), self.section.threshold
+        table = array_table(group_of(known, "maximum"))
+        threshold = self.section.threshold
         if threshold is None:
             threshold = lane_threshold(self.recipe, self.lane, table, int(known["seen"]))
         return table[table["magnitude"] >= threshold].reset_index(drop=True)
@@ -293,7 +302,8 @@ class LaneChain(Chain):
         alarms["confidence"] = self._reads.confidence(features, alarms["magnitude"], self.model.detector)
         alarms["scans"] = features["scans"]
         if variation.name == MAIN and "share" in self.passes:
-            total, modelled = self.known["share"]["total"], self.known["share"]["modelled"]
+            total = self.known["share"]["total"]
+            modelled = self.known["share"]["modelled"]
             features = features.assign(roadside=np.sqrt(modelled / np.maximum(total, np.finfo(float).tiny)))
         alarms, features, numbers = ranked(alarms, features)
         if "roadside" in features:
@@ -306,17 +316,21 @@ class LaneChain(Chain):
         """Give alarms, features and run-view of a variation, by default the recipe's own; needs its pass "features"."""
         variation = variation or self.variations[0]
         alarms, features = self.ranked_alarms(variation)
-        view, notes = self._own_view(variation.of("view")), self._notes(variation)
+        view = self._own_view(variation.of("view"))
+        notes = self._notes(variation)
         frames = self._found_by_frames() if variation.name == MAIN else None
         return Detection(variation.name, variation.title, alarms, view, notes, features=features, frames=frames)
 
     def detections(self) -> list[Detection]:
         """Give what every variation found, the recipe's own first, and what explains it; needs all passes."""
-        screen, several = self.recipe.prescreen, []
+        screen = self.recipe.prescreen
+        several = []
         for variation in self.variations:
-            detection, sums = self.detection(variation), self._evidence_sums(variation)
+            detection = self.detection(variation)
+            sums = self._evidence_sums(variation)
             sums.merge(group_of(self.known[variation.of("features")], "evidence"))
-            features, detector = detection.features, self.model.detector
+            features = detection.features
+            detector = self.model.detector
             explained = in_order(sums.result(), self._ranked(variation)[2])
             if detector is None or features is None:
                 shares = pd.DataFrame({self._reads.single: detection.alarms["confidence"].to_numpy()})
@@ -368,7 +382,8 @@ class LaneChain(Chain):
         return mapper.examples(truth, self.cleaned.coherent)
 
     def _gain(self, variation: Variation, block: range | None) -> Accumulator:
-        tool, first = self._estimator(variation), self.known[variation.of("signature")]
+        tool = self._estimator(variation)
+        first = self.known[variation.of("signature")]
         how = self.recipe.background.gain
         if how == "none":
             return Accumulator(lambda _: None, lambda _: {}, lambda _: None, lambda: self._level(first, np.ones(1)))
@@ -408,7 +423,8 @@ class LaneChain(Chain):
         return BackgroundEstimator(*self.recipe.smoothing, variation.signature, self._reach)
 
     def _view(self, variation: Variation, block: range | None) -> Accumulator:
-        sums, cleaned = look_sums(self.recipe.run_view, self.grid, self._rows(block)), self._cleaned_by(variation)
+        sums = look_sums(self.recipe.run_view, self.grid, self._rows(block))
+        cleaned = self._cleaned_by(variation)
         before = self._view_sums(block) if self._explains and variation.name == MAIN else None
 
         def add(index: int) -> None:
@@ -447,7 +463,9 @@ class LaneChain(Chain):
 
     def _frames(self, block: range | None) -> Accumulator:  # noqa: ARG002
         """Raise alarms on every scan's own image (Fuse et al. 2018, Sec. 4), once as many are summed as shall be."""
-        cleaned, screen, labels = self._cleaned_by(self.variations[0]), self.recipe.prescreen, self._labels()
+        cleaned = self._cleaned_by(self.variations[0])
+        screen = self.recipe.prescreen
+        labels = self._labels()
         channel = labels["polarization"].index(screen.polarization), labels["subband"].index(screen.subband)
         parts: list[Arrays] = []
 
@@ -476,7 +494,8 @@ class LaneChain(Chain):
         """Gather no scans: its result is what may become alarms, and how many pixels of the channel were seen."""
 
         def result() -> Arrays:
-            known, screen = self.known[variation.of("view")], self.recipe.prescreen
+            known = self.known[variation.of("view")]
+            screen = self.recipe.prescreen
             view = self._as_view(known["view"], known["looks"], self._kept)
             chosen = select(view, screen.polarization, screen.subband)
             seen = np.count_nonzero(np.isfinite(chosen.values[self._own]))
@@ -491,7 +510,9 @@ class LaneChain(Chain):
             if self._screener is None
             else self._screener.alarms(view).select_dtypes("number")
         )
-        y, half = self.grid.y[self.section.rows], self.grid.dy / 2  # what lies between two rows belongs to the nearer
+        # what lies between two rows belongs to the nearer
+        y = self.grid.y[self.section.rows]
+        half = self.grid.dy / 2
         own = maxima[(maxima["y"] >= y[0] - half) & (maxima["y"] < y[-1] + half)].reset_index(drop=True)
         for stage in self._columns.values():
             own = own.assign(**stage.of_view(view, own[["x", "y"]].to_numpy(dtype=np.float64)))
@@ -499,7 +520,8 @@ class LaneChain(Chain):
 
     def _column_names(self) -> list[str]:
         """Name the columns of all feature stages; those of the run-view tell theirs where there is no alarm."""
-        channels, rows = self._labels(), min(2, self.grid.ny)
+        channels = self._labels()
+        rows = min(2, self.grid.ny)
         shape = *map(len, channels.values()), rows, self.grid.nx
         looks = np.zeros(shape[-2:], np.int64)
         empty = view_array(np.full(shape, np.nan, np.float32), looks, self.grid, channels, slice(rows))
@@ -512,16 +534,19 @@ class LaneChain(Chain):
         return self._own_view("view")
 
     def _features(self, variation: Variation, block: range | None) -> Accumulator:
-        cleaned, alarms = self._cleaned_by(variation), self.raised(variation)
+        cleaned = self._cleaned_by(variation)
+        alarms = self.raised(variation)
         near = np.arange(len(alarms)) if block is None else self._alarms_near(alarms, block)
-        sums, evidence = AlarmSums(self._reads, alarms.iloc[near], near), None
+        sums = AlarmSums(self._reads, alarms.iloc[near], near)
+        evidence = None
         if self._explains:
             evidence = self._evidence_sums(variation, None if block is None else self._poses_near(block))
         read_once = evidence is not None and self.imager.run is self.setup.run
 
         def add(index: int) -> None:
             data = self.imager.signal(int(self.imager.scans[index])) if read_once else None
-            image, gain = cleaned.scan(index, data), cleaned.gains[index]
+            image = cleaned.scan(index, data)
+            gain = cleaned.gains[index]
             where = int(image.attrs["scan"]), np.asarray(image.attrs["pose"])
             scan = self._reads.clean(*where, image.values, gain, cleaned.background, own=evidence is not None)
             sums.add(scan)
@@ -546,11 +571,13 @@ class LaneChain(Chain):
         """Numbers of the alarms that a scan of the block may see."""
         poses = self.setup.run["pose"].values[self.imager.scans[block.start : block.stop]]
         x_min, x_max, _, y_max = self.cleaned.grid.extent()
-        farthest, y = np.hypot(max(abs(x_min), abs(x_max)), y_max), alarms["y"].to_numpy(dtype=np.float64)
+        farthest = np.hypot(max(abs(x_min), abs(x_max)), y_max)
+        y = alarms["y"].to_numpy(dtype=np.float64)
         return np.flatnonzero((y >= poses[:, 1].min() - farthest) & (y <= poses[:, 1].max() + farthest))
 
     def _evidence_sums(self, variation: Variation, poses: Mapping[int, FloatArray] | None = None) -> EvidenceSums:
-        contrast, alarms = self.recipe.contrast, self.raised(variation).iloc[:MOST_GATHERED]
+        contrast = self.recipe.contrast
+        alarms = self.raised(variation).iloc[:MOST_GATHERED]
         return EvidenceSums(
             alarms, contrast.patch(), self.recipe.run_view.y_max, self.setup.run, contrast.subband, poses,
             None if self.mapper is None or self.recipe.run_view.look != "mean" else self.mapper.parts,
@@ -559,7 +586,8 @@ class LaneChain(Chain):
 
     def _poses_near(self, block: range) -> dict[int, FloatArray]:
         """Give the poses of all scans that may see what a scan of the block sees."""
-        scans, every = self.imager.scans, self.setup.run["pose"].values
+        scans = self.imager.scans
+        every = self.setup.run["pose"].values
         farthest = float(np.abs(self.cleaned.grid.extent()).max()) * np.sqrt(2)
         y = every[scans[block.start : block.stop], 1]
         near = (every[scans, 1] >= y.min() - 2 * farthest) & (every[scans, 1] <= y.max() + 2 * farthest)
@@ -569,7 +597,8 @@ class LaneChain(Chain):
         """Tell which of the kept rows of the lane a block reaches."""
         if block is None:
             return self._kept
-        sums, grid = RunViewSums(self.grid, self.recipe.run_view.y_max, slice(0, 0)), self.imager.grid
+        sums = RunViewSums(self.grid, self.recipe.run_view.y_max, slice(0, 0))
+        grid = self.imager.grid
         rows = [sums.reach(grid, self.setup.pose(index)) for index in block]
         begin = max(min(row.start for row in rows), self._kept.start)
         return slice(begin, max(min(max(row.stop for row in rows), self._kept.stop), begin))

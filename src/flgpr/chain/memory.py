@@ -43,8 +43,10 @@ def sizes_of(run: xr.Dataset) -> dict[str, int]:
 
 def _per_thread(sizes: Mapping[str, int], recipe: Recipe) -> float:
     """Estimate what a scan at work and the sums of its block take."""
-    image, bands = recipe.image.grid(), len(recipe.image.subbands)
-    pixels, samples = image.nx * image.ny, sizes["pair"] * sizes["frequency"]
+    image = recipe.image.grid()
+    bands = len(recipe.image.subbands)
+    pixels = image.nx * image.ny
+    samples = sizes["pair"] * sizes["frequency"]
     return sizes["polarization"] * bands * (_PER_PIXEL * pixels + _PER_SAMPLE * samples)
 
 
@@ -62,7 +64,8 @@ def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: in
     grows with the length of the lane are its run-views and alarms. Variants keep the images of a short run. The
     factors were measured, see docs/robustness.md.
     """
-    bands, view = len(recipe.image.subbands), recipe.run_view.grid(lane)
+    bands = len(recipe.image.subbands)
+    view = recipe.run_view.grid(lane)
     channels = (len(recipe.image.polarizations) or sizes["polarization"]) * bands
     pixels = view.nx * (view.ny if rows is None else rows)
     alarms = recipe.prescreen.density * pixels * view.dx * view.dy / (3.14 * recipe.prescreen.radius**2)
@@ -90,7 +93,8 @@ def plan_sections(
     """
     if longest is not None and not longest > 0:
         raise ValueError(f"section must be a positive length in metres, got {longest}")
-    grid, needed = recipe.run_view.grid(lane), memory_needed(sizes, recipe, lane)
+    grid = recipe.run_view.grid(lane)
+    needed = memory_needed(sizes, recipe, lane)
     wanted = grid.ny if longest is None or longest == math.inf else max(1, math.floor(longest / grid.dy + 1e-9))
     if wanted >= grid.ny and needed <= limit:
         return [Section(0, grid.ny)]
@@ -106,7 +110,8 @@ def plan_sections(
             f"max-memory must be at least {needed / 1e9:.3g} GB for a lane of {lane.y_max - lane.y_min:.0f} m in one "
             f"piece, got {limit / 1e9:.3g} GB: give more or take it in sections"
         )
-    beyond, shortest = 2 * margin(recipe), min(math.ceil(SHORTEST / grid.dy), wanted, grid.ny)
+    beyond = 2 * margin(recipe)
+    shortest = min(math.ceil(SHORTEST / grid.dy), wanted, grid.ny)
     least = memory_needed(sizes, recipe, lane, min(shortest + beyond, grid.ny))
     if least > limit:
         raise ValueError(f"max-memory must be at least {least / 1e9:.3g} GB for this run, got {limit / 1e9:.3g} GB")

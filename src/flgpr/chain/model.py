@@ -18,7 +18,8 @@ from flgpr.door import Folder
 from flgpr.io import Bundle, check_free_folder, sha256, write_bundle
 from flgpr.io.outputs import whole_output
 
-FORMAT, VERSION = "flgpr-model", 1
+FORMAT = "flgpr-model"
+VERSION = 1
 MODEL_FILE = "model.bundle"
 Detector = Classifier | TrainedEstimator
 
@@ -56,11 +57,13 @@ def save_model(model: Model | Detector, folder: str | Path, notes: Mapping[str, 
     ``folder`` is made or, if it holds a model, replaced; anything else there is a FileExistsError. ``notes`` are
     added to its own.
     """
-    model, folder = as_model(model), check_free_model(folder)
+    model = as_model(model)
+    folder = check_free_model(folder)
     groups: dict[str, Mapping[str, NDArray[Any]]] = dict(model.stages)
     own: dict[str, Any] = {}
     if model.detector is not None:
-        groups["detector"], own = model.detector.arrays(), model.detector.notes
+        groups["detector"] = model.detector.arrays()
+        own = model.detector.notes
     about = {
         "format": FORMAT,
         "version": VERSION,
@@ -94,7 +97,8 @@ def read_model(folder: str | Path) -> bytes:
 
 def load_model(folder: str | Path, digest: str | None = None) -> Model:
     """Read a model of :func:`save_model`; a ValueError if it is none, altered, or of another ``digest`` (SHA-256)."""
-    path, data = Path(folder) / MODEL_FILE, read_model(folder)
+    path = Path(folder) / MODEL_FILE
+    data = read_model(folder)
     if digest not in (None, sha256(data)):
         raise ValueError(f"model {folder}: {MODEL_FILE} differs from what was written")
     try:
@@ -106,7 +110,8 @@ def load_model(folder: str | Path, digest: str | None = None) -> Model:
         for name, array in bundle.items():
             stage, _, which = name.rpartition(".")
             groups[stage][which] = array
-        own, notes = groups.pop("detector"), dict(about["notes"])
+        own = groups.pop("detector")
+        notes = dict(about["notes"])
         detector: Detector | None = None
         if about["detector"] is not None:
             kind = Classifier if about["detector"]["estimator"] == "fisher" else TrainedEstimator

@@ -95,7 +95,8 @@ class Chain:
 
     def __init__(self, passes: Sequence[Pass], scans: int, known: MutableMapping[str, Any]) -> None:
         self.passes = {one.name: one for one in passes}
-        self.blocks, self.known = blocks_of(scans), known
+        self.blocks = blocks_of(scans)
+        self.known = known
 
     def numbers(self, name: str) -> list[int]:
         """Tell which blocks a pass goes through."""
@@ -164,7 +165,8 @@ def _at_once(work: Callable[..., T], arguments: Sequence[tuple[Any, ...]], threa
 
     def begin() -> None:
         numba.set_num_threads(kernels)
-        mine.threads, mine.stop = threads, stop
+        mine.threads = threads
+        mine.stop = stop
 
     waiting: deque[Future[T]] = deque()
     pool = ThreadPoolExecutor(threads, "flgpr-block", begin)

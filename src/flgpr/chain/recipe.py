@@ -28,7 +28,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FloatArray = NDArray[np.float64]
-MOST_PIXELS, MOST_WINDOW = 50_000_000, 1001  # of an image, and across a window of the background
+# of an image, and across a window of the background
+MOST_PIXELS = 50_000_000
+MOST_WINDOW = 1001
 HALF_LANE = 1.5  # half width of the lane that a run has where none is given, m
 
 
@@ -501,7 +503,8 @@ def course_lane(recipe: Recipe, poses: FloatArray, end: float | None = None) -> 
 
     With ``end`` it ends there, m: a vehicle that drives on has no last pose yet.
     """
-    middle, near = float(np.median(poses[:, 0])), recipe.image.y[0]
+    middle = float(np.median(poses[:, 0]))
+    near = recipe.image.y[0]
     last = float(poses[:, 1].max() + near) if end is None else end
     left, right = middle - HALF_LANE, middle + HALF_LANE
     if recipe.run_view.search == "view":

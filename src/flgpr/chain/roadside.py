@@ -29,8 +29,11 @@ class Roadside:
     def __init__(self, recipe: Recipe, imager: ScanImager, lane: Lane, known: Mapping[str, Any]) -> None:
         if recipe.suppression is None:
             raise ValueError("a variant with suppress_roadside needs the table suppression")
-        self.table, self.channel = recipe.suppression, recipe.prescreen
-        self.imager, self.lane, self._known = imager, lane, known
+        self.table = recipe.suppression
+        self.channel = recipe.prescreen
+        self.imager = imager
+        self.lane = lane
+        self._known = known
         self._poses: NDArray[np.float64] = imager.run["pose"].values
 
     @property
@@ -40,7 +43,9 @@ class Roadside:
 
     def find(self, image: Image) -> Accumulator:
         """Find the ground beside the lane that outshines everything in it."""
-        table, pixels, lane = self.table, self.imager.grid, self.lane
+        table = self.table
+        pixels = self.imager.grid
+        lane = self.lane
         poses = self._poses[self.imager.scans]
         x = pixels.x_min + poses[:, 0].min(), pixels.x[-1] + poses[:, 0].max()
         far = min(lane.y_max, pixels.y[-1] + poses[:, 1].max())
@@ -61,7 +66,8 @@ class Roadside:
 
     def cleaned(self, scan: int) -> NDArray[np.complex64] | None:
         """Give the data of a scan without what the mask holds; None where it is empty."""
-        table, imager = self.table, self.imager
+        table = self.table
+        imager = self.imager
         if not len(self.points):
             return None
         tones = np.asarray(imager.run["frequency"].values)
@@ -71,7 +77,9 @@ class Roadside:
 
     def share(self, alarms: pd.DataFrame, image: Image) -> Accumulator:
         """Tell what part of the alarms' amplitude, and of the brightest pixel in the mask, the roadside's model is."""
-        grid, points, centres = self.imager.grid, self.points, ground_points(alarms)
+        grid = self.imager.grid
+        points = self.points
+        centres = ground_points(alarms)
         channel = {"polarization": self.channel.polarization, "subband": self.channel.subband}
         power = {name: np.zeros(len(alarms)) for name in ("total", "modelled")}
         peaks = np.zeros(2)
@@ -98,7 +106,8 @@ class Roadside:
 
     def notes(self) -> dict[str, Any]:
         """Tell the mask's size, middle and what its brightest pixel lost; needs both passes."""
-        points, peaks = self.points, self._known["share"]["peaks"]
+        points = self.points
+        peaks = self._known["share"]["peaks"]
         notes: dict[str, Any] = {"mask_pixels": len(points)}
         if len(points):
             notes["mask_centre"] = [round(float(value), 3) for value in points[:, :2].mean(axis=0)]

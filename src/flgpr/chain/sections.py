@@ -92,5 +92,6 @@ def lane_threshold(recipe: Recipe, lane: Lane, maxima: pd.DataFrame, seen: int) 
     """
     if recipe.screen is not None:
         return -math.inf  # a stage of its own has judged already
-    screen, grid = recipe.prescreen, recipe.run_view.grid(lane)
+    screen = recipe.prescreen
+    grid = recipe.run_view.grid(lane)
     return view_threshold(maxima, lane, seen * grid.dx * grid.dy, screen.radius, screen.density, screen.count)

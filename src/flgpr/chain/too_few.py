@@ -56,7 +56,9 @@ class TooFewExamplesError(ValueError):
 
     def __init__(self, needed: str, counts: Sequence[Tally] = (), changes: Sequence[Change] = ()) -> None:
         super().__init__(f"training needs {needed}")
-        self.needed, self.counts, self.changes = needed, tuple(counts), tuple(changes)
+        self.needed = needed
+        self.counts = tuple(counts)
+        self.changes = tuple(changes)
 
     def of_stage(self, name: str, before: Sequence[Tally] = ()) -> ValueError:
         """Word it for a stage by its name in the recipe; ``before`` counts what the steps before it left."""

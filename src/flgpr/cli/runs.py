@@ -115,7 +115,8 @@ def detect(
     if recipe is None and not (quiet or as_json):
         typer.echo(f"no --recipe: detecting with the one that `flgpr recipe for {runs[0]}` prints")
     with plain_errors(quiet), tasks.compiled_beside(), progress(quiet or as_json) as track:
-        how, others = tasks.How(workers, scheduler, tasks.parse_size(max_memory), track), _others(beside, len(runs))
+        how = tasks.How(workers, scheduler, tasks.parse_size(max_memory), track)
+        others = _others(beside, len(runs))
         if len(runs) > 1:
             options: dict[str, Any] = {"lanes_at_once": lanes_at_once, "how": how, "overwrite": overwrite}
             folders = tasks.detect_runs(runs, recipe, output, lane, model, section, others, **options)
@@ -133,8 +134,10 @@ def detect(
 
 
 def _detected(result: Result, silently: bool) -> dict[str, Any]:
-    main, run = result.detections[0], result.manifest["run"]
-    masked, motion = run["masked_scans"], run.get("motion", {"scans": [], "notes": []})
+    main = result.detections[0]
+    run = result.manifest["run"]
+    masked = run["masked_scans"]
+    motion = run.get("motion", {"scans": [], "notes": []})
     if not silently:
         if masked:
             typer.echo(f"{len(masked)} of {run['scans']} scans left out for missing sweeps: {masked}")

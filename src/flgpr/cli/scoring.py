@@ -86,7 +86,8 @@ def score(
             path = _seal(alarms, lane, output, {"halo": halo, "show": show and show.value, "book": watched})
             tell_written(quiet, path)
             return
-        several, home = len(alarms) > 1, output or Path("score")
+        several = len(alarms) > 1
+        home = output or Path("score")
         recipes: list[Any] = recipe or []
         if not several and len(recipes) > 1:
             raise ValueError(f"recipe must be given once per alarm list, got {len(recipes)} for 1 list")

@@ -20,7 +20,8 @@ def score_summary(folder: Path, scored: list[Any]) -> dict[str, Any]:
     """Summarise scores for a machine."""
     told = Folder(folder).json("roc.json")
     main = told["detections"]["main"]
-    point, last = main["operating_point"], main["points"][-1]
+    point = main["operating_point"]
+    last = main["points"][-1]
     return {
         "result": str(folder),
         "targets": main["n_targets"],
@@ -199,7 +200,8 @@ def _recipe_lines(faults: dict[str, list[str]]) -> list[str]:
 
 def _coverage_map(told: dict[str, Any]) -> list[str]:
     """Draw looks as a map of characters, down-track upwards, at most 24 lines."""
-    rows, most = told["looks_map"], max(told["looks"]["most"], 1)
+    rows = told["looks_map"]
+    most = max(told["looks"]["most"], 1)
     stride = max(1, len(rows) // 24)
     shades = " ░▒▓█"
     low, high = told["lane"]["y"]

@@ -96,7 +96,8 @@ def self_signature(images: Iterable[ComplexArray], method: SelfSignature = "mean
     scans = chain(first, scans)
     if method == "median":
         return complex_median(np.stack([v_k / scan_gain(v_k) for v_k in scans]))
-    total, count = np.zeros(np.shape(first[0]), np.complex128), 0
+    total = np.zeros(np.shape(first[0]), np.complex128)
+    count = 0
     for v_k in scans:
         m_k = np.abs(v_k).astype(np.float64)
         limit = m_k.mean(axis=(-2, -1), keepdims=True) + 5 * m_k.std(axis=(-2, -1), keepdims=True)
@@ -123,7 +124,8 @@ def gain_background(
     at the border; here both windows shrink there to the pixels that exist.
     """
     check_windows(median_size, mean_size)
-    total, count = np.zeros(signature.shape), 0
+    total = np.zeros(signature.shape)
+    count = 0
     for v_k in images:
         m_k = np.abs(v_k / scan_gain(v_k) - signature)  # Eq. 3
         flat = m_k.reshape(-1, *m_k.shape[-2:])

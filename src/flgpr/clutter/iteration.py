@@ -123,7 +123,9 @@ def iterate_suppression(
         Which response the second maximum of Eq. 7 is taken of: "region", ``b̂_r`` of the sub-region alone; "whole",
         ``b̂ = Σ b̂_r`` of all sub-regions, both over the sub-region's pixels.
     """
-    points, chosen, part = np.asarray(pixels, dtype=np.float64), np.asarray(mask, dtype=bool), np.asarray(region)
+    points = np.asarray(pixels, dtype=np.float64)
+    chosen = np.asarray(mask, dtype=bool)
+    part = np.asarray(region)
     if iterations < 1:
         raise ValueError(f"iterations must be at least 1, got {iterations}")
     if amplitude not in ("region", "whole"):
@@ -143,7 +145,9 @@ def iterate_suppression(
     on_region = {int(r): operator_on(points[part == r]) for r in used}
     ends = np.cumsum([len(one) for one in under])[:-1]
     start = _norms(b) ** 2
-    cleaned, energy, rounding = [b], [np.zeros_like(start)], []
+    cleaned = [b]
+    energy = [np.zeros_like(start)]
+    rounding = []
     amplitudes = np.zeros((iterations, int(part.max(initial=-1)) + 1, b.shape[-3]))
     for B in amplitudes:
         masked = [] if on_mask is None else np.split(on_mask.adjoint(b), ends, axis=-1)

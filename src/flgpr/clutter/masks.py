@@ -65,7 +65,8 @@ def subregions(distance: ArrayLike, edges: ArrayLike) -> IntArray:
     >>> subregions([4.0, 5.0, 9.9, 10.0, 15.0, 16.0], (5, 7.5, 10, 12.5, 15))
     array([-1,  0,  1,  2,  3, -1])
     """
-    borders, ahead = np.asarray(edges, dtype=np.float64), np.asarray(distance, dtype=np.float64)
+    borders = np.asarray(edges, dtype=np.float64)
+    ahead = np.asarray(distance, dtype=np.float64)
     if borders.ndim != 1 or borders.size < 2 or not (np.diff(borders) > 0).all():
         raise ValueError(f"edges must be at least two rising ranges, got {edges!r}")
     number = np.searchsorted(borders, ahead, side="right") - 1
@@ -78,7 +79,8 @@ def above(image: ArrayLike, threshold: ArrayLike, region: IntArray) -> BoolArray
 
     Of pixels in no sub-region, see :func:`subregions`, none is marked.
     """
-    magnitude, limit = np.abs(np.asarray(image)), np.asarray(threshold, dtype=np.float64)
+    magnitude = np.abs(np.asarray(image))
+    limit = np.asarray(threshold, dtype=np.float64)
     if magnitude.shape != region.shape:
         raise ValueError(f"image must have the shape of region, {region.shape}, got {magnitude.shape}")
     if limit.ndim != 1 or limit.size <= region.max(initial=-1) or not (limit >= 0).all():
@@ -199,7 +201,8 @@ class ThresholdCalibration:
     def __init__(self, regions: int, response_db: float = 6.0) -> None:
         if regions < 1 or not response_db > 0:
             raise ValueError(f"regions and response_db must be positive, got {regions} and {response_db}")
-        self.regions, self.response_db = regions, response_db
+        self.regions = regions
+        self.response_db = response_db
         self.targets = np.zeros(regions, np.int64)
         self._vv = np.full(regions, np.inf)
         self._vh = np.zeros(regions)
@@ -221,7 +224,8 @@ class ThresholdCalibration:
         ``region`` is from :func:`subregions`; ``halos`` are the pixels about each target in view, ``roadside`` those
         beside the lane.
         """
-        strong, cross = np.abs(np.asarray(vv)), np.abs(np.asarray(vh))
+        strong = np.abs(np.asarray(vv))
+        cross = np.abs(np.asarray(vh))
         other = None if second is None else np.abs(np.asarray(second))
         self._has_second |= other is not None
         for halo in halos:
@@ -229,7 +233,8 @@ class ThresholdCalibration:
             if not inside.any():
                 continue
             peak = np.unravel_index(int(np.where(inside, strong, -1.0).argmax()), strong.shape)
-            where, top = int(region[peak]), float(strong[peak])
+            where = int(region[peak])
+            top = float(strong[peak])
             response = inside & (strong >= top * 10 ** (-self.response_db / 20))
             self.targets[where] += 1
             self._vv[where] = min(self._vv[where], top)

@@ -38,9 +38,12 @@ from flgpr.kernels.filters import median_stack
 
 FloatArray = NDArray[np.float64]
 MagnitudeArray = NDArray[np.float32]
-LEAST_WARM_UP, LEAST_SPAN = 3, 2
+LEAST_WARM_UP = 3
+LEAST_SPAN = 2
 """Scans that causal estimates need."""
-_LOWEST, _CLIP = 0.75, 5.0  # share of the pixels in r_k; standard deviations of the magnitude limit
+# share of the pixels in r_k; standard deviations of the magnitude limit
+_LOWEST = 0.75
+_CLIP = 5.0
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,10 @@ class BackgroundEstimator:
         check_method(method)
         if not 1 <= step <= max(1, min(mean_size) // 2):
             raise ValueError(f"step must lie between 1 and half of mean_size {mean_size}, got {step}")
-        self.median_size, self.mean_size, self.step, self.method = median_size, mean_size, step, method
+        self.median_size = median_size
+        self.mean_size = mean_size
+        self.step = step
+        self.method = method
         self._rows = slice(rows)
         self._scaled: list[ComplexArray] = []  # images over their gains, for the median
         self.gains: list[FloatArray] = []
@@ -171,9 +177,11 @@ class BackgroundEstimator:
                 self._signature = B1.astype(np.complex64).reshape(self._shape)
                 self._shared = B1_shared.astype(np.complex64).reshape(self._shape)
             elif self.method == "median":
-                gains, scaled = np.stack(self.gains), np.stack(self._scaled)
+                gains = np.stack(self.gains)
+                scaled = np.stack(self._scaled)
                 shared = scaled * (gains / shared_gain(gains))[..., None, None].astype(np.float32)
-                self._signature, self._shared = complex_median(scaled), complex_median(shared)
+                self._signature = complex_median(scaled)
+                self._shared = complex_median(shared)
             else:
                 self._signature = self._shared = np.zeros(self._shape, np.complex64)
         return self._signature
@@ -228,7 +236,8 @@ class BackgroundEstimator:
     def continue_from(self, first: dict[str, NDArray[Any]], scans: slice = slice(None)) -> None:
         """Begin the second pass, over ``scans``, where another estimator ended the first (:meth:`first_result`)."""
         self._shape = first["signature"].shape
-        self._signature, self._shared = first["signature"], first["shared"]
+        self._signature = first["signature"]
+        self._shared = first["shared"]
         self.gains = list(first["gains"][scans])
 
     def second_sums(self) -> dict[str, NDArray[Any]]:
@@ -253,7 +262,8 @@ class BackgroundEstimator:
         """Return r_k, the rms of the lowest 75 % of the magnitudes m_k, and μ_k + 5σ_k, by channel (Eq. 2)."""
         if image[..., self._rows, :].shape != self._shape:
             raise ValueError(f"image must have the shape {self._shape} of those before, got {image.shape}")
-        gain, limit = np.empty(image.shape[:2]), np.empty(image.shape[:2])
+        gain = np.empty(image.shape[:2])
+        limit = np.empty(image.shape[:2])
         pixels = image.shape[2] * image.shape[3]
         gain_and_limit(_flat(image), max(1, int(_LOWEST * pixels)), _CLIP, gain.ravel(), limit.ravel())
         check_gain(gain)
@@ -317,7 +327,9 @@ class CausalBackground:
         if span is not None and span < LEAST_SPAN:
             raise ValueError(f"span must be at least {LEAST_SPAN} scans, got {span}")
         self._tool = BackgroundEstimator(median_size, mean_size, step, rows=rows)
-        self._span, self._warm_up, self._count = span, warm_up, 0
+        self._span = span
+        self._warm_up = warm_up
+        self._count = 0
         self._means: list[Any] = []  # own and shared signature, ratios of the gains, medians
         self._given = False  # whether someone else has hold of them
         self._signatures: tuple[ComplexArray, ComplexArray] | None = None  # the first two means, as images
@@ -340,24 +352,30 @@ class CausalBackground:
         if self._waiting is None:
             return
         (image, gain, limit), self._waiting = self._waiting, None
-        tool, near = self._tool, image[..., self._tool._rows, :].shape
+        tool = self._tool
+        near = image[..., self._tool._rows, :].shape
         self._count += 1
-        weight, common = 1 / min(self._count, self._span or self._count), shared_gain(gain)
-        signatures, ratio = [], gain / common
+        weight = 1 / min(self._count, self._span or self._count)
+        common = shared_gain(gain)
+        signatures = []
+        ratio = gain / common
         if not self._means:
             self._means = [*(np.zeros((near[0] * near[1], near[2] * near[3]), np.complex128) for _ in range(2)), ratio]
         for i, scale in enumerate((1 / gain.ravel(), (1 / np.broadcast_to(common, gain.shape)).ravel())):
-            mean, signature = self._means[i], np.empty(near, np.complex64)
+            mean = self._means[i]
+            signature = np.empty(near, np.complex64)
             self._means[i] = np.empty_like(mean) if self._given else mean
             blend_clipped(_flat(image), limit.ravel(), scale, weight, mean, self._means[i], _flat(signature))
             signatures.append(signature)
-        self._means[2], self._given = _blend(self._means[2], ratio, weight), False
+        self._means[2] = _blend(self._means[2], ratio, weight)
+        self._given = False
         own, shared = signatures
         if self._count >= 2:
             smooth = tool._smooth(image, gain, own)
             share = 1 / min(self._count - 1, self._span or self._count)
             self._means[3:] = [_blend(self._means[3] if len(self._means) > 3 else smooth, smooth, share)]
-        self._signatures, self._ready = (own, shared), None
+        self._signatures = (own, shared)
+        self._ready = None
         if self._count + 1 >= self._warm_up:
             with suppress(ValueError):  # the next scan is told
                 self._prepare()
@@ -385,7 +403,8 @@ class CausalBackground:
             raise ValueError(f"state must hold {', '.join(missing)}, which it does not")
         self._count = count
         self._tool._shape = tuple(int(n) for n in state["shape"]) or None
-        self._means, self._given = [np.asarray(state[name]) for name in means], True
+        self._means = [np.asarray(state[name]) for name in means]
+        self._given = True
         self._signatures = self._ready = self._waiting = None
 
 

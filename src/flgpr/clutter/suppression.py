@@ -89,7 +89,8 @@ def suppress_by_model(
         raise ValueError(f"spared must have the shape of the pixels, {gradient.shape[2:]}, got {kept.shape}")
     if kept is not None and not kept.any():
         kept = None  # nothing is given back, so that nothing has to be modelled for it
-    direction, back = gradient, np.zeros_like(gradient)
+    direction = gradient
+    back = np.zeros_like(gradient)
     power = _power(gradient)
     for _ in range(iterations):
         if power == 0.0:

@@ -61,7 +61,8 @@ def remove_standing(run: xr.Dataset, scans: int | None = None) -> xr.Dataset:
     With ``scans`` it is estimated anew for every scan, from so many around it, which lets a slowly changing ground
     surface go, too, and whatever else is longer than that. Fewer than three complete scans are a ValueError.
     """
-    signal, complete = run["signal"].values.copy(), np.flatnonzero(complete_scans(run))
+    signal = run["signal"].values.copy()
+    complete = np.flatnonzero(complete_scans(run))
     known = signal[complete]
     if scans is None or scans >= len(known):
         signal[complete] = subtract_standing(known, standing_field(known))
@@ -80,7 +81,8 @@ def subtract_run(run: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
     Its mean is taken if it has another number of scans; if its axes differ, that is a ValueError.
     """
     for axis in ("frequency", "polarization"):
-        mine, its = run[axis].values, other[axis].values
+        mine = run[axis].values
+        its = other[axis].values
         if mine.shape != its.shape or not (
             np.allclose(mine, its, rtol=1e-9) if axis == "frequency" else (mine == its).all()
         ):
@@ -145,7 +147,8 @@ def tone_step(run: xr.Dataset) -> float:
 
 def _in_time(run: xr.Dataset, weight: Callable[[FloatArray, NDArray[Any]], FloatArray]) -> xr.Dataset:
     """Multiply the range profiles by a weight (time), or (..., time) by what the profile is."""
-    signal, step = run["signal"].values.copy(), tone_step(run)
+    signal = run["signal"].values.copy()
+    step = tone_step(run)
     time = np.arange(run.sizes["frequency"]) / (run.sizes["frequency"] * step)
     for scan in np.flatnonzero(complete_scans(run)):
         profile = np.fft.ifft(signal[scan], axis=-1)

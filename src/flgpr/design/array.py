@@ -77,7 +77,8 @@ def study(sensor: Sensor, question: Question | None = None, track: Track = silen
     near = max(y_min, 1.2 * sensor.height)
     x = np.linspace(max(x_min, -4.0), min(x_max, 4.0), 9)
     y = np.linspace(near, y_max, 13)
-    down, cross = np.empty((y.size, x.size)), np.empty((y.size, x.size))
+    down = np.empty((y.size, x.size))
+    cross = np.empty((y.size, x.size))
     for i, j in track([*np.ndindex(y.size, x.size)], f"{sensor.name}: resolution", y.size * x.size):
         down[i, j], cross[i, j] = spread.widths([x[j], y[i], 0.0])
     design = Design(sensor, _facts(sensor, spread), x, y, down, cross)
@@ -152,7 +153,8 @@ def _facts(sensor: Sensor, spread: PointSpread) -> dict[str, float]:
 
 def _close(spread: PointSpread, source: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     down, cross = spread.expected_widths(source)
-    y, x = np.linspace(-5, 5, 161) * down, np.linspace(-5, 5, 161) * cross
+    y = np.linspace(-5, 5, 161) * down
+    x = np.linspace(-5, 5, 161) * cross
     return y, x, _decibels(spread(ground_plane(x + source[0], y + source[1]), source))
 
 
@@ -223,7 +225,8 @@ def _clutter(
         track={"positions": tuple(k * apart for k in range(_LOOKS))},
     )
     run = Simulator(scene, sensor, 1, errors=False).run()
-    reach_y, reach_x = 1.0, 1.0
+    reach_y = 1.0
+    reach_x = 1.0
     grid = Grid.spanning(
         (float(design.ratio_x[0] - reach_x), float(design.ratio_x[-1] + reach_x)),
         (float(design.ratio_y[0] - reach_y), float(design.ratio_y[-1] + reach_y)),
@@ -232,7 +235,8 @@ def _clutter(
     power = np.mean([np.abs(image.values[:, 0]) ** 2 for image in ScanImager(run, grid, band, asked.window)], axis=0)
     out = np.empty((power.shape[0], design.ratio_y.size, design.ratio_x.size))
     for i, j in np.ndindex(*out.shape[1:]):
-        rows, columns = np.abs(grid.y - design.ratio_y[i]) <= reach_y, np.abs(grid.x - design.ratio_x[j]) <= reach_x
+        rows = np.abs(grid.y - design.ratio_y[i]) <= reach_y
+        columns = np.abs(grid.x - design.ratio_x[j]) <= reach_x
         out[:, i, j] = power[:, rows][:, :, columns].mean(axis=(1, 2))
     return out
 

@@ -46,7 +46,8 @@ class PointSpread:
             weight = weight * np.asarray(response, dtype=np.float64)[chosen]
         up = np.array([0.0, 0.0, sensor.height])
         tx, rx = sensor.pairs()
-        self.tx, self.rx = tx + up, rx + up
+        self.tx = tx + up
+        self.rx = rx + up
         count = 1 << math.ceil(math.log2(_OVERSAMPLING * self.tones.size))
         middle = self.tones.size // 2
         spectrum = np.zeros(count, complex)
@@ -107,7 +108,8 @@ class PointSpread:
     def expected_widths(self, source: FloatArray) -> tuple[float, float]:
         """Rough widths down-range and cross-range, m: ``c/(2B·sinθ)`` and ``λR/(D_t + D_r)``."""
         middle = np.concatenate([self.tx, self.rx]).mean(axis=0)
-        slant, ground = float(np.linalg.norm(source - middle)), float(np.hypot(*(source - middle)[:2]))
+        slant = float(np.linalg.norm(source - middle))
+        ground = float(np.hypot(*(source - middle)[:2]))
         down = SPEED_OF_LIGHT / (2 * np.ptp(self.tones)) * slant / ground
         aperture = max(float(np.ptp((self.tx + self.rx)[:, 0])), 0.05)
         return float(down), float(SPEED_OF_LIGHT / self.tones.mean() * slant / aperture)
@@ -126,10 +128,12 @@ class PointSpread:
 
 def half_power(offset: FloatArray, amplitude: FloatArray) -> float:
     """Full width between the first half-power points on both sides of offset zero, by linear interpolation."""
-    middle, level = offset.size // 2, math.sqrt(0.5)
+    middle = offset.size // 2
+    level = math.sqrt(0.5)
     edges = []
     for side in (1, -1):
-        values, places = amplitude[middle::side], offset[middle::side]
+        values = amplitude[middle::side]
+        places = offset[middle::side]
         under = np.flatnonzero(values < level)
         if not under.size or under[0] == 0:
             return math.nan

@@ -356,7 +356,9 @@ class _Band:
 
 def _view(sensor: Sensor, viewing: Viewing) -> _View:
     """Check what is asked of a sensor."""
-    height, distance, window = viewing.height, viewing.distance, viewing.window
+    height = viewing.height
+    distance = viewing.distance
+    window = viewing.window
     if height is not None:
         if not (math.isfinite(height) and height > 0):
             raise ValueError(f"height must be greater than 0, got {height!r}")

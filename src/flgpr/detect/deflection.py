@@ -175,7 +175,8 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
             self.n_unseen_: int | NDArray[np.int64] = np.array([unseen for _, _, unseen in learned])
             return self
         form, self.eigenvalues_, self.n_unseen_ = self._learn(samples)
-        self.forms_, self.labels_ = (form,), np.empty(0)
+        self.forms_ = (form,)
+        self.labels_ = np.empty(0)
         return self
 
     def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:

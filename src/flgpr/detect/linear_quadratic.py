@@ -47,7 +47,8 @@ class LinearQuadraticForm:
 
     def after(self, mean: NDArray[Any], matrix: NDArray[Any]) -> LinearQuadraticForm:
         """Give the form of raw samples y whose value is that of this one at ``x = matrix (y - mean)``."""
-        vectors, linear = self.vectors @ matrix.conj(), matrix.conj().T @ self.linear
+        vectors = self.vectors @ matrix.conj()
+        linear = matrix.conj().T @ self.linear
         offset = self.offset + vectors.conj() @ mean
         constant = self.constant - 2 * float((linear.conj() @ mean).real)
         return LinearQuadraticForm(self.strength, vectors, linear, offset, constant)
@@ -89,7 +90,8 @@ class LinearQuadraticForm:
 
 def as_moments(mean: ArrayLike, covariance: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
     """Take a mean μ (n,) and a covariance C (n, n); others are a ValueError."""
-    mu, C = np.asarray(mean), np.asarray(covariance)
+    mu = np.asarray(mean)
+    C = np.asarray(covariance)
     if mu.ndim != 1 or C.shape != (mu.size, mu.size):
         raise ValueError(
             f"mean and covariance must have the shapes (n,) and (n, n), got {np.shape(mu)} and {np.shape(C)}"

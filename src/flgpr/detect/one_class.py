@@ -121,7 +121,8 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         target = np.ones(len(Z))
         if self.formulation == "reference":
             extra = self._prepared(self._reference(X))
-            Z, target = np.vstack([Z, extra]), np.append(target, np.zeros(len(extra)))
+            Z = np.vstack([Z, extra])
+            target = np.append(target, np.zeros(len(extra)))
         offset = float(np.log(self.p0 / (1 - self.p0))) if self.formulation == "offset" else 0.0
         self._solve(Z, target, self.formulation == "reference", offset, None)
         self.offset_ = float(np.quantile(self.score_samples(X), self.reject))
@@ -137,7 +138,8 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         return np.asarray((X - self.center_) / self.scale_, dtype=np.float64)
 
     def _reference(self, X: FloatArray) -> FloatArray:
-        low, high = X.min(axis=0), X.max(axis=0)
+        low = X.min(axis=0)
+        high = X.max(axis=0)
         low, high = 1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low
         if self.box is not None:
             box = np.asarray(self.box, dtype=np.float64)

@@ -63,7 +63,8 @@ class GaussianMixtureNovelty(OutlierMixin, BaseEstimator):  # type: ignore[misc]
         if not 0 <= self.reject < 1:
             raise ValueError(f"reject must be at least 0 and below 1, got {self.reject!r}")
         X = np.asarray(validate_data(self, X, dtype=np.float64, ensure_min_samples=2))
-        self.center_, spread = X.mean(axis=0), X.std(axis=0)
+        self.center_ = X.mean(axis=0)
+        spread = X.std(axis=0)
         self.scale_ = np.where(spread > 0, spread, 1.0)
         Z = (X - self.center_) / self.scale_
         trials = [

@@ -96,11 +96,15 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         self.relevance_vectors_ = X[self.relevance_]
         self.dual_coef_ = fit.mean[vectors]
         self.intercept_ = float(fit.mean[~vectors].sum()) + offset
-        self.alpha_, self.covariance_ = fit.alpha, fit.covariance
-        self.log_evidence_, self.n_iter_, self.converged_, self.rate_ = (
-            fit.log_evidence, fit.n_iter, fit.converged, fit.rate,
-        )  # fmt: skip
-        self._fit_result, self._has_bias = fit, bool((~vectors).any())
+        self.alpha_ = fit.alpha
+        self.covariance_ = fit.covariance
+        # fmt: skip
+        self.log_evidence_ = fit.log_evidence
+        self.n_iter_ = fit.n_iter
+        self.converged_ = fit.converged
+        self.rate_ = fit.rate
+        self._fit_result = fit
+        self._has_bias = bool((~vectors).any())
 
     def _argument(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Mean and variance of the argument of σ."""
@@ -267,7 +271,8 @@ def leave_one_out(
     machines : list of RelevanceVectorClassifier
         The machine of every fold.
     """
-    X, y = np.asarray(X, dtype=np.float64), np.asarray(y)
+    X = np.asarray(X, dtype=np.float64)
+    y = np.asarray(y)
     full = clone(machine).fit(X, y)._fit_result if warm else None
     machines = []
     probability = np.empty(len(X))

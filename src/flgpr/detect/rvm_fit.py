@@ -87,7 +87,8 @@ def fit_sparse(
                            max_iter=max_iter)  # fmt: skip
         if not len(plain.alpha):
             return plain
-        rate, start = 2 * len(plain.alpha) / float((1 / plain.alpha).sum()), None if start is None else plain
+        rate = 2 * len(plain.alpha) / float((1 / plain.alpha).sum())
+        start = None if start is None else plain
     # These matrices are small: threads that wait for one another cost more than they bring.
     with blas_on_one_thread():
         if algorithm == "ard":
@@ -155,7 +156,10 @@ def _ascend(
 def _exchange(fixed: tuple[Any, ...], fit: relevance.Ascent, tol: float, max_iter: int) -> relevance.Ascent:
     """Leave a local maximum: take out one basis function after another and ascend anew, another one entering first."""
     *_, allowed, rate = fixed
-    tried, place, iterations, best = 0, 0, fit.iterations, fit
+    tried = 0
+    place = 0
+    iterations = fit.iterations
+    best = fit
     while tried < len(best.active):
         place %= len(best.active)
         kept = np.arange(len(best.active)) != place
@@ -165,9 +169,11 @@ def _exchange(fixed: tuple[Any, ...], fit: relevance.Ascent, tol: float, max_ite
         trial = relevance.ascend(*fixed, *start, first, tol, max_iter)
         iterations += trial.iterations
         if trial.converged and relevance.penalised(trial, rate) > relevance.penalised(best, rate) + RISE:
-            best, tried = trial, 0
+            best = trial
+            tried = 0
         else:
-            tried, place = tried + 1, place + 1
+            tried = tried + 1
+            place = place + 1
     return best._replace(iterations=iterations)
 
 
@@ -175,7 +181,9 @@ def _complete(fixed: tuple[Any, ...], fit: relevance.Ascent, tol: float, max_ite
     """Let in what gains by double precision and was not seen in single precision, which ranks the functions."""
     rows, _, t, offset, every, rate = fixed
     for _ in range(LATE):
-        active, alpha, mean = fit.active, fit.alpha, fit.mean
+        active = fit.active
+        alpha = fit.alpha
+        mean = fit.mean
         posterior = relevance.laplace(rows[active], t, offset, alpha, mean)
         gain, s, q = relevance.entries(rows, every, active, posterior, rate)
         new = int(gain.argmax())
@@ -202,17 +210,21 @@ def _first(count: int, n_starts: int) -> list[NDArray[np.bool_]]:
 def _prune(rows: FloatArray, t: FloatArray, offset: float, rate: float, tol: float, max_iter: int) -> SparseFit:
     """Tipping 2001, Eq. 16: α = γ/w² for all weights together; with a rate the root of w²α² - γα - rate."""
     active = np.arange(len(rows))
-    alpha, mean = np.ones(len(rows)), np.zeros(len(rows))
+    alpha = np.ones(len(rows))
+    mean = np.zeros(len(rows))
     iteration = 0
     while iteration < max_iter:
         iteration += 1
         posterior = relevance.laplace(rows[active], t, offset, alpha, mean)
-        mean, determined = posterior.mean, np.maximum(1 - alpha * np.diag(posterior.covariance), 1e-12)
+        mean = posterior.mean
+        determined = np.maximum(1 - alpha * np.diag(posterior.covariance), 1e-12)
         power = np.maximum(mean**2, 1e-300)
         new = (determined + np.sqrt(determined**2 + 4 * power * rate)) / (2 * power)
         kept = new < PRUNE
         change = np.abs(np.log(new / alpha))[kept].max(initial=0.0)
-        active, alpha, mean = active[kept], new[kept], mean[kept]
+        active = active[kept]
+        alpha = new[kept]
+        mean = mean[kept]
         if kept.all() and change < NEAR:
             break
     closed = np.zeros(len(rows), np.bool_)

@@ -69,7 +69,8 @@ def make_fold(
     """
     features: FloatArray = np.asarray(X, np.float64)
     use = np.asarray(train, bool)
-    labels, counts = np.asarray(label)[use], np.asarray(weight, np.float64)[use]
+    labels = np.asarray(label)[use]
+    counts = np.asarray(weight, np.float64)[use]
     tried = np.flatnonzero(np.ones(len(features), bool) if test is None else np.asarray(test, bool))
     hits, false_alarms = (int((labels == k).sum()) for k in (1, 0))
     if not hits or not false_alarms:
@@ -87,12 +88,15 @@ class _State:
     """The discriminant of the chosen features in one fold."""
 
     def __init__(self, fold: Fold) -> None:
-        self.fold, self.chosen = fold, np.zeros(0, np.intp)
-        self.inverse, self.weight = np.zeros((0, 0)), np.zeros(0)
+        self.fold = fold
+        self.chosen = np.zeros(0, np.intp)
+        self.inverse = np.zeros((0, 0))
+        self.weight = np.zeros(0)
         self.confidence = np.zeros(len(fold.samples))
 
     def _update(self, candidates: NDArray[np.intp]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        fold, chosen = self.fold, self.chosen
+        fold = self.fold
+        chosen = self.chosen
         cross = fold.scatter[np.ix_(chosen, candidates)]
         q = self.inverse @ cross
         own = np.diag(fold.scatter)[candidates]
@@ -174,7 +178,8 @@ def forward_search(folds: Sequence[Fold], samples: int, scorer: Scorer, steps: i
     if not 1 <= steps <= count:
         raise ValueError(f"steps must lie between 1 and the number of features ({count}), got {steps}")
     states = [_State(fold) for fold in folds]
-    left, found = np.arange(count), []
+    left = np.arange(count)
+    found = []
     for _ in range(steps):
         together = _together([state.try_all(left) for state in states], folds, samples)
         scores = [scorer(column) for column in together.T]

@@ -23,7 +23,9 @@ from flgpr.io import Bundle, BundleError, canonical_json, write_bundle, write_wh
 from flgpr.io.bundle import MOST_BUNDLE, PARTIAL
 
 SUFFIX = ".arrays"
-_JOB, _LOCK, _FOLDING = "job.json", "lock", "folding"
+_JOB = "job.json"
+_LOCK = "lock"
+_FOLDING = "folding"
 KEEP_EVERY = 2.0
 """Seconds of work on a block that a stop may cost besides the scan in flight."""
 
@@ -36,7 +38,8 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
     """A work folder as a mapping from names to groups of arrays; :func:`begin` begins or goes on with a job."""
 
     def __init__(self, folder: Path, most: int = MOST_BUNDLE) -> None:
-        self.folder, self.most = folder, most
+        self.folder = folder
+        self.most = most
         self._latest: tuple[str, Bundle] | None = None
 
     def __len__(self) -> int:
@@ -126,7 +129,8 @@ class Kept:
     """Goes through a block and keeps what was gathered every few seconds: a stop costs little of a long block."""
 
     def __init__(self, work: Checkpoint, part: str, every: float | None = None) -> None:
-        self.work, self.name = work, f"{part}-kept"
+        self.work = work
+        self.name = f"{part}-kept"
         self.every = KEEP_EVERY if every is None else every
 
     def __call__(self, block: range, gathered: Accumulator) -> Iterator[int]:

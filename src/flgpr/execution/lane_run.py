@@ -119,7 +119,10 @@ class _Drive:
     """Hands the pieces of a lane out and waits for them."""
 
     def __init__(self, executor: Executor, track: Track, note: Note, threads: int) -> None:
-        self.executor, self.track, self.note, self.threads = executor, track, note, threads
+        self.executor = executor
+        self.track = track
+        self.note = note
+        self.threads = threads
 
     def passes(self, job: LaneJob, work: Checkpoint, plan: Plan, name: str = "") -> None:
         for stage, (title, every) in plan.items():

@@ -41,7 +41,8 @@ from flgpr.results.result import add_files, read_result, write_result
 FOLD_BYTES = 1 << 28
 """Parts of this size are folded together as they come: those of a long run would fill the disk."""
 _LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas")
-_OPENING, _ONE_AT_A_TIME = threading.Lock(), threading.Lock()
+_OPENING = threading.Lock()
+_ONE_AT_A_TIME = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -191,7 +192,8 @@ def _fold_ahead(chain: LaneChain, work: Checkpoint, stage: str) -> None:
     with work.folding() as alone:
         if not alone:
             return
-        begun, so_far = folded(work, stage), _so_far(stage)
+        begun = folded(work, stage)
+        so_far = _so_far(stage)
         ready = list(takewhile(lambda number: part_name(stage, number) in work, chain.numbers(stage)[begun:]))
         size = sum(work.size(part_name(stage, number)) for number in ready)
         if not ready or size < max(FOLD_BYTES, 2 * work.size(so_far)):
@@ -220,10 +222,12 @@ def do_finish(job: LaneJob) -> Report:
     begun = _now()
     with _ONE_AT_A_TIME:
         chain, _ = _open(job)
-        detections, described = chain.detections(), describe_run(chain.run, job.run, chain.recipe.motion)
+        detections = chain.detections()
+        described = describe_run(chain.run, job.run, chain.recipe.motion)
         if job.others:
             described["others"] = {name: {"path": path, "store_sha256": digest} for name, path, digest in job.others}
-        lane, cut = section_lane(chain.recipe, chain.lane, chain.section), chain.section if job.section else None
+        lane = section_lane(chain.recipe, chain.lane, chain.section)
+        cut = chain.section if job.section else None
         told = None if cut is None else section_note(chain.lane, cut)
         folder = write_result(job.output, detections, job.recipe, lane, described, chain.model, told)
         if job.report:
@@ -244,7 +248,8 @@ def _parts(work: Checkpoint, stage: str, numbers: Sequence[int]) -> Iterator[Arr
 
 def _open(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
     if job.code != code_versions():
-        theirs, ours = dict(job.code), dict(code_versions())
+        theirs = dict(job.code)
+        ours = dict(code_versions())
         differ = ", ".join(f"{n} {ours.get(n)} and {theirs.get(n)}" for n in theirs if ours.get(n) != theirs[n])
         raise ValueError(f"worker {socket.gethostname()} must have the versions of the driver, got {differ}")
     if not job.work.is_dir():

@@ -69,7 +69,9 @@ def detect_survey(
     so that none of them waits for the last block of a stage. Without ``overwrite`` a lane whose place holds another
     result is refused before any is begun.
     """
-    recipe, survey, executor = parse_recipe(recipe_text), Path(output), how.executor()
+    recipe = parse_recipe(recipe_text)
+    survey = Path(output)
+    executor = how.executor()
     at_once = at_once or (2 if executor.parallel else 1)
     if at_once > 1 and not executor.parallel:
         raise ValueError(f"lanes at once needs workers or a scheduler to be more than 1, got {at_once}")
@@ -111,7 +113,8 @@ def detect_survey(
                     pool.shutdown(wait=False, cancel_futures=True)
                     raise
     folders = [Path(job.output) for job in jobs]
-    path, text = survey / "survey.json", json.dumps(_summary(runs, folders), indent=1) + "\n"
+    path = survey / "survey.json"
+    text = json.dumps(_summary(runs, folders), indent=1) + "\n"
     if not path.is_file() or read_named(path).decode("utf-8", "replace") != text:
         write_whole(path, text)
     return folders
@@ -129,10 +132,12 @@ def lane_names(runs: Sequence[PathLike]) -> list[str]:
 def _summary(runs: Sequence[PathLike], folders: Sequence[Path]) -> list[dict[str, Any]]:
     rows = []
     for run, folder in zip(runs, folders, strict=True):
-        alarms, area = 0, 0.0
+        alarms = 0
+        area = 0.0
         results = results_at(folder)
         for result in map(read_result, results):
-            alarms, area = alarms + len(result.detections[0].alarms), area + result.lane.area
+            alarms = alarms + len(result.detections[0].alarms)
+            area = area + result.lane.area
         described = result.manifest["run"]
         rows.append(
             {

@@ -63,7 +63,9 @@ class FeatureSums:
         grid: Grid,
         settings: FeatureSettings | None = None,
     ) -> None:
-        self.settings, self.grid, self.subbands = settings or FeatureSettings(), grid, list(subbands)
+        self.settings = settings or FeatureSettings()
+        self.grid = grid
+        self.subbands = list(subbands)
         names = list(polarizations)
         cross = "HV" if "HV" in names else "VH"
         missing = [name for name in ("HH", "VV", cross) if name not in names]
@@ -159,11 +161,13 @@ class FeatureSums:
         seen = np.flatnonzero(reach)
         values = self._statistics(magnitude, row[seen], column[seen])
         keep = np.isfinite(values).all(axis=(1, 2, 3))
-        seen, values = seen[keep], values[keep]
+        seen = seen[keep]
+        values = values[keep]
         return seen, values, *self._patches(coherent, row[seen], column[seen])
 
     def _statistics(self, magnitude: NDArray[np.float32], row: FloatArray, column: FloatArray) -> FloatArray:
-        patch, channels = self.settings.patch, magnitude.shape[:2]
+        patch = self.settings.patch
+        channels = magnitude.shape[:2]
         out = np.empty((row.size, channels[0] * channels[1], 1, 4))
         if row.size:
             offset = (np.arange(patch.size) - patch.size // 2) * patch.spacing / self.grid.dx
@@ -180,7 +184,8 @@ class FeatureSums:
         """
         half = _AVERAGE // 2
         nx, ny = (n // 2 + half for n in self.settings.inner)
-        y, x = np.rint(row).astype(np.intp), np.rint(column).astype(np.intp)
+        y = np.rint(row).astype(np.intp)
+        x = np.rint(column).astype(np.intp)
         fits = (y - ny >= 0) & (y + ny < self.grid.ny) & (x - nx >= 0) & (x + nx < self.grid.nx)
         rows = y[fits, None, None] + np.arange(-ny, ny + 1)[:, None]
         columns = x[fits, None, None] + np.arange(-nx, nx + 1)

@@ -20,14 +20,17 @@ class ContrastSums:
     """What :func:`local_contrast` computes, gathered scan by scan from plain arrays on ``grid``; ``y_max`` in m."""
 
     def __init__(self, alarms: pd.DataFrame, grid: Grid, y_max: float, patch: PatchShape | None = None) -> None:
-        self._grid, self._y_max, self._patch = grid, y_max, patch or PatchShape()
+        self._grid = grid
+        self._y_max = y_max
+        self._patch = patch or PatchShape()
         self._index = alarms.index
         self._centres = ground_points(alarms)
         self._weighted, self._weight, self._scans = (np.zeros(len(alarms)) for _ in range(3))
 
     def add(self, magnitude: NDArray[np.float32], pose: NDArray[np.float64]) -> None:
         """Take in one scan's cleaned magnitudes (y, x) of the channel."""
-        grid, patch = self._grid, self._patch
+        grid = self._grid
+        patch = self._patch
         local = lane_to_scan(self._centres, pose)
         seen = np.flatnonzero(local[:, 1] <= self._y_max)
         if not seen.size:
@@ -38,7 +41,10 @@ class ContrastSums:
         region_statistics(np.ascontiguousarray(magnitude)[None], row, column, offset, region_codes(patch)[None], out)
         peak, mean, spread = (out[:, 0, 0, name] for name in (PEAK, OUTER_MEAN, OUTER_STD))
         good = np.isfinite(peak) & (spread > 0)
-        seen, peak, mean, spread = seen[good], peak[good], mean[good], spread[good]
+        seen = seen[good]
+        peak = peak[good]
+        mean = mean[good]
+        spread = spread[good]
         self._weighted[seen] += peak * (peak - mean) / spread
         self._weight[seen] += peak
         self._scans[seen] += 1
@@ -92,11 +98,13 @@ def local_contrast(
         ``contrast``, NaN where no scan sees the alarm, and ``scans``, how many count, with the index of ``alarms``.
     """
     shape = patch or PatchShape()
-    inner, outer = shape.region(shape.inner), ~shape.region(shape.guard)
+    inner = shape.region(shape.inner)
+    outer = ~shape.region(shape.guard)
     weighted, weight, scans = (np.zeros(len(alarms)) for _ in range(3))
     for image in images:
         values = np.abs(image.sel(polarization=polarization, subband=subband).values)
-        y, x = image["y"].values, image["x"].values
+        y = image["y"].values
+        x = image["x"].values
         centres = lane_to_scan(ground_points(alarms), np.asarray(image.attrs["pose"]))
         local = centres[:, None, None, :2] + shape.offsets()
         patches = bilinear(values, (local[..., 1] - y[0]) / (y[1] - y[0]), (local[..., 0] - x[0]) / (x[1] - x[0]))

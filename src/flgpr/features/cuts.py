@@ -49,7 +49,8 @@ def cuts_at(
     Its samples are stacked channel by channel, row by row: with HH and VV a range cut is the paper's vector of HH then
     VV (Cosgrove et al. 2004, Fig. 5).
     """
-    first, second = _corners(rows, shape[0]), _corners(columns, shape[1])
+    first = _corners(rows, shape[0])
+    second = _corners(columns, shape[1])
     features = image.shape[0] * shape[0] * shape[1]
     out = np.full((first.size, features), np.nan, dtype=np.complex64)
     inside = (first >= 0) & (second >= 0)
@@ -164,11 +165,14 @@ def _strongest(
     table[1:, 1:] = power.sum(axis=0).cumsum(0).cumsum(1)
     v, u = shape
     energy = table[v:, u:] - table[:-v, u:] - table[v:, :-u] + table[:-v, :-u]
-    rows, columns = rows.copy(), columns.copy()
+    rows = rows.copy()
+    columns = columns.copy()
     for k, (row, column) in enumerate(zip(rows - v // 2, columns - u // 2, strict=True)):
-        top, left = max(row - reach[0], 0), max(column - reach[1], 0)
+        top = max(row - reach[0], 0)
+        left = max(column - reach[1], 0)
         part = energy[top : max(row + reach[0] + 1, 0), left : max(column + reach[1] + 1, 0)]
         if part.size and np.isfinite(part).any():
             best = np.unravel_index(np.nanargmax(part), part.shape)
-            rows[k], columns[k] = top + best[0] + v // 2, left + best[1] + u // 2
+            rows[k] = top + best[0] + v // 2
+            columns[k] = left + best[1] + u // 2
     return rows, columns

@@ -71,7 +71,8 @@ def coherency(hh: ComplexArray, hv: ComplexArray, vv: ComplexArray) -> ComplexAr
 def entropy_alpha_of(matrix: ComplexArray) -> tuple[FloatArray, FloatArray]:
     """Entropy and mean angle α of averaged coherency matrices (..., 3, 3); NaN where the matrix is zero."""
     flat = np.ascontiguousarray(matrix.reshape(-1, 3, 3), dtype=np.complex128)
-    values, vectors = np.empty((len(flat), 3)), np.empty((len(flat), 3, 3), np.complex128)
+    values = np.empty((len(flat), 3))
+    vectors = np.empty((len(flat), 3, 3), np.complex128)
     eigen_3x3(flat, values, vectors)
     values = np.maximum(values, 0.0)
     total = values.sum(axis=1, keepdims=True)
@@ -155,7 +156,8 @@ def _channels(*arrays: ArrayLike) -> tuple[list[ComplexArray], tuple[int, ...]]:
 def _window_mean(array: NDArray[Any], half: int, axis: int) -> NDArray[Any]:
     """Mean over a window along an axis, by plain sums: differences of running sums would not be exact enough."""
     array = np.moveaxis(array, axis, 0)
-    total, count = np.zeros_like(array), np.zeros(array.shape[0])
+    total = np.zeros_like(array)
+    count = np.zeros(array.shape[0])
     for shift in range(-half, half + 1):
         to = slice(max(0, -shift), array.shape[0] - max(0, shift))
         since = slice(max(0, shift), array.shape[0] - max(0, -shift))

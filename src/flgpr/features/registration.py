@@ -44,7 +44,8 @@ def register_fiducials(image: ArrayLike, grid: Grid, surveyed: ArrayLike, reach:
         If no fiducial lies in the image.
     """
     power = np.nan_to_num(np.asarray(image, dtype=np.float64)) ** 2
-    found, known = [], []
+    found = []
+    known = []
     for u, v in np.reshape(np.asarray(surveyed, dtype=np.float64), (-1, 2)):
         near = (np.abs(grid.y[:, None] - v) <= reach) & (np.abs(grid.x[None, :] - u) <= reach)
         if not near.any() or not power[near].max() > 0:

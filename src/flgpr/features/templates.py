@@ -22,7 +22,8 @@ def cut_regions(image: ArrayLike, grid: Grid, centres: ArrayLike, size: tuple[fl
     """
     values = np.asarray(image)
     places = np.reshape(np.asarray(centres, dtype=np.float64), (-1, 2))
-    half_u, half_v = round(size[0] / grid.dx) // 2, round(size[1] / grid.dy) // 2
+    half_u = round(size[0] / grid.dx) // 2
+    half_v = round(size[1] / grid.dy) // 2
     # Rounded, so that a place on the last row lies on it wherever along the lane the image begins.
     rows = np.round((places[:, 1] - grid.y_min) / grid.dy, 9)
     columns = np.round((places[:, 0] - grid.x_min) / grid.dx, 9)
@@ -102,7 +103,8 @@ def max_correlation(region: ArrayLike, template: ArrayLike, magnitude: bool = Tr
     if magnitude:
         regions = np.abs(regions)
         templates = np.abs(templates) if np.iscomplexobj(templates) else templates
-    regions, templates = unit_energy(regions), unit_energy(templates)
+    regions = unit_energy(regions)
+    templates = unit_energy(templates)
     shape = [next_fast_len(a + b - 1) for a, b in zip(regions.shape[-2:], templates.shape[-2:], strict=True)]
     spectrum = fft2(regions, shape)[..., None, :, :] * np.conj(fft2(templates, shape))
     power = (np.abs(ifft2(spectrum)) ** 2).sum(axis=-3)
@@ -115,7 +117,8 @@ def template_features(regions: ArrayLike, templates: ArrayLike, magnitude: bool 
     Regions are (n, polarization, range, y, x), templates (polarization, range, [k,] v, u); ``magnitude`` is as in
     :func:`max_correlation`.
     """
-    images, patterns = np.asarray(regions), np.asarray(templates)
+    images = np.asarray(regions)
+    patterns = np.asarray(templates)
     if images.ndim != 5 or images.shape[1:3] != patterns.shape[:2]:
         raise ValueError(
             "regions (n, polarization, range, y, x) and templates (polarization, range, v, u) must agree, got "
@@ -131,8 +134,10 @@ def clutter_tiles(lane: Lane, size: tuple[float, float], mines: ArrayLike, keep_
     As many whole tiles (width and length, m) as fit, centred across the lane, from its beginning on; mines (n, 2) are
     kept off their borders by ``keep_off``, m. It gives x, y of the tiles' centres, m.
     """
-    width, length = lane.x_max - lane.x_min, lane.y_max - lane.y_min
-    across, along = int(width / size[0] + 0.02), int(length / size[1] + 0.02)
+    width = lane.x_max - lane.x_min
+    length = lane.y_max - lane.y_min
+    across = int(width / size[0] + 0.02)
+    along = int(length / size[1] + 0.02)
     if across < 1 or along < 1:
         raise ValueError(f"size must fit into the lane of {width:g} m x {length:g} m, got {size}")
     x = lane.x_min + width / 2 + (np.arange(across) - (across - 1) / 2) * size[0]

@@ -35,8 +35,10 @@ class _Lane:
     def __init__(self, given: tuple[int, ...], out: tuple[int, ...], table: int, spare: tuple[int, int]) -> None:
         self.stream = cuda.stream()
         self.staging = cuda.pinned_array(given, np.complex64)
-        self.given, self.out = cuda.device_array(given, np.complex64), cuda.device_array(out, np.complex64)
-        self.table, self.spare = cuda.device_array(table, np.complex64), cuda.device_array(spare, np.complex64)
+        self.given = cuda.device_array(given, np.complex64)
+        self.out = cuda.device_array(out, np.complex64)
+        self.table = cuda.device_array(table, np.complex64)
+        self.spare = cuda.device_array(spare, np.complex64)
 
 
 class CudaEngine(Engine):
@@ -51,7 +53,9 @@ class CudaEngine(Engine):
     def __init__(self, plan: Plan, weight: FloatArray) -> None:
         if not cuda.is_available():
             raise ValueError("device must be 'cpu' on a machine without a CUDA device, got 'cuda'")
-        self._spectrum, self._bins, self.width = plan.spectrum.single(), plan.bins, plan.window.width
+        self._spectrum = plan.spectrum.single()
+        self._bins = plan.bins
+        self.width = plan.window.width
         self._geometry = plan.geometry()
         self._on_device = _Constants(self._spectrum, weight, plan.phase)
         self._place_antennas()
@@ -98,7 +102,8 @@ class CudaEngine(Engine):
         with self._lock:
             lanes = self._lanes(rows, given.shape[1:], out.shape[1:], bands)
             for number, start in enumerate(range(0, given.shape[0], rows)):
-                lane, count = lanes[number % STREAMS], min(rows, given.shape[0] - start)
+                lane = lanes[number % STREAMS]
+                count = min(rows, given.shape[0] - start)
                 lane.stream.synchronize()
                 lane.staging[:count] = given[start : start + count]
                 lane.given[:count].copy_to_device(lane.staging[:count], stream=lane.stream)
@@ -129,9 +134,12 @@ class CudaEngine(Engine):
 
     def _adjoint_pass(self, lane: _Lane, rows: int) -> _Launches:
         """Kernels of a pass with their arguments, in their order."""
-        here, g, stream = self._on_device, self._geometry, lane.stream
+        here = self._on_device
+        g = self._geometry
+        stream = lane.stream
         bands, count = lane.out.shape[1:]
-        pairs, size = g.tx.size, self._spectrum.size
+        pairs = g.tx.size
+        size = self._spectrum.size
         # Groups are those of a full pass, so that no pass needs a kernel of its own.
         group, channels = _groups(lane.out.shape[0] * bands)
         table = lane.table[: pairs * channels * self._stride]
@@ -150,9 +158,13 @@ class CudaEngine(Engine):
 
     def _forward_pass(self, lane: _Lane, rows: int) -> _Launches:
         """Kernels of a pass with their arguments, in their order."""
-        here, g, stream = self._on_device, self._geometry, lane.stream
+        here = self._on_device
+        g = self._geometry
+        stream = lane.stream
         bands, count = lane.given.shape[1:]
-        channels, pairs, size = rows * bands, g.tx.size, self._spectrum.size
+        channels = rows * bands
+        pairs = g.tx.size
+        size = self._spectrum.size
         table = lane.table[: pairs * channels * size].reshape(pairs, channels, size)
         begin, order = self._sorted_pixels()
         group, _ = _groups(lane.given.shape[0] * bands)
@@ -176,13 +188,15 @@ class CudaEngine(Engine):
     def _place_antennas(self) -> None:
         g = self._geometry
         shape = (g.antenna.shape[0], g.pixels.shape[1])
-        delay, phasor = cuda.device_array(shape, np.uint32), cuda.device_array(shape, np.complex64)
+        delay = cuda.device_array(shape, np.uint32)
+        phasor = cuda.device_array(shape, np.complex64)
         arrays = (cuda.to_device(np.ascontiguousarray(array)) for array in (g.pixels, g.antenna, g.medium))
         gain = cuda.to_device(g.gain if g.gain.size else np.zeros((1, 1), np.float32)[:, :0])
         stream = cuda.default_stream()
         self._launch(gpu.locate, (shape[1], shape[0]), stream)(*arrays, g.per_turn, g.carrier, gain, delay, phasor)
         stream.synchronize()
-        self._delay, self._phasor = delay.reshape(-1), phasor.reshape(-1).view(np.uint64)
+        self._delay = delay.reshape(-1)
+        self._phasor = phasor.reshape(-1).view(np.uint64)
         begins = (cuda.to_device((antenna * shape[1]).astype(np.uint64)) for antenna in (g.tx, g.rx))
         self._on_device.tx, self._on_device.rx = begins
         weight = g.weight.reshape(-1, padded(self.width))[:, : self.width].T
@@ -191,7 +205,8 @@ class CudaEngine(Engine):
     def _sorted_pixels(self) -> tuple[Any, Any]:
         """Pixels of every pair in the order of their bins, and where each bin begins; made at the first use."""
         if self._order is None:
-            g, reach = self._geometry, self._bins - self.width
+            g = self._geometry
+            reach = self._bins - self.width
             delay = self._delay.copy_to_host().reshape(g.antenna.shape[0], -1)[:, : g.pixel_count].astype(np.int64)
             order = np.empty((g.tx.size, g.pixel_count), np.int32)
             begin = np.empty((g.tx.size, reach + 1), np.int32)
@@ -231,9 +246,12 @@ class _Constants:
         factor[(spectrum.first + np.arange(bins)) % spectrum.size] = spectrum.factor[:bins]
         none = np.zeros((1, 1), np.complex64)[:0]
         self.weight = cuda.to_device(weight.astype(np.float32))
-        self.begin, self.tone = cuda.to_device(begin.astype(np.uint64)), cuda.to_device(tone[order].astype(np.uint64))
-        self.slot_share, self.share = cuda.to_device(spectrum.share[order]), cuda.to_device(spectrum.share)
-        self.entries, self.slot = cuda.to_device(spectrum.entries), cuda.to_device(spectrum.slot)
+        self.begin = cuda.to_device(begin.astype(np.uint64))
+        self.tone = cuda.to_device(tone[order].astype(np.uint64))
+        self.slot_share = cuda.to_device(spectrum.share[order])
+        self.share = cuda.to_device(spectrum.share)
+        self.entries = cuda.to_device(spectrum.entries)
+        self.slot = cuda.to_device(spectrum.slot)
         self.phase = cuda.to_device(none if phase is None else phase.astype(np.complex64))
         self.factor = cuda.to_device(factor)
         self.twiddle = cuda.to_device(spectrum.twiddle)

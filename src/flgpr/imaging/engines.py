@@ -92,10 +92,13 @@ class ProfileEngine(Engine):
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
         if self._phase is not None:
             data = data * self._phase
-        pairs, blocks, size = data.shape[1], -(-out.shape[2] // BLOCK), self._spectrum.size
+        pairs = data.shape[1]
+        blocks = -(-out.shape[2] // BLOCK)
+        size = self._spectrum.size
         geometry = self._located()._replace(pixel_count=out.shape[2])
         for rows, bands, channels in passes(*out.shape[:2]):
-            table, form = self._table(channels), self._form(channels)
+            table = self._table(channels)
+            form = self._form(channels)
             tones = (data[rows], self._weight[bands], self._spectrum, table, *form)
             share(pairs, partial(transform.compress, *tones), form.together, pairs * channels * size < FEW)
             part = out[rows, bands].reshape(-1, out.shape[2])
@@ -107,10 +110,13 @@ class ProfileEngine(Engine):
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
         out[...] = 0
         # Pairs that share antennas are cheaper together; every thread is to have two tasks at least.
-        pairs, geometry, size = out.shape[1], self._located(), self._spectrum.size
+        pairs = out.shape[1]
+        geometry = self._located()
+        size = self._spectrum.size
         together = min(SPREAD_PAIRS, -(-pairs // (2 * get_num_threads())))
         for rows, bands, channels in passes(*image.shape[:2]):
-            table, form = self._table(channels), self._form(channels)
+            table = self._table(channels)
+            form = self._form(channels)
             part = image[rows, bands].reshape(-1, image.shape[2])
             shape = (self._taps, self._powers, (0,) * channels)
             few = pairs * channels * image.shape[2] < FEW
@@ -149,7 +155,9 @@ class PreciseEngine(Engine):
     def __init__(self, plan: Plan, weight: FloatArray) -> None:
         spectrum = plan.spectrum
         self.width = plan.window.width
-        self._spectrum, self._weight, self._phase = spectrum, weight, plan.phase
+        self._spectrum = spectrum
+        self._weight = weight
+        self._phase = plan.phase
         self._geometry = plan.precise_geometry()
         shape = (weight.shape[1], spectrum.size)
         self._slots = csr_array((spectrum.share, spectrum.slot, spectrum.entries), shape=shape)
@@ -167,7 +175,9 @@ class PreciseEngine(Engine):
 
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
-        pairs, bands, bins = out.shape[1], self._weight.shape[0], self._bin.size
+        pairs = out.shape[1]
+        bands = self._weight.shape[0]
+        bins = self._bin.size
         table = np.empty((pairs, bins, bands), np.complex128)
         for scene, rows in zip(image, out, strict=True):
             forward_precise(scene, self._geometry, table)

@@ -41,12 +41,14 @@ class Layout:
 
     def swath(self) -> tuple[float, float]:
         """Bounds of the optical paths of all pairs and pixels, m, from the box around the pixels."""
-        low, high = self.pixels.min(axis=1), self.pixels.max(axis=1)
+        low = self.pixels.min(axis=1)
+        high = self.pixels.max(axis=1)
         index, ground = self.medium
         depth = max(0.0, -low[2]) if ground else 0.0
         if ground:
             # The straight line is a lower bound; down the normal from the surface is a path, so an upper one.
-            low, high = np.minimum(low, [np.inf, np.inf, 0.0]), np.maximum(high, [-np.inf, -np.inf, 0.0])
+            low = np.minimum(low, [np.inf, np.inf, 0.0])
+            high = np.maximum(high, [-np.inf, -np.inf, 0.0])
         near = np.maximum(0.0, np.maximum(low - self.antenna, self.antenna - high))
         far = np.maximum(np.abs(self.antenna - low), np.abs(high - self.antenna))
         least = index * np.linalg.norm(near, axis=1)
@@ -149,7 +151,8 @@ class Plan:
 
     def geometry(self) -> Geometry:
         """Geometry for the kernels in single precision."""
-        layout, width = self.layout, self.window.width
+        layout = self.layout
+        width = self.window.width
         shift = 33 - self.window.size.bit_length()
         half_bin = 1 << (shift - 1) if width % 2 else 0
         weight = np.zeros((polynomial_degree(width) + 1, padded(width)), np.float32)
@@ -180,10 +183,12 @@ def make_plan(
     tones = place_tones(frequency[active], swath, tolerance)
     share = tolerance if tones.uniform else tolerance / 2
     window = design(tones.extent if tones.uniform else max(tones.extent + 16, 100), share, layout.count)
-    size, per_turn = window.size, tones.step / SPEED_OF_LIGHT
+    size = window.size
+    per_turn = tones.step / SPEED_OF_LIGHT
     start = math.floor(swath[0] * per_turn * size) - 1
     reach = min(math.floor(swath[1] * per_turn * size) + 3 - start, size)
-    first, bins = start - (window.width - 1) // 2, reach + window.width
+    first = start - (window.width - 1) // 2
+    bins = reach + window.width
     turns = np.zeros((1, frequency.size))
     centre = 0
     if not tones.uniform:
@@ -203,7 +208,8 @@ def _spectrum(
     """Slots of every tone; uneven tones are spread over several, as in a non-uniform transform of the first kind."""
     size = window.size
     weight = 1 / transform(window.width, window.beta, tones.place / size)[:, None]
-    slots, factor = np.rint(tones.place).astype(np.int64)[:, None], np.ones(bins)
+    slots = np.rint(tones.place).astype(np.int64)[:, None]
+    factor = np.ones(bins)
     if not tones.uniform:
         slots, shares, factor = _spread(tones.place, size, first, bins, tolerance)
         weight = weight * shares

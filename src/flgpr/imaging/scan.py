@@ -47,11 +47,14 @@ class ScanImager:
         self, run: xr.Dataset, grid: Grid, subbands: Mapping[str, tuple[float, float]],
         window: str | ArrayLike | None = None, tolerance: float = 1e-3, device: str = "cpu",
     ) -> None:  # fmt: skip
-        self.run, self.grid = check_run(run), grid
+        self.run = check_run(run)
+        self.grid = grid
         if not subbands:
             raise ValueError("subbands must name at least one band, got none")
         self.subbands = dict(subbands)
-        self.window, self.tolerance, self.device = window, tolerance, device
+        self.window = window
+        self.tolerance = tolerance
+        self.device = device
         complete = complete_scans(run)
         self.scans = np.flatnonzero(complete)
         self.masked_scans = np.flatnonzero(~complete)

@@ -20,7 +20,8 @@ from flgpr.model.faults import first_fault
 from flgpr.model.frames import heading_matrix
 
 FloatArray = NDArray[np.float64]
-GEODETIC, GEOCENTRIC = "EPSG:4979", "EPSG:4978"
+GEODETIC = "EPSG:4979"
+GEOCENTRIC = "EPSG:4978"
 
 
 @dataclass(frozen=True)
@@ -230,8 +231,12 @@ def geocentric(origin: tuple[float, float, float]) -> FloatArray:
 
 def east_north_up(origin: tuple[float, float, float]) -> FloatArray:
     """Make the unit vectors to east, north and up, in geocentric axes, at longitude, latitude (degrees) and height."""
-    lon, lat = math.radians(origin[0]), math.radians(origin[1])
-    cl, sl, cp, sp = math.cos(lon), math.sin(lon), math.cos(lat), math.sin(lat)
+    lon = math.radians(origin[0])
+    lat = math.radians(origin[1])
+    cl = math.cos(lon)
+    sl = math.sin(lon)
+    cp = math.cos(lat)
+    sp = math.sin(lat)
     return np.array([[-sl, cl, 0.0], [-sp * cl, -sp * sl, cp], [cp * cl, cp * sl, sp]])
 
 
@@ -285,7 +290,8 @@ def _to_wgs84(system: CRS, places: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _direction(lane: FloatArray, enu: FloatArray) -> tuple[float, float]:
-    a, b = (lane - lane.mean(axis=0))[:, :2], (enu - enu.mean(axis=0))[:, :2]
+    a = (lane - lane.mean(axis=0))[:, :2]
+    b = (enu - enu.mean(axis=0))[:, :2]
     spread = float((a**2).sum())
     if spread < 1e-6:
         raise ValueError("anchor points must lie apart from one another, they coincide in the lane frame")

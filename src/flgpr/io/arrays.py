@@ -293,7 +293,8 @@ def _open_touchstone(path: Path, _: int, _about: list[str], notes: list[str]) ->
     library = optional("skrf", "vna")
     text = touchstone_text(path, notes)
     network = library.Network(text)
-    s, ports = np.asarray(network.s), network.nports
+    s = np.asarray(network.s)
+    ports = network.nports
     if text.tones not in (0, len(network.f)):
         raise ValueError(f"it holds {text.tones} tones, of which the scikit-rf library reads {len(network.f)}")
     join = "" if ports < 10 else "_"
@@ -319,7 +320,8 @@ def _as_complex(values: NDArray[Any]) -> NDArray[Any]:
     low = {name.lower(): name for name in names}
     for real, imaginary in _PAIRS:
         if set(low) == {real, imaginary}:
-            first, second = values[low[real]], values[low[imaginary]]
+            first = values[low[real]]
+            second = values[low[imaginary]]
             return first + np.asarray(1j).astype(np.complex64 if first.dtype.itemsize == 4 else np.complex128) * second
     raise ValueError(f"the array must be of numbers, got a record of {', '.join(names)}")
 

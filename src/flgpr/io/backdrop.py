@@ -16,7 +16,9 @@ from flgpr.io.files import existing
 
 DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".mbtiles": "MBTiles", ".gpkg": "GPKG"}
 """Formats of GDAL that are opened, by ending: files that hold their pixels themselves and lead nowhere else."""
-_MOST, _MOST_READ = 2048, 30_000_000  # pixels of a side that is drawn, and of the map that are read
+# pixels of a side that is drawn, and of the map that are read
+_MOST = 2048
+_MOST_READ = 30_000_000
 
 
 def map_backdrop(
@@ -50,7 +52,8 @@ def map_backdrop(
     tie = own_anchor(georeference)
     x_min, x_max, y_min, y_max = box
     pixel = max(x_max - x_min, y_max - y_min) / most
-    x, y = np.arange(x_min + pixel / 2, x_max, pixel), np.arange(y_max - pixel / 2, y_min, -pixel)
+    x = np.arange(x_min + pixel / 2, x_max, pixel)
+    y = np.arange(y_max - pixel / 2, y_min, -pixel)
     try:
         with rasterio.open(file, driver=driver) as source:
             if source.crs is None:
@@ -74,12 +77,15 @@ def _sampled(source: Any, place: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Take red, green, blue and opacity (4, row, column) at places (row, column, 2) of a raster's own system."""
     enums, windows = (optional(f"rasterio.{name}", "gis") for name in ("enums", "windows"))
     a, b, c, d, e, f = tuple(~source.transform)[:6]
-    columns, rows = a * place[..., 0] + b * place[..., 1] + c, d * place[..., 0] + e * place[..., 1] + f
+    columns = a * place[..., 0] + b * place[..., 1] + c
+    rows = d * place[..., 0] + e * place[..., 1] + f
     known = (columns >= 0) & (columns < source.width) & (rows >= 0) & (rows < source.height)
     if not known.any():
         raise ValueError("it must lie below the lane, it ends before it")
-    left, top = int(columns[known].min()), int(rows[known].min())
-    wide, high = int(columns[known].max()) - left + 1, int(rows[known].max()) - top + 1
+    left = int(columns[known].min())
+    top = int(rows[known].min())
+    wide = int(columns[known].max()) - left + 1
+    high = int(rows[known].max()) - top + 1
     # Pixels of the map to a pixel drawn, whichever way the lane is turned: no more are read than are drawn.
     steps = [np.hypot(np.diff(columns, axis=axis), np.diff(rows, axis=axis)) for axis in (0, 1)]
     every = max(1.0, float(np.median(np.concatenate([one.ravel() for one in steps]))))

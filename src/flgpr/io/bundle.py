@@ -21,8 +21,10 @@ from flgpr.door import Folder, parse_json
 from flgpr.io.files import canonical_json, sha256, writing
 
 PARTIAL = ".partial"
-_KINDS, _ALIGN = "biufcU", 64
-_LONGEST_HEAD, _PIECE = 2**26, 2**20
+_KINDS = "biufcU"
+_ALIGN = 64
+_LONGEST_HEAD = 2**26
+_PIECE = 2**20
 MOST_BUNDLE = 16 * 2**30
 """Largest file of arrays that is read unless told otherwise, bytes."""
 
@@ -39,7 +41,8 @@ def write_bundle(
     With ``lasting`` it is on the disk before it appears; else what a crash of the machine tears is found out when read.
     """
     listed: list[dict[str, Any]] = []
-    place, held = 0, []
+    place = 0
+    held = []
     for name, value in arrays.items():
         value = np.asarray(value, order="C")
         if value.dtype.kind not in _KINDS:
@@ -91,7 +94,9 @@ class Bundle(Mapping[str, NDArray[Any]]):
     """
 
     def __init__(self, path: Path, data: bytes | None = None, most: int = MOST_BUNDLE) -> None:
-        self.path, self._data, self._most = path, data, most
+        self.path = path
+        self._data = data
+        self._most = most
         self._kept: dict[str, NDArray[Any]] = {}
         try:
             with self._open() as file:
@@ -128,7 +133,8 @@ class Bundle(Mapping[str, NDArray[Any]]):
         with self._open() as file:
             for name, entry in self._head.items():
                 file.seek(self._start + entry["at"])
-                wanted, digest = _bytes(entry), hashlib.sha256()
+                wanted = _bytes(entry)
+                digest = hashlib.sha256()
                 for begin in range(0, wanted, _PIECE):
                     digest.update(file.read(min(_PIECE, wanted - begin)))
                 if digest.hexdigest() != entry["sha256"] or any(file.read(-wanted % _ALIGN)):
@@ -165,7 +171,8 @@ def _read_head(file: BinaryIO) -> tuple[dict[str, Any], dict[str, dict[str, Any]
     head = parse_json(text)
     arrays = {entry["name"]: entry for entry in head["arrays"]}
     for entry in arrays.values():
-        dtype, places = np.dtype(entry["dtype"]), [entry["at"], *entry["shape"]]
+        dtype = np.dtype(entry["dtype"])
+        places = [entry["at"], *entry["shape"]]
         whole = all(type(number) is int and number >= 0 for number in places)
         if dtype.kind not in _KINDS or not dtype.itemsize or not whole:
             raise ValueError(f"type {entry['dtype']} {entry['shape']} at {entry['at']}")

@@ -55,7 +55,8 @@ def write_cphd(run: xr.Dataset, path: str | Path, anchor: Anchor, scene: Grid | 
     scene = scene or _ahead(run)
     center = np.array([scene.x.mean(), scene.y.mean(), 0.0])
     names = [f"{pair}_{label}" for label in run["polarization"].values for pair in range(run.sizes["pair"])]
-    pvps, signals = {}, {}
+    pvps = {}
+    signals = {}
     time = _times(run)
     for k, label in enumerate(run["polarization"].values):
         for pair in range(run.sizes["pair"]):
@@ -192,7 +193,8 @@ def _metadata(
     scene: Grid, time: NDArray[np.float64],
 ) -> Any:  # fmt: skip
     root = _empty()
-    scans, tones = run.sizes["scan"], run.sizes["frequency"]
+    scans = run.sizes["scan"]
+    tones = run.sizes["frequency"]
     first = pvps[names[0]]
     root["CollectionID"] = {
         "CollectorName": "flgpr",
@@ -296,7 +298,8 @@ def _channels(root: Any, run: xr.Dataset, names: list[str], first: dict[str, NDA
     valid = run["valid"].values
     parameters = []
     for name in names:
-        pair, label = int(name.split("_")[0]), name.split("_")[1]
+        pair = int(name.split("_")[0])
+        label = name.split("_")[1]
         k = [str(one) for one in run["polarization"].values].index(label)
         parameters.append(
             {
@@ -333,7 +336,8 @@ def _channels(root: Any, run: xr.Dataset, names: list[str], first: dict[str, NDA
 def _layout(root: Any) -> None:
     dtype = optional("sarkit.cphd", "cphd").binary_format_string_to_dtype
     forms = {name: "X=F8;Y=F8;Z=F8;" for name in _VECTORS} | {"SIGNAL": "I8"}
-    offset, table = 0, {}
+    offset = 0
+    table = {}
     for name in (*_ORDER, *_ADDED):
         size = 3 if name in _VECTORS else 1
         table[name] = {"Offset": offset, "Size": size, "dtype": dtype(forms.get(name, "F8"))}

@@ -26,7 +26,8 @@ DIMS = {
 }
 _KINDS = {name: "float64" for name in DIMS} | {"signal": "complex64", "valid": "bool"}
 _WIDTHS = {"complex64": 8, "float64": 8, "bool": 1}
-_CRC, _SCANS_HELD = 4, 4
+_CRC = 4
+_SCANS_HELD = 4
 _LARGEST_DESCRIPTION = 16 * 2**20
 
 
@@ -49,7 +50,8 @@ def check_declared(
     held = 0.0
     for name, dims in DIMS.items():
         layout = layouts[name] = _layout(name, _description(files, read, f"{name}/zarr.json", "array"))
-        shape, chunks = layout.shape, layout.chunks
+        shape = layout.shape
+        chunks = layout.chunks
         for dim, length in zip(dims, shape, strict=True):
             if sizes.setdefault(dim, length) != length:
                 raise ValueError(f"{name}: dimension {dim} must have the length {sizes[dim]} everywhere, got {length}")
@@ -78,7 +80,8 @@ def _description(
 
 
 def _layout(name: str, description: dict[str, Any]) -> Layout:
-    rank, grid = len(DIMS[name]), description.get("chunk_grid")
+    rank = len(DIMS[name])
+    grid = description.get("chunk_grid")
     chunks = grid.get("configuration", {}).get("chunk_shape") if isinstance(grid, dict) else None
     shape = description.get("shape")
     for what, value in (("shape", shape), ("chunk shape", chunks)):

@@ -272,7 +272,8 @@ class _Together:
                 kinds = self._kinds(group, len(points))
                 unit, why = self._length_unit(source, points)
                 if kinds is not None:
-                    tx, rx = points[kinds == "tx"], points[kinds == "rx"]
+                    tx = points[kinds == "tx"]
+                    rx = points[kinds == "rx"]
                     if len(tx) in self.sizes and len(rx) in self.sizes:
                         words = f"{why}, " if why else ""
                         why_tx = f"{words}of the rows that are called transmitters"
@@ -283,7 +284,8 @@ class _Together:
                         }
                 split = self._split(len(points))
                 if split is not None:
-                    tx, rx = points[: split[0]], points[split[0] :]
+                    tx = points[: split[0]]
+                    rx = points[split[0] :]
                     return {
                         "tx": _Antennas(source, len(tx), f"{unit.rstrip('?')}?", "transmitters first in the list?", tx),
                         "rx": _Antennas(source, len(rx), unit, "the rest of the list", rx),
@@ -390,7 +392,8 @@ class _Together:
             put(axis.count, "frequency" if self.frequency else "sample")
         if self.labels[0] != "HH?" and len(self.labels) > 1:
             put(len(self.labels), "polarization")
-        tx, rx = self.antennas.get("tx"), self.antennas.get("rx")
+        tx = self.antennas.get("tx")
+        rx = self.antennas.get("rx")
         if tx is not None and rx is not None and tx.count * rx.count > 1:
             if self._holds(tx.count, rx.count, names):
                 put(tx.count, "tx")

@@ -61,7 +61,8 @@ def writing(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         if error.errno is not None and (error.filename is None or ".partial" in str(error.filename)):
-            error.filename, error.filename2 = str(path), None
+            error.filename = str(path)
+            error.filename2 = None
         raise
 
 
@@ -189,7 +190,8 @@ def listed_files(folder: str | Path, manifest: Mapping[str, Any]) -> Folder:
     ``sizes`` and ``added_sizes`` hold bytes likewise, where the manifest is not of an older version.
     """
     try:
-        sizes, added_sizes = manifest.get("sizes", {}), manifest.get("added_sizes", {})
+        sizes = manifest.get("sizes", {})
+        added_sizes = manifest.get("added_sizes", {})
         listed = {name: _listed([digest], [sizes.get(name)]) for name, digest in manifest["files"].items()}
         for name, digests in manifest.get("added", {}).items():
             listed[name] = _listed(digests, added_sizes.get(name, [None] * len(digests)))

@@ -38,14 +38,17 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
     """Read a full-wave lane from its .npz archive, whose arrays may take ``max_memory`` bytes each."""
     path = existing(path, "full-wave archive")
     arrays = _load(path, max_memory)
-    data, tx, rx = arrays["data"], arrays["tx_xyz_m"], arrays["rx_xyz_m"]
+    data = arrays["data"]
+    tx = arrays["tx_xyz_m"]
+    rx = arrays["rx_xyz_m"]
     if data.ndim != 5 or tx.shape != (*data.shape[:2], 3) or rx.shape != (data.shape[0], data.shape[2], 3):
         raise ValueError(
             f"{path}: data must be (scan, tx, rx, polarization, frequency) with tx_xyz_m (scan, tx, 3) and rx_xyz_m "
             f"(scan, rx, 3), got {data.shape}, {tx.shape}, {rx.shape}"
         )
     origin = tx.mean(axis=1)
-    local_tx, local_rx = tx - origin[:, None], rx - origin[:, None]
+    local_tx = tx - origin[:, None]
+    local_rx = rx - origin[:, None]
     if np.abs(local_tx - local_tx[0]).max() > 1e-6 or np.abs(local_rx - local_rx[0]).max() > 1e-6:
         raise ValueError(
             f"{path}: the array must keep its form and heading from scan to scan, it moves by more than 1 µm"

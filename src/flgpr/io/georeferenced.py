@@ -33,7 +33,8 @@ STATEMENT = (
 _UNWRITTEN = "it could not be written, is there room on the disk?"
 _KEYS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
 NATURES = {"alarms": "evidence point", "truth": "emplaced target", "objects": "other object"}
-_KML, _GPX = "http://www.opengis.net/kml/2.2", "http://www.topografix.com/GPX/1/1"
+_KML = "http://www.opengis.net/kml/2.2"
+_GPX = "http://www.topografix.com/GPX/1/1"
 
 
 def georeference(
@@ -54,13 +55,17 @@ def georeference(
     if not processing_id:
         raise ValueError("processing_id must say what the rows came from, got nothing")
     stamp = "" if time is None else _stamp(time)
-    x, y = table["x"].to_numpy(dtype=np.float64), table["y"].to_numpy(dtype=np.float64)
+    x = table["x"].to_numpy(dtype=np.float64)
+    y = table["y"].to_numpy(dtype=np.float64)
     places = anchor.to_geodetic(np.stack([x, y, np.zeros_like(x)], axis=-1)).reshape(-1, 3)
     out = table.rename(columns={"x": "lane_x", "y": "lane_y"}).reset_index(drop=True)
-    out["longitude"], out["latitude"] = places[:, 0], places[:, 1]
+    out["longitude"] = places[:, 0]
+    out["latitude"] = places[:, 1]
     out["height"] = places[:, 2] if anchor.heights_known else np.nan
     out["anchor_sigma"] = anchor.uncertainty(x, y)
-    out["crs"], out["time"], out["processing_id"] = "EPSG:4326", stamp, processing_id
+    out["crs"] = "EPSG:4326"
+    out["time"] = stamp
+    out["processing_id"] = processing_id
     out["nature"] = NATURES[kind]
     return out
 
@@ -194,7 +199,8 @@ def write_geotiff(
     (MissingExtraError), and a view of at least two pixels both ways.
     """
     rasterio = optional("rasterio", "gis")
-    x, y = _axis(view, "x"), _axis(view, "y")
+    x = _axis(view, "x")
+    y = _axis(view, "y")
     crs = crs or anchor.utm()
     bands = view.values.reshape(-1, y.size, x.size)[:, ::-1].astype(np.float32)
     transform, misfit = _geotransform(x, y, anchor, crs, rasterio)
@@ -235,7 +241,8 @@ def _check_written(path: Path, bands: NDArray[np.float32], rasterio: Any) -> Non
 
 def _geotransform(x: Any, y: Any, anchor: Anchor, crs: str, rasterio: Any) -> tuple[Any, float]:
     columns, rows = np.meshgrid(np.linspace(0, x.size, 5), np.linspace(0, y.size, 5))
-    dx, dy = x[1] - x[0], y[1] - y[0]
+    dx = x[1] - x[0]
+    dy = y[1] - y[0]
     lane = np.stack([x[0] + (columns - 0.5) * dx, y[-1] - (rows - 0.5) * dy, np.zeros_like(rows)], axis=-1)
     target = transform_lonlat(anchor.to_geodetic(lane)[..., :2], crs).reshape(-1, 2)
     middle = target.mean(axis=0)

@@ -30,7 +30,9 @@ MALA = {"GX80": 80, "GX160": 160, "GX450": 450, "GX750": 750, "CO700": 700}
 """Nominal frequency of MALÅ's antennas that are called by a model, MHz; CO700 as users' files have it."""
 _WITH_UNIT = re.compile(r"(?<![\d./,])(\d+(?:[.,]\d+)?)[\s_-]*([MG])HZ")
 _LEADING = re.compile(r"(\d{2,4})(?:[\s_-]+(?:UN)?SHIELDED(?![A-Z]).*|[\s_-]+RTA(?![A-Z]).*|[\s_-]*)", re.DOTALL)
-_HIGHEST, _LOWEST = 6000.0, 5.0  # MHz, of any such antenna
+# MHz, of any such antenna
+_HIGHEST = 6000.0
+_LOWEST = 5.0
 
 
 def antenna_frequency(name: str, maker: str, channel: int = 0) -> float | None:

@@ -152,7 +152,8 @@ def _lengths(
 
 def _fixes(path: Path, words: FloatArray, notes: list[str]) -> Fixes:
     """Return the positions of the .GPS beside the recording, or of the .GP2 of newer instruments."""
-    older, newer = find_beside(path, ".gps"), find_beside(path, ".gp2")
+    older = find_beside(path, ".gps")
+    newer = find_beside(path, ".gp2")
     note_unread(path, (".ini", ".top", ".nav"), notes)
     if older is not None and newer is not None:
         notes.append(f"{newer.name} lies beside it and is not read, because {older.name} is")

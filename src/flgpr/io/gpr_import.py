@@ -151,10 +151,12 @@ def _delay(told: NDArray[np.float64], zero: float | None, window: float | None) 
 
 def _band(given: tuple[float, float] | None, nominal: float | None, delay: NDArray[np.float64]) -> tuple[float, float]:
     interval = float(delay[1] - delay[0])
-    nyquist, lowest = 0.5 / interval, max(_LOWEST, 1 / (interval * delay.size))
+    nyquist = 0.5 / interval
+    lowest = max(_LOWEST, 1 / (interval * delay.size))
     low, high = given or ((nominal / 4, 2 * nominal) if nominal else (lowest, 0.5 * nyquist))
     if given is None:
-        low, high = max(low, lowest), min(high, 0.9 * nyquist)
+        low = max(low, lowest)
+        high = min(high, 0.9 * nyquist)
     if not lowest * (1 - 1e-9) <= low < high <= nyquist:
         raise ValueError(
             f"band must lie between {lowest / 1e6:g} MHz and half the sampling rate, {nyquist / 1e6:g} MHz, got "
@@ -196,7 +198,8 @@ def _poses(
     if len(section.fixes):
         notes.append(f"{len(section.fixes)} positions of the satellite receiver are not used: they need an anchor")
     pose = np.zeros((count, 6))
-    pose[:, 1], pose[:, 2] = along, height
+    pose[:, 1] = along
+    pose[:, 2] = height
     return np.arange(count), pose
 
 
@@ -208,7 +211,8 @@ def _topography(
         if wanted:
             raise ValueError(f"{section.path}: topography needs an anchor with heights and a height of every position")
         return np.zeros(ground.size)
-    low, high = float(ground.min()), float(ground.max())
+    low = float(ground.min())
+    high = float(ground.max())
     if wanted:
         notes.append(
             f"antennas are put on the receiver's heights, {low:.2f} to {high:.2f} m in the lane; its own height over "
@@ -287,7 +291,8 @@ def _judge_fixes(section: GprSection, place: NDArray[np.float64]) -> Motion:
     time = section.fix_time
     timed = time.size == len(place) and bool((np.diff(time) > 0).any()) and not bool((np.diff(time) < 0).any())
     if not timed and section.time is not None:
-        time, timed = np.interp(section.fixes[:, 0], np.arange(len(section.time)), section.time), True
+        time = np.interp(section.fixes[:, 0], np.arange(len(section.time)), section.time)
+        timed = True
     return judge_poses(pose, time if timed else None, limits, np.round(section.fixes[:, 0]))
 
 
@@ -296,7 +301,8 @@ def _fix_doubts(section: GprSection) -> list[str]:
     if len(section.fixes) < 2:
         return []
     # Near the middle of the line a degree is as long as there; far away it need only be far.
-    longitude, latitude = np.radians(section.fixes[:, 1]), np.radians(section.fixes[:, 2])
+    longitude = np.radians(section.fixes[:, 1])
+    latitude = np.radians(section.fixes[:, 2])
     middle = float(np.median(latitude))
     east = np.angle(np.exp(1j * (longitude - np.median(longitude)))) * math.cos(middle)
     place = _EARTH * np.stack([east, latitude - middle, np.zeros_like(east)], axis=1)
@@ -305,7 +311,8 @@ def _fix_doubts(section: GprSection) -> list[str]:
     lines = [line.replace("left out, which", "an import with an anchor leaves out, which") for line in lines]
     if section.distance is not None and len(at) > 1:
         way = float(np.hypot(*np.diff(kept[:, :2], axis=0).T).sum())
-        first, last = int(np.ceil(at[0])), int(np.floor(at[-1]))
+        first = int(np.ceil(at[0]))
+        last = int(np.floor(at[-1]))
         told = float(np.abs(np.diff(section.distance[first : last + 1])).sum())
         if abs(way - told) > _CLOSE and not 0.5 < way / max(told, 1e-9) < 2.0:
             lines.append(

@@ -17,10 +17,12 @@ from flgpr.door import open_named, read_named
 from flgpr.io.text import decode_text
 
 FloatArray = NDArray[np.float64]
-NANOSECOND, FOOT = 1e-9, 0.3048
+NANOSECOND = 1e-9
+FOOT = 0.3048
 INTERVALS = (1e-13, 1e-6)
 """Shortest and longest time between samples that any such radar has, s."""
-MOST_SAMPLES, FARTHEST = 2**20, 1e7
+MOST_SAMPLES = 2**20
+FARTHEST = 1e7
 """Most samples of a trace, and the farthest along a line, m."""
 LARGEST_TEXT = 64 * 2**20
 DAY = 86_400.0
@@ -192,7 +194,8 @@ def measured_places(
 
 def _note_motion(apart: FloatArray, where: str, notes: list[str]) -> None:
     """Tell of traces that stand still, go back or jump; they stay as they are."""
-    still, back = np.count_nonzero(apart == 0), np.count_nonzero(apart < 0)
+    still = np.count_nonzero(apart == 0)
+    back = np.count_nonzero(apart < 0)
     if still or back:
         notes.append(
             f"by {where} {still} traces stand where the one before was and {back} lie behind it: they are kept as "
@@ -233,7 +236,8 @@ def numbers_in(text: bytes, widths: list[int]) -> list[float]:
     """Return numbers written as text in fields of so many bytes, one after the other; NaN for what is none."""
     found = []
     for width in widths:
-        cell, text = text[:width].split(b"\0")[0], text[width:]
+        cell = text[:width].split(b"\0")[0]
+        text = text[width:]
         try:
             found.append(float(cell))
         except ValueError:

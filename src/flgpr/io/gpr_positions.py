@@ -64,10 +64,13 @@ def nmea_fixes(
         notes.append(f"{path.name} was found and not understood: {error}")
         return Fixes()
     found: dict[str, list[Fix]] = {"GGA": [], "RMC": []}
-    sentences, nowhere, unusable = 0, 0, 0
+    sentences = 0
+    nowhere = 0
+    unusable = 0
     trace: int | None = None
     for line in text.splitlines():
-        named, scan = _TRACE.match(line), _SCAN.match(line)
+        named = _TRACE.match(line)
+        scan = _SCAN.match(line)
         if named is not None:
             trace = int(named[1]) - 1
         elif scan is not None:
@@ -103,7 +106,8 @@ def _fix_of_sentence(kind: str, cells: Sequence[str], trace: int | None) -> Fix 
     if len(cells) < (11 if kind == "GGA" else 6) or cells[quality] in (nothing, ""):
         return None
     try:
-        latitude, longitude = _nmea_degrees(cells[lowest]), _nmea_degrees(cells[lowest + 2])
+        latitude = _nmea_degrees(cells[lowest])
+        longitude = _nmea_degrees(cells[lowest + 2])
         height = _gga_height(cells) if kind == "GGA" else np.nan
     except (ValueError, OverflowError):
         return None
@@ -188,7 +192,8 @@ def _fix_of_row(cells: Sequence[str]) -> Fix | None:
 def _angle_at(cells: Sequence[str], at: int, letters: str) -> tuple[float | None, int]:
     """Return an angle that begins at a cell, its letter before, within or after it, and the cell that follows."""
     if at < len(cells) and cells[at].upper() in tuple(letters):
-        side, at = cells[at].upper(), at + 1
+        side = cells[at].upper()
+        at = at + 1
     else:
         side = ""
     found = _ANGLE.fullmatch(cells[at].upper()) if at < len(cells) else None
@@ -197,7 +202,8 @@ def _angle_at(cells: Sequence[str], at: int, letters: str) -> tuple[float | None
     side = side or found[1] or found[3]
     at += 1
     if not side and at < len(cells) and cells[at].upper() in tuple(letters):
-        side, at = cells[at].upper(), at + 1
+        side = cells[at].upper()
+        at = at + 1
     if side and side not in letters:
         return None, at
     try:

@@ -33,7 +33,9 @@ from flgpr.io.gpr_parts import (
 from flgpr.io.gpr_positions import Fix, Fixes, settle_fixes
 
 _HEAD = 3600  # bytes of the text header and the binary header
-_TRACE_HEAD, _STANZA = 240, 3200  # bytes
+# bytes
+_TRACE_HEAD = 240
+_STANZA = 3200
 _FORMATS = {
     1: "u4", 2: "i4", 3: "i2", 5: "f4", 6: "f8", 8: "i1", 10: "u4", 11: "u2", 16: "u1",
 }  # fmt: skip
@@ -113,9 +115,12 @@ def _order_and_format(raw: bytes) -> tuple[str, int]:
 
 def _revision_of(raw: bytes, order: str, notes: list[str]) -> tuple[int, int]:
     """Return the revision, major and minor number; one that does not exist is told and stands as it is."""
-    major, minor = raw[3500], raw[3501]
+    major = raw[3500]
+    minor = raw[3501]
     if order == "<" and major == 0 and minor in (1, 2):
-        major, minor = minor, 0  # the word was turned round with all others
+        # the word was turned round with all others
+        major = minor
+        minor = 0
     if major == 2:
         notes.append(f"SEG-Y revision {major}.{minor}")
     elif major > 2:
@@ -127,7 +132,8 @@ def _layout_of(
     path: Path, raw: bytes, order: str, code: int, revision: tuple[int, int], notes: list[str]
 ) -> _Layout:  # fmt: skip
     """Return where the traces lie: of all that the headers allow, the layout that the file bears out best."""
-    size, width = path.stat().st_size, np.dtype(_FORMATS[code]).itemsize
+    size = path.stat().st_size
+    width = np.dtype(_FORMATS[code]).itemsize
     second = revision[0] == 2
     stated, extended = _sample_counts(raw, order, revision[0] >= 2)
     text = _text_headers(path, raw, order)
@@ -244,7 +250,8 @@ def _check_trace_headers(table: NDArray[Any], samples: int, notes: list[str]) ->
     """Tell what the trace headers say otherwise, or what of theirs is not applied."""
     other = (table["count"] != 0) & (table["count"] != samples & 0xFFFF)
     if other.any():
-        low, high = table["count"][other].min(), table["count"][other].max()
+        low = table["count"][other].min()
+        high = table["count"][other].max()
         notes.append(
             f"{np.count_nonzero(other)} trace headers tell {low} to {high} samples: all traces are read with {samples}"
         )

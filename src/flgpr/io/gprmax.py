@@ -104,7 +104,8 @@ def _read(path: Path) -> GprmaxOutput:
         if merged_fields(file):
             raise ValueError(f"{path}: {_MERGED}")
         told = {name: _attribute(file, name, path) for name in ("gprMax", "Iterations", "dx_dy_dz", "dt")}
-        step, steps = float(told["dt"]), int(told["Iterations"])
+        step = float(told["dt"])
+        steps = int(told["Iterations"])
         if not (np.isfinite(step) and step > 0 and steps > 0):
             raise ValueError(f"{path}: dt and Iterations must be greater than 0, got {step:g} s and {steps}")
         receivers = {}
@@ -175,9 +176,11 @@ def pulse(kind: str, frequency: float, time: ArrayLike) -> NDArray[np.float64]:
         raise ValueError(f"the waveform's frequency must be positive, got {frequency:g}")
     t = np.asarray(time, dtype=np.float64)
     if kind == "ricker":
-        width, late = (np.pi * frequency) ** 2, t - np.sqrt(2) / frequency
+        width = (np.pi * frequency) ** 2
+        late = t - np.sqrt(2) / frequency
         return np.asarray((1 - 2 * width * late**2) * np.exp(-width * late**2))
-    width, late = 2 * (np.pi * frequency) ** 2, t - 1 / frequency
+    width = 2 * (np.pi * frequency) ** 2
+    late = t - 1 / frequency
     bell = np.exp(-width * late**2)
     if kind == "gaussian":
         return np.asarray(bell)
@@ -210,7 +213,8 @@ def explain_merged(path: Path) -> tuple[list[str], str]:
             fields = merged_fields(file)
             if not fields:
                 return [], ""
-            version, title = _text(file.attrs["gprMax"]), _text(file.attrs.get("Title", ""))
+            version = _text(file.attrs["gprMax"])
+            title = _text(file.attrs.get("Title", ""))
             interval = float(np.asarray(file.attrs.get("dt", np.nan)))
     except (TypeError, KeyError, OSError, RuntimeError, AttributeError, OverflowError) as error:
         words = " ".join(str(error).split())[:200]
@@ -325,7 +329,8 @@ class GprmaxRun:
     """
 
     def __init__(self, folder: str | Path, keep_direct: bool = False) -> None:
-        self.folder, self.keep_direct = Path(folder), keep_direct
+        self.folder = Path(folder)
+        self.keep_direct = keep_direct
         self.manifest = read_manifest_of_decks(folder)
         tones = self.manifest["tones"]
         self.frequency = tones["start"] + tones["step"] * np.arange(tones["count"], dtype=np.float64)
@@ -444,12 +449,14 @@ def import_gprmax_files(paths: Sequence[str | Path], told: GprmaxTold) -> xr.Dat
         raise ValueError(f"the components of H and V must be two of x, y and z, got {axes['H']!r} and {axes['V']!r}")
     first: GprmaxOutput | None = None
     form: list[FloatArray] = []
-    blocks, pose = [], np.zeros((len(paths), 6))
+    blocks = []
+    pose = np.zeros((len(paths), 6))
     for scan, path in enumerate(paths):
         output = read_gprmax(path)
         place, offsets = _geometry(output)
         if first is None:
-            first, form = output, offsets
+            first = output
+            form = offsets
             tones = _tones(output, told.band)
             labels = _labels(output, told.transmit, axes)
         _check_alike(output, first, offsets, form)

@@ -111,7 +111,8 @@ def _scan(line: dict[str, Any]) -> WrittenScan:
 def difference(old: dict[str, Any], new: dict[str, Any], where: str = "") -> str:
     """Tell the first entry in which two descriptions differ; empty if none does."""
     for key in sorted({*old, *new}):
-        before, now = old.get(key), new.get(key)
+        before = old.get(key)
+        now = new.get(key)
         if before != now:
             if isinstance(before, dict) and isinstance(now, dict):
                 return difference(before, now, f"{where}{key}.")

@@ -129,7 +129,8 @@ class _Importer:
             signal, tones = self._tones(signal)
         order = np.argsort(tones, kind="stable")
         if (order != np.arange(tones.size)).any():
-            signal, tones = signal[..., order], tones[order]
+            signal = signal[..., order]
+            tones = tones[order]
             self.notes.append("tones sorted by frequency")
         tx, rx, origin = self._geometry(shape, signal.shape)
         if m.path_offset is not None:
@@ -213,7 +214,8 @@ class _Importer:
         return time
 
     def _tones(self, signal: NDArray[Any]) -> tuple[NDArray[Any], FloatArray]:
-        m, count = self.mapping, signal.shape[-1]
+        m = self.mapping
+        count = signal.shape[-1]
         if m.frequency is not None:
             tones = self.sources.vector(m.frequency, "frequency", "frequency", count=count)
             if tones.size != count:
@@ -237,12 +239,15 @@ class _Importer:
     def _geometry(
         self, sizes: dict[str, int], shape: tuple[int, ...]
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        m, pairs = self.mapping, shape[2]
+        m = self.mapping
+        pairs = shape[2]
         if m.antenna_position is not None:
             spec_tx = spec_rx = m.antenna_position
             names = ("antenna_position", "antenna_position")
         else:
-            spec_tx, spec_rx = m.tx_position, m.rx_position  # type: ignore[assignment]  # Mapping sees to it
+            # type: ignore[assignment]  # Mapping sees to it
+            spec_tx = m.tx_position
+            spec_rx = m.rx_position
             names = ("tx_position", "rx_position")
         tx, rx = (
             self.sources.points(spec, name, "scan" if spec.frame == "lane" else "pair")
@@ -257,7 +262,8 @@ class _Importer:
                 if count != sizes[side]:
                     with self.sources.entry(name, spec.file):
                         raise ValueError(f"{name} must give {sizes[side]} antennas as the signal has, got {count}")
-            tx, rx = np.repeat(tx, rows[1], axis=-2), np.concatenate([rx] * rows[0], axis=-2)
+            tx = np.repeat(tx, rows[1], axis=-2)
+            rx = np.concatenate([rx] * rows[0], axis=-2)
         origin = None
         if "lane" in (spec_tx.frame, spec_rx.frame):
             with self.sources.entry(names[0], spec_tx.file):
@@ -293,7 +299,8 @@ class _Importer:
         if m.pose is not None:
             return read_poses(self.sources, m.pose, scans, self.anchor), None
         if m.track is not None and time is not None:
-            track, spec = read_way(self.sources, m.track, self.anchor), m.track
+            track = read_way(self.sources, m.track, self.anchor)
+            spec = m.track
             self.notes.append(f"poses from the track at {spec.clock_offset:g} s + {spec.clock_rate:g} · radar time")
             with self.sources.entry("track", spec.time.file):
                 return poses_at(track, time, spec.clock_offset, spec.clock_rate, spec.max_gap), track
@@ -334,7 +341,8 @@ def _rigid(tx: FloatArray, rx: FloatArray, scans: int) -> tuple[FloatArray, Floa
             f"{rx.shape}"
         )
     origin = tx.mean(axis=1)
-    tx, rx = tx - origin[:, None], rx - origin[:, None]
+    tx = tx - origin[:, None]
+    rx = rx - origin[:, None]
     moved = max(float(np.abs(part - part[0]).max()) for part in (tx, rx))
     if not moved <= 1e-4:
         raise ValueError(
@@ -353,7 +361,8 @@ def impulse_to_frequency(
     are real or analytic; two-way delays, s, are uniform; ``band``, Hz, ends below the Nyquist frequency. Outside the
     recorded time of ``1/Δf`` delays repeat; zeros make the record ``pad`` times as long and the tones denser.
     """
-    values, axis = np.asarray(samples), np.asarray(delay, dtype=np.float64)
+    values = np.asarray(samples)
+    axis = np.asarray(delay, dtype=np.float64)
     if axis.ndim != 1 or axis.size < 2 or values.shape[-1] != axis.size:
         raise ValueError(f"delay must have one value per sample, got {axis.shape} for samples {values.shape}")
     step = float(np.diff(axis).mean())

@@ -51,7 +51,8 @@ def project(
     _put(metadata, "title", title)
     _put(metadata, "abstract", about)
     _reference(_put(root, "projectCrs"), crs)
-    tree, held = _put(root, "layer-tree-group"), ElementTree.Element("projectlayers")
+    tree = _put(root, "layer-tree-group")
+    held = ElementTree.Element("projectlayers")
     for number, layer in enumerate(layers):
         provider = "ogr" if layer.geometry else "gdal"
         identity = f"flgpr_{number}_{layer.name}"
@@ -79,7 +80,8 @@ def graduated(column: str, values: ArrayLike) -> ElementTree.Element:
     edges = np.unique(np.quantile(known, np.linspace(0, 1, _CLASSES + 1))) if known.size else np.zeros(1)
     edges = np.append(edges, edges[-1]) if edges.size == 1 else edges
     renderer = _renderer("graduatedSymbol", attr=column, graduatedMethod="GraduatedColor")
-    ranges, symbols = _put(renderer, "ranges"), _put(renderer, "symbols")
+    ranges = _put(renderer, "ranges")
+    symbols = _put(renderer, "symbols")
     for number, (low, high) in enumerate(pairwise(edges)):
         share = (number + 1) / (edges.size - 1)
         label = f"{low:.3g} to {high:.3g}"
@@ -94,7 +96,8 @@ def graduated(column: str, values: ArrayLike) -> ElementTree.Element:
 def by_kind(kinds: Iterable[str], colour: str) -> ElementTree.Element:
     """Draw targets or objects by their ``kind``, each with the shape that the viewer gives it."""
     renderer = _renderer("categorizedSymbol", attr="kind")
-    categories, symbols = _put(renderer, "categories"), _put(renderer, "symbols")
+    categories = _put(renderer, "categories")
+    symbols = _put(renderer, "symbols")
     for number, kind in enumerate(sorted(set(kinds))):
         _put(categories, "category", value=kind, symbol=str(number), label=kind, render="true")
         _marker(symbols, number, _SHAPES.get(kind, "hexagon"), colour, 4, filled=False)

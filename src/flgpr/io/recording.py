@@ -24,7 +24,11 @@ from flgpr.door import check_expansion
 from flgpr.io.extras import optional
 
 _MAGIC = b"\x89MCAP0\r\n"
-_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 3, 4, 5, 6, 15
+_SCHEMA = 3
+_CHANNEL = 4
+_MESSAGE = 5
+_CHUNK = 6
+_DATA_END = 15
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log and publish time in ns
 _LARGEST_JSON = 64 * 2**20  # bytes of a message; it takes many times that when it is read
 _WINDOW = 2**27  # largest window of zstd, bytes
@@ -60,7 +64,8 @@ class Recording:
     """
 
     def __init__(self, path: Path, limit: int, notes: list[str] | None = None) -> None:
-        self.path, self.limit = path, limit
+        self.path = path
+        self.limit = limit
         self._series: dict[str, _Series] = {}
         self._lost: dict[str, _Series] = {}  # topics of transforms, whose messages may be damaged
         self._columns: dict[str, NDArray[Any]] = {}
@@ -101,7 +106,8 @@ class Recording:
         columns = {
             name: np.empty((one.count, *np.shape(value)), np.asarray(value).dtype) for name, value in fields.items()
         }
-        row, damaged = 0, one.damaged
+        row = 0
+        damaged = one.damaged
         one.damaged = 0
         for topic, told, log, publish in self._messages({series}):
             if topic != series or told is _DAMAGED:
@@ -176,7 +182,8 @@ class Recording:
                 schema = schemas.get(channel.schema_id)
                 if channel.id not in decoders:
                     decoders[channel.id] = self._decoder(channel, schema)
-                decode, topic = decoders[channel.id], channel.topic
+                decode = decoders[channel.id]
+                topic = channel.topic
                 transforms = schema is not None and schema.name.endswith("TFMessage") and decode is not None
                 if not transforms:
                     one = self._series[topic]
@@ -188,14 +195,16 @@ class Recording:
                     message = _decoded(decode, content, lost)
                     lost.count += 1
                     for told in () if message is _DAMAGED else message.get("transforms", ()):
-                        parent, child = str(told["header"]["frame_id"]), str(told["child_frame_id"])
+                        parent = str(told["header"]["frame_id"])
+                        child = str(told["child_frame_id"])
                         name = f"{topic}/{parent}>{child}"
                         self._series.setdefault(name, _Series(name, "transforms", "cdr"))
                         yield name, told, log, publish
 
     def _decoder(self, channel: Any, schema: Any) -> Decoder | None:
         """Give the decoder of a channel's messages, None where there is none; its topic is listed either way."""
-        name, encoding = channel.topic, channel.message_encoding
+        name = channel.topic
+        encoding = channel.message_encoding
         one = self._series.setdefault(name, _Series(name, schema.name if schema else "", encoding))
         if encoding == "json":
             return _from_json
@@ -385,7 +394,8 @@ def _struct(name: str, definitions: dict[str, str], known: dict[str, _Struct], d
         return known[name]
     if name not in definitions or depth > _DEEPEST:
         raise ValueError(f"the definition of {name} is missing or holds itself")
-    fields, least = [], 0
+    fields = []
+    least = 0
     for line in definitions[name].splitlines():
         plain = line.split("#")[0].strip()
         found = _FIELD.match(plain)
@@ -415,7 +425,9 @@ class _Reader:
     def __init__(self, data: bytes) -> None:
         if len(data) < 4 or data[0] or data[1] > 1:
             raise ValueError(f"a message must begin as plain CDR, got {data[:4].hex()!r}")
-        self.data, self.at, self.order = data, 4, "<" if data[1] else ">"
+        self.data = data
+        self.at = 4
+        self.order = "<" if data[1] else ">"
 
     def take(self, kind: str, count: int) -> NDArray[Any]:
         """Numbers at their alignment, which counts from behind the four bytes of the header."""

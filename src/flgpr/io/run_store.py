@@ -33,7 +33,8 @@ from flgpr.io.outputs import tell_finished
 from flgpr.model import AXES, POSE_COMPONENTS, check_run, make_run
 from flgpr.model.run import check_poses
 
-FORMAT, VERSION = "flgpr-run", 1
+FORMAT = "flgpr-run"
+VERSION = 1
 _COMMIT = "commit.json"
 _CRC = 4  # bytes of a checksum after a chunk
 MADE_OF = "made-of.json"
@@ -66,7 +67,8 @@ class _CommittedFiles:
     """The files of a run, of which only what the commit manifest vouches for is read."""
 
     def __init__(self, root: Path, files: dict[str, dict[str, Any]]) -> None:
-        self.root, self.files = root, files
+        self.root = root
+        self.files = files
         listed = {name: Listed((entry["sha256"],), (entry["bytes"],)) for name, entry in files.items()}
         self._folder = Folder(root, listed)
 
@@ -97,8 +99,11 @@ class _StoredArray(BackendArray):
     """An array of a run as xarray reads it: chunk by chunk, each checked when it is needed."""
 
     def __init__(self, files: _CommittedFiles, name: str, layout: Layout) -> None:
-        self._files, self._name, self._layout = files, name, layout
-        self.shape, self.dtype = layout.shape, np.dtype(layout.dtype)
+        self._files = files
+        self._name = name
+        self._layout = layout
+        self.shape = layout.shape
+        self.dtype = np.dtype(layout.dtype)
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self.select)
@@ -117,7 +122,8 @@ class _StoredArray(BackendArray):
         return out.reshape([length for one in wanted for length in one.shape])
 
     def _chunk(self, number: tuple[int, ...]) -> NDArray[Any]:
-        key, layout = "/".join([self._name, "c", *map(str, number)]), self._layout
+        key = "/".join([self._name, "c", *map(str, number)])
+        layout = self._layout
         data = self._files.read(key) or b""
         size = self.dtype.itemsize * math.prod(layout.chunks)
         if len(data) > size and google_crc32c.value(data[:size]) != int.from_bytes(data[size:], "little"):
@@ -166,7 +172,8 @@ class RunWriter:
         self.path = Path(path)
         self._frequency = np.asarray(frequency, dtype=np.float64)
         self._polarization = [str(label) for label in np.atleast_1d(np.asarray(polarization))]
-        self._tx, self._rx = np.asarray(tx_position, dtype=np.float64), np.asarray(rx_position, dtype=np.float64)
+        self._tx = np.asarray(tx_position, dtype=np.float64)
+        self._rx = np.asarray(rx_position, dtype=np.float64)
         try:
             self._attrs = json.loads(canonical_json(attrs or {}))
         except (TypeError, ValueError) as error:
@@ -175,7 +182,8 @@ class RunWriter:
         probe = np.broadcast_to(np.complex64(0), (1, *self._shape))
         # Refused at once, not when the last scan is written.
         make_run(probe, self._frequency, self._polarization, self._tx, self._rx, np.zeros((1, 6)))
-        self.keeps, self._committed = resume, False
+        self.keeps = resume
+        self._committed = False
         self._partial = self.path.with_name(self.path.name + ".partial")
         self._about = _describe(self._frequency, self._polarization, self._tx, self._rx, self._attrs, inputs)
         self._check_free(overwrite)
@@ -388,7 +396,8 @@ def save_run(run: xr.Dataset, path: str | Path, overwrite: bool = False, resume:
         tell_finished(path)
         return Path(path)
     with begun as writer:
-        pose, time = run["pose"].values, run["time"].values
+        pose = run["pose"].values
+        time = run["time"].values
         for scan in range(len(writer), run.sizes["scan"]):
             writer.append(run["signal"][scan].values, pose[scan], float(time[scan]))
     return Path(path)

@@ -26,13 +26,18 @@ from flgpr.io.files import canonical_json, sha256, write_whole
 from flgpr.model import check_frequency, make_run
 
 MAGIC = b"FLGPRSC1"
-RUN_FORMAT, RUN_VERSION = "flgpr-live-run", 1
-RUN_FILE, END_FILE, SCAN_SUFFIX = "run.json", "end.json", ".scan"
+RUN_FORMAT = "flgpr-live-run"
+RUN_VERSION = 1
+RUN_FILE = "run.json"
+END_FILE = "end.json"
+SCAN_SUFFIX = ".scan"
 _HEAD = struct.Struct("<8sIQ")
 _LONGEST_HEADER = 2**22
 _LARGEST_PAYLOAD = 2**32
 _LARGEST_SCAN = 2**53
-_FARTHEST, _HIGHEST = 1e3, 1e12  # of an antenna from the vehicle, m; of a tone, Hz
+# of an antenna from the vehicle, m; of a tone, Hz
+_FARTHEST = 1e3
+_HIGHEST = 1e12
 
 
 class ScanFileError(ValueError):

@@ -18,7 +18,8 @@ from flgpr.io.mapping import Entry, Index, Positions, Quantity, Variable, factor
 if TYPE_CHECKING:
     from flgpr.io.anchor import Anchor
 
-_LARGEST, _SMALLEST = 1e30, 1e-30
+_LARGEST = 1e30
+_SMALLEST = 1e-30
 FloatArray = NDArray[np.float64]
 
 
@@ -53,7 +54,8 @@ class Sources:
         """Read a variable of every file of that name."""
         if file not in self.files:
             raise ValueError(f"{where}: file must be one of {', '.join(self.files)}, got {file!r}")
-        found, held = [], 0
+        found = []
+        held = 0
         for path in self.files[file]:
             if path not in self._open:
                 self._open[path] = open_arrays(path, self.limit)

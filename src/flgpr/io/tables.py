@@ -27,7 +27,9 @@ _CHECKS = {"alarms": check_alarms, "truth": check_truth, "objects": check_object
 _COLUMNS = {"alarms": ALARM_COLUMNS, "truth": TRUTH_COLUMNS, "objects": OBJECT_COLUMNS}
 _NUMBER = re.compile(r"\s*[-+]?\d*([.,]\d*)?([eE][-+]?\d+)?\s*")
 _MOST_HEAD = 100_000  # bytes of a header
-_MOST_ROWS, _MOST_COLUMNS, _MOST_CELLS = 2_000_000, 4096, 10_000_000
+_MOST_ROWS = 2_000_000
+_MOST_COLUMNS = 4096
+_MOST_CELLS = 10_000_000
 _FORMULA = re.compile(r"'*[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
 """What a spreadsheet may run, the full-width forms of the signs included, or such text that was quoted."""
 _PLAIN_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
@@ -340,7 +342,8 @@ def _rows(lines: list[tuple[int, str]]) -> list[tuple[int, list[str]]]:
 
 def _with_points(rows: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
     """Give numbers with a decimal comma a decimal point, unless other numbers of the table have one."""
-    point, found = None, []
+    point = None
+    found = []
     comma: tuple[int, str] | None = None
     for line, cells in rows:
         changed = []

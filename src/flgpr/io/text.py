@@ -28,7 +28,8 @@ def decode_text(data: bytes, name: str, notes: list[str] | None = None) -> str:
     except UnicodeDecodeError as error:
         if codec != "utf-8":
             raise ValueError(f"{name} begins as {encoding} and is none at byte {error.start}") from None
-        text, encoding = data.decode("latin-1"), "Latin-1, which is assumed because it is no UTF-8"
+        text = data.decode("latin-1")
+        encoding = "Latin-1, which is assumed because it is no UTF-8"
     if notes is not None and encoding != "UTF-8":
         notes.append(f"{name} is text in {encoding}")
     return text
@@ -41,7 +42,8 @@ def _encoding_of(data: bytes) -> tuple[str, str]:
             return codec, encoding
     sample = data[: _LOOKED_AT - _LOOKED_AT % 2]
     if len(data) % 2 == 0 and len(sample) >= 4:
-        first, second = sample[0::2], sample[1::2]
+        first = sample[0::2]
+        second = sample[1::2]
         if second.count(0) > _MOST_ZEROS * len(second) and 0 not in first:
             return "utf-16-le", "UTF-16 without a mark"
         if first.count(0) > _MOST_ZEROS * len(first) and 0 not in second:

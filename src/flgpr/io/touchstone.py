@@ -62,7 +62,8 @@ def touchstone_text(path: Path, notes: list[str]) -> TouchstoneText:
 
 def _parts(text: str) -> tuple[list[str], list[list[str]]]:
     """Part the lines of comments, options and keywords from the rows of numbers."""
-    head, rows = [], []
+    head = []
+    rows = []
     for line in text.splitlines():
         plain = line.partition("!")[0].strip()
         if not plain or plain[0] in "#[":

@@ -91,7 +91,8 @@ def _take(path: Path, body: str | None, axes: Sequence[str] | None) -> tuple[NDA
             "axes must say which of Motive's axes are the lane's x, y and z, such as x,-z,y where Motive has y up"
         )
     name = body or bodies[0]
-    place, turn = opened.read(f"{name}/position"), opened.read(f"{name}/rotation")
+    place = opened.read(f"{name}/position")
+    turn = opened.read(f"{name}/rotation")
     if turn.shape[1] != 4:
         raise ValueError("a take with Euler angles needs a mapping that tells their order: export quaternions instead")
     scale = factor(opened.arrays[f"{name}/position"].unit, "length", "the header's Length Units")
@@ -171,7 +172,8 @@ def read_nmea(
         raise ValueError(f"{path}: two fixes of quality {quality} or more are needed, got {len(fixes)} (all: {seen})")
     table = np.array(fixes)
     keep = np.append(True, np.diff(table[:, 0]) > 0)
-    time, place = table[keep, 0], anchor.from_geodetic(table[keep, 1:])
+    time = table[keep, 0]
+    place = anchor.from_geodetic(table[keep, 1:])
     if height is not None:
         place[:, 2] = height
     track = make_track(time, place, _headings(time, place, headings, anchor.azimuth))

@@ -10,7 +10,8 @@ from flgpr.door import parse_json, read_named
 from flgpr.io.files import existing
 
 VERDICTS = ("mine", "unsure", "clutter")
-VERDICTS_FORMAT, VERDICTS_VERSION = "flgpr-notes", 1
+VERDICTS_FORMAT = "flgpr-notes"
+VERDICTS_VERSION = 1
 MOST_VERDICT_BYTES = 16 * 2**20
 _KEY = ("result_sha256", "result", "detection", "alarm_id")
 _MOST_TEXT = 500

@@ -43,7 +43,8 @@ def read_way(sources: Sources, spec: TrackTable, anchor: Anchor | None) -> pd.Da
     with sources.entry("track", file):
         keep, notes = bridged(time, pose)
         sources.notes += notes
-        time, pose = time[keep], pose[keep]
+        time = time[keep]
+        pose = pose[keep]
         if spec.heading == "course":
             pose[:, 3] = course(pose[:, :3])
         return reference_track(make_track(time, pose[:, :3], *pose[:, 3:].T), spec.lever_arm, spec.latency)

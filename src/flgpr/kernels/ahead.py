@@ -55,7 +55,9 @@ def usual() -> list[tuple[Any, tuple[Any, ...]]]:
     """List the kernels that the packaged recipes need, in the order of their use, with arguments of the types used."""
     spectrum = Spectrum(0, 0, _i(1), _i(1), _f(1), _f(1), _c(1))
     geometry = Geometry(_i(1), _i(1), _d(2), _d(2), 0, _d(1), 0.0, 0.0, 0, 0, _f(2), _f(1))
-    tones, read, part = (_c(3), _f(2), spectrum), (_f(1), 0, geometry, _c(2)), (0, 0)
+    tones = (_c(3), _f(2), spectrum)
+    read = (_f(1), 0, geometry, _c(2))
+    part = (0, 0)
     rows: Any = {length: (0,) * length for length in (4, 5, 8, 9, 16)}  # taps, powers and channels
     cleaned = (_c(2), _d(1), _c(2), _f(2))
     return [
@@ -91,7 +93,9 @@ def compile_usual() -> None:
 
 def compile_training() -> None:
     """Compile what trains relevance vector machines, which takes longer than all that a detection calls."""
-    rows, target, every = np.eye(2), np.array([0.0, 1.0]), np.ones(2, np.bool_)
+    rows = np.eye(2)
+    target = np.array([0.0, 1.0])
+    every = np.ones(2, np.bool_)
     fixed = (rows, relevance.single(rows), target, 0.0, every, 0.0)
     relevance.climb(*fixed, 1)
     start = (np.arange(2), np.ones(2), np.zeros(2))

@@ -16,7 +16,8 @@ _SHIFT = 20  # float32 bits below the 12 that sort magnitudes into coarse bins
 @njit(cache=True)
 def _magnitude(value: Any) -> Any:
     """Magnitude of a complex64 value, in double precision: it cannot overflow, and is vector code as ``abs`` is not."""
-    re, im = np.float64(value.real), np.float64(value.imag)
+    re = np.float64(value.real)
+    im = np.float64(value.imag)
     return np.float32(np.sqrt(re * re + im * im))
 
 
@@ -52,14 +53,19 @@ def gain_and_limit(images, keep, clip, gain, limit, begin, end):  # type: ignore
         for i in range(magnitude.size):
             total += magnitude[i]
             count[bits[i] >> _SHIFT] += 1
-        mean, edge, below = total / magnitude.size, 0, 0
+        mean = total / magnitude.size
+        edge = 0
+        below = 0
         while below + count[edge] < keep:
             below += count[edge]
             edge += 1
         border = np.empty(count[edge] + 1, np.float32)  # one more: every value is written before it is judged
-        spread, lowest, at = 0.0, 0.0, 0
+        spread = 0.0
+        lowest = 0.0
+        at = 0
         for i in range(magnitude.size):
-            value, place = np.float64(magnitude[i]), bits[i] >> _SHIFT
+            value = np.float64(magnitude[i])
+            place = bits[i] >> _SHIFT
             spread += (value - mean) ** 2
             lowest += value * value if place < edge else 0.0
             border[at] = magnitude[i]
@@ -146,7 +152,8 @@ def subtract_and_divide(images, gain, signature, background, out, begin, end):  
     One ``gain`` per channel; backgrounds serve every channel in turn where they are fewer.
     """
     for c in range(begin, end):
-        scale, level = np.float32(1 / gain[c]), background[c % background.shape[0]]
+        scale = np.float32(1 / gain[c])
+        level = background[c % background.shape[0]]
         for i in range(out.shape[1]):
             value = images[c, i] * scale - signature[c, i]
             out[c, i] = complex(value.real / level[i], value.imag / level[i])

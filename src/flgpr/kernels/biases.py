@@ -28,6 +28,7 @@ def sum_over_biases(table, tx, rx, share, points, step, turns, first, total, beg
             angle = 2 * np.pi * (turns * path - np.floor(turns * path))
             turned = np.complex64(share[s] * complex(np.cos(angle), np.sin(angle)))
             for p in range(table.shape[0]):
-                window, out = table[p, s, at : at + biases + 1], total[k, p]
+                window = table[p, s, at : at + biases + 1]
+                out = total[k, p]
                 for b in range(biases):
                     out[b] += turned * (window[b] + high * (window[b + 1] - window[b]))

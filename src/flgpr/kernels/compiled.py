@@ -37,7 +37,8 @@ def _text(source: Path) -> bytes:
 
 def _modules(source: Path) -> set[Path]:
     """List a module and those of its folder behind it: what numba inlines and freezes comes from these."""
-    found, left = {source}, [source]
+    found = {source}
+    left = [source]
     while left:
         names = re.findall(rf"^from flgpr\.{source.parent.name}\.(\w+) import", _text(left.pop()).decode(), re.M)
         left += (new := {source.with_name(f"{name}.py") for name in names} - found)
@@ -76,7 +77,8 @@ class _BySource(_UserWide):  # type: ignore[misc]
     """Tells numba the folder, for this package's functions alone."""
 
     def __init__(self, py_func: Any, py_file: str) -> None:
-        self._py_file, self._lineno = py_file, py_func.__code__.co_firstlineno
+        self._py_file = py_file
+        self._lineno = py_func.__code__.co_firstlineno
         self._folder = cache_folder(Path(py_file))
 
     def get_cache_path(self) -> str:

@@ -93,7 +93,8 @@ class PreciseGeometry(NamedTuple):
 @njit(cache=True)
 def _locate(geometry, q, p, taps):  # type: ignore[no-untyped-def]
     """Fill ``taps`` with the weights at pixel ``p`` of pair ``q``; return the first bin and the carrier's phasor."""
-    i, j = geometry.tx[q], geometry.rx[q]
+    i = geometry.tx[q]
+    j = geometry.rx[q]
     length = geometry.path[i, p] + geometry.path[j, p]
     turns = length * geometry.per_turn
     place = (turns - math.floor(turns)) * geometry.size - geometry.start

@@ -24,8 +24,10 @@ from flgpr.kernels.threads import share, shared
 _FAN = 16  # bins of a level of the histograms, of three, that make up one of the level above; lanes of a vector
 _MOST = 0xFFFF  # pixels that 16 bits count
 _DIGIT = 11  # bits sorted at a time
-_SHORT, _INDEX = ir.IntType(16), ir.IntType(64)
-_VECTOR, _ORDER = ir.VectorType(_SHORT, _FAN), ir.VectorType(ir.IntType(32), _FAN)
+_SHORT = ir.IntType(16)
+_INDEX = ir.IntType(64)
+_VECTOR = ir.VectorType(_SHORT, _FAN)
+_ORDER = ir.VectorType(ir.IntType(32), _FAN)
 
 
 @njit(cache=True)
@@ -33,8 +35,10 @@ def sorted_order(values: Any) -> Any:
     """Order of float32 values from small to large: a radix sort of their bits."""
     n = values.size
     bits = values.view(np.uint32)
-    keys, order = np.empty(n, np.uint32), np.empty(n, np.int32)
-    other_keys, other_order = np.empty(n, np.uint32), np.empty(n, np.int32)
+    keys = np.empty(n, np.uint32)
+    order = np.empty(n, np.int32)
+    other_keys = np.empty(n, np.uint32)
+    other_order = np.empty(n, np.int32)
     for i in range(n):
         flip = np.uint32(0xFFFFFFFF) if bits[i] >> 31 else np.uint32(0x80000000)
         keys[i] = bits[i] ^ flip
@@ -51,7 +55,8 @@ def sorted_order(values: Any) -> Any:
             digit = (keys[i] >> shift) & ((1 << _DIGIT) - 1)
             to = count[digit]
             count[digit] = to + 1
-            other_keys[to], other_order[to] = keys[i], order[i]
+            other_keys[to] = keys[i]
+            other_order[to] = order[i]
         keys, other_keys = other_keys, keys
         order, other_order = other_order, order
     return order
@@ -154,7 +159,8 @@ def _count(row: Any, group: Any, groups: Any, one: Any, coarse: Any, middle: Any
     """Add ``one`` to the three levels for every pixel of a row of bins."""
     fan = uint64(_FAN)
     for x in range(row.size):
-        b, g = uint64(row[x]), group[x]
+        b = uint64(row[x])
+        g = group[x]
         half = b // fan
         coarse[g * fan + half // fan] += one
         middle[(half // fan * groups + g) * fan + half % fan] += one
@@ -172,15 +178,21 @@ def _median_rows(
     """
     ny, nx = bins.shape
     shared = (2 * half_x + 1) % step == 0 and (2 * half_y + 1) * step <= _MOST
-    width, wide = _bin_width(bins.size), step if shared else 1
-    span, count = (2 * half_x + 1) // wide, (nx - 1 + half_x) // wide + 1
-    group, groups, fan = np.empty(nx, np.uint64), uint64(count), uint64(_FAN)
+    width = _bin_width(bins.size)
+    wide = step if shared else 1
+    span = (2 * half_x + 1) // wide
+    count = (nx - 1 + half_x) // wide + 1
+    group = np.empty(nx, np.uint64)
+    groups = uint64(count)
+    fan = uint64(_FAN)
     for x in range(nx):
         group[x] = (x + half_x) // wide
-    coarse, middle = np.zeros(count * _FAN, np.uint16), np.zeros(count * _FAN**2, np.uint16)
+    coarse = np.zeros(count * _FAN, np.uint16)
+    middle = np.zeros(count * _FAN**2, np.uint16)
     fine = np.zeros(count * _FAN**3, np.uint16)
     for y in range(first, last):
-        y0, y1 = max(0, y - half_y), min(ny, y + half_y + 1)
+        y0 = max(0, y - half_y)
+        y1 = min(ny, y + half_y + 1)
         for v in range(y0 if y == first else y + half_y, y1):
             _count(bins[v], group, groups, np.uint16(1), coarse, middle, fine)
         if y > first and y - half_y - 1 >= 0:
@@ -188,16 +200,20 @@ def _median_rows(
         if y % step:
             continue
         for x in range(0, nx, step):
-            at, columns = uint64(x // wide), uint64(min(span, count - x // wide))
-            x0, x1 = max(0, x - half_x), min(nx, x + half_x + 1)
+            at = uint64(x // wide)
+            columns = uint64(min(span, count - x // wide))
+            x0 = max(0, x - half_x)
+            x1 = min(nx, x + half_x + 1)
             box = uint64(y0), uint64(y1 - y0), uint64(x0), uint64(x1 - x0)
             pixels = (y1 - y0) * (x1 - x0)
             total = 0.0
             for rank in ((pixels - 1) // 2, pixels // 2):
-                b, left = uint64(0), uint64(rank)
+                b = uint64(0)
+                left = uint64(rank)
                 for table in (coarse, middle, fine):
                     i, before = _bin_of(table, (b * groups + at) * fan, columns, left, most)
-                    b, left = b * fan + i, left - before
+                    b = b * fan + i
+                    left = left - before
                 start = int64(b) * width
                 total += values[_pick(places, start, min(start + width, bins.size), left, box)]
                 if pixels % 2:
@@ -215,16 +231,21 @@ def _bin_width(pixels: int) -> int:
 def _ranked(order: Any, image: Any) -> Any:
     """Places (y, x) by rank, a vector's length more of them, values by rank, and every pixel's bin."""
     ny, nx = image.shape
-    pixels, width = image.ravel(), _bin_width(order.size)
-    bins, values = np.empty(order.size, np.uint16), np.empty(order.size, image.dtype)
-    rows, columns = np.zeros(order.size + _FAN, np.int16), np.zeros(order.size + _FAN, np.int16)
+    pixels = image.ravel()
+    width = _bin_width(order.size)
+    bins = np.empty(order.size, np.uint16)
+    values = np.empty(order.size, image.dtype)
+    rows = np.zeros(order.size + _FAN, np.int16)
+    columns = np.zeros(order.size + _FAN, np.int16)
     per_row = 1 / nx
     for rank in range(order.size):
         y = int((order[rank] + 0.5) * per_row)  # a division of whole numbers takes several times as long
-        rows[rank], columns[rank] = y, order[rank] - y * nx
+        rows[rank] = y
+        columns[rank] = order[rank] - y * nx
     for first in range(0, order.size, width):
         for rank in range(first, min(first + width, order.size)):
-            values[rank], bins[order[rank]] = pixels[order[rank]], first // width
+            values[rank] = pixels[order[rank]]
+            bins[order[rank]] = first // width
     return (rows, columns), values, bins.reshape(ny, nx)
 
 
@@ -237,7 +258,8 @@ def median_of_ranks(orders, images, half_y, half_x, step, parts, most, out, begi
     """
     ny = images.shape[1]
     for task in range(begin, end):
-        i, part = task // parts, task % parts
+        i = task // parts
+        part = task % parts
         places, values, bins = _ranked(orders[i], images[i])
         first, last = part * ny // parts, (part + 1) * ny // parts
         _median_rows(places, values, bins, half_y, half_x, step, first, last, most, out[i])

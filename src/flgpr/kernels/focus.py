@@ -17,7 +17,8 @@ from flgpr.kernels.threads import shared
 def _steer(signal: Any, wavenumber: Any, path: Any, real: Any, imaginary: Any) -> None:
     """Add to a beam (polarization, tone) the data of all pairs, their delays to a point undone."""
     tones = wavenumber.size
-    cosine, sine = np.empty(tones, np.float32), np.empty(tones, np.float32)
+    cosine = np.empty(tones, np.float32)
+    sine = np.empty(tones, np.float32)
     for q in range(path.size):
         for k in range(tones):
             turns = wavenumber[k] * path[q]
@@ -45,7 +46,8 @@ def focus(signal, wavenumber, path, kernel, out, begin, end):  # type: ignore[no
         total = np.zeros((2, channels, ranges), np.float32)
         for k in range(tones):
             for c in range(channels):
-                re, im = beam[0, c, k], beam[1, c, k]
+                re = beam[0, c, k]
+                im = beam[1, c, k]
                 for i in range(ranges):
                     total[0, c, i] += re * kernel[0, k, i] - im * kernel[1, k, i]
                     total[1, c, i] += re * kernel[1, k, i] + im * kernel[0, k, i]

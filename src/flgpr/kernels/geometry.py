@@ -83,16 +83,22 @@ def antenna_rows(
     there is no ground; ``per_turn`` and ``carrier`` the tone spacing and the carrier over the speed of light, 1/m;
     ``gain`` (pixel,) the antenna's amplitude or an empty array. A delay is a 32-bit fraction of the ambiguous range.
     """
-    index, ground = medium[0], medium[1]
+    index = medium[0]
+    ground = medium[1]
     path = np.empty(BLOCK, np.float64)
-    ax, ay, az = position[0], position[1], position[2]
+    ax = position[0]
+    ay = position[1]
+    az = position[2]
     if ground > 0.0:
         square = (ground / index) ** 2
-        square32, bend32 = float32(square), float32(square - 1.0)
+        square32 = float32(square)
+        bend32 = float32(square - 1.0)
         for k in range(uint64(BLOCK)):
             p = first + k
             x, y, z = pixels[0, p] - ax, pixels[1, p] - ay, pixels[2, p]
-            across, height, depth = math.sqrt(x * x + y * y), az - max(z, 0.0), max(-z, 0.0)
+            across = math.sqrt(x * x + y * y)
+            height = az - max(z, 0.0)
+            depth = max(-z, 0.0)
             entry = entry_distance(float32(across), float32(height), float32(depth), square32, bend32, 2)
             path[k] = bent_path(across, height, depth, entry, index, ground)
     else:
@@ -104,7 +110,8 @@ def antenna_rows(
         delay[at + k] = uint32((turns - math.floor(turns)) * _TURN32)
         phase = path[k] * carrier
         c, s = cos_sin(float32(phase - math.floor(phase + 0.5)))
-        cosine[at + k], sine[at + k] = c, s
+        cosine[at + k] = c
+        sine[at + k] = s
     if gain.shape[0] > 0:
         for k in range(uint64(BLOCK)):
             cosine[at + k] *= gain[first + k]
@@ -114,13 +121,16 @@ def antenna_rows(
 @shared(axis=1, cache=True)
 def antenna_paths(pixels, positions, medium, out, begin, end):  # type: ignore[no-untyped-def]
     """Optical paths ``out`` (antenna, pixel), m, in double precision; arguments as in :func:`antenna_rows`."""
-    index, ground = medium[0], medium[1]
+    index = medium[0]
+    ground = medium[1]
     square = (ground / index) ** 2
     for p in range(begin, end):
         for a in range(positions.shape[0]):
             x, y, z = pixels[0, p] - positions[a, 0], pixels[1, p] - positions[a, 1], pixels[2, p]
             if ground > 0.0:
-                across, height, depth = math.sqrt(x * x + y * y), positions[a, 2] - max(z, 0.0), max(-z, 0.0)
+                across = math.sqrt(x * x + y * y)
+                height = positions[a, 2] - max(z, 0.0)
+                depth = max(-z, 0.0)
                 entry = entry_distance(across, height, depth, square, square - 1.0, 5)
                 out[a, p] = bent_path(across, height, depth, entry, index, ground)
             else:

@@ -50,11 +50,14 @@ def locate(pixels, antenna, medium, per_turn, carrier, gain, delay, phasor):  # 
     p, a = cuda.grid(2)
     if p >= delay.shape[1] or a >= delay.shape[0]:
         return
-    index, ground = medium[0], medium[1]
+    index = medium[0]
+    ground = medium[1]
     x, y, z = pixels[0, p] - antenna[a, 0], pixels[1, p] - antenna[a, 1], pixels[2, p]
     if ground > 0.0:
         square = (ground / index) ** 2
-        across, height, depth = math.sqrt(x * x + y * y), antenna[a, 2] - max(z, 0.0), max(-z, 0.0)
+        across = math.sqrt(x * x + y * y)
+        height = antenna[a, 2] - max(z, 0.0)
+        depth = max(-z, 0.0)
         entry = _entry_distance(across, height, depth, square, square - 1.0, 4)
         path = _bent_path(across, height, depth, entry, index, ground)
     else:
@@ -80,15 +83,26 @@ def _transform(a, b, twiddle, sign):  # type: ignore[no-untyped-def]
 
     ``twiddle`` holds exp(+j2πk/n).
     """
-    begin, step, size = uint64(cuda.threadIdx.x), uint64(cuda.blockDim.x), uint64(a.shape[0])
-    gap, half, stride, swapped = size >> uint64(2), size >> uint64(1), uint64(1), False
+    begin = uint64(cuda.threadIdx.x)
+    step = uint64(cuda.blockDim.x)
+    size = uint64(a.shape[0])
+    gap = size >> uint64(2)
+    half = size >> uint64(1)
+    stride = uint64(1)
+    swapped = False
     while stride <= gap:
         for j in range(begin, gap, step):
             low = uint64(j) & (stride - uint64(1))
             turn = uint64(j) - low
             to = low + uint64(4) * turn
-            x0, x1, x2, x3 = a[j], a[j + gap], a[j + half], a[j + half + gap]
-            plus, minus, even, odd = x0 + x2, x0 - x2, x1 + x3, x1 - x3
+            x0 = a[j]
+            x1 = a[j + gap]
+            x2 = a[j + half]
+            x3 = a[j + half + gap]
+            plus = x0 + x2
+            minus = x0 - x2
+            even = x1 + x3
+            odd = x1 - x3
             turned = complex64(complex(-sign * odd.imag, sign * odd.real))
             b[to] = plus + even
             b[to + stride] = (minus + turned) * _turned(twiddle[turn], sign)
@@ -99,8 +113,10 @@ def _transform(a, b, twiddle, sign):  # type: ignore[no-untyped-def]
         stride *= uint64(4)
     if stride < size:
         for j in range(begin, half, step):
-            x0, x1 = a[j], a[j + half]
-            b[j], b[j + half] = x0 + x1, x0 - x1
+            x0 = a[j]
+            x1 = a[j + half]
+            b[j] = x0 + x1
+            b[j + half] = x0 - x1
         cuda.syncthreads()
         swapped = not swapped
     return swapped
@@ -120,11 +136,14 @@ def compress_kernel(size: int) -> Any:
         slot ``first``. ``weight`` (subband, tone); ``phase`` (1 or pair, tone), or (0, 0) for none; ``factor`` (slot,);
         ``spare`` (block, 2·slots) for spectra that are not shared memory's.
         """
-        q, channel = uint64(cuda.blockIdx.x), uint64(cuda.blockIdx.y)
-        c, s = channel // uint64(weight.shape[0]), channel % uint64(weight.shape[0])
+        q = uint64(cuda.blockIdx.x)
+        channel = uint64(cuda.blockIdx.y)
+        c = channel // uint64(weight.shape[0])
+        s = channel % uint64(weight.shape[0])
         both = cuda.shared.array(room, complex64)
         work = both if shared else spare[channel * uint64(cuda.gridDim.x) + q]
-        a, b = work[:size], work[size:]
+        a = work[:size]
+        b = work[size:]
         for m in range(uint64(cuda.threadIdx.x), uint64(size), uint64(cuda.blockDim.x)):
             total = complex64(0)
             for e in range(begin[m], begin[m + uint64(1)]):
@@ -153,10 +172,12 @@ def expand_kernel(size: int) -> Any:
     @cuda.jit
     def expand(profile, factor, twiddle, spare):  # type: ignore[no-untyped-def]
         """Turn ``profile`` (pair, channel, slot) into spectra; arguments as in the range compression."""
-        q, channel = uint64(cuda.blockIdx.x), uint64(cuda.blockIdx.y)
+        q = uint64(cuda.blockIdx.x)
+        channel = uint64(cuda.blockIdx.y)
         both = cuda.shared.array(room, complex64)
         work = both if shared else spare[channel * uint64(cuda.gridDim.x) + q]
-        a, b = work[:size], work[size:]
+        a = work[:size]
+        b = work[size:]
         for m in range(uint64(cuda.threadIdx.x), uint64(size), uint64(cuda.blockDim.x)):
             a[m] = profile[q, channel, m] * factor[m]
         cuda.syncthreads()
@@ -187,8 +208,10 @@ def collect(profile, weight, entries, slot, share, phase, data):  # type: ignore
 @lru_cache(maxsize=64)
 def adjoint_kernel(width: int, group: int, stride: int) -> Any:
     """Compile the interpolation for a window width, a number of channels per thread and the bins kept of a profile."""
-    powers, half = width + 4, (width + 1) // 2
-    even, odd = (width + 3) // 2 + 1, (width + 4) // 2
+    powers = width + 4
+    half = (width + 1) // 2
+    even = (width + 3) // 2 + 1
+    odd = (width + 4) // 2
 
     @cuda.jit(fastmath=True)
     def adjoint(profile, channels, tx, rx, delay, phasor, origin, shift, unit, weight, out):  # type: ignore[no-untyped-def]
@@ -203,39 +226,48 @@ def adjoint_kernel(width: int, group: int, stride: int) -> Any:
             return
         taps = cuda.local.array(width, float32)
         form = cuda.local.array((half, powers), float32)
-        real, imag = cuda.local.array(group, float32), cuda.local.array(group, float32)
+        real = cuda.local.array(group, float32)
+        imag = cuda.local.array(group, float32)
         for c in range(group):
             real[c] = imag[c] = float32(0)
         for a in range(half):
             for n in range(powers):
                 form[a, n] = weight[a, n]
-        low, below = uint32(shift), uint32((1 << shift) - 1)
+        low = uint32(shift)
+        below = uint32((1 << shift) - 1)
         # Unsigned everywhere: it spares the device the tests for negative indices.
-        row, step = uint64(channel) * uint64(stride), uint64(channels) * uint64(stride)
+        row = uint64(channel) * uint64(stride)
+        step = uint64(channels) * uint64(stride)
         for q in range(uint64(tx.shape[0])):
-            i, j = tx[q] + pixel, rx[q] + pixel
+            i = tx[q] + pixel
+            j = rx[q] + pixel
             d = uint32((int64(delay[i]) + int64(delay[j]) - origin) & _LOW32)
             y = float32(uint32(d & below)) * unit - float32(0.5)
             yy = y * y
             # Tap width - 1 - a is tap a at -y: the even powers and the odd ones are shared.
             for a in range(half):
-                e, o = form[a, 2 * even - 2], form[a, 2 * odd - 1]
+                e = form[a, 2 * even - 2]
+                o = form[a, 2 * odd - 1]
                 for n in range(1, even):
                     e = e * yy + form[a, 2 * (even - 1 - n)]
                 for n in range(1, odd):
                     o = o * yy + form[a, 2 * (odd - n) - 1]
                 o *= y
-                taps[a], taps[width - 1 - a] = e + o, e - o
+                taps[a] = e + o
+                taps[width - 1 - a] = e - o
             (ci, si), (cj, sj) = _parts(phasor[i]), _parts(phasor[j])
-            cosine, sine = ci * cj - si * sj, ci * sj + si * cj
+            cosine = ci * cj - si * sj
+            sine = ci * sj + si * cj
             at = row + uint64(d >> low)
             row += step
             for c in range(group):
                 x, z = _parts(profile[at + uint64(c * stride)])
-                x, z = x * taps[0], z * taps[0]
+                x = x * taps[0]
+                z = z * taps[0]
                 for a in range(1, width):
                     u, v = _parts(profile[at + uint64(c * stride + a)])
-                    x, z = x + u * taps[a], z + v * taps[a]
+                    x = x + u * taps[a]
+                    z = z + v * taps[a]
                 # One product and one sum each, so that they become multiply-adds.
                 real[c] += x * cosine
                 real[c] -= z * sine
@@ -266,7 +298,8 @@ def forward_kernel(width: int, group: int) -> Any:
         if m >= size or q >= profile.shape[0]:
             return
         form = cuda.local.array(powers, float32)
-        real, imag = cuda.local.array(group, float32), cuda.local.array(group, float32)
+        real = cuda.local.array(group, float32)
+        imag = cuda.local.array(group, float32)
         for c in range(group):
             real[c] = imag[c] = float32(0)
         below = uint32((1 << shift) - 1)
@@ -280,14 +313,16 @@ def forward_kernel(width: int, group: int) -> Any:
                     form[n] = weight[a, n]
                 for e in range(begin[q, b], begin[q, b + 1]):
                     pixel = uint64(order[q, e])
-                    i, j = tx[q] + pixel, rx[q] + pixel
+                    i = tx[q] + pixel
+                    j = rx[q] + pixel
                     d = uint32((int64(delay[i]) + int64(delay[j]) - origin) & _LOW32)
                     y = float32(uint32(d & below)) * unit - float32(0.5)
                     tap = form[powers - 1]
                     for n in range(powers - 2, -1, -1):
                         tap = tap * y + form[n]
                     (ci, si), (cj, sj) = _parts(phasor[i]), _parts(phasor[j])
-                    cosine, sine = tap * (ci * cj - si * sj), tap * (ci * sj + si * cj)
+                    cosine = tap * (ci * cj - si * sj)
+                    sine = tap * (ci * sj + si * cj)
                     for c in range(group):
                         if channel + c < profile.shape[1]:
                             x, z = _parts(image[channel + c, pixel])

@@ -31,12 +31,15 @@ def _rotate(a: Any, v: Any, p: int, q: int) -> None:
     s = t * c
     for k in range(3):
         x, y = a[k, p], a[k, q]
-        a[k, p], a[k, q] = c * x - s * np.conj(phase) * y, s * phase * x + c * y
+        a[k, p] = c * x - s * np.conj(phase) * y
+        a[k, q] = s * phase * x + c * y
         x, y = v[k, p], v[k, q]
-        v[k, p], v[k, q] = c * x - s * np.conj(phase) * y, s * phase * x + c * y
+        v[k, p] = c * x - s * np.conj(phase) * y
+        v[k, q] = s * phase * x + c * y
     for k in range(3):
         x, y = a[p, k], a[q, k]
-        a[p, k], a[q, k] = c * x - s * phase * y, s * np.conj(phase) * x + c * y
+        a[p, k] = c * x - s * phase * y
+        a[q, k] = s * np.conj(phase) * x + c * y
     a[p, q] = 0.0
     a[q, p] = 0.0
 

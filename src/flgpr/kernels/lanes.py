@@ -29,7 +29,9 @@ class _Code:
     """Loads, stores and arithmetic on vectors of ``lanes`` float32 numbers."""
 
     def __init__(self, context: Any, builder: Any, lanes: int) -> None:
-        self.context, self.builder, self.lanes = context, builder, lanes
+        self.context = context
+        self.builder = builder
+        self.lanes = lanes
         self.vector = ir.VectorType(_FLOAT, lanes)
 
     def data(self, kind: Any, array: Any) -> Any:
@@ -86,11 +88,13 @@ def combine_antennas(  # type: ignore[no-untyped-def]
         delay, cosine, sine, types.uint64, types.uint64, types.uint32, types.uint32, types.uint32, weight, powers, taps,
         channels, start, fields, types.uint64,
     )  # fmt: skip
-    width, numbers = padded.py_func(taps.count), row_size.py_func(taps.count, channels.count)
+    width = padded.py_func(taps.count)
+    numbers = row_size.py_func(taps.count, channels.count)
     together = _VECTOR // width
 
     def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        code, narrow = _Code(context, builder, _VECTOR), _Code(context, builder, width)
+        code = _Code(context, builder, _VECTOR)
+        narrow = _Code(context, builder, width)
         delays, cosines, sines, table, target, out = (code.data(sig.args[n], args[n]) for n in (0, 1, 2, 8, 12, 13))
         whole = ir.VectorType(ir.IntType(32), _VECTOR)
         base, origin, shift = (code.spread(args[n], whole) for n in (5, 6, 7))
@@ -137,12 +141,14 @@ def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, chann
     numbers of all channels; of a single channel it is what every tap adds, all real parts before the imaginary parts.
     """
     signature = types.void(total, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels)
-    width, single = padded.py_func(taps.count), channels.count == 1
+    width = padded.py_func(taps.count)
+    single = channels.count == 1
     half = width if single else channels.count
     lanes = 2 * half
 
     def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        code, narrow = _Code(context, builder, lanes), _Code(context, builder, width)
+        code = _Code(context, builder, lanes)
+        narrow = _Code(context, builder, width)
         sums, profile, start, field = (code.data(sig.args[i], args[i]) for i in (0, 2, 3, 4))
         # Σ cos·v and Σ sin·v, v = Σ_a weight_a·table[bins + a]
         kept = [cgutils.alloca_once_value(builder, ir.Constant(code.vector, None)) for _ in range(2)]
@@ -158,7 +164,8 @@ def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, chann
             for sum_, turn in zip(kept, turns, strict=True):
                 builder.store(code.add(builder.load(sum_), code.mul(code.spread(turn), value)), sum_)
         across, up = (builder.load(sum_) for sum_ in kept)
-        real, imaginary = [*range(half)], [*range(half, lanes)]
+        real = [*range(half)]
+        imaginary = [*range(half, lanes)]
         re = code.sub(code.shuffle(across, real), code.shuffle(up, imaginary))
         im = code.add(code.shuffle(across, imaginary), code.shuffle(up, real))
         order = real + imaginary if single else [i for k in range(half) for i in (k, half + k)]
@@ -170,7 +177,8 @@ def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, chann
 
 def _fields_of(code: _Code, taps: _Code, start: Any, field: Any, pair: Any, k: Any) -> tuple[Any, list[Any], Any]:
     """Return where the table row of a pair and pixel starts, its cosine and sine, and its weights."""
-    width, builder = taps.lanes, code.builder
+    width = taps.lanes
+    builder = code.builder
     at_pair = builder.add(builder.mul(pair, ir.Constant(_INDEX, BLOCK)), k)
     row = builder.zext(code.number(start, at_pair, ir.IntType(32)), _INDEX)
     first = builder.mul(pair, ir.Constant(_INDEX, BLOCK * (2 + width)))
@@ -187,12 +195,14 @@ def spread_pairs(_context, value, at, table, bins, fields, k, pairs, taps, chann
     ``value[at:]`` holds the real parts of all channels before the imaginary parts.
     """
     signature = types.void(value, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels)
-    width, single = padded.py_func(taps.count), channels.count == 1
+    width = padded.py_func(taps.count)
+    single = channels.count == 1
     half = width if single else channels.count
     lanes = 2 * half
 
     def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        code, narrow = _Code(context, builder, lanes), _Code(context, builder, width)
+        code = _Code(context, builder, lanes)
+        narrow = _Code(context, builder, width)
         source, profile, start, field = (code.data(sig.args[i], args[i]) for i in (0, 2, 3, 4))
         row = _Code(context, builder, 2 * channels.count).load(source, args[1])
         if single:
@@ -242,8 +252,14 @@ def butterfly(_context, source, at, gap, target, to, step, twiddle, turn, channe
             code.store(value[1], out, code.plus(spot, half))
 
         (ar, ai), (br, bi), (cr, ci), (dr, di) = (read(i) for i in range(4))
-        pr, pi, mr, mi = code.add(ar, cr), code.add(ai, ci), code.sub(ar, cr), code.sub(ai, ci)
-        qr, qi, nr, ni = code.add(br, dr), code.add(bi, di), code.sub(br, dr), code.sub(bi, di)
+        pr = code.add(ar, cr)
+        pi = code.add(ai, ci)
+        mr = code.sub(ar, cr)
+        mi = code.sub(ai, ci)
+        qr = code.add(br, dr)
+        qi = code.add(bi, di)
+        nr = code.sub(br, dr)
+        ni = code.sub(bi, di)
         write(0, (code.add(pr, qr), code.add(pi, qi)))
         write(1, (code.sub(mr, ni), code.add(mi, nr)))
         write(2, (code.sub(pr, qr), code.sub(pi, qi)))

@@ -57,7 +57,8 @@ def _descend(
     It gives the new active weights and whether the loss fell.
     """
     before = _loss(rows, target, scale, argument, weights, weights, residual, curvature)
-    best, lowest = weights.copy(), before
+    best = weights.copy()
+    lowest = before
     first = 1.0
     for i in range(-1, len(weights)):
         size = 1.0
@@ -71,7 +72,8 @@ def _descend(
             new[i] = 0.0
         loss = _loss(rows, target, scale, argument, weights, new, residual, curvature)
         if loss < lowest:
-            best, lowest = new, loss
+            best = new
+            lowest = loss
     for _ in range(_HALVINGS):
         if lowest < before:
             return best, True
@@ -79,7 +81,8 @@ def _descend(
         new = weights + first * step
         loss = _loss(rows, target, scale, argument, weights, new, residual, curvature)
         if loss < lowest:
-            best, lowest = new, loss
+            best = new
+            lowest = loss
     return best, lowest < before
 
 
@@ -93,7 +96,8 @@ def _solve_active(
         active = np.flatnonzero(sign)
         if not active.size:
             return
-        some, old = rows[active], weights[active]
+        some = rows[active]
+        old = weights[active]
         slope, step = _newton_step(some, residual, curvature, scale, sign[active])
         if np.abs(slope).max() <= 0.1 * miss:
             return
@@ -115,8 +119,10 @@ def laplacian_mode(rows: Any, target: Any, offset: float, scale: float, tol: flo
     ``tol`` times the scale: slope = -scale · sign(w), and |slope| at most the scale where w = 0.
     """
     k, n = rows.shape
-    weights, sign = np.zeros(k), np.zeros(k)
-    residual, curvature = np.empty(n), np.empty(n)
+    weights = np.zeros(k)
+    sign = np.zeros(k)
+    residual = np.empty(n)
+    curvature = np.empty(n)
     argument = np.full(n, offset)
     _logistic(argument, target, residual, curvature)
     miss = tol * scale

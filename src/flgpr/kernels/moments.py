@@ -133,5 +133,8 @@ def _fold(covariance: NDArray[np.float64], X: NDArray[Any]) -> NDArray[Any]:
     if not np.iscomplexobj(X):
         return covariance
     n = X.shape[1]
-    rr, ri, ir, ii = covariance[:n, :n], covariance[:n, n:], covariance[n:, :n], covariance[n:, n:]
+    rr = covariance[:n, :n]
+    ri = covariance[:n, n:]
+    ir = covariance[n:, :n]
+    ii = covariance[n:, n:]
     return rr + ii + 1j * (ir - ri)

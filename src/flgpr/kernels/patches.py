@@ -6,7 +6,8 @@ import numpy as np
 
 from flgpr.kernels.threads import shared
 
-INNER, OUTER = 1, 2
+INNER = 1
+OUTER = 2
 PEAK, MEAN, OUTER_MEAN, OUTER_STD = range(4)
 
 
@@ -20,13 +21,20 @@ def region_statistics(images, row, column, offset, regions, out, begin, end):  #
     do not count; NaN where part of the inner region lies beyond it or the outer one has less than two pixels.
     """
     channels, ny, nx = images.shape
-    size, sets, one = offset.size, regions.shape[0], np.float32(1)
-    place, value = np.empty((size * size, 2), np.int64), np.empty(size * size)
-    right, below = np.empty(size * size, np.float32), np.empty(size * size, np.float32)
-    members, count = np.empty((sets, 2, size * size), np.int64), np.empty((sets, 2), np.int64)
+    size = offset.size
+    sets = regions.shape[0]
+    one = np.float32(1)
+    place = np.empty((size * size, 2), np.int64)
+    value = np.empty(size * size)
+    right = np.empty(size * size, np.float32)
+    below = np.empty(size * size, np.float32)
+    members = np.empty((sets, 2, size * size), np.int64)
+    count = np.empty((sets, 2), np.int64)
     whole = np.empty(sets, np.bool_)
     for p in range(begin, end):
-        whole[:], count[:], used = True, 0, 0
+        whole[:] = True
+        count[:] = 0
+        used = 0
         for i in range(size):
             r = row[p] + offset[i]
             for j in range(size):
@@ -44,14 +52,19 @@ def region_statistics(images, row, column, offset, regions, out, begin, end):  #
                     elif kind == INNER:
                         whole[s] = False
                 if wanted:
-                    y, x = min(max(int(r), 0), ny - 2), min(max(int(c), 0), nx - 2)
-                    place[used, 0], place[used, 1] = y, x
+                    y = min(max(int(r), 0), ny - 2)
+                    x = min(max(int(c), 0), nx - 2)
+                    place[used, 0] = y
+                    place[used, 1] = x
                     below[used] = np.float32(min(max(r - y, 0.0), 1.0))
                     right[used] = np.float32(min(max(c - x, 0.0), 1.0))
                     used += 1
         for k in range(channels):
             for m in range(used):
-                y, x, fr, fc = place[m, 0], place[m, 1], below[m], right[m]
+                y = place[m, 0]
+                x = place[m, 1]
+                fr = below[m]
+                fc = right[m]
                 top = images[k, y, x] * (one - fc) + images[k, y, x + 1] * fc
                 bottom = images[k, y + 1, x] * (one - fc) + images[k, y + 1, x + 1] * fc
                 value[m] = np.float64(top * (one - fr) + bottom * fr)
@@ -59,16 +72,21 @@ def region_statistics(images, row, column, offset, regions, out, begin, end):  #
                 if not whole[s] or count[s, 1] < 2:
                     out[p, k, s] = np.nan
                     continue
-                peak, inner, first = -np.inf, 0.0, value[members[s, 1, 0]]
+                peak = -np.inf
+                inner = 0.0
+                first = value[members[s, 1, 0]]
                 for m in members[s, 0, : count[s, 0]]:
                     inner += value[m]
                     peak = max(peak, value[m])
-                gaps, squares = 0.0, 0.0  # about the first value
+                # about the first value
+                gaps = 0.0
+                squares = 0.0
                 for m in members[s, 1, : count[s, 1]]:
                     gap = value[m] - first
                     gaps += gap
                     squares += gap * gap
                 mean = gaps / count[s, 1]
-                out[p, k, s, PEAK], out[p, k, s, MEAN] = peak, inner / count[s, 0]
+                out[p, k, s, PEAK] = peak
+                out[p, k, s, MEAN] = inner / count[s, 0]
                 out[p, k, s, OUTER_MEAN] = first + mean
                 out[p, k, s, OUTER_STD] = np.sqrt(max(squares / count[s, 1] - mean * mean, 0.0))

@@ -57,7 +57,10 @@ def polynomial_degree(width: int) -> int:
 @njit(**_FAST)
 def _locate(geometry, a, block, at, delay, cosine, sine):  # type: ignore[no-untyped-def]
     """Fill the delays and phasors of antenna ``a`` for a block of pixels from ``at`` on."""
-    medium, per_turn, carrier, gain = geometry.medium, geometry.per_turn, geometry.carrier, geometry.gain[a]
+    medium = geometry.medium
+    per_turn = geometry.per_turn
+    carrier = geometry.carrier
+    gain = geometry.gain[a]
     first = uint64(block * BLOCK)
     antenna_rows(
         geometry.pixels, first, geometry.antenna[a], medium, per_turn, carrier, gain, uint64(at), delay, cosine, sine
@@ -76,10 +79,18 @@ def locate(geometry, begin, end):  # type: ignore[no-untyped-def]
 @njit(nogil=True, **_FAST)
 def adjoint(table, bins, geometry, out, taps, powers, channels, begin, end):  # type: ignore[no-untyped-def]
     """Fill pixel blocks ``begin`` to ``end`` of ``out`` (channel, pixel) from ``table`` (pair, bin, lane)."""
-    tx, rx, count = geometry.tx, geometry.rx, geometry.pixel_count
-    origin, shift, weight = uint32(geometry.origin), uint32(geometry.shift), geometry.weight
-    antennas, pairs, half, width = geometry.antenna.shape[0], tx.shape[0], len(channels), padded(len(taps))
-    lanes, fields_per_pair = row_size(len(taps), half), (width + 2) * BLOCK
+    tx = geometry.tx
+    rx = geometry.rx
+    count = geometry.pixel_count
+    origin = uint32(geometry.origin)
+    shift = uint32(geometry.shift)
+    weight = geometry.weight
+    antennas = geometry.antenna.shape[0]
+    pairs = tx.shape[0]
+    half = len(channels)
+    width = padded(len(taps))
+    lanes = row_size(len(taps), half)
+    fields_per_pair = (width + 2) * BLOCK
     kept = geometry.delay.shape[0] > 0
     delay = geometry.delay if kept else np.empty(antennas * BLOCK, np.uint32)
     cosine = geometry.cosine if kept else np.empty(antennas * BLOCK, np.float32)
@@ -97,8 +108,10 @@ def adjoint(table, bins, geometry, out, taps, powers, channels, begin, end):  # 
         for q in range(0, pairs, GATHER_PAIRS):
             held = min(GATHER_PAIRS, pairs - q)
             for g in range(held):
-                i, j = uint64(place + tx[q + g] * BLOCK), uint64(place + rx[q + g] * BLOCK)
-                base, pair = uint32((q + g) * bins), uint64(g)
+                i = uint64(place + tx[q + g] * BLOCK)
+                j = uint64(place + rx[q + g] * BLOCK)
+                base = uint32((q + g) * bins)
+                pair = uint64(g)
                 combine_antennas(
                     delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, pair
                 )  # fmt: skip
@@ -107,7 +120,8 @@ def adjoint(table, bins, geometry, out, taps, powers, channels, begin, end):  # 
         wanted = min(BLOCK, count - block * BLOCK)
         if half == 1:
             for k in range(wanted):
-                re, im = float32(0), float32(0)
+                re = float32(0)
+                im = float32(0)
                 for a in range(width):
                     re += total[k * lanes + a]
                     im += total[k * lanes + width + a]
@@ -141,12 +155,20 @@ def forward(table, bins, geometry, image, taps, powers, channels, q, end):  # ty
     A call owns the profiles of its pairs and goes through all pixels in order: what it finds for a pair does not depend
     on the others.
     """
-    tx, rx, count = geometry.tx, geometry.rx, geometry.pixel_count
-    origin, shift, weight = uint32(geometry.origin), uint32(geometry.shift), geometry.weight
-    half, held, fields_per_pair = len(channels), end - q, (padded(len(taps)) + 2) * BLOCK
-    lanes, most = row_size(len(taps), half), 2 * held
+    tx = geometry.tx
+    rx = geometry.rx
+    count = geometry.pixel_count
+    origin = uint32(geometry.origin)
+    shift = uint32(geometry.shift)
+    weight = geometry.weight
+    half = len(channels)
+    held = end - q
+    fields_per_pair = (padded(len(taps)) + 2) * BLOCK
+    lanes = row_size(len(taps), half)
+    most = 2 * held
     table[q * bins * lanes : end * bins * lanes] = 0
-    used, local = np.empty(most, np.int64), np.empty(most, np.int64)
+    used = np.empty(most, np.int64)
+    local = np.empty(most, np.int64)
     antennas = _antennas_of(tx, rx, q, held, used, local)
     kept = geometry.delay.shape[0] > 0
     delay = geometry.delay if kept else np.empty(most * BLOCK, np.uint32)
@@ -166,8 +188,10 @@ def forward(table, bins, geometry, image, taps, powers, channels, q, end):  # ty
             for a in range(antennas):
                 _locate(geometry, used[a], block, a * BLOCK, delay, cosine, sine)
         for g in range(held):
-            i, j = uint64(place + local[2 * g] * BLOCK), uint64(place + local[2 * g + 1] * BLOCK)
-            base, pair = uint32((q + g) * bins), uint64(g)
+            i = uint64(place + local[2 * g] * BLOCK)
+            j = uint64(place + local[2 * g + 1] * BLOCK)
+            base = uint32((q + g) * bins)
+            pair = uint64(g)
             combine_antennas(
                 delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, pair
             )  # fmt: skip

@@ -46,7 +46,8 @@ class Ascent(NamedTuple):
 @njit(cache=True)
 def _logistic(c: Any, target: Any, residual: Any, curvature: Any) -> float:
     """Log likelihood at the argument ``c`` of σ; fills in the residual t - y and the curvature y(1 - y)."""
-    total, product = 0.0, 1.0
+    total = 0.0
+    product = 1.0
     for n in range(c.size):
         e = np.exp(-abs(c[n]))
         u = 1 / (1 + e)
@@ -68,7 +69,8 @@ def laplace(rows: Any, target: Any, offset: float, alpha: Any, mean: Any) -> Any
     ``rows`` (k, N) basis functions, ``target`` (N,) in {0, 1}, ``alpha`` (k,) precisions, ``mean`` (k,) start.
     """
     k, n = rows.shape
-    residual, curvature = np.empty(n), np.empty(n)
+    residual = np.empty(n)
+    curvature = np.empty(n)
     mean = mean.copy()
     c = mean @ rows + offset
     value = _logistic(c, target, residual, curvature) - 0.5 * (alpha * mean * mean).sum()
@@ -93,7 +95,8 @@ def laplace(rows: Any, target: Any, offset: float, alpha: Any, mean: Any) -> Any
             if reached >= value + 1e-4 * scale * rise or scale < 1e-10:
                 break
             scale *= 0.5
-        mean, c = trial, moved
+        mean = trial
+        c = moved
         # So near the mode that Newton's steps square the error: one more evaluation ends it.
         found = rise < 1e-9 * (1 + abs(value))
         value = reached
@@ -147,7 +150,9 @@ def entries(rows: Any, allowed: Any, active: Any, posterior: Any, rate: float) -
 
     At the mode Q = φᵀ(t - y): the term of the model vanishes with the gradient (Tipping & Faul 2003, Eq. 24).
     """
-    covariance, residual, curvature = posterior.covariance, posterior.residual, posterior.curvature
+    covariance = posterior.covariance
+    residual = posterior.residual
+    curvature = posterior.curvature
     s = (rows * rows) @ curvature
     cross = (rows[active] * curvature) @ rows.T
     s -= (cross * (covariance @ cross)).sum(axis=0)
@@ -158,7 +163,9 @@ def entries(rows: Any, allowed: Any, active: Any, posterior: Any, rate: float) -
 @njit(cache=True)
 def ranking(coarse: Any, allowed: Any, active: Any, posterior: Any, rate: float) -> Any:
     """Gain of all basis functions as :func:`entries` has it, in single precision."""
-    covariance, residual, curvature = posterior.covariance, posterior.residual, posterior.curvature
+    covariance = posterior.covariance
+    residual = posterior.residual
+    curvature = posterior.curvature
     k = active.size
     factors = np.empty((k + 1, residual.size), np.float32)
     for j in range(k):
@@ -178,7 +185,9 @@ def ranking(coarse: Any, allowed: Any, active: Any, posterior: Any, rate: float)
 @njit(cache=True)
 def entry(rows: Any, one: int, active: Any, posterior: Any, rate: float) -> Any:
     """Gain, S and Q of one basis function, in double precision."""
-    covariance, residual, curvature = posterior.covariance, posterior.residual, posterior.curvature
+    covariance = posterior.covariance
+    residual = posterior.residual
+    curvature = posterior.curvature
     weighted = rows[one] * curvature
     cross = rows[active] @ weighted
     s = (rows[one] * weighted).sum() - (cross * (covariance @ cross)).sum()
@@ -214,7 +223,8 @@ def _sweep(alpha: Any, mean: Any, covariance: Any, rate: float) -> float:
         if np.isinf(alpha[j]):
             continue
         own = covariance[j, j]
-        s, q = 1 / own - alpha[j], mean[j] / own
+        s = 1 / own - alpha[j]
+        q = mean[j] / own
         column = covariance[:, j].copy()
         variance = best_variance(s, q, rate) if s > _TINY and q * q > s + rate else 0.0
         if variance <= 0:
@@ -248,10 +258,13 @@ def _step(
     for _ in range(8):
         if part == 1.0:
             kept = np.isfinite(goal)
-            trial, chosen, begin = goal[kept], active[kept], mean[kept]
+            trial = goal[kept]
+            chosen = active[kept]
+            begin = mean[kept]
         else:
             trial = alpha * (np.minimum(goal, 1e3 * alpha) / alpha) ** part
-            chosen, begin = active, mean
+            chosen = active
+            begin = mean
         posterior = laplace(rows[chosen], target, offset, trial, begin)
         value = posterior.evidence - 0.5 * rate * (1 / trial).sum()
         if value >= floor:
@@ -271,11 +284,13 @@ def ascend(
     ``rows`` (M, N) all basis functions, ``coarse`` as :func:`single` makes it, ``allowed`` (M,) which may enter;
     ``start``, ``alpha`` and ``mean`` (k,) the model to begin with; ``first`` (M,) which may enter first.
     """
-    active, alpha = start.copy(), alpha.copy()
+    active = start.copy()
+    alpha = alpha.copy()
     posterior = laplace(rows[active], target, offset, alpha, mean)
     value = posterior.evidence - 0.5 * rate * (1 / alpha).sum()
     peak = value
-    permitted, entries = first, np.zeros(rows.shape[0], np.int64)
+    permitted = first
+    entries = np.zeros(rows.shape[0], np.int64)
     converged = False
     iteration = 0
     while iteration < max_iter:
@@ -286,17 +301,23 @@ def ascend(
         growing = gain > tolerance
         if growing:
             entries[entering] += 1
-            grown, more = np.append(active, entering), np.append(alpha, 1 / best_variance(s, q, rate))
+            grown = np.append(active, entering)
+            more = np.append(alpha, 1 / best_variance(s, q, rate))
             trial = laplace(rows[grown], target, offset, more, np.append(posterior.mean, 0.0))
             reached = trial.evidence - 0.5 * rate * (1 / more).sum()
             if reached < peak - _DROP:
                 entries[entering] = _ENTRIES
                 continue
-            active, alpha, posterior, value = grown, more, trial, reached
-        change, before = 0.0, value
+            active = grown
+            alpha = more
+            posterior = trial
+            value = reached
+        change = 0.0
+        before = value
         for _ in range(_HOLD if growing else _SETTLE):
             peak = max(peak, value)
-            goal, mean = alpha.copy(), posterior.mean.copy()
+            goal = alpha.copy()
+            mean = posterior.mean.copy()
             change = _sweep(goal, mean, posterior.covariance.copy(), rate)
             active, alpha, posterior, value, moved = _step(
                 rows, target, offset, rate, active, alpha, goal, mean, peak - _DROP
@@ -327,13 +348,20 @@ def climb(rows: Any, coarse: Any, target: Any, offset: float, allowed: Any, rate
     row = rows[first]
     # Least squares for log odds of a probability of 0.95 for the own label (Tipping's initial weight).
     weight = (row * np.copysign(_LOGIT, target - 0.5)).sum() / ((row * row).sum() + _TINY)
-    active, alpha, mean = np.full(1, first), np.full(1, 1 / max(weight * weight, 1e-6)), np.full(1, weight)
+    active = np.full(1, first)
+    alpha = np.full(1, 1 / max(weight * weight, 1e-6))
+    mean = np.full(1, weight)
     for _ in range(max_iter):
         posterior = laplace(rows[active], target, offset, alpha, mean)
-        mean, covariance = posterior.mean, posterior.covariance
+        mean = posterior.mean
+        covariance = posterior.covariance
         own = np.diag(covariance)
-        s, q = 1 / own - alpha, mean / own
-        best, most, leave, goal = -1, 0.0, False, 0.0
+        s = 1 / own - alpha
+        q = mean / own
+        best = -1
+        most = 0.0
+        leave = False
+        goal = 0.0
         for j in range(active.size):
             ratio = s[j] / alpha[j]
             held = 0.5 * (q[j] * q[j] / (s[j] + alpha[j]) - np.log1p(ratio))
@@ -341,20 +369,27 @@ def climb(rows: Any, coarse: Any, target: Any, offset: float, allowed: Any, rate
             if variance <= 0:
                 rise = -held
                 if active.size > 1 and (not leave or rise > most):
-                    best, most, leave = j, rise, True
+                    best = j
+                    most = rise
+                    leave = True
             elif not leave:
                 u = 1 + s[j] * variance
                 rise = 0.5 * (q[j] * q[j] * variance / u - np.log(u)) - held
                 rise -= 0.5 * rate * (variance - 1 / alpha[j])
                 if rise > most and abs(np.log(variance * alpha[j])) > _STILL:
-                    best, most, goal = j, rise, 1 / variance
+                    best = j
+                    most = rise
+                    goal = 1 / variance
         if leave:
             kept = np.arange(active.size) != best
-            active, alpha, mean = active[kept], alpha[kept], mean[kept]
+            active = active[kept]
+            alpha = alpha[kept]
+            mean = mean[kept]
             continue
         entering, _, s_new, q_new = candidates(rows, coarse, allowed, active, posterior, rate, most)
         if entering >= 0:
-            active, alpha = np.append(active, entering), np.append(alpha, 1 / best_variance(s_new, q_new, rate))
+            active = np.append(active, entering)
+            alpha = np.append(alpha, 1 / best_variance(s_new, q_new, rate))
             mean = np.append(mean, 0.0)
         elif best >= 0:
             alpha[best] = goal

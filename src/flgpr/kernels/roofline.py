@@ -13,7 +13,8 @@ from numba.extending import intrinsic
 
 from flgpr.kernels.compiled import njit
 
-_CHAINS, _LANES = 12, 16
+_CHAINS = 12
+_LANES = 16
 
 
 @intrinsic
@@ -23,7 +24,8 @@ def _multiply_add(_context, count, scale):  # type: ignore[no-untyped-def]  # no
 
     def build(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
         vector = ir.VectorType(ir.FloatType(), _LANES)
-        empty, zeros = ir.Constant(vector, ir.Undefined), ir.Constant(ir.VectorType(ir.IntType(32), _LANES), None)
+        empty = ir.Constant(vector, ir.Undefined)
+        zeros = ir.Constant(ir.VectorType(ir.IntType(32), _LANES), None)
         first = builder.insert_element(empty, args[1], ir.Constant(ir.IntType(32), 0))
         factor = builder.shuffle_vector(first, empty, zeros)
         chains = [cgutils.alloca_once_value(builder, factor) for _ in range(_CHAINS)]
@@ -57,7 +59,8 @@ def _copy(source, target):  # type: ignore[no-untyped-def]
 
 def peak_flops() -> float:
     """Time dependent multiply-adds on all threads once; floating-point operations per second in single precision."""
-    tasks, count = 4 * get_num_threads(), 1_000_000
+    tasks = 4 * get_num_threads()
+    count = 1_000_000
     out = np.empty(tasks, np.float32)
     _multiply_add_all(tasks, 1, np.float32(0.5), out)
     start = time.perf_counter()

@@ -27,11 +27,16 @@ def _sample(images: Any, row: Any, column: Any, out: Any) -> None:
         if not inside:
             out[:, i] = np.nan
             continue
-        r, c = min(max(row[i], 0.0), ny - 1.0), min(max(column[i], 0.0), nx - 1.0)
-        r0, c0 = min(int(r), max(ny - 2, 0)), min(int(c), max(nx - 2, 0))
-        r1, c1 = min(r0 + 1, ny - 1), min(c0 + 1, nx - 1)
-        fr, fc = np.float32(r - r0), np.float32(c - c0)
-        gr, gc = np.float32(1) - fr, np.float32(1) - fc
+        r = min(max(row[i], 0.0), ny - 1.0)
+        c = min(max(column[i], 0.0), nx - 1.0)
+        r0 = min(int(r), max(ny - 2, 0))
+        c0 = min(int(c), max(nx - 2, 0))
+        r1 = min(r0 + 1, ny - 1)
+        c1 = min(c0 + 1, nx - 1)
+        fr = np.float32(r - r0)
+        fc = np.float32(c - c0)
+        gr = np.float32(1) - fr
+        gc = np.float32(1) - fc
         for k in range(images.shape[0]):
             top = images[k, r0, c0] * gc + images[k, r0, c1] * fc
             bottom = images[k, r1, c0] * gc + images[k, r1, c1] * fc

@@ -36,7 +36,8 @@ class Spectrum(NamedTuple):
 
     def single(self) -> Spectrum:
         """Return the spectrum in single precision, which :func:`compress` and :func:`expand` work in."""
-        share, factor = self.share.astype(np.float32), self.factor.astype(np.float32)
+        share = self.share.astype(np.float32)
+        factor = self.factor.astype(np.float32)
         return self._replace(share=share, factor=factor, twiddle=self.twiddle.astype(np.complex64))
 
 
@@ -57,21 +58,26 @@ class Form(NamedTuple):
 def fourier(a, b, size, twiddle, channels):  # type: ignore[no-untyped-def]
     """Transform lane rows ``a``, with ``b`` as work space, to Σ_k a_k exp(+j2πkm/size); returns the one that has it."""
     lanes = uint64(2 * len(channels))
-    length, stride = uint64(size), uint64(1)
+    length = uint64(size)
+    stride = uint64(1)
     while length >= uint64(4):
         quarter = length // uint64(4)
-        gap, step = stride * quarter * lanes, stride * lanes
+        gap = stride * quarter * lanes
+        step = stride * lanes
         for p in range(quarter):
             for q in range(stride):
-                at, to = (q + stride * p) * lanes, (q + uint64(4) * stride * p) * lanes
+                at = (q + stride * p) * lanes
+                to = (q + uint64(4) * stride * p) * lanes
                 butterfly(a, at, gap, b, to, step, twiddle, p * stride, channels)
         a, b = b, a
-        length, stride = quarter, stride * uint64(4)
+        length = quarter
+        stride = stride * uint64(4)
     if length == uint64(2):
         half = stride * lanes
         for i in range(half):
             x, y = a[i], a[i + half]
-            b[i], b[i + half] = x + y, x - y
+            b[i] = x + y
+            b[i + half] = x - y
         a, b = b, a
     return a
 
@@ -83,11 +89,19 @@ def compress(data, weight, spectrum, table, row, width, together, lane, begin, e
     The channel of a polarization and a sub-band is polarization·subbands + subband; the rest are zero. From
     ``row`` on, arguments are as in :class:`Form`.
     """
-    size, first, factor = spectrum.size, spectrum.first, spectrum.factor
-    entries, slot, share, twiddle = spectrum.entries, spectrum.slot, spectrum.share, spectrum.twiddle
+    size = spectrum.size
+    first = spectrum.first
+    factor = spectrum.factor
+    entries = spectrum.entries
+    slot = spectrum.slot
+    share = spectrum.share
+    twiddle = spectrum.twiddle
     half = len(lane)
-    lanes, bands, bins = 2 * half, weight.shape[0], factor.shape[0]
-    source, work = np.empty(size * lanes, np.float32), np.empty(size * lanes, np.float32)
+    lanes = 2 * half
+    bands = weight.shape[0]
+    bins = factor.shape[0]
+    source = np.empty(size * lanes, np.float32)
+    work = np.empty(size * lanes, np.float32)
     for first_pair in range(begin, end, together):
         source[:] = 0
         for q in range(first_pair, min(first_pair + together, end)):
@@ -104,7 +118,8 @@ def compress(data, weight, spectrum, table, row, width, together, lane, begin, e
         profile = fourier(source, work, size, twiddle, lane)
         if together == 1:
             for i in range(bins):
-                at, to = uint64(((first + i) % size) * lanes), uint64((first_pair * bins + i) * row)
+                at = uint64(((first + i) % size) * lanes)
+                to = uint64((first_pair * bins + i) * row)
                 for j in range(uint64(lanes)):
                     table[to + j] = profile[at + j] * factor[i]
         else:
@@ -121,17 +136,26 @@ def compress(data, weight, spectrum, table, row, width, together, lane, begin, e
 @njit(nogil=True, **_FAST)
 def expand(table, weight, spectrum, data, row, width, together, lane, begin, end):  # type: ignore[no-untyped-def]
     """Add the spectra of ``table`` to ``data`` (polarization, pair, tone): the transpose of :func:`compress`."""
-    size, first, factor = spectrum.size, spectrum.first, spectrum.factor
-    entries, slot, share, twiddle = spectrum.entries, spectrum.slot, spectrum.share, spectrum.twiddle
+    size = spectrum.size
+    first = spectrum.first
+    factor = spectrum.factor
+    entries = spectrum.entries
+    slot = spectrum.slot
+    share = spectrum.share
+    twiddle = spectrum.twiddle
     half = len(lane)
-    lanes, bands, bins = 2 * half, weight.shape[0], factor.shape[0]
-    source, work = np.empty(size * lanes, np.float32), np.empty(size * lanes, np.float32)
+    lanes = 2 * half
+    bands = weight.shape[0]
+    bins = factor.shape[0]
+    source = np.empty(size * lanes, np.float32)
+    work = np.empty(size * lanes, np.float32)
     for first_pair in range(begin, end, together):
         source[:] = 0
         # Real and imaginary parts change places here and below: that conjugates the transform.
         if together == 1:
             for i in range(bins):
-                to, at = uint64(((first + i) % size) * lanes), uint64((first_pair * bins + i) * row)
+                to = uint64(((first + i) % size) * lanes)
+                at = uint64((first_pair * bins + i) * row)
                 for j in range(uint64(half)):
                     source[to + uint64(half) + j] += table[at + j] * factor[i]
                     source[to + j] += table[at + uint64(half) + j] * factor[i]
@@ -147,7 +171,8 @@ def expand(table, weight, spectrum, data, row, width, together, lane, begin, end
         for q in range(first_pair, min(first_pair + together, end)):
             for c in range(data.shape[0]):
                 for k in range(data.shape[2]):
-                    re, im = np.float32(0), np.float32(0)
+                    re = np.float32(0)
+                    im = np.float32(0)
                     for e in range(entries[k], entries[k + 1]):
                         at = slot[e] * lanes + c * bands + q - first_pair
                         for s in range(bands):

@@ -72,6 +72,7 @@ def band_weights(
         if not inside.any():
             continue
         tones = frequency[inside]
-        centre, half = (tones[0] + tones[-1]) / 2, (tones[-1] - tones[0]) / 2
+        centre = (tones[0] + tones[-1]) / 2
+        half = (tones[-1] - tones[0]) / 2
         row[inside] = window((tones - centre) / half if half > 0 else np.zeros(1))
     return weights

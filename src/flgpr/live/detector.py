@@ -124,7 +124,9 @@ class LiveDetector:
         model: Model | Detector | None = None,
         settings: LiveSettings | None = None,
     ) -> None:
-        self.description, self.recipe, self.model = description, recipe, as_model(model)
+        self.description = description
+        self.recipe = recipe
+        self.model = as_model(model)
         self.settings = settings or LiveSettings()
         self.lane = lane or (recipe.lane.lane() if recipe.lane is not None else None)
         check_causal(recipe)
@@ -137,7 +139,8 @@ class LiveDetector:
         image, (median, _), (mean, _) = recipe.image, *recipe.smoothing[:2]
         reach = self.grid.ny + median // 2 + mean // 2  # rows that the background of those that count hangs on
         self._rows = min(reach, image.grid().ny)
-        self._pixels, self._taper = image.grid().points(), image.weights(description.frequency)
+        self._pixels = image.grid().points()
+        self._taper = image.weights(description.frequency)
         labels = list(description.polarization)
         self._imaged = [labels.index(one) for one in image.polarizations or labels]
         self._operator: tuple[tuple[float, ...], ImagingOperator] | None = None
@@ -205,7 +208,9 @@ class LiveDetector:
             self.left_out += len(verdict.forgotten)
         else:
             alarms = self.finish()
-            self.history, self._sums, self.view = [], None, {}
+            self.history = []
+            self._sums = None
+            self.view = {}
             self.first_pose = self.newest = self.before = None
             self.closed = -math.inf
         released = []
@@ -241,13 +246,16 @@ class LiveDetector:
             self.first_pose = pose
             self._tell_aliases(pose)
         if self.newest is None or scan.number > self.newest[0]:
-            self.before, self.newest = self.where, (scan.number, pose)
+            self.before = self.where
+            self.newest = (scan.number, pose)
         where = self.newest[1]
         if background is None:
             return LiveUpdate("warm-up", [])
         cleaned = self.reads.clean(scan.number, pose, image, gain, background, own=self.mapper is not None)
         history = sorted([*self.history, cleaned], key=lambda one: one.number)[-_MOST_SCANS:]
-        before, self._sums = self._sums, None  # until this scan is in them, which may fail
+        # until this scan is in them, which may fail
+        before = self._sums
+        self._sums = None
         if history[-1] is not cleaned or len(history) <= len(self.history):
             before = None  # a late scan belongs before others, and what a forgotten one gave cannot be taken away
         self.history = history
@@ -275,7 +283,8 @@ class LiveDetector:
 
     def looked(self, alarm: LiveAlarm) -> tuple[float, float]:
         """Give the mean of the looks at an alarm's place, ground that is not final, and the sum of their weights."""
-        grid, table = self._view_grid(int(self.view["row"])), self.recipe.run_view
+        grid = self._view_grid(int(self.view["row"]))
+        table = self.recipe.run_view
         at = round((alarm.y - grid.y_min) / table.spacing), round((alarm.x - grid.x_min) / table.spacing)
         weight = float(self.view["weight"][at])
         return float(self.view["sum"][at]) / weight if weight else math.nan, weight
@@ -305,7 +314,8 @@ class LiveDetector:
             return
         self._aliases_told = True
         radar = self.description
-        tx, rx = vehicle_to_scan(radar.tx_position, pose), vehicle_to_scan(radar.rx_position, pose)
+        tx = vehicle_to_scan(radar.tx_position, pose)
+        rx = vehicle_to_scan(radar.rx_position, pose)
         for doubt in filter(None, alias_faults(self.recipe, radar.frequency, tx, rx)):
             warnings.warn(doubt, stacklevel=3)
 
@@ -334,10 +344,13 @@ class LiveDetector:
 
     def _image(self, scan: Scan) -> NDArray[np.complex64]:
         """Image a scan; while height and attitude stay the same, so does the operator."""
-        pose, one, table = np.asarray(scan.pose, np.float64), self.description, self.recipe.image
+        pose = np.asarray(scan.pose, np.float64)
+        one = self.description
+        table = self.recipe.image
         key = tuple(pose[[2, 4, 5]])
         if self._operator is None or self._operator[0] != key:
-            tx, rx = vehicle_to_scan(one.tx_position, pose), vehicle_to_scan(one.rx_position, pose)
+            tx = vehicle_to_scan(one.tx_position, pose)
+            rx = vehicle_to_scan(one.rx_position, pose)
             bands = [table.subbands[name] for name in self.reads.subbands]
             operator = ImagingOperator(
                 one.frequency, tx, rx, self._pixels, bands, table.tolerance, window=self._taper, device=table.device
@@ -374,14 +387,17 @@ class LiveDetector:
 
     def _window(self, pose: FloatArray) -> tuple[int, int]:
         """First row of the ground that is looked at, and how many."""
-        y, spacing = self._view_grid().y_min, self.recipe.run_view.spacing
+        y = self._view_grid().y_min
+        spacing = self.recipe.run_view.spacing
         low, high = self._reach(pose)
         start = (self.closed if math.isfinite(self.closed) else low) - self._margin()
         high = max(high, *(self._reach(one.pose)[1] for one in self.history))
-        first, last = math.floor((start - y) / spacing), math.ceil((high - y) / spacing)
+        first = math.floor((start - y) / spacing)
+        last = math.ceil((high - y) / spacing)
         if self.lane is not None or self.recipe.run_view.y is not None:
             end = self.recipe.run_view.y[1] if self.recipe.run_view.y else self._ground.y_max
-            first, last = max(first, 0), min(last, round((end - y) / spacing))
+            first = max(first, 0)
+            last = min(last, round((end - y) / spacing))
         return first, max(last - first + 1, 3)
 
     def _raise(self, view: xr.DataArray, pose: FloatArray, before: AlarmSums | None) -> list[LiveAlarm]:
@@ -449,17 +465,21 @@ class LiveDetector:
 
     def _match(self, found: pd.DataFrame, pose: FloatArray) -> list[LiveAlarm]:
         """Give every maximum the name of the open alarm next to it, the strongest first, or a new one."""
-        free, changed = dict(self.alarms), []
+        free = dict(self.alarms)
+        changed = []
         names = ["x", "y", "confidence", "magnitude", "scans"]
         for x, y, confidence, magnitude, scans in found[names].itertuples(index=False):
             near = min(free.values(), key=lambda one: math.hypot(one.x - x, one.y - y), default=None)
             if near is not None and math.hypot(near.x - x, near.y - y) <= self.recipe.prescreen.radius:
                 del free[near.alarm_id]
-                name, state, left = near.alarm_id, "update", near.first_left
+                name = near.alarm_id
+                state = "update"
+                left = near.first_left
             else:
                 left = float(lane_to_scan([x, y, 0.0], pose)[1])
                 self.named += 1
-                name, state = f"{_NAME}{self.named}", "new"
+                name = f"{_NAME}{self.named}"
+                state = "new"
             one = LiveAlarm(name, float(x), float(y), float(confidence), float(magnitude), int(scans), state, left)  # type: ignore[arg-type]
             if state == "new" or any(getattr(one, n) != getattr(self.alarms[name], n) for n in _SHOWN):
                 changed.append(one)
@@ -533,7 +553,8 @@ def _reads(description: RunDescription, recipe: Recipe, model: Model, made: Mapp
     stages = {
         name: one for name, one in made.items() if isinstance(one, FeatureStage) and set(one.columns) & set(names)
     }
-    needed, known = {recipe.prescreen.subband}, {"magnitude"}.union(*(one.columns for one in stages.values()))
+    needed = {recipe.prescreen.subband}
+    known = {"magnitude"}.union(*(one.columns for one in stages.values()))
     if features is None:
         needed.add(recipe.contrast.subband)
         known.add("contrast")
@@ -553,7 +574,8 @@ def _reads(description: RunDescription, recipe: Recipe, model: Model, made: Mapp
 def _made(description: RunDescription, recipe: Recipe, lane: Lane | None, model: Model) -> dict[str, Stage]:
     """Make the stages; the run that they are told of has one scan without an echo, at the lane's origin."""
     run = as_run(description, Scan(0, math.nan, np.zeros(6), np.zeros(description.shape, np.complex64)))
-    table, pose = recipe.image, np.zeros((1, 6))
+    table = recipe.image
+    pose = np.zeros((1, 6))
     where = lane or course_lane(recipe, pose, _WITHOUT_END)
     imaged = [description.polarization.index(one) for one in table.polarizations or description.polarization]
     setup = Setup(run, {}, where, imager_of(run, table), recipe.near_grid(), recipe.run_view.grid(where), imaged, 1, {})

@@ -91,7 +91,8 @@ def feed(
         played = _played(first, last, wrong)
         for moment, scan, again, kinds in played:
             one = dataset.isel(scan=scan)
-            signal, pose = np.array(one["signal"].values), np.array(one["pose"].values)
+            signal = np.array(one["signal"].values)
+            pose = np.array(one["pose"].values)
             if "nan" in kinds:
                 signal[0, 0] = np.nan
             if "jump" in kinds:

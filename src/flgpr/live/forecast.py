@@ -59,8 +59,10 @@ class Forecast:
     def after(self, odds: float, seen: float, looks: Sequence[float]) -> tuple[float, float]:
         """Mean and standard deviation of log odds after ``looks`` of these weights, of which ``seen`` are gathered."""
         (a, b, c), (g, h), rho = self.mean, self.spread, self.correlation
-        total, known = sum(looks), min(max(odds, -_LARGEST), _LARGEST)
-        p, share = _probability(odds), total / (seen + total)
+        total = sum(looks)
+        known = min(max(odds, -_LARGEST), _LARGEST)
+        p = _probability(odds)
+        share = total / (seen + total)
         alike = rho + (1 - rho) * sum(one * one for one in looks) / total**2
         return odds + share * (a + (b + c * p) * known), share * math.exp(g + h * p) * math.sqrt(alike)
 
@@ -112,7 +114,8 @@ def told(
     if alarm.state in ("withdrawn", "final"):
         return {"p": round(_probability(odds), 4)}
     coming = detector.coming(alarm)
-    looks, left = [weight for _, weight in coming], sum(margin is None or way <= margin for way, _ in coming)
+    looks = [weight for _, weight in coming]
+    left = sum(margin is None or way <= margin for way, _ in coming)
     event: dict[str, Any] = {"p": round(_probability(odds), 4), "looks_left": left}
     if looks:
         _, seen = detector.looked(alarm)
@@ -162,9 +165,12 @@ def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
     if len(rows) < _LEAST:
         return {}, notes
     odds, seen, total, squares, later = rows.T
-    alike, share = squares / total**2, total / (seen + total)
-    p, known = expit(odds), np.clip(odds, -_LARGEST, _LARGEST)
-    off, terms = (later - odds) / share, np.stack([np.ones_like(p), known, p * known], axis=1)
+    alike = squares / total**2
+    share = total / (seen + total)
+    p = expit(odds)
+    known = np.clip(odds, -_LARGEST, _LARGEST)
+    off = (later - odds) / share
+    terms = np.stack([np.ones_like(p), known, p * known], axis=1)
     first = np.linalg.lstsq(terms, off, rcond=None)[0]
 
     def parts(numbers: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -194,7 +200,8 @@ def _scans(run: xr.Dataset) -> Iterator[Scan]:
 
 
 def _confidence(detector: LiveDetector, value: float) -> float:
-    trained, read = detector.model.detector, pd.DataFrame({"magnitude": [np.float32(value)]})
+    trained = detector.model.detector
+    read = pd.DataFrame({"magnitude": [np.float32(value)]})
     return math.nan if trained is None else float(trained.confidence(read)[0])
 
 

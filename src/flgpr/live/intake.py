@@ -77,10 +77,12 @@ class Intake:
     """
 
     def __init__(self, description: RunDescription, longest_gap: int = 3, limits: MotionLimits | None = None) -> None:
-        self.description, self._longest = description, longest_gap
+        self.description = description
+        self._longest = longest_gap
         self._limits = limits or MotionLimits()
         self.counts: dict[str, int] = dict.fromkeys(COUNTS, 0)
-        self._used, self._came = Numbers(), Numbers()
+        self._used = Numbers()
+        self._came = Numbers()
         self._poses: list[tuple[int, NDArray[np.float64]]] = []  # those that were plausible, ascending
         self._own_poses: list[tuple[int, NDArray[np.float64]]] = []  # all that came last, not those that were filled in
 
@@ -143,7 +145,8 @@ class Intake:
             self._poses = []
         if forgotten:
             self.counts |= dict.fromkeys(_FORGOTTEN, 0)
-            self._used, self._came = Numbers(), Numbers()
+            self._used = Numbers()
+            self._came = Numbers()
         elif anew:
             self.counts["restarts"] += 1
 
@@ -157,7 +160,8 @@ class Intake:
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a state that :meth:`state` gave."""
         self.counts = dict.fromkeys(COUNTS, 0) | {name: int(n) for name, n in state["counts"].items()}
-        self._used, self._came = Numbers(state["used"]), Numbers(state["came"])
+        self._used = Numbers(state["used"])
+        self._came = Numbers(state["came"])
         self._poses, self._own_poses = (
             [(int(number), np.asarray(pose, dtype=np.float64)) for number, pose in state[name]]
             for name in ("poses", "own_poses")

@@ -108,7 +108,8 @@ class LiveRun:
             raise ValueError(f"worth must be a probability, 0 to 1, got {options.worth}")
         if options.snapshot < 0:
             raise ValueError(f"snapshot must be a number of scans from 0, got {options.snapshot}")
-        self.options, self._tell = options, tell
+        self.options = options
+        self._tell = tell
         text = recipe_text(options.recipe)
         self._recipe: Recipe = parse_recipe(text, str(options.recipe))
         check_causal(self._recipe)
@@ -179,7 +180,8 @@ class LiveRun:
             return self._finish(events, writer)
 
     def _loop(self, events: EventFile, writer: SnapshotWriter) -> None:
-        last, since = time.monotonic(), 0
+        last = time.monotonic()
+        since = 0
         while not self.inbox.stop.is_set():
             events.beat()
             self._tell_senders(events)
@@ -245,12 +247,14 @@ class LiveRun:
             newest = None if detector.newest is None else detector.newest[0]
             events.append([{"event": "resume", "scan": newest, "counts": intake.counts}])
         rehearse(description, self._recipe, self._model)
-        self._detector, self._intake = detector, intake
+        self._detector = detector
+        self._intake = intake
         self.inbox.largest = largest_frame(description)
 
     def _take(self, arrival: Arrival, events: EventFile) -> bool:
         """Process a frame; tell whether a scan was taken in."""
-        detector, intake = self._detector, self._intake
+        detector = self._detector
+        intake = self._intake
         if detector is None or intake is None:
             words = str(arrival.value or "left out: it came before the description of its run")
             events.append([{"event": "problem", "name": arrival.name, "words": words}])
@@ -315,7 +319,8 @@ class LiveRun:
         event = alarm_event(alarm, scan, where, self.options.vehicle, latency)
         if self._forecast is not None and self._detector is not None:
             least = 0.0 if self.options.threshold is None else self.options.threshold
-            margin, worth = event.get("margin_m"), self.options.worth
+            margin = event.get("margin_m")
+            worth = self.options.worth
             event |= forecast.told(self._forecast, self._detector, alarm, margin, least, worth)
         return event
 
@@ -343,7 +348,8 @@ class LiveRun:
         return scan, update, update.words
 
     def _start_event(self, detector: LiveDetector, description: RunDescription) -> Event:
-        screen, vehicle = self._recipe.prescreen, self.options.vehicle
+        screen = self._recipe.prescreen
+        vehicle = self.options.vehicle
         reference = description.attrs.get("georeference")
         return {
             "event": "start",
@@ -365,7 +371,8 @@ class LiveRun:
         return take_snapshot(self._detector, self._intake, self._names, self._fingerprint)
 
     def _finish(self, events: EventFile, writer: SnapshotWriter) -> LiveReport:
-        detector, intake = self._detector, self._intake
+        detector = self._detector
+        intake = self._intake
         if detector is None or intake is None:
             return LiveReport({}, _percentiles([]), 0, float("nan"))
         self._tell_senders(events)

@@ -20,7 +20,8 @@ from flgpr.live.detector import LiveAlarm, LiveDetector
 from flgpr.live.intake import Intake
 
 SNAPSHOT_FILE = "snapshot.bundle"
-FORMAT, VERSION = "flgpr-live-snapshot", 6
+FORMAT = "flgpr-live-snapshot"
+VERSION = 6
 _NUMBERS = ("passed", "magnitudes")
 _SCALARS = ("closed", "seen_area", "named", "left_out")
 Snapshot = tuple[dict[str, Any], dict[str, NDArray[Any]]]
@@ -38,7 +39,8 @@ def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], finge
         arrays |= {f"scan{i}.{name}": value for name, value in vars(one).items() if isinstance(value, np.ndarray)}
     arrays |= {f"numbers.{name}": np.array(getattr(detector, name)) for name in _NUMBERS}
     arrays |= {f"held{number}.signal": scan.signal for number, scan in detector.held.items()}
-    newest, scalars = detector.newest, {name: getattr(detector, name) for name in _SCALARS}
+    newest = detector.newest
+    scalars = {name: getattr(detector, name) for name in _SCALARS}
     words = {
         "format": FORMAT,
         "version": VERSION,
@@ -68,7 +70,8 @@ def read_snapshot(path: Path) -> Snapshot | None:
     """Read a snapshot; None if there is none."""
     try:
         bundle = Bundle(path, most=MAX_MEMORY)
-        words, arrays = bundle.about, dict(bundle)
+        words = bundle.about
+        arrays = dict(bundle)
     except FileNotFoundError:
         return None
     except BundleError as error:
@@ -98,7 +101,9 @@ def _restored(
     detector.alarms = {one["alarm_id"]: LiveAlarm(**one) for one in words["alarms"]}
     for name in _NUMBERS:
         setattr(detector, name, array("d", arrays[f"numbers.{name}"].tobytes()))
-    first, newest, before = words["first_pose"], words["newest"], words["before"]
+    first = words["first_pose"]
+    newest = words["newest"]
+    before = words["before"]
     detector.before = None if before is None else np.asarray(before, dtype=np.float64)
     detector.first_pose = None if first is None else np.asarray(first, dtype=np.float64)
     detector.newest = None if newest is None else (newest[0], np.asarray(newest[1], dtype=np.float64))

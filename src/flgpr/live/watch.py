@@ -16,7 +16,9 @@ from flgpr.door import DoorError, Folder
 from flgpr.io import ScanFileError, read_description
 from flgpr.io.scan_file import END_FILE, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
 
-_LOOK, _GLANCE = 0.004, 0.001  # s between looks at a folder, while a scan is in hand and while one is waited for
+# s between looks at a folder, while a scan is in hand and while one is waited for
+_LOOK = 0.004
+_GLANCE = 0.001
 _SETTLED = 0.05  # s after which a folder's time stamp tells of every change
 _PATIENCE = 1.0  # s that a file may stay shorter than it says
 _MOST_WAITING = 32
@@ -100,7 +102,9 @@ class FolderWatch(threading.Thread):
 
     def __init__(self, folder: Path, inbox: Inbox, known: set[str] | None = None) -> None:
         super().__init__(name=f"watch {folder}", daemon=True)
-        self._folder, self._inbox, self._known = folder, inbox, set(known or ())
+        self._folder = folder
+        self._inbox = inbox
+        self._known = set(known or ())
         self._began = time.time()
         self._growing: dict[str, tuple[int, float]] = {}
         self._described = self._ended = False

@@ -77,7 +77,8 @@ def aperture_run(run: xr.Dataset) -> xr.Dataset:
     without a complete scan, is a ValueError.
     """
     check_run(run)
-    scans, pose = complete_scans(run), aperture_pose(run)
+    scans = complete_scans(run)
+    pose = aperture_pose(run)
     size = run["signal"].dtype.itemsize * run["signal"].size * int(scans.sum()) // run.sizes["scan"]
     if size > _LARGEST:
         raise ValueError(f"run must have at most {_LARGEST / 1e9:g} GB to be one aperture, got {size / 1e9:.3g} GB")

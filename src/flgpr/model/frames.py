@@ -23,9 +23,14 @@ def attitude_matrix(pitch: ArrayLike, roll: ArrayLike) -> NDArray[np.float64]:
     """Rotations Rx(pitch)·Ry(roll), (..., 3, 3), from the vehicle frame to level axes along the vehicle."""
     (cp, sp), (cr, sr) = _cos_sin(pitch), _cos_sin(roll)
     m = np.zeros((*cp.shape, 3, 3))
-    m[..., 0, 0], m[..., 0, 2] = cr, sr
-    m[..., 1, 0], m[..., 1, 1], m[..., 1, 2] = sp * sr, cp, -sp * cr
-    m[..., 2, 0], m[..., 2, 1], m[..., 2, 2] = -cp * sr, sp, cp * cr
+    m[..., 0, 0] = cr
+    m[..., 0, 2] = sr
+    m[..., 1, 0] = sp * sr
+    m[..., 1, 1] = cp
+    m[..., 1, 2] = -sp * cr
+    m[..., 2, 0] = -cp * sr
+    m[..., 2, 1] = sp
+    m[..., 2, 2] = cp * cr
     return m
 
 
@@ -34,7 +39,9 @@ def heading_matrix(heading: ArrayLike) -> NDArray[np.float64]:
     c, s = _cos_sin(heading)
     m = np.zeros((*c.shape, 3, 3))
     m[..., 0, 0] = m[..., 1, 1] = c
-    m[..., 0, 1], m[..., 1, 0], m[..., 2, 2] = s, -s, 1.0
+    m[..., 0, 1] = s
+    m[..., 1, 0] = -s
+    m[..., 2, 2] = 1.0
     return m
 
 
@@ -64,14 +71,16 @@ def attitude_angles(rotation: ArrayLike) -> NDArray[np.float64]:
     The inverse of ``Rz(-heading)·Rx(pitch)·Ry(roll)``, with the pitch within ±π/2.
     """
     m = np.asarray(rotation, dtype=np.float64)
-    heading, roll = np.arctan2(m[..., 0, 1], m[..., 1, 1]), np.arctan2(-m[..., 2, 0], m[..., 2, 2])
+    heading = np.arctan2(m[..., 0, 1], m[..., 1, 1])
+    roll = np.arctan2(-m[..., 2, 0], m[..., 2, 2])
     return np.stack([heading, np.arcsin(np.clip(m[..., 2, 1], -1.0, 1.0)), roll], axis=-1)
 
 
 def ground_points(table: pd.DataFrame) -> NDArray[np.float64]:
     """Points (n, 3) on the mean ground of the lane frame, m, of a table with ``x`` and ``y``."""
     points = np.zeros((len(table), 3))
-    points[:, 0], points[:, 1] = table["x"], table["y"]
+    points[:, 0] = table["x"]
+    points[:, 1] = table["y"]
     return points
 
 
@@ -136,7 +145,8 @@ class Grid:
             raise ValueError(f"spacing must be positive, got {spacing}")
         if not (x[1] > x[0] and y[1] > y[0]):
             raise ValueError(f"grid limits must increase, got x = {x}, y = {y}")
-        nx, ny = round((x[1] - x[0]) / spacing) + 1, round((y[1] - y[0]) / spacing) + 1
+        nx = round((x[1] - x[0]) / spacing) + 1
+        ny = round((y[1] - y[0]) / spacing) + 1
         return cls(x[0], y[0], nx, ny, spacing, spacing)
 
     @property

@@ -40,7 +40,8 @@ class Lane:
 
     def contains(self, x: Any, y: Any) -> Any:
         """Tell which points lie in the lane or on its border."""
-        x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+        x = np.asarray(x, dtype=float)
+        y = np.asarray(y, dtype=float)
         return (x >= self.x_min) & (x <= self.x_max) & (y >= self.y_min) & (y <= self.y_max)
 
 

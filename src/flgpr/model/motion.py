@@ -89,9 +89,11 @@ def judge_poses(
     doubtful = _doubtful(limits, times, poses, numbers)
     if not doubtful.any():
         return Motion(np.ones(len(poses), bool))
-    gate, trusted = PoseGate(limits), set[int]()
+    gate = PoseGate(limits)
+    trusted = set[int]()
     faults: dict[int, Step] = {}
-    restarts, clock = [], []
+    restarts = []
+    clock = []
     sightings = list(map(Sighting, numbers.tolist(), times.tolist(), poses))
     at = 0
     while at < len(sightings):
@@ -126,13 +128,16 @@ def _doubtful(
     """Tell at once which poses may not be plausible after the two before; the gate looks at these one by one."""
     if not np.isfinite(poses).all():
         return np.ones(len(poses), bool)
-    gaps, elapsed = np.diff(numbers), np.diff(times)
+    gaps = np.diff(numbers)
+    elapsed = np.diff(times)
     doubt = (gaps < 1) | (gaps > limits.scans) | (elapsed < 0) | (elapsed > limits.pause)
     known = elapsed > 0
     seconds = np.where(known, np.maximum(elapsed, SHORTEST), limits.interval * gaps)
     for limit, value in moved(poses[:-1], poses[1:]).items():
         doubt |= value > np.maximum(getattr(limits, limit) * seconds, FLOOR[limit])
-    step, past, now = np.diff(poses[:, :2], axis=0), seconds[:-1], seconds[1:]
+    step = np.diff(poses[:, :2], axis=0)
+    past = seconds[:-1]
+    now = seconds[1:]
     off = np.hypot(*(step[1:] - step[:-1] * (now / past)[:, None]).T)
     most = np.maximum(limits.acceleration * now * (now + past) / 2, FLOOR["acceleration"])
     doubt[1:] |= (off > most) & known[1:] & known[:-1]
@@ -141,7 +146,8 @@ def _doubtful(
 
 def judge_run(run: xr.Dataset, limits: MotionLimits | None = None) -> Motion:
     """Judge the poses of a run; what flies is not judged by the limits of a ground vehicle, the default."""
-    pose, limits = run["pose"].values, limits or MotionLimits()
+    pose = run["pose"].values
+    limits = limits or MotionLimits()
     if limits == MotionLimits() and np.median(pose[:, 2]) > _AIRBORNE:
         return Motion(np.ones(len(pose), bool))
     return judge_poses(pose, run["time"].values, limits)

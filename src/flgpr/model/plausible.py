@@ -101,7 +101,8 @@ class Step:
         found += f" in {self.seconds:.3g} s"
         if self.limit == "acceleration":
             return f"{since}: {found}, at most {self.most:.4g} m ({self.limit})"
-        rate, most = self.value / self.seconds, self.most / self.seconds
+        rate = self.value / self.seconds
+        most = self.most / self.seconds
         return f"{since}: {found}, {rate:.4g} {self.unit}/s, at most {most:.4g} {self.unit}/s ({self.limit})"
 
     def as_json(self) -> dict[str, Any]:
@@ -163,7 +164,8 @@ def _swerve(limits: MotionLimits, known: Sequence[Sighting], after: Sighting) ->
     """
     steps = []
     for earlier, before in itertools.pairwise(known):
-        past, seconds = _elapsed(limits, earlier, before), _elapsed(limits, before, after)
+        past = _elapsed(limits, earlier, before)
+        seconds = _elapsed(limits, before, after)
         if past is not None and seconds is not None:
             ahead = before.pose[:2] + (before.pose[:2] - earlier.pose[:2]) * (seconds / past)
             most = max(limits.acceleration * seconds * (seconds + past) / 2, FLOOR["acceleration"])
@@ -245,7 +247,8 @@ class PoseGate:
         alone = link is not None and len(self._chain(link)) == 1
         if step.strain <= 1 and step.strain <= strain * (_ALONE if alone else 1):
             dropped = list(self.held)
-            self.held, self._links = {}, {}
+            self.held = {}
+            self._links = {}
             self._trust(one)
             return Verdict([one.number], dropped, clock=clock)
         dropped = self._hold(one, link)
@@ -260,7 +263,8 @@ class PoseGate:
     def _judge_late(self, one: Sighting) -> Verdict:
         """Judge a scan that comes after a later one, by the trusted pose next to it."""
         nearest = min(self.trusted, key=lambda known: abs(known.number - one.number))
-        clock, step = clock_step(self.limits, nearest, one), step_between(self.limits, nearest, one)
+        clock = clock_step(self.limits, nearest, one)
+        step = step_between(self.limits, nearest, one)
         if step.strain > 1:
             return Verdict(step=step, clock=clock)
         self._trust(one)
@@ -274,9 +278,11 @@ class PoseGate:
         best: tuple[float, int | None] = math.inf, None
         longest = 0
         for number, held in self.held.items():
-            strain, length = step_between(self.limits, held, one).strain, len(self._chain(number))
+            strain = step_between(self.limits, held, one).strain
+            length = len(self._chain(number))
             if number < one.number and strain <= 1 and (length, -strain) > (longest, -best[0]):
-                best, longest = (strain, number), length
+                best = (strain, number)
+                longest = length
         return best
 
     def _hold(self, one: Sighting, link: int | None) -> list[int]:
@@ -301,7 +307,10 @@ class PoseGate:
         return chain
 
     def _begin_with(self, chain: Sequence[Sighting]) -> None:
-        self.trusted, self.confirmed, self.held, self._links = [], [], {}, {}
+        self.trusted = []
+        self.confirmed = []
+        self.held = {}
+        self._links = {}
         self.trust(chain)
 
     def _trust(self, one: Sighting) -> None:

@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from flgpr.model.constants import AXES, POLARIZATIONS, POSE_COMPONENTS
 
 _LOWEST_FREQUENCY = 1e6  # Hz; anything below is a unit other than hertz, for no ground-penetrating radar works there
-_MOUNT, _LATE = 1e-6, 1e-3  # m and rad, s; runs of one vehicle are told apart by their heights alone
+# m and rad, s; runs of one vehicle are told apart by their heights alone
+_MOUNT = 1e-6
+_LATE = 1e-3
 
 
 def make_run(
@@ -199,7 +201,8 @@ def check_shared_poses(runs: Mapping[str, xr.Dataset]) -> None:
     """
     (first, one), *others = runs.items()
     for name, other in others:
-        a, b = one["pose"].values, other["pose"].values
+        a = one["pose"].values
+        b = other["pose"].values
         if a.shape != b.shape:
             raise ValueError(f"runs must share their poses: {first} has {len(a)} scans, {name} has {len(b)}")
         apart = np.abs(np.delete(a - b, 2, axis=1)).max()

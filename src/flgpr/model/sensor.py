@@ -165,7 +165,8 @@ class Sensor(Entries):
 
     def pairs(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Positions (pair, 3) of every pair's transmitter and receiver in the vehicle frame, transmitters outermost."""
-        tx, rx = np.asarray(self.tx, dtype=float), np.asarray(self.rx, dtype=float)
+        tx = np.asarray(self.tx, dtype=float)
+        rx = np.asarray(self.rx, dtype=float)
         first, second = self.pair_indices()
         return tx[first], rx[second]
 

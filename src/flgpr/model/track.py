@@ -25,7 +25,8 @@ def make_track(
     time: ArrayLike, position: ArrayLike, heading: ArrayLike = 0.0, pitch: ArrayLike = 0.0, roll: ArrayLike = 0.0
 ) -> pd.DataFrame:
     """Assemble and validate a track: times on the positions' clock, and positions (fix, 3) in the lane frame."""
-    times, points = np.asarray(time, dtype=np.float64), np.asarray(position, dtype=np.float64)
+    times = np.asarray(time, dtype=np.float64)
+    points = np.asarray(position, dtype=np.float64)
     if times.ndim != 1 or times.size < 2 or points.shape != (times.size, 3):
         raise ValueError(
             f"a track must have at least two fixes with time (fix,) and position (fix, 3), got {times.shape} and "
@@ -148,7 +149,8 @@ def course(position: ArrayLike, least: float = 0.05) -> NDArray[np.float64]:
 def _first_away(points: NDArray[np.float64], least: float) -> NDArray[np.intp]:
     """Index of the first later point that is at least so far away, of every point; its own where there is none."""
     found = np.arange(len(points))
-    open_ones, lag = np.arange(len(points) - 1), 1
+    open_ones = np.arange(len(points) - 1)
+    lag = 1
     while open_ones.size:
         away = np.hypot(*(points[open_ones + lag] - points[open_ones]).T) >= least
         found[open_ones[away]] += lag

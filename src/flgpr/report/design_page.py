@@ -16,7 +16,8 @@ from flgpr.io.outputs import write_new
 from flgpr.model import load_sensor
 from flgpr.report.kit import render
 
-_BLUE, _RED = "#1b5e9b", "#c1440e"
+_BLUE = "#1b5e9b"
+_RED = "#c1440e"
 _SHADES = "viridis"
 
 
@@ -93,7 +94,8 @@ def resolution_figure(designs: Sequence[Design]) -> Figure:
     rows = figure.subplots(len(designs), 2, squeeze=False)
     for column, (name, title) in enumerate((("down", "down-range"), ("cross", "cross-range"))):
         values = [100 * getattr(design, name) for design in designs]
-        low, high = min(map(np.nanmin, values)), max(map(np.nanmax, values))
+        low = min(map(np.nanmin, values))
+        high = max(map(np.nanmax, values))
         for row, design, value in zip(rows, designs, values, strict=True):
             image = row[column].pcolormesh(
                 design.y, design.x, value.T, vmin=low, vmax=high, cmap=_SHADES, shading="gouraud", rasterized=True
@@ -139,7 +141,8 @@ def ratio_figure(designs: Sequence[Design], kind: str) -> Figure:
             axes.set_axis_off()
         for axes, label in zip(row, some, strict=False):
             value = design.ratio[kind, label]
-            y, x = design.ratio_y, design.ratio_x
+            y = design.ratio_y
+            x = design.ratio_x
             image = axes.pcolormesh(y, x, value.T, vmin=low, vmax=high, cmap=_SHADES, shading="nearest")
             for i, j in np.ndindex(*value.shape):
                 colour = "black" if value[i, j] > (low + high) / 2 else "white"

@@ -77,7 +77,8 @@ def whole_roc_figure(scored: Sequence[Score]) -> Figure:
     figure = Figure(figsize=(5.2, 4.0), layout="constrained")
     axes = figure.subplots()
     for i, one in enumerate(scored):
-        curve, targets = one.curve, int(one.curve.attrs["n_targets"])
+        curve = one.curve
+        targets = int(one.curve.attrs["n_targets"])
         far = np.append(curve["far"], curve["far"].iloc[-1] + 1 / one.curve.attrs["area"])
         label = "all targets" if len(scored) == 1 else "recipe as it stands" if one.name == "main" else one.title
         style: dict[str, Any] = {"lw": 2.2 if i == 0 else 1.3, "ls": "-" if i == 0 else "--", "color": f"C{i}"}
@@ -102,7 +103,8 @@ def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None,
     figure = Figure(figsize=(8.2, 5.6), layout="constrained")
     plan, side = figure.subplots(1, 2, width_ratios=(1.25, 1))
     if looks is not None:
-        most, looks = int(looks.max()), _thinned(looks)
+        most = int(looks.max())
+        looks = _thinned(looks)
         shades: dict[str, Any] = {"cmap": "Blues", "vmin": 0, "vmax": max(most, 1), "shading": "nearest"}
         mesh = plan.pcolormesh(looks["x"], looks["y"], looks, **shades)
         figure.colorbar(mesh, ax=plan, label="scans that see the ground", shrink=0.7)
@@ -149,7 +151,8 @@ def _thinned(view: xr.DataArray) -> xr.DataArray:
 
 
 def _show(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> None:
-    stretched, view = _is_long(view), _thinned(view)
+    stretched = _is_long(view)
+    view = _thinned(view)
     x, y = view["x"].values, view["y"].values
     level = 20 * np.log10(np.maximum(view.values, 1e-12))
     inside = level[lane.contains(*np.meshgrid(x, y)) & np.isfinite(level)]
@@ -196,7 +199,9 @@ def _legend(truth: pd.DataFrame | None, objects: pd.DataFrame | None) -> list[Li
     return handles
 
 
-_WIDE, _HIGH = 7.5, 6.0  # inches of a panel at most
+# inches of a panel at most
+_WIDE = 7.5
+_HIGH = 6.0
 
 
 def image_figure(image: xr.DataArray, peaks: pd.DataFrame, pose: NDArray[np.float64], span: float = 40.0) -> Figure:
@@ -223,7 +228,8 @@ def image_figure(image: xr.DataArray, peaks: pd.DataFrame, pose: NDArray[np.floa
         for axes, (a, b) in zip(line, shown, strict=True):
             others = tuple(k for k, axis in enumerate(("z", "y", "x")) if axis not in (a, b))
             flat = 20 * np.log10(np.maximum(level.max(axis=others) / top, 1e-9))
-            u, v = image[a].values, image[b].values
+            u = image[a].values
+            v = image[b].values
             du, dv = (np.diff(one).mean() / 2 for one in (u, v))
             drawn = axes.imshow(
                 flat, origin="lower", extent=(u[0] - du, u[-1] + du, v[0] - dv, v[-1] + dv), cmap="magma", vmin=-span,

@@ -151,12 +151,15 @@ def _scored(
 ) -> dict[str, Any]:
     """Lay out what became of targets and alarms."""
     main = scored[0]
-    missed, false, groups = main.missed(), main.worst_false_alarms(worst), main.breakdown()
+    missed = main.missed()
+    false = main.worst_false_alarms(worst)
+    groups = main.breakdown()
     missed["deep"] = [_plain(100 * depth) for depth in missed["depth"]]
     missed["off"] = [f"{off:.2f}" if found else "none" for off, found in missed[["distance", "detected"]].to_numpy()]
     missed["at"] = [f"{far:.4f}" if found else "never" for far, found in missed[["far", "detected"]].to_numpy()]
     false["key"] = false["alarm_id"] if "alarm_id" in false.columns else false.index
-    by, none = [name for name in ("kind", "depth", "soil") if name in groups.columns], not len(main.matched.truth)
+    by = [name for name in ("kind", "depth", "soil") if name in groups.columns]
+    none = not len(main.matched.truth)
     groups[by] = groups[by].map(_plain)
     return {
         "last": main.curve.iloc[-1],

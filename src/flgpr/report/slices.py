@@ -33,7 +33,8 @@ def slices_figure(image: xr.DataArray, pose: NDArray[np.float64], span: float = 
         if number >= count:
             axes.set_axis_off()
             continue
-        dx, dy = np.diff(x).mean() / 2, np.diff(y).mean() / 2
+        dx = np.diff(x).mean() / 2
+        dy = np.diff(y).mean() / 2
         drawn = axes.imshow(
             20 * np.log10(np.maximum(level[number] / top, 1e-9)),
             origin="lower",

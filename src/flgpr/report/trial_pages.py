@@ -16,7 +16,9 @@ from flgpr.report.score_page import in_words
 from flgpr.scoring import BlindScore, SideBySide, roc_figure
 from flgpr.scoring.figures import COLOURS
 
-_STRIP, _STRIPS = 30.0, 4  # length of lane in a row of the map, m, and rows in a picture: half a printed page
+# length of lane in a row of the map, m, and rows in a picture: half a printed page
+_STRIP = 30.0
+_STRIPS = 4
 _DIGITS = {"depth_m": ".3f"}  # a mine is laid to the centimetre, and its depth is told in halves of it
 _MARKS = "osD^vP*X"
 _POINT = (
@@ -55,7 +57,8 @@ def sheet_html(
 def lane_maps(lane: Lane, targets: pd.DataFrame) -> list[Figure]:
     """Draw a lane from above in strips, each read from left to right in the direction of travel."""
     count = max(1, int(np.ceil((lane.y_max - lane.y_min) / _STRIP - 1e-9)))
-    length, width = min(_STRIP, lane.y_max - lane.y_min), lane.x_max - lane.x_min
+    length = min(_STRIP, lane.y_max - lane.y_min)
+    width = lane.x_max - lane.x_min
     tall = min(3.5, max(1.1, 10.0 * (width + 1) / (length + 1) + 0.55))
     kinds = {kind: number for number, kind in enumerate(sorted(map(str, targets["kind"].unique())))}
     figures = []
@@ -164,7 +167,8 @@ def points_figure(groups: Mapping[str, pd.DataFrame]) -> Figure:
     allowed = sorted({far for one in groups.values() for far in one["far_allowed"]})
     for number, (name, points) in enumerate(groups.items()):
         place = np.searchsorted(allowed, points["far_allowed"]) + (number - (len(groups) - 1) / 2) * step
-        colour, mark = COLOURS[number % len(COLOURS)], _MARKS[number % len(_MARKS)]
+        colour = COLOURS[number % len(COLOURS)]
+        mark = _MARKS[number % len(_MARKS)]
         axes.vlines(place, points["pd_low"], points["pd_high"], color=colour, lw=1.6)
         label = f"{name} ({points['n_targets'].iloc[0]:.0f} targets)"
         axes.plot(place, points["pd"], mark, color=colour, ms=5, label=label)

@@ -34,7 +34,8 @@ from flgpr.results.view_files import plain_json, write_view
 if TYPE_CHECKING:
     from flgpr.io import Anchor
 
-FORMAT, VERSION = "flgpr-result", 2
+FORMAT = "flgpr-result"
+VERSION = 2
 MODEL = "model"
 """Folder of the model inside a result."""
 _NOT_CONTENT = ("identity", "added", "added_sizes", "sha256")

@@ -33,7 +33,8 @@ from flgpr.scoring import (
     score_frames,
 )
 
-ROC_FORMAT, ROC_VERSION = "flgpr-score", 1
+ROC_FORMAT = "flgpr-score"
+ROC_VERSION = 1
 COMPARISON_FORMAT = "flgpr-comparison"
 _SHARED = ("far", "n_false", "far_low", "far_high")  # alike for all subsets of the targets (rules 5 and 6)
 _OWN = ("pd", "n_detected", "pd_low", "pd_high", "chance")
@@ -110,7 +111,8 @@ def _roc_json(rules: Mapping[str, Any], notes: Mapping[str, Any], detections: Ma
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
-SCORE_FORMAT, SCORE_VERSION = "flgpr-view-score", 1
+SCORE_FORMAT = "flgpr-view-score"
+SCORE_VERSION = 1
 
 
 def view_score(result: Result, scored: Sequence[Score], objects: pd.DataFrame | None = None) -> bytes:

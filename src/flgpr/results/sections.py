@@ -16,7 +16,8 @@ from flgpr.io.tables import parse_lane, parse_own_table
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
 
-FORMAT, VERSION = "flgpr-sections", 1
+FORMAT = "flgpr-sections"
+VERSION = 1
 SECTIONS = "sections.json"
 """What lists the result folders of a lane that was taken in sections."""
 _OWN = ("alarms.csv", "lane.toml")

@@ -24,7 +24,8 @@ from flgpr.io import write_whole
 from flgpr.model import Lane
 from flgpr.results.description import left_out_scans
 
-VIEW_FORMAT, VIEW_VERSION = "flgpr-view", 1
+VIEW_FORMAT = "flgpr-view"
+VIEW_VERSION = 1
 TILE_ROWS = 512
 _PLACE = ("alarm_id", "x", "y", "confidence")
 
@@ -43,7 +44,8 @@ def write_view(
     (home / "evidence").mkdir()
     stages = _stages(recipe)
     views = [(one.name, stages.get(one.name, stages[MAIN]), one.view) for one in detections]
-    before, channel = detections[0].before, detections[0].channel
+    before = detections[0].before
+    channel = detections[0].channel
     if before is not None:
         views.insert(0, ("before", stages["before"], before))
     grid = _grid(views[0][2])
@@ -182,7 +184,8 @@ def _write_evidence(home: Path, name: str, evidence: Evidence) -> dict[str, Any]
 
 
 def _grid(view: xr.DataArray) -> dict[str, float]:
-    y, x = view["y"].values, view["x"].values
+    y = view["y"].values
+    x = view["x"].values
     steps = {"dx": x[1] - x[0] if len(x) > 1 else 1.0, "dy": y[1] - y[0] if len(y) > 1 else 1.0}
     found = {"x": x[0], "y": y[0], "nx": len(x), "ny": len(y)} | steps
     return {name: round(float(value), 9) if name[0] != "n" else int(value) for name, value in found.items()}

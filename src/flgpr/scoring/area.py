@@ -83,14 +83,17 @@ def _hidden_angles(points: FloatArray, radius: float, half: FloatArray) -> Inter
         circle.append(cut)
         middle.append(np.full(len(cut), angle))
         width.append(np.arccos(np.clip(reach[cut], -1, 1)))
-    centre, spread = np.mod(np.concatenate(middle), _TURN), np.concatenate(width)
+    centre = np.mod(np.concatenate(middle), _TURN)
+    spread = np.concatenate(width)
     return np.concatenate(circle), centre - spread, centre + spread
 
 
 def _gaps(group: IntArray, start: FloatArray, end: FloatArray) -> Intervals:
     """Find what no interval covers, group by group, between a group's first start and its last end."""
     order = np.lexsort((start, group))
-    group, start, end = group[order], start[order], end[order]
+    group = group[order]
+    start = start[order]
+    end = end[order]
     # The running maximum of each group by ranks, which those of another group cannot reach.
     ends, rank = np.unique(end, return_inverse=True)
     reach = ends[np.maximum.accumulate(group * len(end) + rank) - group * len(end)]
@@ -107,7 +110,8 @@ def _border_sum(points: FloatArray, radius: float, half: FloatArray) -> float:
             near = np.abs(off) < radius
             chord = np.sqrt(radius**2 - off[near] ** 2)
             along = points[near, 1 - axis]
-            low, high = np.maximum(along - chord, -half[1 - axis]), np.minimum(along + chord, half[1 - axis])
+            low = np.maximum(along - chord, -half[1 - axis])
+            high = np.minimum(along + chord, half[1 - axis])
             total += 0.5 * half[axis] * _union_length(low[high > low], high[high > low])
     return total
 

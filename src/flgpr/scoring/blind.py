@@ -255,8 +255,10 @@ def _read_sealed(path: Path) -> tuple[dict[str, Any], bytes]:
     data = read_named(path, _MOST_BYTES)
     try:
         told = parse_json(data)
-        format_, salt = told["format"], base64.b64decode(told["scrypt"]["salt"])
-        nonce, sealed = base64.b64decode(told["nonce"]), base64.b64decode(told["sealed"])
+        format_ = told["format"]
+        salt = base64.b64decode(told["scrypt"]["salt"])
+        nonce = base64.b64decode(told["nonce"])
+        sealed = base64.b64decode(told["sealed"])
         header = _header(salt, nonce)
         header["scrypt"]["n"] = int(told["scrypt"]["n"])
         as_written = _written(header, sealed) == data
@@ -266,7 +268,8 @@ def _read_sealed(path: Path) -> tuple[dict[str, Any], bytes]:
                 f"sealed must be a file of the format {FORMAT}, got {path} of an earlier version, which did not "
                 "authenticate all of it: seal the truth again"
             ) from None
-        format_, as_written = None, False
+        format_ = None
+        as_written = False
     if format_ != FORMAT:
         raise ValueError(f"sealed must be a file of the format {FORMAT}, got {path}")
     if not as_written or len(nonce) != 12:
@@ -294,7 +297,8 @@ def score_blind(
     Alarms, a file, a passphrase, a log or a register that are not valid are a ValueError.
     """
     look = match_blind(alarms, sealed, passphrase, log, registered=registered)
-    matched, rules = look.matched, look.rules
+    matched = look.matched
+    rules = look.rules
     groups: list[tuple[str, Any]] = [("all", None)]
     if rules["by"] is not None:
         values = sorted(look.truth[rules["by"]].dropna().unique())
@@ -341,7 +345,8 @@ def match_blind(
     opened = _decrypted(sealed, passphrase)
     place = _log_of(sealed, log)
     line = _admitted(sealed, place, opened, registered)
-    truth, lanes = opened.truth, opened.lanes
+    truth = opened.truth
+    lanes = opened.lanes
     if some:
         lanes = {name: lanes[name] for name in some}
         truth = truth[truth["lane"].isin(lanes)].reset_index(drop=True)

@@ -235,7 +235,9 @@ def make_scores(matched: Match, design: Design, subset: Subset = None) -> Scores
     target = matched.best(chosen)[1][chosen]
     row = np.flatnonzero(matched.false)
     row = row[np.argsort(-matched.confidence[row], kind="stable")]
-    false, lane, y = matched.confidence[row], matched.alarm_lane[row], matched.alarms["y"].to_numpy()[row]
+    false = matched.confidence[row]
+    lane = matched.alarm_lane[row]
+    y = matched.alarms["y"].to_numpy()[row]
     first, start, length = (np.array(column)[lane] for column in zip(*design.block_y, strict=True))
     block = np.minimum(first + np.floor((y - start) / length).astype(np.int64), _last_block(design, lane))
     above = np.searchsorted(-false, -target, side="right")
@@ -278,8 +280,10 @@ class Rescorer:
     def __init__(self, reference: Match, subset: Subset = None, far_max: float = 0.1, area: AreaRule = "union") -> None:
         chosen = select_targets(reference.truth, subset)
         number = np.where(chosen, np.cumsum(chosen) - 1, -1)[reference.pair_target]
-        self._alarm, self._pair = reference.pair_alarm[number >= 0], number[number >= 0]
-        self._targets, self._false = np.flatnonzero(chosen), np.flatnonzero(reference.false)
+        self._alarm = reference.pair_alarm[number >= 0]
+        self._pair = number[number >= 0]
+        self._targets = np.flatnonzero(chosen)
+        self._false = np.flatnonzero(reference.false)
         self.area = far_area(reference, area)
         self._far_max = far_max
 

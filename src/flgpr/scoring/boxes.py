@@ -53,7 +53,8 @@ def box_roc(
         As of :func:`flgpr.scoring.roc`; ``n_targets`` is the number of H1 peaks, ``n_false`` that of H0 boxes at or
         above the threshold, ``area`` that of all H0 boxes.
     """
-    truth, one = check_truth(truth), as_lane(lane)
+    truth = check_truth(truth)
+    one = as_lane(lane)
     at = positions(truth)
     check_place(at, one, "truth")
     chosen = select_targets(truth, subset)
@@ -86,7 +87,8 @@ def peak_roc(target_peaks: ArrayLike, clutter_peaks: ArrayLike, box_area: float,
         raise ValueError(f"box_area must be positive, got {box_area}")
     at, off = (np.asarray(peaks, dtype=np.float64).ravel() for peaks in (target_peaks, clutter_peaks))
     unseen = int(np.isnan(at).sum())
-    at, off = at[~np.isnan(at)], off[~np.isnan(off)]
+    at = at[~np.isnan(at)]
+    off = off[~np.isnan(off)]
     if len(off) == 0:
         raise ValueError("clutter_peaks must hold at least one imaged box, got none")
     thresholds = np.append(np.inf, np.unique(np.concatenate([at, off]))[::-1])
@@ -104,7 +106,8 @@ def box_peaks(image: ArrayLike, x: ArrayLike, y: ArrayLike, centre: ArrayLike, b
     upper. Image and axes are as for :func:`box_roc`.
     """
     values = np.asarray(image, dtype=np.float64)
-    across, along = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    across = np.asarray(x, dtype=np.float64)
+    along = np.asarray(y, dtype=np.float64)
     if values.ndim not in (2, 3) or values.shape[-2:] != (along.size, across.size):
         raise ValueError(f"image must have the shape ([look,] {along.size}, {across.size}), got {values.shape}")
     if (np.diff(across) <= 0).any() or (np.diff(along) <= 0).any():
@@ -194,7 +197,8 @@ def example_roc(
     3        2.0  0.667  0.02
     4        1.0  1.000  0.02
     """
-    scores, mine = np.asarray(score, dtype=np.float64), np.asarray(is_target)
+    scores = np.asarray(score, dtype=np.float64)
+    mine = np.asarray(is_target)
     if scores.ndim != 1 or mine.shape != scores.shape:
         raise ValueError(f"score and is_target must be of one length, got shapes {scores.shape} and {mine.shape}")
     if not np.isin(mine, (0, 1)).all():

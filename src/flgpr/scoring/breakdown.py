@@ -135,7 +135,8 @@ def decision_curves(
         seen = table[table["ahead"] >= distance].reset_index(drop=True)
         if "alarm_id" in keys:
             groups = seen.groupby(keys, sort=False, dropna=False)["confidence"]
-            joined, strongest = groups.transform(combine), groups.idxmax()
+            joined = groups.transform(combine)
+            strongest = groups.idxmax()
             seen = seen.assign(confidence=joined).loc[strongest].reset_index(drop=True)
         curve = roc(seen, truth, lane, **options)
         curve.attrs["decision_distance"] = float(distance)

@@ -96,9 +96,11 @@ def compare(
     """
     _check_pair(first, second)
     design = make_design(first, subset, block=block, cluster=cluster, area=area, frame_area=frame_area)
-    a, b = make_scores(first, design, subset), make_scores(second, design, subset)
+    a = make_scores(first, design, subset)
+    b = make_scores(second, design, subset)
     ones = np.ones(len(design.block_lane))
-    share_a, share_b = a.shares(far_max, ones, design.area), b.shares(far_max, ones, design.area)
+    share_a = a.shares(far_max, ones, design.area)
+    share_b = b.shares(far_max, ones, design.area)
     rng = np.random.default_rng(seed)
     gaps = np.empty(draws)
     for number in range(draws):
@@ -112,7 +114,8 @@ def compare(
     found_a, found_b = (~np.isneginf(s.target) & (s.above / design.area <= far) for s in (a, b))
     # Looks at one mine are no independent trials: a mine counts once, for the detector that finds it more often.
     lead = np.bincount(design.target_cluster, weights=found_a.astype(float) - found_b.astype(float))
-    only_a, only_b = int((lead > 0).sum()), int((lead < 0).sum())
+    only_a = int((lead > 0).sum())
+    only_b = int((lead < 0).sum())
     return Comparison(
         float(share_a.mean()), float(share_b.mean()), float((share_a - share_b).mean()), float(low), float(high),
         p_value, enumerated, far, only_a, only_b, mcnemar_test(only_a, only_b),
@@ -204,7 +207,10 @@ def side_by_side(
         raise ValueError("truth must have at least one target for detectors to be compared, got none")
     how: dict[str, Any] = {"area": rules.area, "level": rules.level}
     options: dict[str, Any] = {"far_max": rules.far_max, "draws": rules.draws, "seed": rules.seed}
-    points, pairs, mean, spread = [], [], [], {}
+    points = []
+    pairs = []
+    mean = []
+    spread = {}
     for name, one in matches.items():
         curve = chance(one, rules.shifts, rules.seed).beside(roc_of(one, **how))
         rows = curve.iloc[operating_row(curve, np.array(fars))].reset_index(drop=True)[list(_POINT)]
@@ -305,7 +311,8 @@ def agreement(first: Sequence[str], second: Sequence[str], categories: Sequence[
     names = pd.Index(categories)
     counts = np.zeros((len(names), len(names)), dtype=np.int64)
     np.add.at(counts, (names.get_indexer(pd.Index(first)), names.get_indexer(pd.Index(second))), 1)
-    n, agreed = int(counts.sum()), int(np.trace(counts))
+    n = int(counts.sum())
+    agreed = int(np.trace(counts))
     expected = float((counts.sum(axis=0) * counts.sum(axis=1)).sum() / n**2)
     low, high = (float(one) for one in clopper_pearson(agreed, n, level))
     shares = agreed / n, low, high

@@ -58,14 +58,16 @@ def poisson_interval(count: ArrayLike, exposure: ArrayLike = 1.0, level: float =
     (array([0.    , 0.0021]), array([0.0123, 0.0292]))
     """
     tail = _tail(level)
-    counts, over = np.asarray(count, dtype=np.float64), np.asarray(exposure, dtype=np.float64)
+    counts = np.asarray(count, dtype=np.float64)
+    over = np.asarray(exposure, dtype=np.float64)
     if (counts < 0).any():
         raise ValueError(f"count must not be negative, got {counts.min():g}")
     if not (over > 0).all():
         raise ValueError(f"exposure must be positive, got {over.min():g}")
     # A curve of many rows holds the same count again and again: invert each once.
     n, back = np.unique(counts, return_inverse=True)
-    low, high = _gamma_quantile(n, tail), _gamma_quantile(n + 1, 1 - tail)
+    low = _gamma_quantile(n, tail)
+    high = _gamma_quantile(n + 1, 1 - tail)
     return low[back].reshape(counts.shape) / over, high[back].reshape(counts.shape) / over
 
 
@@ -186,7 +188,8 @@ def pd_mean(curve: pd.DataFrame, far_max: float = 0.1) -> float:
     """
     if not (math.isfinite(far_max) and far_max > 0):
         raise ValueError(f"far_max must be positive, got {far_max}")
-    found, far = curve["pd"].to_numpy(), curve["far"].to_numpy()
+    found = curve["pd"].to_numpy()
+    far = curve["far"].to_numpy()
     if np.isnan(found).any():
         return math.nan
     edges = np.minimum(np.append(far, np.inf), far_max)

@@ -45,7 +45,8 @@ def roc_figure(
     figure.suptitle(title, fontsize=10)
     plots = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for number, (name, curve) in enumerate(curves.items()):
-        axes, colour = plots[number % panels], COLOURS[number % len(COLOURS)]
+        axes = plots[number % panels]
+        colour = COLOURS[number % len(COLOURS)]
         if name in shown:
             area = shown[name]
             axes.fill_between(area["far"], area["pd_low"], area["pd_high"], color=colour, alpha=0.18, linewidth=0)
@@ -69,7 +70,8 @@ def roc_figure(
 def _draw_steps(axes: Axes, curve: pd.DataFrame, column: str, far_max: float, **style: Any) -> None:
     """Draw the Pd that thresholds do reach: level between them, on to the end of the axis."""
     shown = curve[curve["far"] <= far_max]
-    far, found = np.append(shown["far"], far_max), np.append(shown[column], shown[column].iloc[-1])
+    far = np.append(shown["far"], far_max)
+    found = np.append(shown[column], shown[column].iloc[-1])
     axes.step(far, found, where="post", **style)
 
 

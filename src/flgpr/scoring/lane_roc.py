@@ -170,7 +170,8 @@ def accumulated_area(
 
     The spans are the cross-range and down-track extent of the detection area of one frame, m; the paper's by default.
     """
-    width, length = x_span[1] - x_span[0], y_span[1] - y_span[0]
+    width = x_span[1] - x_span[0]
+    length = y_span[1] - y_span[0]
     if frames < 1 or width <= 0 or length <= 0:
         raise ValueError(f"frames and extents must be positive, got {frames} frames of {width:g} m by {length:g} m")
     return frames * width * length
@@ -232,7 +233,8 @@ def label_alarms(matched: Match) -> pd.DataFrame:
     best = matched.best()[0]
     label = np.where(matched.in_halo, "ignored", np.where(matched.false, "false", "outside")).astype(object)
     label[best[best >= 0]] = "detection"
-    target, distance = np.full(len(label), -1), np.full(len(label), np.nan)
+    target = np.full(len(label), -1)
+    distance = np.full(len(label), np.nan)
     order = np.lexsort((matched.pair_target, matched.pair_distance, matched.pair_alarm))
     first = order[np.unique(matched.pair_alarm[order], return_index=True)[1]]
     target[matched.pair_alarm[first]] = matched.pair_target[first]

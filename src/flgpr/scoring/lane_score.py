@@ -73,7 +73,8 @@ class Score:
             return None
         far_max = self.rules.far_max
         low, high = pd_mean_interval(self.matched, far_max, **self._bootstrap)
-        value, by_chance = pd_mean(self.curve, far_max), pd_mean_by_chance(self.curve, far_max)
+        value = pd_mean(self.curve, far_max)
+        by_chance = pd_mean_by_chance(self.curve, far_max)
         return {"value": value, "low": low, "high": high, "chance": by_chance, "far_max": far_max}
 
     @property
@@ -137,7 +138,8 @@ class Score:
         if by is None:
             return {"all": (self.curve, band(self.matched, None, grid, **self._bootstrap))}
         if by == "kind":
-            groups, names = truth["kind"].astype(str), sorted(map(str, truth["kind"].unique()))
+            groups = truth["kind"].astype(str)
+            names = sorted(map(str, truth["kind"].unique()))
         else:
             groups = depth_classes(truth["depth"], DEPTH_EDGES)
             names = list(groups.cat.categories)
@@ -149,7 +151,8 @@ class Score:
 
     def operating_points(self, curve: pd.DataFrame | None = None) -> pd.DataFrame:
         """Read the curve, or another of this score, at common false alarm rates, ``far_allowed``, and at ``far``."""
-        curve, far_max = self.curve if curve is None else curve, self.rules.far_max
+        curve = self.curve if curve is None else curve
+        far_max = self.rules.far_max
         allowed = sorted({*(far for far in _FIRST_POINTS if far <= far_max), far_max, self.far})
         return curve.iloc[operating_row(curve, allowed)].assign(far_allowed=allowed)
 
@@ -167,7 +170,8 @@ class Score:
         """Take the labels of the most confident false alarms, and ``found_above``, the targets found above each."""
         false = self.labels[self.labels["label"] == "false"]
         worst = false.sort_values("confidence", ascending=False, kind="stable").head(most)
-        thresholds, found = self.curve["threshold"].to_numpy(), self.curve["n_detected"].to_numpy()
+        thresholds = self.curve["threshold"].to_numpy()
+        found = self.curve["n_detected"].to_numpy()
         row = [int((thresholds > confidence).sum()) - 1 for confidence in worst["confidence"]]
         return worst.assign(found_above=found[row])
 

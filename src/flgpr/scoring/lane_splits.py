@@ -67,7 +67,8 @@ def splits(
         raise ValueError(f"examples must fall into at least two groups by {by}, got {len(np.unique(group))}")
     result = []
     for value in np.unique(group):
-        test, train = rows[group == value], rows[group != value]
+        test = rows[group == value]
+        train = rows[group != value]
         tested = set(mine[test]) - {""}
         if by in ("lane", "site"):
             train = train[~np.isin(mine[train], list(tested))] if tested else train

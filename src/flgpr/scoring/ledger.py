@@ -144,7 +144,8 @@ def check_witness(lines: Sequence[Mapping[str, Any]], witness: str | Path, path:
 
 def check_head(lines: Sequence[Mapping[str, Any]], told: Mapping[str, Any], path: str | Path, source: str) -> None:
     """Demand that a register holds what a report says of it (:func:`head_of`); a ValueError names the line."""
-    count, head = told["lines"], told["head"]
+    count = told["lines"]
+    head = told["head"]
     if count > len(lines):
         raise ValueError(
             f"register {path} lacks line {len(lines) + 1}: it has {len(lines)}, and {source} tells {count}"

@@ -100,10 +100,12 @@ def check_place(points: FloatArray, lane: Lane, name: str) -> None:
 
 
 def _swapped(x: NDArray[np.float64], y: NDArray[np.float64], lane: Lane, known: bool) -> bool:
-    across, along = lane.x_max - lane.x_min, lane.y_max - lane.y_min
+    across = lane.x_max - lane.x_min
+    along = lane.y_max - lane.y_min
     if along < 2 * across:
         return False
-    fits, fits_swapped = lane.contains(x, y).mean(), lane.contains(y, x).mean()
+    fits = lane.contains(x, y).mean()
+    fits_swapped = lane.contains(y, x).mean()
     if fits_swapped < 0.9 or fits > 0.1:
         return False
     if known:
@@ -173,12 +175,16 @@ class Match:
             elsewhere = np.zeros(len(self.alarms), dtype=bool)
             elsewhere[self.pair_alarm[~keep]] = True
             keep &= ~elsewhere[self.pair_alarm]
-        row, target, away = self.pair_alarm[keep], self.pair_target[keep], self.pair_distance[keep]
+        row = self.pair_alarm[keep]
+        target = self.pair_target[keep]
+        away = self.pair_distance[keep]
         order = np.lexsort((row, away, -self.confidence[row], target))
         first = order[np.unique(target[order], return_index=True)[1]]
-        alarm, distance = np.full(targets, -1, dtype=np.int64), np.full(targets, np.nan)
+        alarm = np.full(targets, -1, dtype=np.int64)
+        distance = np.full(targets, np.nan)
         confidence = np.full(targets, -np.inf)
-        alarm[target[first]], distance[target[first]] = row[first], away[first]
+        alarm[target[first]] = row[first]
+        distance[target[first]] = away[first]
         confidence[target[first]] = self.confidence[row[first]]
         return alarm, confidence, distance
 
@@ -237,20 +243,26 @@ def match(
     one_of("halo_as", halo_as, ("radius", "diameter"))
     one_of("assignment", assignment, ("halo", "nearest"))
     radius = float(halo) / (2 if halo_as == "diameter" else 1)
-    alarms, truth = check_alarms(alarms).reset_index(drop=True), check_truth(truth).reset_index(drop=True)
+    alarms = check_alarms(alarms).reset_index(drop=True)
+    truth = check_truth(truth).reset_index(drop=True)
     lanes = as_lanes(lane)
-    alarm_lane, target_lane = lane_of_rows(alarms, lanes, "alarms"), lane_of_rows(truth, lanes, "truth")
+    alarm_lane = lane_of_rows(alarms, lanes, "alarms")
+    target_lane = lane_of_rows(truth, lanes, "truth")
     inside = np.zeros(len(alarms), dtype=bool)
-    at, given = positions(alarms), positions(truth)
+    at = positions(alarms)
+    given = positions(truth)
     for number, one in enumerate(lanes.values()):
         check_place(at[alarm_lane == number], one, "alarms")
         check_place(given[target_lane == number], one, "truth")
     if refraction is not None:
         truth = refraction.move(truth)
-    expected, pairs = positions(truth), []
+    expected = positions(truth)
+    pairs = []
     for number, one in enumerate(lanes.values()):
-        own, known = np.flatnonzero(alarm_lane == number), np.flatnonzero(target_lane == number)
-        here, there = at[own], expected[known]
+        own = np.flatnonzero(alarm_lane == number)
+        known = np.flatnonzero(target_lane == number)
+        here = at[own]
+        there = expected[known]
         inside[own] = one.contains(here[:, 0], here[:, 1])
         row, target, distance = pairs_within(here, there, radius)
         pairs.append((own[row], known[target], distance))
@@ -260,7 +272,9 @@ def match(
     if assignment == "nearest":
         order = np.lexsort((target, distance, row))
         keep = order[np.unique(row[order], return_index=True)[1]]
-        row, target, distance = row[keep], target[keep], distance[keep]
+        row = row[keep]
+        target = target[keep]
+        distance = distance[keep]
     false = inside & ~in_halo
     return Match(
         alarms, truth, lanes, radius, alarm_lane, target_lane, row, target, distance, in_halo, false, refraction
@@ -274,7 +288,8 @@ def pairs_within(here: FloatArray, there: FloatArray, radius: float) -> tuple[In
         return none, none, np.zeros(0)
     # The tree rounds differently on the border: let it find a little too much, then decide by the plain formula.
     near = cKDTree(here).sparse_distance_matrix(cKDTree(there), radius * (1 + 1e-6) + 1e-9, output_type="ndarray")
-    first, second = near["i"].astype(np.int64), near["j"].astype(np.int64)
+    first = near["i"].astype(np.int64)
+    second = near["j"].astype(np.int64)
     distance = np.hypot(here[first, 0] - there[second, 0], here[first, 1] - there[second, 1])
     keep = distance <= radius
     return first[keep], second[keep], distance[keep]

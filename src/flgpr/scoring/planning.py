@@ -165,7 +165,8 @@ def emplacement_plan(
         raise ValueError(f"targets.count must be whole and positive, got {counts.tolist()}")
     if not (spacing >= 0 and edge >= 0):
         raise ValueError(f"spacing and edge must not be negative, got {spacing} m and {edge} m")
-    lanes, rng = as_lanes(lane), np.random.default_rng(seed)
+    lanes = as_lanes(lane)
+    rng = np.random.default_rng(seed)
     sorts = targets.loc[targets.index.repeat(counts.astype(np.int64))].drop(columns="count").reset_index(drop=True)
     names, places = _draw_places(lanes, len(sorts), spacing, edge, rng)
     plan = sorts.iloc[rng.permutation(len(sorts))].reset_index(drop=True).assign(x=places[:, 0], y=places[:, 1])
@@ -199,12 +200,14 @@ def _draw_places(
     areas = np.array([max(0.0, width) * max(0.0, length) for width, length in sizes.values()])
     if not areas.sum() > 0:
         raise ValueError(f"edge must leave ground in the lane, got {edge} m")
-    names, places = list(lanes), np.full((count, 2), math.nan)
+    names = list(lanes)
+    places = np.full((count, 2), math.nan)
     chosen = np.full(count, -1)
     for number in range(count):
         for _ in range(_TRIES):
             which = int(rng.choice(len(names), p=areas / areas.sum()))
-            lane, size = lanes[names[which]], sizes[names[which]]
+            lane = lanes[names[which]]
+            size = sizes[names[which]]
             corner = np.array([lane.x_min, lane.y_min]) + edge
             spot = np.clip(np.round(corner + rng.uniform(size=2) * size, 3), corner, corner + size)
             taken = places[:number][chosen[:number] == which]
@@ -215,5 +218,6 @@ def _draw_places(
                 f"targets must fit into the lane with spacing {spacing:g} m and edge {edge:g} m; "
                 f"found room for {number} of {count}"
             )
-        places[number], chosen[number] = spot, which
+        places[number] = spot
+        chosen[number] = which
     return [names[which] for which in chosen], places

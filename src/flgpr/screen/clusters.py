@@ -206,7 +206,8 @@ def fit_ellipse(template: ArrayLike, spacing: tuple[float, float]) -> Ellipse:
     power = np.maximum(power - np.median(power), 0)
     if not power.any():
         raise ValueError("template must rise above its median, as that of a mine that the images show, got zero")
-    half, offset = [], []
+    half = []
+    offset = []
     for axis, step in ((1, spacing[0]), (0, spacing[1])):
         profile = power.sum(axis=1 - axis)
         place = np.arange(profile.size) * step

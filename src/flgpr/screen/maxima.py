@@ -147,7 +147,8 @@ def _maxima(view: xr.DataArray, radius: float) -> tuple[NDArray[np.intp], NDArra
     dy, dx = (float(view[axis].values[1] - view[axis].values[0]) for axis in ("y", "x"))
     seen = np.isfinite(values)
     filled = np.where(seen, values, -np.inf)
-    ny, nx = math.floor(radius / dy + 1e-9), math.floor(radius / dx + 1e-9)
+    ny = math.floor(radius / dy + 1e-9)
+    nx = math.floor(radius / dx + 1e-9)
     inner = binary_erosion(seen, np.ones((3, 3), bool), border_value=0)
     # A maximum within the radius is one among its neighbours too, which is quickly found out.
     near = maximum_filter(filled, size=(3 if ny else 1, 3 if nx else 1), mode="constant", cval=-np.inf)
@@ -176,7 +177,9 @@ def _maxima(view: xr.DataArray, radius: float) -> tuple[NDArray[np.intp], NDArra
     return rows[kept], columns[kept]
 
 
-HIT, FALSE, NEITHER = "hit", "false", "neither"
+HIT = "hit"
+FALSE = "false"
+NEITHER = "neither"
 
 
 def label_alarms(alarms: pd.DataFrame, truth: pd.DataFrame, lane: Lane, radius: float = 1.0) -> pd.DataFrame:
@@ -203,9 +206,11 @@ def label_alarms(alarms: pd.DataFrame, truth: pd.DataFrame, lane: Lane, radius: 
     place, there = (t[["x", "y"]].to_numpy(dtype=np.float64) for t in (alarms, targets))
     if len(there):
         away = np.linalg.norm(place[:, None] - there[None], axis=-1)
-        target, distance = away.argmin(axis=1), away.min(axis=1)
+        target = away.argmin(axis=1)
+        distance = away.min(axis=1)
     else:
-        target, distance = np.full(len(place), -1), np.full(len(place), np.nan)
+        target = np.full(len(place), -1)
+        distance = np.full(len(place), np.nan)
     hit = distance <= radius
     inside = lane.contains(place[:, 0], place[:, 1])
     label = np.where(hit, HIT, np.where(inside, FALSE, NEITHER))

@@ -44,7 +44,8 @@ class LaneSums:
     """
 
     def __init__(self, grid: Grid, y_max: float, rows: slice | None = None) -> None:
-        self.grid, self.y_max = grid, y_max
+        self.grid = grid
+        self.y_max = y_max
         self._window = range(grid.ny)[rows] if rows is not None else range(grid.ny)
         self._points = np.zeros((len(self._window), grid.nx, 3))
         self._points[..., 0] = grid.x[None, :]
@@ -56,7 +57,8 @@ class LaneSums:
         """Take in one scan: magnitudes (..., y, x) on a grid of the scan frame, and its pose (6,)."""
         if not self._kept:
             self._kept = self._begin(magnitude.shape[:-2])
-        reached, start = self.reach(grid, pose), self._window.start
+        reached = self.reach(grid, pose)
+        start = self._window.start
         rows = slice(max(reached.start - start, 0), max(reached.stop - start, 0))
         local = lane_to_scan(self._points[rows], pose)
         row, column = (local[..., 1] - grid.y_min) / grid.dy, (local[..., 0] - grid.x_min) / grid.dx
@@ -192,7 +194,8 @@ class RangeViewSums(LaneSums):
         within: float = math.inf,
     ) -> None:
         super().__init__(grid, y_max, rows)
-        self.ranges, self.within = tuple(ranges), within
+        self.ranges = tuple(ranges)
+        self.within = within
 
     def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
         shape = (*channels, len(self.ranges), *self._looks.shape)
@@ -287,7 +290,8 @@ def view_array(
 
 def grid_of(image: xr.DataArray) -> Grid:
     """Tell the pixels of an image (..., y, x) by its axes."""
-    y, x = image["y"].values, image["x"].values
+    y = image["y"].values
+    x = image["x"].values
     return Grid(float(x[0]), float(y[0]), x.size, y.size, float(x[1] - x[0]), float(y[1] - y[0]))
 
 

@@ -44,7 +44,8 @@ def wedge_coefficients(angle: float, exterior: float) -> tuple[float, float]:
     gap = math.cos(math.pi / n) - math.cos(2 * angle / n)
     reflected = 1 / gap if abs(gap) > 1e-9 else math.inf
     limit = _LARGEST_COEFFICIENT
-    soft, hard = front * (direct - reflected), front * (direct + reflected)
+    soft = front * (direct - reflected)
+    hard = front * (direct + reflected)
     return max(-limit, min(limit, soft)), max(-limit, min(limit, hard))
 
 
@@ -77,7 +78,8 @@ def rim_amplitude(rim: Rim, wavenumber: ArrayLike, sine: ArrayLike) -> ComplexAr
     ``sqrt(a/(4πk·sinθ))`` with the phase of the ring's stationary point; with D = cotθ/2 it is the physical-optics
     disc's.
     """
-    k, s = np.asarray(wavenumber, dtype=float), np.asarray(sine, dtype=float)
+    k = np.asarray(wavenumber, dtype=float)
+    s = np.asarray(sine, dtype=float)
     size = np.sqrt(rim.radius / (4 * np.pi * k * s))
     return np.asarray(size * np.exp(-0.75j * np.pi if rim.near else -0.25j * np.pi))
 
@@ -92,7 +94,8 @@ def layered_reflection(
     """
     if len(media) != len(thickness) + 2:
         raise ValueError(f"media must be two more than thickness, got {len(media)} and {len(thickness)}")
-    k, s = np.asarray(wavenumber, dtype=float), np.asarray(sine, dtype=float)
+    k = np.asarray(wavenumber, dtype=float)
+    s = np.asarray(sine, dtype=float)
     total = list(reflection(s, media[-2], media[-1]))
     for i in range(len(thickness) - 1, -1, -1):
         q = k * np.sqrt(np.asarray(media[i + 1], dtype=complex) - s**2)
@@ -113,9 +116,11 @@ def layers_strength(
     sign. Unlike the specular reflection of a face it has no null at Brewster's angle. Layers are (thickness,
     permittivity) from the top down; sine and wavenumber are those in air.
     """
-    k, eps = np.asarray(wavenumber, dtype=float), np.asarray(soil, dtype=complex)
+    k = np.asarray(wavenumber, dtype=float)
+    eps = np.asarray(soil, dtype=complex)
     down = k * np.sqrt(eps - sine**2)
-    total, top = np.zeros((2, k.size), complex), 0.0
+    total = np.zeros((2, k.size), complex)
+    top = 0.0
     for thickness, inner in layers:
         bottom = top + thickness
         share = (inner - eps) * (np.exp(-2j * down * top) - np.exp(-2j * down * bottom)) / (2j * down)

@@ -52,7 +52,9 @@ class Ground:
     """The ground as the rays of one scan meet it; without heights it is flat."""
 
     def __init__(self, soil: Soil, heights: HeightField | None, frequency: FloatArray) -> None:
-        self.soil, self.heights, self.frequency = soil, heights, frequency
+        self.soil = soil
+        self.heights = heights
+        self.frequency = frequency
         self.wavenumber = 2 * np.pi * frequency / SPEED_OF_LIGHT
         centre = frequency[frequency.size // 2 : frequency.size // 2 + 1]
         self.media = soil.media(frequency)
@@ -72,7 +74,8 @@ class Ground:
         below = [np.ones_like(self.media[0]), *self.media[: layer + 1]]
         total = np.ones((2, self.frequency.size), complex)
         for upper, lower in itertools.pairwise(below):
-            q1, q2 = np.sqrt(upper - sine**2), np.sqrt(lower - sine**2)
+            q1 = np.sqrt(upper - sine**2)
+            q2 = np.sqrt(lower - sine**2)
             total[0] *= 2 * q1 / (q1 + q2)
             total[1] *= 2 * np.sqrt(upper * lower) * q1 / (lower * q1 + upper * q2)
         return total**2
@@ -115,7 +118,8 @@ def bisectors(x: float, y: float, array: ArrayState) -> FloatArray:
 def rotated(copolar: NDArray[Any], angle: float) -> NDArray[Any]:
     """HH, VV and cross of an echo whose edge is turned about the ray by ``angle`` (rad)."""
     h, v = copolar
-    c, s = math.cos(angle), math.sin(angle)
+    c = math.cos(angle)
+    s = math.sin(angle)
     return np.stack([c * c * h + s * s * v, s * s * h + c * c * v, s * c * (h - v)])
 
 
@@ -125,7 +129,8 @@ def add_standing(echoes: Echoes, target: Target, ground: Ground, array: ArraySta
     height = min(-target.depth, height)
     sine = incidence(target.x, target.y, 0.0, array)
     k = ground.wavenumber
-    wall, top = np.ones((2, 1), complex), np.ones((2, 1), complex)
+    wall = np.ones((2, 1), complex)
+    top = np.ones((2, 1), complex)
     if target.dielectric is not None:
         body = np.full(k.size, target.dielectric, complex)
         h, v = bodies.layered_reflection(math.sqrt(1 - sine**2), k, [np.ones_like(body), body], [])
@@ -176,8 +181,10 @@ def add_object(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, 
 def _add_rock(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, seed: int) -> None:
     """Half-buried stone of permittivity 6, its dipole saturating, and its image in the ground half a radius up."""
     sine = incidence(thing.x, thing.y, 0.0, array)
-    k, cosine = ground.wavenumber, math.sqrt(1 - sine**2)
-    optical, dipole = ((math.sqrt(6) - 1) / (math.sqrt(6) + 1)) ** 2, ((6 - 1) / (6 + 2)) ** 2
+    k = ground.wavenumber
+    cosine = math.sqrt(1 - sine**2)
+    optical = ((math.sqrt(6) - 1) / (math.sqrt(6) + 1)) ** 2
+    dipole = ((6 - 1) / (6 + 2)) ** 2
     growth = 4 * dipole / optical * (k * thing.radius) ** 4
     size = thing.radius / 2 * np.sqrt(optical * growth / (1 + growth))
     r_h, r_v = ground.reflection(sine) * np.exp(-1j * k * thing.radius * cosine)
@@ -191,7 +198,8 @@ def _add_rock(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, s
 def _add_post(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, seed: int) -> None:  # noqa: ARG001
     """Upright cylinder on the ground: direct, image and corner echoes of its lit line, integrated over its height."""
     sine = incidence(thing.x, thing.y, thing.height / 2, array)
-    k, cosine = ground.wavenumber, math.sqrt(1 - sine**2)
+    k = ground.wavenumber
+    cosine = math.sqrt(1 - sine**2)
     line = np.sqrt(k * thing.radius * sine / (4 * np.pi)) * np.exp(-0.25j * np.pi)
     bounce = np.array([[-1.0], [1.0]]) * ground.reflection(sine)
     end = 1 / (2j * k * cosine)
@@ -271,17 +279,26 @@ def _sum(  # type: ignore[no-untyped-def]
     tones = spectrum.shape[2]
     middle = tones // 2
     for q in range(begin, end):
-        a, b = tx[q], rx[q]
+        a = tx[q]
+        b = rx[q]
         for e in range(path.shape[0]):
-            ah, av, aw = gain[a, e, 0], gain[a, e, 1], gain[a, e, 2]
-            bh, bv, bw = gain[b, e, 0], gain[b, e, 1], gain[b, e, 2]
-            even, odd = weight[e, 0, q], weight[e, 1, q]
+            ah = gain[a, e, 0]
+            av = gain[a, e, 1]
+            aw = gain[a, e, 2]
+            bh = gain[b, e, 0]
+            bv = gain[b, e, 1]
+            bw = gain[b, e, 2]
+            even = weight[e, 0, q]
+            odd = weight[e, 1, q]
             rate = moved[a, e] + moved[b, e]
             angle = -4 * math.pi * step * rate
             bend = complex(math.cos(angle), math.sin(angle))
             off = 0.5 * (cosine[a, e] + cosine[b, e])
             narrowing = math.exp(off * 2 * growth * step * step)
-            rotation, carrier, beam, narrower = 0j, 0j, 1.0, 1.0
+            rotation = 0j
+            carrier = 0j
+            beam = 1.0
+            narrower = 1.0
             for k in range(tones):
                 if k % 64 == 0:
                     wave = first + k * step
@@ -295,7 +312,8 @@ def _sum(  # type: ignore[no-untyped-def]
                         beam = math.exp(off * (growth * wave * wave - 1))
                         narrower = math.exp(off * growth * step * (2 * wave + step))
                 now = carrier * min(beam, 1.0) if growth > 0 else carrier
-                h, v = even * spectrum[e, 0, k] * now, even * spectrum[e, 1, k] * now
+                h = even * spectrum[e, 0, k] * now
+                v = even * spectrum[e, 1, k] * now
                 x, y = even * spectrum[e, 2, k] * now, odd * spectrum[e, 3, k] * now
                 if mixed:
                     out[0, q, k] += ah * bh * h + ah * bv * (x + y) + av * bh * (x - y) + av * bv * v

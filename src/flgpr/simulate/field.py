@@ -15,7 +15,9 @@ from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.draw import stream
 from flgpr.simulate.scene import Patch, Surface
 
-TILE, TILES_KEPT = 1.0, 4000  # m, and how many stay in memory
+# m, and how many stay in memory
+TILE = 1.0
+TILES_KEPT = 4000
 
 
 def tiles_between(low: FloatArray, high: FloatArray) -> list[tuple[int, int]]:
@@ -61,7 +63,10 @@ class SurfaceField:
         self, surface: Surface, patches: tuple[Patch, ...], density: float, seed: int, keep: int = TILES_KEPT,
         name: str = "surface",
     ) -> None:  # fmt: skip
-        self.surface, self.patches, self.seed, self.name = surface, patches, seed, name
+        self.surface = surface
+        self.patches = patches
+        self.seed = seed
+        self.name = name
         self._cells = cells_of(density * TILE**2)
         self.per_tile = math.prod(self._cells)
         self.tile = lru_cache(keep)(self._make)

@@ -151,7 +151,8 @@ def _time_window(grid: Grid, antennas: FloatArray, index: float, centre: float) 
     ends = [(low, low + size) for low, size in zip(grid.origin[:2], grid.size[:2], strict=True)]
     corners = np.array([(x, y) for x in ends[0] for y in ends[1]])
     across = np.linalg.norm(antennas[..., None, :2] - corners, axis=-1).max()
-    high, deep = antennas[..., 2].max(), -grid.origin[2]
+    high = antennas[..., 2].max()
+    deep = -grid.origin[2]
     path = 2 * math.hypot(across, high) + 2 * index * deep
     return float(1.1 * path / SPEED_OF_LIGHT + 4 / centre)
 
@@ -180,7 +181,8 @@ def _scene_text(
 
 
 def _ground(scene: Scene, grid: Grid, seed: int, soils: int) -> tuple[list[str], dict[str, float]]:
-    surface, cell = scene.surface, grid.cell
+    surface = scene.surface
+    cell = grid.cell
     level = round(-grid.origin[2] / cell)
     steps = np.zeros(grid.shape[:2], dtype=int)
     wanted = 0.0
@@ -192,8 +194,10 @@ def _ground(scene: Scene, grid: Grid, seed: int, soils: int) -> tuple[list[str],
         exact = np.stack([heights(x[i], y) for i in range(x.size)])
         steps = np.rint(exact / cell).astype(int)
         wanted = float(exact.std())
-    low, high = int(steps.min()), int(steps.max())
-    lines, top = [], level + low
+    low = int(steps.min())
+    high = int(steps.max())
+    lines = []
+    top = level + low
     below = level * cell
     bottoms = []
     for layer in scene.soil.layers:
@@ -215,7 +219,8 @@ def _box(i0: int, i1: int, j0: int, j1: int, k0: int, k1: int, cell: float, mate
 
 
 def _objects(things: tuple[Thing, ...], grid: Grid, rms_height: float, omissions: list[str]) -> list[str]:
-    lines, away = [], 0
+    lines = []
+    away = 0
     kinds: dict[str, int] = {}
     for thing in things:
         if not grid.contains((thing.x, thing.y, 0.0), thing.radius):
@@ -289,7 +294,8 @@ def _widest(radius: FloatArray, drop: FloatArray, at: float) -> float:
 
 
 def _left_out(scene: Scene, world: World, sensor: Sensor) -> list[str]:
-    surface, omitted = scene.surface, []
+    surface = scene.surface
+    omitted = []
     if sensor.antenna.kind == "horn":
         omitted.append("the horns' pattern and gain: ideal short dipoles stand in for them")
     omitted.append("the sensor's errors: leakage, self-signature, drift, noise, interference, lost sweeps, pose errors")

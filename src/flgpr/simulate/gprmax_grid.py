@@ -131,7 +131,8 @@ def fit_relaxation(
     of relaxation times from ``shortest`` on, which the solver's time step allows. A medium so fitted is causal and
     passive; outside the band it means nothing.
     """
-    f, eps = np.atleast_1d(np.asarray(frequency, float)), np.atleast_1d(np.asarray(permittivity, complex))
+    f = np.atleast_1d(np.asarray(frequency, float))
+    eps = np.atleast_1d(np.asarray(permittivity, complex))
     if (eps.imag > 1e-12).any() or (eps.real < 1).any():
         raise ValueError(f"permittivity must have ε' >= 1 and no negative loss, got {eps[np.argmax(eps.imag)]:g}")
     longest = 10 / (2 * math.pi * f.min())

@@ -55,7 +55,8 @@ def draw_holes(scene: Scene, targets: tuple[Target, ...], seed: int) -> tuple[Ho
 
 
 def _over_targets(scene: Scene, targets: tuple[Target, ...], seed: int) -> list[Hole]:
-    holes, table = [], scene.holes
+    holes = []
+    table = scene.holes
     for index, target in enumerate(targets):
         rng = stream(seed, "hole", index)
         if target.depth < 0 or rng.random() >= table.over:
@@ -67,7 +68,8 @@ def _over_targets(scene: Scene, targets: tuple[Target, ...], seed: int) -> list[
 
 
 def _empty(scene: Scene, seed: int) -> list[Hole]:
-    rng, table = stream(seed, "holes"), scene.holes
+    rng = stream(seed, "holes")
+    table = scene.holes
     return [
         Hole(
             rng.uniform(scene.x_min, scene.x_max),

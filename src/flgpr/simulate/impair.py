@@ -23,7 +23,9 @@ class Impairments:
     """A sensor's errors that its ``errors`` turn on; each scan's depend on the seed and the scan's number alone."""
 
     def __init__(self, sensor: Sensor, seed: int) -> None:
-        self.sensor, self.errors, self.seed = sensor, sensor.errors, seed
+        self.sensor = sensor
+        self.errors = sensor.errors
+        self.seed = seed
         self.frequency = sensor.tones.axis()
         self.pairs = sensor.pairs()[0].shape[0]
         self.reference = reference_clutter(sensor)
@@ -90,7 +92,8 @@ class Impairments:
 
     def bursts(self, scan: int) -> NDArray[np.complex64]:
         """Pulsed interference of a scan (4, pair, frequency): a run of tones, in no phase, in some of the sweeps."""
-        errors, tones = self.errors, self.frequency.size
+        errors = self.errors
+        tones = self.frequency.size
         rng = stream(self.seed, "bursts", scan)
         hit = np.flatnonzero(rng.random(self.pairs) < errors.burst_probability)
         length = rng.integers(errors.burst_tones[0], errors.burst_tones[1] + 1, hit.size)
@@ -125,7 +128,8 @@ def reference_clutter(sensor: Sensor) -> float:
     band = axis[(axis >= low) & (axis <= high)]
     if band.size < 2:
         raise ValueError(f"noise_band must hold at least two tones, got {low:g} to {high:g} Hz")
-    distance, centre = sensor.errors.noise_range, float(band.mean())
+    distance = sensor.errors.noise_range
+    centre = float(band.mean())
     slant = math.hypot(distance, sensor.height)
     sine = distance / slant
     sigma = surface_backscatter(centre, sine, 3.4, 0.005, 0.05)[0]
@@ -150,7 +154,8 @@ class AntennaErrors:
     """The antennas' errors that the sensor's ``errors`` turn on; each scan's depend on seed and scan number alone."""
 
     def __init__(self, sensor: Sensor, seed: int) -> None:
-        self.errors, self.seed = sensor.errors, seed
+        self.errors = sensor.errors
+        self.seed = seed
         self.frequency = sensor.tones.axis()
         self._first, self._second = sensor.pair_indices()
         self._shape = (2, max(len(sensor.tx), len(sensor.rx)), 2)  # side, antenna, port
@@ -166,7 +171,8 @@ class AntennaErrors:
         ports = self.ports(scan)
         if ports is None:
             return signal
-        sent, taken = ports[0][self._first].astype(np.complex64), ports[1][self._second].astype(np.complex64)
+        sent = ports[0][self._first].astype(np.complex64)
+        taken = ports[1][self._second].astype(np.complex64)
         return np.stack([signal[2 * i + j] * sent[:, i] * taken[:, j] for i in range(2) for j in range(2)])
 
     def ports(self, scan: int) -> ComplexArray | None:
@@ -195,7 +201,8 @@ class AntennaErrors:
 
     def _draw_leakage(self) -> ComplexArray:
         """Leakages (side, antenna, port, frequency), or (..., 1) where they do not depend on frequency."""
-        level, rng = 10 ** ((self.errors.isolation_db or 0.0) / 20), stream(self.seed, "isolation")
+        level = 10 ** ((self.errors.isolation_db or 0.0) / 20)
+        rng = stream(self.seed, "isolation")
         bandwidth = self.errors.isolation_bandwidth
         if bandwidth is None:
             return np.asarray(level * np.exp(2j * np.pi * rng.random(self._shape)))[..., None]

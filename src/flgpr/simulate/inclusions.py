@@ -58,7 +58,8 @@ def root(
     saturates at the echo of a thick cylinder, ``sqrt(k_s·a/4π)`` times the reflection of its face; the corner is the
     frequency, over the given one, at which that of the field along it does. The wavenumber is that in air.
     """
-    a, es = np.asarray(radius, dtype=float), np.asarray(soil, dtype=float)
+    a = np.asarray(radius, dtype=float)
+    es = np.asarray(soil, dtype=float)
     thin = wavenumber**2 / (4 * np.pi) * np.pi * a**2 * (body - es)
     index = np.sqrt(complex(body))
     thick = np.sqrt(wavenumber * np.sqrt(es) * a / (4 * np.pi)) * np.abs((index - np.sqrt(es)) / (index + np.sqrt(es)))
@@ -82,7 +83,8 @@ def volume_backscatter(
     ``W(K) = 8π·s²·L_h²·L_v/(1 + K_h²L_h² + K_z²L_v²)²`` and ``K = 2k0·(sinθ, sqrt(ε - sin²θ))``. HH = VV, no HV (Tsang,
     Kong & Shin 1985, Sec. 5; Ishimaru 1978, ch. 16).
     """
-    k, s2 = np.asarray(wavenumber, dtype=float), np.asarray(sine, dtype=float) ** 2
+    k = np.asarray(wavenumber, dtype=float)
+    s2 = np.asarray(sine, dtype=float) ** 2
     stretch = 4 * k**2 * (s2 * horizontal**2 + (np.asarray(soil, dtype=float) - s2) * vertical**2)
     spectrum = 8 * np.pi * deviation**2 * horizontal**2 * vertical / (1 + stretch) ** 2
     return np.asarray(k**4 / (4 * np.pi) * spectrum)
@@ -96,5 +98,6 @@ def disc_flash(radius: ArrayLike, wavenumber: float, sine: ArrayLike = 1.0, side
 
 def lens(radius: ArrayLike, contrast: ArrayLike, thickness: float, wavenumber: float) -> ComplexArray:
     """Amplitude, m, of a thin flat disc's near flash (Born) at sinθ = 1; that of the far one is its conjugate."""
-    a, d = np.asarray(radius, dtype=float), np.asarray(contrast, dtype=float)
+    a = np.asarray(radius, dtype=float)
+    d = np.asarray(contrast, dtype=float)
     return np.asarray(_FULL * wavenumber**2 / 4 * d * a**2 * thickness * disc_flash(a, wavenumber))

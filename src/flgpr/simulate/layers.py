@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 _SAMPLE = 240  # points of a layer by which the tones are chosen
 _COSINES = np.linspace(0.35, 1, 14)  # two-way cosines off the axis, for a layer that has no point in view
-_TOLERANCE, _MOST = 0.01, 8
+_TOLERANCE = 0.01
+_MOST = 8
 
 
 class PointEchoes(NamedTuple):
@@ -61,7 +62,9 @@ class View:
         x_min, x_max, y_min, y_max = footprint
         self.terrain = None if terrain is None or terrain.flat else terrain
         self.shadows = shadows
-        self.footprint, self.pose, self.array = footprint, pose, array
+        self.footprint = footprint
+        self.pose = pose
+        self.array = array
         self._turn = heading_matrix(pose[3])[:2, :2]
         own = np.array([[x_min, y_min], [x_max, y_min], [x_min, y_max], [x_max, y_max]])
         self.corners = own @ self._turn.T + pose[:2]
@@ -121,7 +124,8 @@ class SurfaceLayer:
     """The rough surface's scatterers; the spectra are the square root of σ⁰."""
 
     def __init__(self, field: SurfaceField, spectra: SineSpectra) -> None:
-        self._field, self._spectra = field, spectra
+        self._field = field
+        self._spectra = spectra
 
     def echoes(self, view: View) -> PointEchoes:
         """Give the scatterers in view."""
@@ -138,10 +142,12 @@ class Skeleton:
     """Tones (``nodes``) and functions (rank, frequency) for layers' spectra, chosen by a view of some scatterers."""
 
     def __init__(self, layers: Iterable[Layer], view: View, frequency: FloatArray) -> None:
-        self._array, self._frequency = view.array, frequency
+        self._array = view.array
+        self._frequency = frequency
         found = [layer.echoes(view) for layer in layers]
         if frequency.size == 1 or not found:
-            self._tones, self.functions = np.array([0]), np.ones((1, frequency.size))
+            self._tones = np.array([0])
+            self.functions = np.ones((1, frequency.size))
         else:
             self._tones, self.functions = _choose(np.concatenate([self._rows(echoes) for echoes in found]))
         self.nodes = frequency[self._tones]
@@ -214,7 +220,8 @@ def slants(grass: tables.Grass, sine: ArrayLike) -> FloatArray:
     """
     sine = np.asarray(sine, dtype=float)
     cosine = np.sqrt(np.maximum(1 - sine**2, _LEAST_COSINE**2))
-    h, v = 1 / cosine, (cosine**2 + grass.upright * sine**2) / cosine
+    h = 1 / cosine
+    v = (cosine**2 + grass.upright * sine**2) / cosine
     return np.stack([h, v, (h + v) / 2])
 
 
@@ -269,7 +276,8 @@ class GrassLayer:
         """Give the scatterers in view."""
         found = self._field.within(view.corners)
         inside = view.inside(found.xy[:, :2])
-        points, amplitude = found.xy[inside], found.amplitude[inside]
+        points = found.xy[inside]
+        amplitude = found.amplitude[inside]
         above = 1 - points[:, 2]
         points[:, 2] *= self.grass.height
         sine = view.sine(points)

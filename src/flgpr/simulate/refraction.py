@@ -37,7 +37,8 @@ def refracted_ray(
     tangent = x / h
     for _ in range(6):
         s = tangent / np.sqrt(1 + tangent**2)
-        reach, slope = h * tangent, np.array(h)
+        reach = h * tangent
+        slope = np.array(h)
         for d, eps in layers:
             vertical = np.sqrt(eps - s**2)
             reach = reach + d * s / vertical
@@ -65,8 +66,10 @@ def reflection(sine: ArrayLike, above: ArrayLike, below: ArrayLike) -> tuple[Com
     The sine is Snell's invariant, that in air, complex for waves that fade. A perfect conductor below gives -1 and +1.
     """
     s2 = np.asarray(sine) ** 2
-    e1, e2 = np.asarray(above, dtype=np.complex128), np.asarray(below, dtype=np.complex128)
-    q1, q2 = np.sqrt(e1 - s2), np.sqrt(e2 - s2)
+    e1 = np.asarray(above, dtype=np.complex128)
+    e2 = np.asarray(below, dtype=np.complex128)
+    q1 = np.sqrt(e1 - s2)
+    q2 = np.sqrt(e2 - s2)
     return (q1 - q2) / (q1 + q2), (e2 * q1 - e1 * q2) / (e2 * q1 + e1 * q2)
 
 

@@ -90,7 +90,8 @@ def surface_backscatter(
     eps = np.asarray(permittivity, dtype=complex)
     nodes, weights = np.polynomial.hermite_e.hermegauss(5 if slope > 0 else 1)
     weights = weights / weights.sum()
-    long, half = uneven_height(unevenness, waviness), (waviness - 1) / 2
+    long = uneven_height(unevenness, waviness)
+    half = (waviness - 1) / 2
     hh = np.zeros(np.broadcast_shapes(k.shape, theta.shape, eps.shape))
     vv = np.zeros_like(hh)
     left = slope * nodes[: nodes.size // 2 + 1]
@@ -113,7 +114,8 @@ def surface_backscatter(
                 )
             )
         for in_hh, in_vv in terms + terms[-2::-1]:  # to the right as to the left
-            hh, vv = hh + in_hh, vv + in_vv
+            hh = hh + in_hh
+            vv = vv + in_vv
     return hh, vv
 
 

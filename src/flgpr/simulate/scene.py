@@ -66,7 +66,8 @@ class Soil(_Part):
 
     def passed(self, depth: float) -> list[float]:
         """Thickness of every layer that a point at ``depth`` (m) has above it, m."""
-        above, left = [], max(depth, 0.0)
+        above = []
+        left = max(depth, 0.0)
         for layer in self.layers:
             above.append(min(layer.thickness, left))
             left -= above[-1]

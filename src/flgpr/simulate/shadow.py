@@ -120,9 +120,11 @@ def _arrived(v: Any, table: Any) -> Any:
 def _passes(point: Any, antenna: Any, strip: Any, passed: Any, wavelength: Any, table: Any, out: Any) -> None:
     """Fill ``out`` (node,) with the factor of the field from an antenna to a point past a strip."""
     out[:] = 1.0
-    dx, dy = point[0] - antenna[0], point[1] - antenna[1]
+    dx = point[0] - antenna[0]
+    dy = point[1] - antenna[1]
     flat = math.sqrt(dx * dx + dy * dy)
-    sx, sy = strip[0] - antenna[0], strip[1] - antenna[1]
+    sx = strip[0] - antenna[0]
+    sy = strip[1] - antenna[1]
     along = (sx * dx + sy * dy) / flat
     if along <= 0 or flat - along <= strip[4]:
         return
@@ -140,22 +142,30 @@ def _passes(point: Any, antenna: Any, strip: Any, passed: Any, wavelength: Any, 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _shade(points, antennas, tx, rx, strips, passed, wavelength, table, out, begin, end):  # type: ignore[no-untyped-def]
     """Multiply ``out`` (point, channel, node) by the mean over pairs of the factors of both ways, strip by strip."""
-    cx, cy, cz = antennas[:, 0].mean(), antennas[:, 1].mean(), antennas[:, 2].mean()
+    cx = antennas[:, 0].mean()
+    cy = antennas[:, 1].mean()
+    cz = antennas[:, 2].mean()
     aperture = np.abs(antennas[:, 0] - cx).max() + np.abs(antennas[:, 1] - cy).max()
     # One Fresnel zone of the lowest frequency at its widest, and the spread of the antennas as seen past the strip.
     longest = wavelength.max()
     away = np.hypot(strips[:, 0] - cx, strips[:, 1] - cy)
     reach = strips[:, 4] + np.sqrt(longest * away) + aperture
     for i in range(begin, end):
-        dx, dy, dz = points[i, 0] - cx, points[i, 1] - cy, points[i, 2] - cz
+        dx = points[i, 0] - cx
+        dy = points[i, 1] - cy
+        dz = points[i, 2] - cz
         flat = math.sqrt(dx * dx + dy * dy)
-        ux, uy = dx / flat, dy / flat
+        ux = dx / flat
+        uy = dy / flat
         for s in range(strips.shape[0]):
-            sx, sy = strips[s, 0] - cx, strips[s, 1] - cy
-            across, part = abs(sx * uy - sy * ux), (sx * ux + sy * uy) / flat
+            sx = strips[s, 0] - cx
+            sy = strips[s, 1] - cy
+            across = abs(sx * uy - sy * ux)
+            part = (sx * ux + sy * uy) / flat
             if across > reach[s] or part <= 0 or (1 - part) * flat <= strips[s, 4]:
                 continue
-            zone, below = math.sqrt(longest * flat * part * (1 - part)), cz + part * dz - strips[s, 3]
+            zone = math.sqrt(longest * flat * part * (1 - part))
+            below = cz + part * dz - strips[s, 3]
             if below > zone or across > strips[s, 4] + zone + aperture * (1 - part):
                 continue
             # |G(v2) - G(v1)| <= (v2 - v1)/√2 and |G(u)| <= 1/(√2·π|u|) bound what a low or thin strip takes away.

@@ -57,7 +57,9 @@ class Simulator:
     """
 
     def __init__(self, scene: Scene, sensor: Sensor, seed: int, errors: bool = True) -> None:
-        self.scene, self.sensor, self.seed = scene, sensor, seed
+        self.scene = scene
+        self.sensor = sensor
+        self.seed = seed
         self.world = draw_world(scene, seed)
         self._terrain = terrain = Terrain(scene.terrain, scene.lane, seed)
         self._height = functools.cache(lambda x, y: terrain(x, y).item())  # bodies stand in many scans
@@ -143,7 +145,8 @@ class Simulator:
         echoes = Echoes()
         for index, one in enumerate(itertools.chain[Target | Thing](self.world.targets, objects)):
             if _in_view(one, view.pose):
-                first, array = len(echoes.path), self._above(one.x, one.y, view.array)
+                first = len(echoes.path)
+                array = self._above(one.x, one.y, view.array)
                 if isinstance(one, Target):
                     add_target(echoes, one, self._ground, array)
                     self._through_hole(echoes, first, index, array)
@@ -154,7 +157,8 @@ class Simulator:
 
     def _through_hole(self, echoes: Echoes, first: int, index: int, array: ArrayState) -> None:
         """Lead a target's echoes, from number ``first`` on, through the loosened soil over it."""
-        hole, target = self._dug.get(index), self.world.targets[index]
+        hole = self._dug.get(index)
+        target = self.world.targets[index]
         if hole is not None:
             sine = incidence(target.x, target.y, 0.0, array)
             extra, factor = hole_factor(hole, target.depth, sine, self._ground)
@@ -169,7 +173,8 @@ class Simulator:
 
     def _cover(self, echoes: Echoes, first: int, x: float, y: float, view: View) -> None:
         """Raise a body's echoes, from number ``first`` on, to the ground it stands on, through grass and shadow."""
-        grass, ground = self.scene.grass, self._height(x, y)
+        grass = self.scene.grass
+        ground = self._height(x, y)
         places = np.array(echoes.place[first:]).reshape(-1, 3)
         if not len(places):
             return
@@ -188,7 +193,8 @@ class Simulator:
     def _make_layers(self) -> list[Layer]:
         """Make all that is summed as point scatterers; further layers are added to this list."""
         layers: list[Layer] = []
-        surface, grass = self.scene.surface, self.scene.grass
+        surface = self.scene.surface
+        grass = self.scene.grass
         density = surface.density or PER_CELL / finest_cell(self.sensor)
         if surface.echo:
             field = SurfaceField(surface, self.world.patches, density, self.seed)
@@ -202,7 +208,8 @@ class Simulator:
 @functools.lru_cache(maxsize=16)
 def _surface_spectra(surface: Surface, soil: Soil, grass: Grass, tones: Tones) -> SineSpectra:
     """Factor sqrt(σ⁰(f, θ)) of HH, VV and cross: the same on every lane of a site."""
-    frequency, sines = tones.axis(), np.linspace(0.02, 0.999, 256)
+    frequency = tones.axis()
+    sines = np.linspace(0.02, 0.999, 256)
     shape = surface.rms_height, surface.correlation_length, surface.slope, surface.unevenness, surface.waviness
     hh, vv = surface_backscatter(frequency[None, :], sines[:, None], soil.media(frequency)[0], *shape)
     spectra = np.sqrt([hh, vv, hh])
@@ -261,16 +268,22 @@ def finest_cell(sensor: Sensor, distance: float = 10.0) -> float:
 
 
 def _in_view(one: Target | Thing | Strip, pose: FloatArray) -> bool:
-    dx, dy = one.x - pose[0], one.y - pose[1]
+    dx = one.x - pose[0]
+    dy = one.y - pose[1]
     forward = dx * math.sin(pose[3]) + dy * math.cos(pose[3])
     return bool(0.5 < forward < _REACH and math.hypot(dx, dy) < _REACH)
 
 
-MOST_MEMORY, MOST_HOURS = 4e9, 48.0
+MOST_MEMORY = 4e9
+MOST_HOURS = 48.0
 """What a simulation may take unless it is forced: bytes, and hours on one core."""
-_PROGRAM, _BEGIN = 400e6, 20.0  # interpreter, libraries, kernels: bytes, and seconds to compile
+# interpreter, libraries, kernels: bytes, and seconds to compile
+_PROGRAM = 400e6
+_BEGIN = 20.0
 _PER_THING = 4000.0, 5e-5  # a drawn object: bytes, and seconds to draw it and its row of the tables
-_PER_POINT, _PER_KEPT = 600.0, 60.0  # a scatterer in view, and one of a tile that is kept, bytes
+# a scatterer in view, and one of a tile that is kept, bytes
+_PER_POINT = 600.0
+_PER_KEPT = 60.0
 _PER_SAMPLE = 300.0, 4e-7  # a pair's tone: bytes, seconds in each scan
 _PER_ECHO = 200.0, 1e-8  # a tone of a body in view, bytes; of each of its pairs, seconds
 _PER_PATH = 6e-8  # a scatterer as a pair sees it, seconds
@@ -291,7 +304,9 @@ class Effort(NamedTuple):
 
 def drawing_effort(scene: Scene) -> Effort:
     """Estimate what it takes to draw a scene's world, without a radar."""
-    side, span, clutter = scene.clutter.roadside[1], scene.length + 2 * MARGIN, scene.clutter
+    side = scene.clutter.roadside[1]
+    span = scene.length + 2 * MARGIN
+    clutter = scene.clutter
     things = float(len(scene.targets) + len(scene.objects) + len(scene.patches) + sum(d.count for d in scene.draws))
     things += ((clutter.rocks + clutter.patches) * 2 * side + clutter.bushes + clutter.posts) * span
     things += scene.holes.empty * scene.length * (scene.x_max - scene.x_min) if scene.holes.on else 0.0
@@ -300,14 +315,16 @@ def drawing_effort(scene: Scene) -> Effort:
 
 def simulation_effort(scene: Scene, sensor: Sensor) -> Effort:
     """Estimate what a scene seen by a sensor takes; the factors are from above of measured ones."""
-    drawn, scans = drawing_effort(scene), _scans(scene)
+    drawn = drawing_effort(scene)
+    scans = _scans(scene)
     x_min, x_max, y_min, y_max = sensor.footprint
     reach = max(math.hypot(x, y) for x in (x_min, x_max) for y in (y_min, y_max))
     area = min((x_max - x_min + 2) * (y_max - y_min + 2) * 2, 4 * (reach + 2) ** 2)  # about a footprint that is turned
     density = _density(scene, sensor)
     points = max(density, _FEWEST) * area
     pairs = len(sensor.tx) if sensor.scanned else len(sensor.tx) * len(sensor.rx)
-    tones, near = sensor.tones.count, drawn.things * min(1.0, _SEEN / (scene.length + 2 * MARGIN))
+    tones = sensor.tones.count
+    near = drawn.things * min(1.0, _SEEN / (scene.length + 2 * MARGIN))
     memory = drawn.memory + _PER_POINT * points + _PER_KEPT * density * max(area, TILES_KEPT)
     memory += _PER_SAMPLE[0] * pairs * tones + (_PER_ECHO[0] * tones + 60.0 * pairs) * near + 200.0 * scans
     each = _PER_PATH * points * pairs + _PER_SAMPLE[1] * pairs * tones + _PER_ECHO[1] * pairs * tones * near

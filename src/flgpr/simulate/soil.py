@@ -61,11 +61,15 @@ def peplinski(
     _in_range("clay", clay, 0.0, 100.0 - sand)
     _in_range("moisture", moisture, 0.0, 0.55)
     f = np.asarray(frequency, dtype=np.float64)
-    grain, alpha = 2.66, 0.65
-    s, c = sand / 100, clay / 100
+    grain = 2.66
+    alpha = 0.65
+    s = sand / 100
+    c = clay / 100
     mineral = (1.01 + 0.44 * grain) ** 2 - 0.062
-    beta_real, beta_imag = 1.2748 - 0.519 * s - 0.152 * c, 1.33797 - 0.603 * s - 0.166 * c
-    omega, relaxation = 2 * np.pi * f, 0.58e-10 / (2 * np.pi)
+    beta_real = 1.2748 - 0.519 * s - 0.152 * c
+    beta_imag = 1.33797 - 0.603 * s - 0.166 * c
+    omega = 2 * np.pi * f
+    relaxation = 0.58e-10 / (2 * np.pi)
     water_real = 4.9 + (80.1 - 4.9) / (1 + (omega * relaxation) ** 2)
     real = (1 + bulk_density / grain * (mineral**alpha - 1) + moisture**beta_real * water_real**alpha - moisture) ** (
         1 / alpha

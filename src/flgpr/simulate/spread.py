@@ -89,13 +89,18 @@ def antenna_terms(  # type: ignore[no-untyped-def]
     the antennas move in a sweep times carrier over bandwidth, m: so much later or earlier echoes seem to come.
     ``beams`` (cosine, lane) are tabulated patterns; where there is none, ``exponent`` holds.
     """
-    lanes, steps = beams.shape[1], beams.shape[0] - 2
+    lanes = beams.shape[1]
+    steps = beams.shape[0] - 2
     for a in range(begin, end):
         for i in range(points.shape[0]):
-            dx, dy = points[i, 0] - antennas[a, 0], points[i, 1] - antennas[a, 1]
+            dx = points[i, 0] - antennas[a, 0]
+            dy = points[i, 1] - antennas[a, 1]
             dz = points[i, 2] - antennas[a, 2]
             over = 1 / math.sqrt(dx * dx + dy * dy + dz * dz)
-            dx, dy, dz, path = dx * over, dy * over, dz * over, 1 / over + extra[i]
+            dx = dx * over
+            dy = dy * over
+            dz = dz * over
+            path = 1 / over + extra[i]
             turns = wavenumber * path
             place = (turns - math.floor(turns)) * _TURNS
             cell = min(int(place), _TURNS - 1)
@@ -105,13 +110,18 @@ def antenna_terms(  # type: ignore[no-untyped-def]
             if lanes > 0:
                 place = min(max(dx * boresight[0] + dy * boresight[1] + dz * boresight[2], 0.0), 1.0) * steps
                 row = int(place)
-                part, size = np.float32(place - row), np.float32(over)
-                low, high, out = beams[row], beams[row + 1], gain[a, i]
+                part = np.float32(place - row)
+                size = np.float32(over)
+                low = beams[row]
+                high = beams[row + 1]
+                out = gain[a, i]
                 for g in range(lanes):
                     out[g] = (low[g] + part * (high[g] - low[g])) * size
             else:
                 hh, hv, vv = _antenna_gain(dx, dy, dz, boresight, horizontal, vertical, exponent)
-                gain[a, i, 0], gain[a, i, 1], gain[a, i, 2] = hh * over, hv * over, vv * over
+                gain[a, i, 0] = hh * over
+                gain[a, i, 1] = hv * over
+                gain[a, i, 2] = vv * over
 
 
 @cache
@@ -125,11 +135,14 @@ def _spreading(lanes: int, dipoles: bool) -> Any:
 
     @shared(cache=True, fastmath=True)
     def spread(coefficient, ranks, distance, phasor, gain, tx, rx, per_metre, table, profile, begin, end):  # type: ignore[no-untyped-def]
-        steps, bins = table.shape[0] - 2, profile.shape[1] - table.shape[1]
+        steps = table.shape[0] - 2
+        bins = profile.shape[1] - table.shape[1]
         turns = 1.0 / bins
         for q in range(begin, end):
             value = np.zeros(2 * lanes, np.float32)
-            a, b = np.uint64(tx[q]), np.uint64(rx[q])  # indices that cannot be negative need no look at their sign
+            # indices that cannot be negative need no look at their sign
+            a = np.uint64(tx[q])
+            b = np.uint64(rx[q])
             for i in range(np.uint64(coefficient.shape[0])):
                 where = (distance[a, i] + distance[b, i]) * per_metre
                 where -= bins * math.floor(where * turns)
@@ -138,29 +151,41 @@ def _spreading(lanes: int, dipoles: bool) -> Any:
                 row = np.uint64(place)
                 part = np.float32(place - row)
                 carrier = phasor[a, i] * phasor[b, i]
-                one, other, z = gain[a, i], gain[b, i], coefficient[i]
+                one = gain[a, i]
+                other = gain[b, i]
+                z = coefficient[i]
                 if dipoles:
                     for r in range(ranks):
-                        h, v, x = z[r] * carrier, z[ranks + r] * carrier, z[2 * ranks + r] * carrier
+                        h = z[r] * carrier
+                        v = z[ranks + r] * carrier
+                        x = z[2 * ranks + r] * carrier
                         hh = one[0] * other[0] * h + (one[0] * other[1] + one[1] * other[0]) * x
                         hh += one[1] * other[1] * v
                         hv = one[0] * other[2] * x + one[1] * other[2] * v
                         vh = one[2] * other[0] * x + one[2] * other[1] * v
                         vv = one[2] * other[2] * v
-                        o, m = r, lanes + r
-                        value[o], value[ranks + o] = hh.real, hv.real
-                        value[2 * ranks + o], value[3 * ranks + o] = vh.real, vv.real
-                        value[m], value[ranks + m] = hh.imag, hv.imag
-                        value[2 * ranks + m], value[3 * ranks + m] = vh.imag, vv.imag
+                        o = r
+                        m = lanes + r
+                        value[o] = hh.real
+                        value[ranks + o] = hv.real
+                        value[2 * ranks + o] = vh.real
+                        value[3 * ranks + o] = vv.real
+                        value[m] = hh.imag
+                        value[ranks + m] = hv.imag
+                        value[2 * ranks + m] = vh.imag
+                        value[3 * ranks + m] = vv.imag
                 else:
-                    real, imag = carrier.real, carrier.imag
+                    real = carrier.real
+                    imag = carrier.imag
                     for k in range(lanes):
                         seen = one[k] * other[k]
                         value[k] = seen * (z[k].real * real - z[k].imag * imag)
                         value[lanes + k] = seen * (z[k].real * imag + z[k].imag * real)
                 low, high = table[row], table[row + 1]
-                w0, w1 = low[0] + part * (high[0] - low[0]), low[1] + part * (high[1] - low[1])
-                w2, w3 = low[2] + part * (high[2] - low[2]), low[3] + part * (high[3] - low[3])
+                w0 = low[0] + part * (high[0] - low[0])
+                w1 = low[1] + part * (high[1] - low[1])
+                w2 = low[2] + part * (high[2] - low[2])
+                w3 = low[3] + part * (high[3] - low[3])
                 near = profile[q, start : start + 4]
                 for k in range(2 * lanes):
                     near[0, k] += w0 * value[k]
@@ -232,14 +257,17 @@ class Spreader:
         self, points: FloatArray, values: NDArray[np.complex64], functions: NDArray[Any], array: ArrayState,
         extra: FloatArray, exponents: FloatArray, some: NDArray[np.intp],
     ) -> NDArray[np.complex64]:  # fmt: skip
-        ranks, kinds = len(functions), 4 if array.dipoles else 3
+        ranks = len(functions)
+        kinds = 4 if array.dipoles else 3
         lanes = -(-kinds * ranks // _LANES) * _LANES
         spread = _spreading(lanes, array.dipoles)
         beams = np.empty((0, 0), np.float32) if array.dipoles else _beam_table(exponents, lanes)
         profile = np.zeros((array.tx.size, self.bins + WIDTH, 2 * lanes), np.float32)
-        flat, coefficient = values.reshape(len(points), 3 * ranks), np.zeros((_CHUNK, lanes), np.complex64)
+        flat = values.reshape(len(points), 3 * ranks)
+        coefficient = np.zeros((_CHUNK, lanes), np.complex64)
         shape = (len(array.position), _CHUNK)
-        distance, phasor = np.empty(shape), np.empty(shape, np.complex64)
+        distance = np.empty(shape)
+        phasor = np.empty(shape, np.complex64)
         gain = np.empty((*shape, 3 if array.dipoles else lanes), np.float32)
         drift = array.drift * (self.wavenumber * SPEED_OF_LIGHT / self.bandwidth)
         look = (array.boresight, array.horizontal, array.vertical, array.exponent, beams, self.wavenumber)
@@ -271,7 +299,8 @@ class Spreader:
 @shared(cache=True)
 def _fold(taps, out, profile, begin, end):  # type: ignore[no-untyped-def]
     """Bring profiles (pair, bin + taps, 2·lane) to complex ones (lane, pair, bin), wrapped round at the end."""
-    lanes, bins = profile.shape[2] // 2, out.shape[2]
+    lanes = profile.shape[2] // 2
+    bins = out.shape[2]
     for q in range(begin, end):
         for k in range(taps):
             for c in range(2 * lanes):  # whole rows would be checked for their shapes, which takes long to compile

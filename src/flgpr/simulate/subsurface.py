@@ -22,13 +22,16 @@ from flgpr.simulate.scene import Scene
 from flgpr.simulate.tables import Roots, Stones
 
 _CORNERS = np.geomspace(0.02, 50.0, 28)  # corner frequencies over the band's middle for which shapes are made
-_STONE, _ROOT = 0, _CORNERS.size
+_STONE = 0
+_ROOT = _CORNERS.size
 _VOLUME, _LENS, _WALL, _CAP = (2 * _CORNERS.size + i for i in range(4))
 _ROOT_STEP = 0.02  # m between the points of a root
 _COPOLAR = np.array([1.0, 1.0, 0.0])
 _LEVEL = math.sin(math.radians(67))  # incidence at which shapes and tables are made
 _SINES = np.linspace(0.02, 0.999, 128)
-_NODES, _DEPTHS = 64, 48  # of those tables
+# of those tables
+_NODES = 64
+_DEPTHS = 48
 
 
 class Buried(NamedTuple):
@@ -64,7 +67,8 @@ def shapes(scene: Scene, ground: Ground) -> FloatArray:
     k = ground.wavenumber
     middle = k.size // 2
     u = k / k[middle]
-    soil, uneven = ground.real[-1], scene.heterogeneity
+    soil = ground.real[-1]
+    uneven = scene.heterogeneity
     volume = np.sqrt(inclusions.volume_backscatter(k, _LEVEL, soil, 1.0, uneven.horizontal, uneven.vertical))
     thick = np.sinc(k * math.sqrt(soil - _LEVEL**2) * scene.lenses.thickness / np.pi)
     wall = u**-0.5 * np.exp(-0.5 * (2 * k * _LEVEL * scene.holes.wall) ** 2)
@@ -77,7 +81,8 @@ def laws(scene: Scene, ground: Ground) -> FloatArray:
     """Change of each shape's amplitude (shape, sine) with the sine of incidence, at uniform sines from 0 to 1."""
     sine = np.linspace(0, 1, 256)
     law = np.ones((_CAP + 1, sine.size))
-    uneven, k = scene.heterogeneity, ground.wavenumber[ground.wavenumber.size // 2]
+    uneven = scene.heterogeneity
+    k = ground.wavenumber[ground.wavenumber.size // 2]
 
     def volume(s: FloatArray | float) -> FloatArray:
         return inclusions.volume_backscatter(k, s, ground.real[-1], 1.0, uneven.horizontal, uneven.vertical)
@@ -105,7 +110,8 @@ class BuriedSpectra:
         cover: Callable[[FloatArray], FloatArray] | None = None, tolerance: float = 0.01, ranks: int = 6,
     ) -> None:  # fmt: skip
         frequency = ground.frequency
-        self._ground, self._deepest = ground, deepest
+        self._ground = ground
+        self._deepest = deepest
         middle = Ground(ground.soil, None, frequency[frequency.size // 2 : frequency.size // 2 + 1])
         copolar = [[middle.entry_squared(s, layer)[:, 0] for s in _SINES] for layer in range(len(ground.real))]
         h, v = np.moveaxis(np.array(copolar), -1, 0)
@@ -171,7 +177,10 @@ class SubsurfaceField:
     """
 
     def __init__(self, scene: Scene, spectra: BuriedSpectra, wavenumber: float, density: float, seed: int) -> None:
-        self._scene, self._spectra, self._k, self._seed = scene, spectra, wavenumber, seed
+        self._scene = scene
+        self._spectra = spectra
+        self._k = wavenumber
+        self._seed = seed
         self._density = scene.heterogeneity.density or density
         self.tile = lru_cache(TILES_KEPT)(self._make)
         self._parts: list[Callable[[int, int], Buried]] = [getattr(self, name) for name in strewn(scene)]
@@ -187,21 +196,25 @@ class SubsurfaceField:
 
     def stones(self, ix: int, iy: int) -> Buried:
         """Stones of a tile, spheroids in every direction."""
-        table, rng = self._scene.stones, stream(self._seed, "stones", ix, iy)
+        table = self._scene.stones
+        rng = stream(self._seed, "stones", ix, iy)
         count = rng.poisson(table.density * TILE**2)
-        xy, radius = _place(rng, count, ix, iy), stone_radii(table, rng.random(count))
+        xy = _place(rng, count, ix, iy)
+        radius = stone_radii(table, rng.random(count))
         depth = radius + rng.random(count) * np.maximum(table.depth - radius, 0)
         body = rng.uniform(*table.permittivity, count)
         stretch = table.stretch ** rng.uniform(-1, 1, count)
         soil = self._spectra.permittivity(depth)
         size, corner = inclusions.stone(radius, body, soil, self._k)
         along, across = inclusions.spheroid(stretch, body, soil)
-        axial, axis = size * (along - across), _directions(rng, count)
+        axial = size * (along - across)
+        axis = _directions(rng, count)
         return _points(xy, depth, size * across, _shape(_STONE, corner), axial, axis)
 
     def roots(self, ix: int, iy: int) -> Buried:
         """Roots that begin around a tile's points, as chains of points along their winding way."""
-        table, rng = self._scene.roots, stream(self._seed, "roots", ix, iy)
+        table = self._scene.roots
+        rng = stream(self._seed, "roots", ix, iy)
         count = rng.poisson(table.density * TILE**2)
         return _joined([self._root(table, rng, ix, iy) for _ in range(count)])
 
@@ -219,7 +232,9 @@ class SubsurfaceField:
         depth = radius + rng.exponential(table.depth) - way[:, 2] + way[steps // 2, 2]
         xy = start + way[:, :2] - way[steps // 2, :2]
         kept = depth > radius
-        xy, depth, axis = xy[kept], depth[kept], axis[kept]
+        xy = xy[kept]
+        depth = depth[kept]
+        axis = axis[kept]
         body = table.permittivity * (1 - 1j * table.loss_tangent)
         along, across, corner = inclusions.root(radius, body, self._spectra.permittivity(depth), self._k)
         step = table.length / steps
@@ -227,10 +242,13 @@ class SubsurfaceField:
 
     def lenses(self, ix: int, iy: int) -> Buried:
         """Moisture lenses of a tile: the near and the far flash of each."""
-        table, rng = self._scene.lenses, stream(self._seed, "lenses", ix, iy)
+        table = self._scene.lenses
+        rng = stream(self._seed, "lenses", ix, iy)
         count = rng.poisson(table.density * TILE**2)
-        xy, radius = _place(rng, count, ix, iy), rng.uniform(*table.radius, count)
-        depth, contrast = rng.uniform(*table.depth, count), rng.normal(0, table.contrast, count)
+        xy = _place(rng, count, ix, iy)
+        radius = rng.uniform(*table.radius, count)
+        depth = rng.uniform(*table.depth, count)
+        contrast = rng.normal(0, table.contrast, count)
         soil = self._spectra.permittivity(depth)
         size = inclusions.lens(radius, contrast, table.thickness, self._k)
         size = size * np.sinc(self._k * np.sqrt(soil - _LEVEL**2) * table.thickness / np.pi)
@@ -240,9 +258,11 @@ class SubsurfaceField:
 
     def heterogeneity(self, ix: int, iy: int) -> Buried:
         """Points of the uneven soil, each for its share of the volume; more of them where less loss lies above."""
-        table, rng = self._scene.heterogeneity, stream(self._seed, "heterogeneity", ix, iy)
+        table = self._scene.heterogeneity
+        rng = stream(self._seed, "heterogeneity", ix, iy)
         cells = cells_of(self._density * TILE**2)
-        count, xy = math.prod(cells), (jittered(rng, cells) + [ix, iy]) * TILE
+        count = math.prod(cells)
+        xy = (jittered(rng, cells) + [ix, iy]) * TILE
         root = rng.random(count)
         depth = table.depth * root**2
         volume = TILE**2 / count * 2 * table.depth * root  # over the probability density of the depth
@@ -303,7 +323,9 @@ class SubsurfaceLayer:
     """What is strewn through the soil, as a scan sees it; ``laws`` (shape, sine from 0 to 1) multiply amplitudes."""
 
     def __init__(self, field: SubsurfaceField, spectra: BuriedSpectra, laws: FloatArray) -> None:
-        self._field, self._spectra, self._laws = field, spectra, laws.astype(np.float32)
+        self._field = field
+        self._spectra = spectra
+        self._laws = laws.astype(np.float32)
 
     def echoes(self, view: View) -> PointEchoes:
         """Give the points in view, each at the surface above it."""
@@ -328,7 +350,8 @@ def _polarized(buried: Buried, towards: FloatArray, sine: FloatArray, spectra: B
     amplitude[:, 0] = amplitude[:, 1] = buried.round
     some = np.flatnonzero(buried.axial)
     inside = sine[some] / np.sqrt(spectra.permittivity(buried.depth[some]))  # sine in the soil
-    axis, look = buried.axis[some], towards[some]
+    axis = buried.axis[some]
+    look = towards[some]
     along_h = axis[:, 1] * look[:, 0] - axis[:, 0] * look[:, 1]
     along_v = axis[:, 2] * inside - (axis[:, :2] * look).sum(axis=1) * np.sqrt(1 - inside**2)
     dyad = np.stack([along_h**2, along_v**2, along_h * along_v], axis=1)
@@ -340,16 +363,20 @@ class HoleLayer:
     """Edges of refilled holes, near and far flash each: ends of the wall, ``wall`` m uneven, and of the cap."""
 
     def __init__(self, holes: tuple[Hole, ...], wall: float, ground: Ground, spectra: BuriedSpectra) -> None:
-        self._holes, self._wall, self._spectra = holes, wall, spectra
+        self._holes = holes
+        self._wall = wall
+        self._spectra = spectra
         middle = ground.frequency.size // 2
-        self._k, self._soil = float(ground.wavenumber[middle]), complex(ground.media[0][middle])
+        self._k = float(ground.wavenumber[middle])
+        self._soil = complex(ground.media[0][middle])
         self._contrast = [h.fill(ground.media[0], ground.frequency)[middle] - self._soil for h in holes]
         self._xy = np.array([[h.x, h.y] for h in holes]).reshape(-1, 2)
 
     def echoes(self, view: View) -> PointEchoes:
         """Give the edges in view: six points a hole."""
         seen = np.flatnonzero(view.inside(self._xy))
-        points, amplitude = np.zeros((seen.size, 6, 3)), np.zeros((seen.size, 6, 3), complex)
+        points = np.zeros((seen.size, 6, 3))
+        amplitude = np.zeros((seen.size, 6, 3), complex)
         depth = np.zeros((seen.size, 6))
         middle = np.zeros((seen.size, 3))
         middle[:, :2] = self._xy[seen]
@@ -357,7 +384,8 @@ class HoleLayer:
         towards = away / np.hypot(away[:, 0], away[:, 1])[:, None]
         sine = view.sine(middle)
         for row, index in enumerate(seen):
-            hole, s = self._holes[index], float(sine[row])
+            hole = self._holes[index]
+            s = float(sine[row])
             entry = self._spectra.transmission(np.zeros(1), sine[row : row + 1])[0]
             for side, first in ((1.0, 0), (-1.0, 3)):
                 wall = wall_flash(hole, self._contrast[index], self._soil.real, self._wall, s, self._k, side)
@@ -366,7 +394,8 @@ class HoleLayer:
                 amplitude[row, first + 2, :2] = cap_flash(hole, self._soil, s, self._k, side)
                 depth[row, first + 1] = hole.depth
                 points[row, first : first + 3, :2] = middle[row, :2] + side * hole.radius * towards[row]
-        flat, level = depth.ravel(), np.repeat(sine, 6)
+        flat = depth.ravel()
+        level = np.repeat(sine, 6)
         weights = self._spectra.weights(np.tile([_WALL, _WALL, _CAP], 2 * seen.size), flat, level)
         coefficient = (weights[:, :, None] * amplitude.reshape(-1, 1, 3)).astype(np.complex64)
         extra = self._spectra.delay(flat, level)

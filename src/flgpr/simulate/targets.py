@@ -18,8 +18,13 @@ from flgpr.simulate.spread import ArrayState
 
 _WIDEST_GAP = 1.5  # times the table's 1.5 cm, to which the gap's echo is taken as linear in its thickness
 _LEAST_WEIGHT = 1e-4  # of the nodes' weights, beside the greatest, that is summed
-_STEP, _SINE_STEP = 0.05, 0.005  # m and of the sine, for slopes
-_TABLE_GAP, _TABLE_RADIUS, _TABLE_PERMITTIVITY = 0.015, 0.16, 2.9  # of the generic bodies
+# m and of the sine, for slopes
+_STEP = 0.05
+_SINE_STEP = 0.005
+# of the generic bodies
+_TABLE_GAP = 0.015
+_TABLE_RADIUS = 0.16
+_TABLE_PERMITTIVITY = 2.9
 
 
 def add_target(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:
@@ -106,7 +111,8 @@ def _lean(target: Target, sine: float, permittivity: float, array: ArrayState) -
     """Tangent of the axis's tilt towards the radar, and the angle by which the rest turns the body on the ray, rad."""
     lean = math.tan(target.tilt) * np.array([math.sin(target.azimuth), math.cos(target.azimuth)])
     towards = bisectors(target.x, target.y, array).mean(axis=0)
-    along, across = float(towards @ lean), float(towards @ np.array([lean[1], -lean[0]]))
+    along = float(towards @ lean)
+    across = float(towards @ np.array([lean[1], -lean[0]]))
     return along, math.atan2(across, sine / math.sqrt(permittivity))
 
 
@@ -120,7 +126,8 @@ def _azimuths(target: Target, array: ArrayState) -> tuple[FloatArray, FloatArray
     """Azimuth of each pair's receiver from its transmitter, seen from the target, and of their bisector from x, rad."""
     offset = array.position - np.array([target.x, target.y, 0.0])
     unit = (offset[:, 0] + 1j * offset[:, 1]) / np.hypot(offset[:, 0], offset[:, 1])
-    sent, taken = unit[array.tx], unit[array.rx]
+    sent = unit[array.tx]
+    taken = unit[array.rx]
     return np.angle(taken / sent), np.angle(sent + taken)
 
 
@@ -159,7 +166,8 @@ def _aspect_weights(aspect: FloatArray, aspects: FloatArray) -> tuple[FloatArray
         return np.ones((1, aspect.size)), np.ones((1, aspect.size))
     order = np.arange(last + 1)
     ends = np.where(order % last == 0, 0.5, 1.0)
-    node, turn = np.outer(order, order) * np.pi / last, np.outer(order, aspect) * np.pi / aspects[-1]
+    node = np.outer(order, order) * np.pi / last
+    turn = np.outer(order, aspect) * np.pi / aspects[-1]
     cosines = 2 / last * ends[:, None] * ((ends * np.cos(node)) @ np.cos(turn))
     return cosines, 2 / last * np.sin(node) @ np.sin(turn)
 
@@ -184,7 +192,8 @@ def _amplitudes(
         return table.aspects, table.at(frequency, permittivity, target.depth)
     # A body that is larger, or of another permittivity, is the generic one at other tones in another soil: Maxwell's
     # equations scale (but for the air over the soil, whose share is then approximate).
-    size, relative = target.radius / _TABLE_RADIUS, _relative(target)
+    size = target.radius / _TABLE_RADIUS
+    relative = _relative(target)
     where = (frequency * size * math.sqrt(relative), permittivity / relative, target.depth / size)
     table = packaged_table("metal-at" if target.dielectric is None else "plastic-at-solid")
     found = table.at(*where)

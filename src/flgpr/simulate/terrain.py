@@ -29,7 +29,8 @@ class Terrain:
     """
 
     def __init__(self, table: tables.Terrain, lane: Lane, seed: int) -> None:
-        self.table, self.flat = table, table.flat
+        self.table = table
+        self.flat = table.flat
         self._middle = np.array([(lane.x_min + lane.x_max) / 2, (lane.y_min + lane.y_max) / 2])
         self._plane = np.tan([table.slope_across, table.slope_along])
         rng = stream(seed, "undulation")
@@ -55,14 +56,17 @@ class Terrain:
             _add_undulation(xy, *self._undulation(xy), out)
         if self.table.rut_depth > 0:
             start, pitch, line = self._rut_line(xy[:, 1])
-            width, spacing = self.table.rut_width, self.table.rut_spacing
+            width = self.table.rut_width
+            spacing = self.table.rut_spacing
             _add_ruts(xy, start, pitch, line + [self._middle[0], 0.0], self.table.rut_depth, width, spacing, out)
         return out
 
     def _undulation(self, xy: FloatArray) -> tuple[FloatArray, float, FloatArray]:
         """Heights and slopes (y, x, 3) on the lattice around places (point, 2), its first node and its step, m."""
         step = self.table.undulation_length / _FINE
-        first, last = np.floor(xy.min(axis=0) / step), np.floor(xy.max(axis=0) / step) + 3  # one to spare for rounding
+        # one to spare for rounding
+        first = np.floor(xy.min(axis=0) / step)
+        last = np.floor(xy.max(axis=0) / step) + 3
         x, y = (np.arange(a, b) * step for a, b in zip(first, last, strict=True))
         along_x = np.exp(1j * (x[:, None] * self._waves[0] + self._phase))
         along_y = np.exp(1j * y[:, None] * self._waves[1])
@@ -72,7 +76,9 @@ class Terrain:
     def _rut_line(self, y: FloatArray) -> tuple[float, float, FloatArray]:
         """Place across and its slope (node, 2) of the middle between the ruts, its first node and its step, m."""
         step = self.table.rut_wander_length / 200
-        first, last = math.floor(y.min() / step), math.floor(y.max() / step) + 3  # one to spare for rounding
+        # one to spare for rounding
+        first = math.floor(y.min() / step)
+        last = math.floor(y.max() / step) + 3
         (waves, start), size = self._wander, self.table.rut_wander * math.sqrt(2 / 3)
         turns = np.arange(first, last)[:, None] * step * waves + start
         return first * step, step, size * np.stack([np.sin(turns).sum(1), (waves * np.cos(turns)).sum(1)], axis=1)
@@ -90,7 +96,8 @@ class Terrain:
         """Poses (scan, 6) of a vehicle with four wheels on the ground, half a wheelbase before and behind it."""
         if self.flat or not self.table.follow:
             return pose
-        base, gauge = self.table.wheelbase, self.table.rut_spacing
+        base = self.table.wheelbase
+        gauge = self.table.rut_spacing
         lifted = pose.copy()
         for row in lifted:
             turn = heading_matrix(row[3])[:2, :2]
@@ -105,9 +112,12 @@ class Terrain:
 @njit(cache=True, error_model="numpy")
 def _add_undulation(xy: Any, origin: Any, step: Any, nodes: Any, out: Any) -> None:
     for i in range(xy.shape[0]):
-        fx, fy = (xy[i, 0] - origin[0]) / step, (xy[i, 1] - origin[1]) / step
-        cx, cy = int(fx), int(fy)
-        fx, fy = fx - cx, fy - cy
+        fx = (xy[i, 0] - origin[0]) / step
+        fy = (xy[i, 1] - origin[1]) / step
+        cx = int(fx)
+        cy = int(fy)
+        fx = fx - cx
+        fy = fy - cy
         for k in range(3):
             low = nodes[cy, cx, k] * (1 - fx) + nodes[cy, cx + 1, k] * fx
             high = nodes[cy + 1, cx, k] * (1 - fx) + nodes[cy + 1, cx + 1, k] * fx

@@ -72,7 +72,8 @@ def _draw_targets(scene: Scene, seed: int) -> list[Target]:
     wanted = [draw for draw in scene.draws for _ in range(draw.count)]
     order = rng.permutation(len(wanted))
     pitch = scene.length / max(len(wanted), 1)
-    middle, half = (scene.x_min + scene.x_max) / 2, (scene.x_max - scene.x_min) / 2
+    middle = (scene.x_min + scene.x_max) / 2
+    half = (scene.x_max - scene.x_min) / 2
     targets = []
     headings = stream(seed, "headings").uniform(0, math.pi, len(wanted))
     for slot, index in enumerate(order):
@@ -100,7 +101,9 @@ def _draw_targets(scene: Scene, seed: int) -> list[Target]:
 
 
 def _draw_rocks(scene: Scene, seed: int) -> list[Thing]:
-    rng, side, ends = stream(seed, "rocks"), scene.clutter.roadside[1], (-MARGIN, scene.length + MARGIN)
+    rng = stream(seed, "rocks")
+    side = scene.clutter.roadside[1]
+    ends = (-MARGIN, scene.length + MARGIN)
     count = rng.poisson(scene.clutter.rocks * 2 * side * (scene.length + 2 * MARGIN))
     draws = ((rng.uniform(-side, side), rng.uniform(*ends), rng.exponential(0.02)) for _ in range(count))
     return [Thing(kind="rock", x=x, y=y, radius=min(0.02 + size, 0.12)) for x, y, size in draws]
@@ -116,16 +119,21 @@ def _draw_roadside(scene: Scene, seed: int) -> list[Thing]:
             x = rng.uniform(near, far) * rng.choice([-1, 1])
             y = rng.uniform(-MARGIN, scene.length + MARGIN)
             if kind == "bush":
-                radius, height, level = rng.uniform(0.2, 0.7), rng.uniform(0.3, 1.0), rng.uniform(-20, -3)
+                radius = rng.uniform(0.2, 0.7)
+                height = rng.uniform(0.3, 1.0)
+                level = rng.uniform(-20, -3)
                 things.append(Thing(kind="bush", x=x, y=y, radius=radius, height=height, rcs_db=level))
             else:
-                radius, height = rng.uniform(0.02, 0.06), rng.uniform(0.3, 1.0)
+                radius = rng.uniform(0.02, 0.06)
+                height = rng.uniform(0.3, 1.0)
                 things.append(Thing(kind="post", x=x, y=y, radius=radius, height=height))
     return things
 
 
 def _draw_patches(scene: Scene, seed: int) -> list[Patch]:
-    rng, side, ends = stream(seed, "patches"), scene.clutter.roadside[1], (-MARGIN, scene.length + MARGIN)
+    rng = stream(seed, "patches")
+    side = scene.clutter.roadside[1]
+    ends = (-MARGIN, scene.length + MARGIN)
     count = rng.poisson(scene.clutter.patches * 2 * side * (scene.length + 2 * MARGIN))
     return [
         Patch(x=rng.uniform(-side, side), y=rng.uniform(*ends), radius=rng.uniform(0.4, 1.5), gain_db=rng.uniform(2, 6))
@@ -135,7 +143,8 @@ def _draw_patches(scene: Scene, seed: int) -> list[Patch]:
 
 def told(scene: Scene, seed: int) -> dict[str, Any]:
     """Tell a scene with the targets, objects and patches that the seed put there; nothing is left to be drawn."""
-    world, data = draw_world(scene, seed), scene.model_dump(exclude_unset=True, exclude={"draws"})
+    world = draw_world(scene, seed)
+    data = scene.model_dump(exclude_unset=True, exclude={"draws"})
     patches = world.patches[: len(world.patches) - len(hole_patches(scene, world.holes))]  # those of holes come again
     things = {"targets": world.targets, "objects": world.objects, "patches": patches}
     return data | {part: [one.model_dump() for one in some] for part, some in things.items()} | {"clutter": BARE}
@@ -143,7 +152,8 @@ def told(scene: Scene, seed: int) -> dict[str, Any]:
 
 def draw_track(scene: Scene, height: float, seed: int) -> tuple[FloatArray, FloatArray]:
     """Draw poses (scan, 6), ``height`` m up, and times of all scans: at 2 m/s, one a second while it stands."""
-    track, rng = scene.track, stream(seed, "track")
+    track = scene.track
+    rng = stream(seed, "track")
     y, seconds = _positions(scene, rng)
     pose = np.zeros((y.size, 6))
     pose[:, 1] = y
@@ -167,7 +177,9 @@ def _positions(scene: Scene, rng: np.random.Generator) -> tuple[FloatArray, Floa
     place = -20.0 if track.start is None else track.start
     end = scene.length - 5.0 if track.stop is None else track.stop
     stops = sorted(track.stops)
-    y, seconds, clock = [], [], 0.0
+    y = []
+    seconds = []
+    clock = 0.0
     while place <= end:
         inside = next((d for d in track.departures if d.start <= place < d.start + d.length), None)
         if inside is not None:

@@ -17,7 +17,8 @@ from flgpr.io.tables import read_text_table
 from flgpr.model import Lane
 
 PathLike = str | Path
-_PLANE, _GLOBE = ("easting_m", "northing_m"), ("longitude_deg", "latitude_deg")
+_PLANE = ("easting_m", "northing_m")
+_GLOBE = ("longitude_deg", "latitude_deg")
 
 
 def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:

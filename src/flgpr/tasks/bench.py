@@ -56,10 +56,12 @@ class Case:
 
 def sri_scan() -> Scan:
     """Make the scan that is imaged: 36 pairs, 1024 tones, three polarizations."""
-    sensor, rng = load_sensor("sri-array"), np.random.default_rng(0)
+    sensor = load_sensor("sri-array")
+    rng = np.random.default_rng(0)
     height = np.array([0.0, 0.0, sensor.height])
     tx, rx = (np.asarray(position) + height for position in sensor.pairs())
-    frequency, pixels = sensor.tones.axis(), GRID.points().reshape(-1, 3)
+    frequency = sensor.tones.axis()
+    pixels = GRID.points().reshape(-1, 3)
     scatterers = rng.uniform([-6, 7, 0], [6, 26, 0], size=(60, 3))
     amplitude = _noise(rng, (3, 60))
     length = np.linalg.norm(scatterers - tx[:, None], axis=2) + np.linalg.norm(scatterers - rx[:, None], axis=2)
@@ -111,7 +113,8 @@ def own_cases(scan: Scan, truth: Truth, device: str) -> list[Case]:
         return ImagingOperator(scan.frequency, scan.tx, scan.rx, pixels, tolerance=tolerance, device=device, **options)
 
     code = f"flgpr {device}"
-    images, fine = operator(5e-4, subbands=SUBBANDS), operator(1e-5, subbands=SUBBANDS)
+    images = operator(5e-4, subbands=SUBBANDS)
+    fine = operator(1e-5, subbands=SUBBANDS)
     buried = operator(5e-4, scan.pixels - [0, 0, 0.1], subbands=SUBBANDS, half_space=3.4)
     one = operator(1e-3)
     buffer = images.image_buffer(3)
@@ -124,8 +127,10 @@ def own_cases(scan: Scan, truth: Truth, device: str) -> list[Case]:
         Case("forward, 3 channels", code, lambda: one.forward(scan.image), truth.forward, 3, one.width),
     ]
     if device == "cuda":
-        batch, images_of = np.repeat(scan.data[None], BATCH, axis=0), images.image_buffer(BATCH, 3)
-        single, image_of = np.ascontiguousarray(batch[:, :1]), one.image_buffer(BATCH, 1)
+        batch = np.repeat(scan.data[None], BATCH, axis=0)
+        images_of = images.image_buffer(BATCH, 3)
+        single = np.ascontiguousarray(batch[:, :1])
+        image_of = one.image_buffer(BATCH, 1)
         runs = (lambda: images.adjoint(batch, images_of)), (lambda: one.adjoint(single, image_of))
         cases += [
             Case(f"15 images of {BATCH} scans", code, runs[0], truth.images, 15, images.width, BATCH),
@@ -174,7 +179,8 @@ def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> 
     table = pd.DataFrame(rows, columns=["work", "code", "time", "error", "rate", "roofline"])
     own = table[table["code"] == f"flgpr {device}"].set_index("work")["time"]
     table["ratio"] = table["time"] / table["work"].map(own)
-    table.attrs["flops"], table.attrs["bandwidth"] = flops, bandwidth
+    table.attrs["flops"] = flops
+    table.attrs["bandwidth"] = bandwidth
     table.attrs["missing"] = missing
     return table.sort_values(["work", "time"], ignore_index=True)
 
@@ -227,7 +233,8 @@ def format_bench(table: pd.DataFrame) -> str:
         share = "" if np.isnan(row["roofline"]) else f"{row['roofline']:.0%}"
         figures = f"{row['time'] * 1e3:.1f} | {row['error']:.1e} | {row['rate'] / 1e9:.2f} | {ratio} | {share}"
         lines.append(f"| {row['work']} | {row['code']} | {figures} |")
-    flops, bandwidth = table.attrs["flops"] / 1e9, table.attrs["bandwidth"] / 1e9
+    flops = table.attrs["flops"] / 1e9
+    bandwidth = table.attrs["bandwidth"] / 1e9
     lines += ["", f"Measured peaks: {flops:.0f} GFLOP/s in single precision, {bandwidth:.1f} GB/s."]
     if table.attrs["missing"]:
         lines += ["", f"Not installed and so not measured: {', '.join(table.attrs['missing'])} (extra bench)."]

@@ -33,7 +33,8 @@ def missing_peers(device: str = "cpu") -> list[str]:
 
 def peer_cases(scan: Scan, truth: Truth) -> list[Case]:
     """List the installed peers' cases; NumPy is always there."""
-    cases, missing = _numpy_cases(scan, truth), missing_peers()
+    cases = _numpy_cases(scan, truth)
+    missing = missing_peers()
     if "finufft" not in missing:
         cases += _finufft_cases(scan, truth, 1e-3, "") + _finufft_cases(scan, truth, 1e-5, ", 1e-5")
     if "fastsar" not in missing:
@@ -63,7 +64,8 @@ class _Finufft:
 
     def __init__(self, scan: Scan, tolerance: float) -> None:
         self._finufft = importlib.import_module("finufft")
-        self._scan, self._tolerance = scan, tolerance
+        self._scan = scan
+        self._tolerance = tolerance
         paths = _paths(scan)
         step = scan.frequency[1] - scan.frequency[0]
         turns = paths * (step / SPEED_OF_LIGHT)
@@ -82,7 +84,8 @@ class _Finufft:
         return plans
 
     def images(self, data_of: Callable[[int], ComplexArray], many: int) -> Callable[[], ComplexArray]:
-        plans, count = self._plans(2, many), len(self._scan.pixels)
+        plans = self._plans(2, many)
+        count = len(self._scan.pixels)
         work = np.empty((2, self._threads, many, count), np.complex64)
 
         def run() -> ComplexArray:
@@ -101,7 +104,8 @@ class _Finufft:
         return run
 
     def forward(self) -> Callable[[], ComplexArray]:
-        plans, back = self._plans(1, 1), self._carrier.conj()
+        plans = self._plans(1, 1)
+        back = self._carrier.conj()
         out = np.empty((1, len(plans), self._scan.frequency.size), np.complex64)
 
         def run() -> ComplexArray:
@@ -127,20 +131,25 @@ def _finufft_cases(scan: Scan, truth: Truth, tolerance: float, suffix: str) -> l
 
 def _numpy_cases(scan: Scan, truth: Truth) -> list[Case]:
     """Zero-padded transforms read by linear interpolation, indices and weights shared by all images."""
-    size, middle = 8 * scan.frequency.size, scan.frequency.size // 2
-    paths, step = _paths(scan), scan.frequency[1] - scan.frequency[0]
+    size = 8 * scan.frequency.size
+    middle = scan.frequency.size // 2
+    paths = _paths(scan)
+    step = scan.frequency[1] - scan.frequency[0]
     where = (paths * (step / SPEED_OF_LIGHT) % 1) * size
     low = where.astype(np.int32)
-    part, carrier = (where - low).astype(np.float32), _carriers(scan, paths)
+    part = (where - low).astype(np.float32)
+    carrier = _carriers(scan, paths)
 
     def images() -> ComplexArray:
         out = np.zeros((15, paths.shape[1]), np.complex64)
         for q in range(paths.shape[0]):
             tones = _by_band(scan, q)
             padded = np.zeros((15, size), np.complex64)
-            padded[:, : tones.shape[1] - middle], padded[:, -middle:] = tones[:, middle:], tones[:, :middle]
+            padded[:, : tones.shape[1] - middle] = tones[:, middle:]
+            padded[:, -middle:] = tones[:, :middle]
             profiles = fft.ifft(padded, axis=1, norm="forward", workers=get_num_threads())
-            before, after = carrier[q] * (1 - part[q]), carrier[q] * part[q]
+            before = carrier[q] * (1 - part[q])
+            after = carrier[q] * part[q]
             for image, profile in zip(out, profiles, strict=True):
                 image += profile[low[q]] * before + profile[(low[q] + 1) % size] * after
         return out.reshape(3, 5, -1)
@@ -189,7 +198,8 @@ def cufinufft_rows(scan: Scan, truth: Truth, rounds: int) -> list[tuple[Any, ...
     both methods and some bin sizes the fastest is told.
     """
     cufinufft = importlib.import_module("cufinufft")
-    paths, count = _paths(scan), len(scan.pixels)
+    paths = _paths(scan)
+    count = len(scan.pixels)
     step = scan.frequency[1] - scan.frequency[0]
     turns = paths * (step / SPEED_OF_LIGHT)
     angles = [cuda.to_device(row) for row in (2 * np.pi * (turns - np.rint(turns))).astype(np.float32)]

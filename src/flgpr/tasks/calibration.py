@@ -66,7 +66,8 @@ def calibrate_clock(
     if not (x_max > x_min and y_max > y_min and spacing > 0):
         raise ValueError(f"area must have x_max > x_min and y_max > y_min, got {search.area}")
     offsets = _offsets(search.offsets, search.step)
-    x, y = np.arange(x_min, x_max + spacing / 2, spacing), np.arange(y_min, y_max + spacing / 2, spacing)
+    x = np.arange(x_min, x_max + spacing / 2, spacing)
+    y = np.arange(y_min, y_max + spacing / 2, spacing)
     if x.size * y.size > _LARGEST:
         raise ValueError(
             f"area must hold at most {_LARGEST:,} pixels, got {x.size} x {y.size} of {spacing:.3g} m: take a smaller "
@@ -125,7 +126,8 @@ def calibrate_joint(
     :func:`calibrate_clock` and :func:`calibrate_range_bias`.
     """
     held = open_run(run).compute()
-    places, way = _reflectors(reflectors), _track_of_run(run, track, anchor)
+    places = _reflectors(reflectors)
+    way = _track_of_run(run, track, anchor)
     fit = estimate_joint(
         _searched(held, keep_standing), places, ImagingOperator, biases, way, _offsets(offsets, step), tolerance
     )

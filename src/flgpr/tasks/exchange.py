@@ -108,7 +108,8 @@ def import_with_mapping(
     arrived.notes.extend(made_of)
     if anchor_from_track and tie is None and arrived.anchor is None:
         raise ValueError("anchor-from-track needs fixes by longitude and latitude, the positions are none")
-    store, run = Path(output), _tied(_with_doubts(arrived.run), arrived.anchor or tie)
+    store = Path(output)
+    run = _tied(_with_doubts(arrived.run), arrived.anchor or tie)
     if arrived.track is not None and not is_stored(run, store):  # before the run, whose presence says that all is there
         write_table(arrived.track, store.with_name(f"{store.stem}-track.csv"))
     save_run(run, store, resume=True)
@@ -203,7 +204,8 @@ def export_table(
     data = read_named(existing(table, f"{kind} file"))
     tie = _tie(anchor, None, table)
     reading = None if columns is None else TableReading(parse_columns_option(columns), tie)
-    rows, digest = parse_table(data, kind, table, reading), sha256(data)
+    rows = parse_table(data, kind, table, reading)
+    digest = sha256(data)
     return _write_points(rows, Path(output), to, tie, kind, f"sha256:{digest}", time)
 
 
@@ -239,7 +241,8 @@ def export_result(
     if to not in (*TABLE_FORMATS, "geotiff"):
         raise ValueError(f"to must be one of {', '.join((*TABLE_FORMATS, 'geotiff'))}, got {to!r}")
     held, chosen, identity = _chosen(result, detection)
-    target, tie = Path(output), _tie(anchor, held.manifest["run"].get("georeference"), result)
+    target = Path(output)
+    tie = _tie(anchor, held.manifest["run"].get("georeference"), result)
     if to == "geotiff":
         _check_home(target)
         with whole_output(target) as made:
@@ -271,7 +274,8 @@ def export_qgis(
     scored = read_scored_truth(held, None if score is None else Path(score))
     truth, objects = (None, None) if scored is None else scored
     with tempfile.TemporaryDirectory() as folder:
-        home, layers = Path(folder), []
+        home = Path(folder)
+        layers = []
         for kind, rows, colour in (
             ("truth", truth, "#d7263d"),
             ("alarms", chosen.alarms, ""),

@@ -43,7 +43,8 @@ def run_info(
     motion = judge_run(dataset, None if table is None else table.motion)
     description = describe_run(dataset, run, None if table is None else table.motion)
     dataset = plausible_run(dataset, None if table is None else table.motion)
-    pose, frequency = plausible_poses(description), dataset["frequency"].values
+    pose = plausible_poses(description)
+    frequency = dataset["frequency"].values
     steps = np.diff(frequency)
     unambiguous = unambiguous_path(frequency)
     spacing = np.hypot(*np.diff(pose[:, :2], axis=0).T)
@@ -54,10 +55,12 @@ def run_info(
     height = float(pose[:, 2].mean() + antennas[:, 2].mean())
     array = np.ptp(antennas, axis=0)
     if table is not None:
-        grid, lane = table.image.grid(), lane_of(dataset, table)
+        grid = table.image.grid()
+        lane = lane_of(dataset, table)
         seen = aperture_pose(dataset)[None] if table.image.frames == "all" else dataset["pose"].values[complete]
     else:
-        grid, seen = _grid_ahead(dataset, pose), dataset["pose"].values[complete]
+        grid = _grid_ahead(dataset, pose)
+        seen = dataset["pose"].values[complete]
         lane = _ahead(grid, seen)
     names = ([] if recipe is None else [str(recipe)]) + (recipe_names() if recipes else [])
     spot = max((lane.x_max - lane.x_min) / 24, (lane.y_max - lane.y_min) / 400)
@@ -134,7 +137,8 @@ def _faults(run: xr.Dataset, recipe: Recipe) -> list[str]:
 def geometry_doubts(run: xr.Dataset) -> list[str]:
     """Warn of antennas that lie wider apart than any vehicle, or do not stand over the ground at the poses."""
     antennas = np.concatenate([run["tx_position"].values, run["rx_position"].values])
-    told, array = [], np.ptp(antennas, axis=0)
+    told = []
+    array = np.ptp(antennas, axis=0)
     height = float(run["pose"].values[:, 2].mean() + antennas[:, 2].mean())
     if array.max() > _WIDEST:
         told.append(

@@ -28,7 +28,9 @@ from flgpr.tasks.information import seen_ground
 PathLike = str | Path
 Extent = tuple[float, float] | float
 ENDINGS = (".png", ".npz", ".zarr", ".tif")
-_MOST, _CHOSEN = 50_000_000, 300_000  # pixels at most, and where the spacing is ours to choose
+# pixels at most, and where the spacing is ours to choose
+_MOST = 50_000_000
+_CHOSEN = 300_000
 _ONE_TONE = 20e-9  # s, to which a section of a single tone goes down
 
 
@@ -160,7 +162,8 @@ def find_permittivity(
     """
     held = open_run(run)
     scans = _scans(held, None)
-    pose, frequency = held["pose"].values[scans], held["frequency"].values
+    pose = held["pose"].values[scans]
+    frequency = held["frequency"].values
     axis = int(np.ptp(pose[:, 1]) >= np.ptp(pose[:, 0]))
     low, high = along or (float(pose[:, axis].min()), float(pose[:, axis].max()))
     values = np.asarray(trials, dtype=np.float64)
@@ -170,15 +173,19 @@ def find_permittivity(
     delay = np.arange(*delays, 1 / (4 * frequency[-1]))
     weights = np.zeros(held.sizes["scan"])
     weights[scans] = _weights(held, scans)
-    blocks, found = aperture_blocks(held, scans), []
+    blocks = aperture_blocks(held, scans)
+    found = []
     for value in track(values, "permittivities tried", values.size):
         points = np.zeros((delay.size, place.size, 3))
-        points[..., 0], points[..., 1] = pose[:, 0].mean(), pose[:, 1].mean()
-        points[..., axis], points[..., 2] = place, -delay[:, None] * SPEED_OF_LIGHT / math.sqrt(value) / 2
+        points[..., 0] = pose[:, 0].mean()
+        points[..., 1] = pose[:, 1].mean()
+        points[..., axis] = place
+        points[..., 2] = -delay[:, None] * SPEED_OF_LIGHT / math.sqrt(value) / 2
         image = aperture_image(held, points, blocks, weights, permittivity=float(value), window="hann", tolerance=1e-2)
         found.append(sharpness(image))
     sharp = np.array(found)
-    best, contrast = int(sharp.argmax()), float(sharp.max() / np.median(sharp))
+    best = int(sharp.argmax())
+    contrast = float(sharp.max() / np.median(sharp))
     if best in (0, values.size - 1):
         raise ValueError(f"permittivity lies at or beyond the edge of what was tried, {values[0]:g} to {values[-1]:g}")
     if contrast < 1.3:
@@ -220,7 +227,8 @@ def _axes(
     run: xr.Dataset, view: View, pose: NDArray[np.float64], pixels: int
 ) -> tuple[dict[str, NDArray[np.float64]], float]:
     """Choose the pixels' axes, m, and their spacing."""
-    frequency, slow = run["frequency"].values, math.sqrt(view.half_space or view.permittivity or 1.0)
+    frequency = run["frequency"].values
+    slow = math.sqrt(view.half_space or view.permittivity or 1.0)
     limits: dict[str, Extent | None] = {"x": view.x, "y": view.y, "z": view.z}
     height = pose[:, 2].mean() + (run["tx_position"].values[:, 2].mean() + run["rx_position"].values[:, 2].mean()) / 2
     if view.x is None and view.y is None:
@@ -280,7 +288,8 @@ def _section_below(run: xr.Dataset, pose: NDArray[np.float64], slow: float) -> d
 def _recorded_depth(run: xr.Dataset, slow: float) -> float:
     """Return how deep a wave goes by the end of the record, m, or by the tones' repetition where there is no record."""
     frequency = run["frequency"].values
-    window, first = run.attrs.get("time_window_s"), run.attrs.get("first_sample_s")
+    window = run.attrs.get("time_window_s")
+    first = run.attrs.get("first_sample_s")
     if window is not None and first is not None and window + first > 0:
         last = float(window) + float(first)
     else:
@@ -293,7 +302,8 @@ def _peaks(image: xr.DataArray, count: int) -> pd.DataFrame:
     level = np.abs(image.values[0]).astype(np.float64)
     axes = {axis: image[axis].values for axis in ("z", "y", "x")}
     grid = np.stack(np.meshgrid(*axes.values(), indexing="ij")[::-1], axis=-1)
-    middle, top = float(np.median(level)), float(level.max())
+    middle = float(np.median(level))
+    top = float(level.max())
     rows: list[dict[str, float]] = []
     if top == 0:
         return pd.DataFrame(columns=["x", "y", "z", "level", "over_median"])
@@ -316,7 +326,8 @@ def _peaks(image: xr.DataArray, count: int) -> pd.DataFrame:
 
 def _width(axis: NDArray[np.float64], line: NDArray[np.float64], top: int) -> float:
     """Width of a peak at half its power, m, between pixels; NaN where it does not fall so far."""
-    half, ends = line[top] / math.sqrt(2), []
+    half = line[top] / math.sqrt(2)
+    ends = []
     for step in (-1, 1):
         k = top
         while 0 <= k + step < line.size and line[k + step] > half:

@@ -36,7 +36,8 @@ from flgpr.tasks.scoring import borders, read_lanes
 
 PathLike = str | Path
 _FILLED_IN = ("emplaced", "emplaced_x_m", "emplaced_y_m", "emplaced_depth_m", "remark")
-_YES, _NO = ("yes", "y", "x", "1", "true"), ("no", "n", "0", "false")
+_YES = ("yes", "y", "x", "1", "true")
+_NO = ("no", "n", "0", "false")
 
 
 def plan_mines(
@@ -102,7 +103,8 @@ def plan_lane(
     files = plan_files(output, anchor is not None)
     book = Path(f"{output}.register.jsonl" if book is None else book)
     too_late = f"book must be one under which no truth was opened yet, got {book}"
-    path, where = existing(targets, "targets file"), read_lanes(lane)
+    path = existing(targets, "targets file")
+    where = read_lanes(lane)
     with faults_of(path):
         drawn_by = secrets.randbits(63) if seed is None else seed
         plan = emplacement_plan(where, read_columns(path), drawn_by, spacing=spacing, edge=edge)
@@ -154,7 +156,8 @@ def _plan_there(path: Path, drawn: pd.DataFrame, seed: int | None) -> pd.DataFra
         return drawn
     same = False
     if seed is None:
-        plan, placed = parse_table(read_named(path), "truth", path), ["x", "y", "target_id", "lane"]
+        plan = parse_table(read_named(path), "truth", path)
+        placed = ["x", "y", "target_id", "lane"]
         sorts = [table.drop(columns=placed, errors="ignore").astype(str).values.tolist() for table in (plan, drawn)]
         same = list(plan.columns) == list(drawn.columns) and sorted(sorts[0]) == sorted(sorts[1])
         plan.attrs = drawn.attrs | {"seed": None}

@@ -24,7 +24,8 @@ from flgpr.tasks.information import geometry_doubts
 from flgpr.tasks.picture import View, focus
 from flgpr.tasks.preparing import Background, Step, Subtract, check_steps
 
-MOST_SCANS, MOST_BINS = 1200, 800
+MOST_SCANS = 1200
+MOST_BINS = 800
 _MOST_STEPS = 16
 _COPIES = 5  # of what is read, while a step and the transform are at work
 _MOST_SUMMED = 1.2e10  # scans x tones x delays of one picture: some seconds
@@ -85,7 +86,8 @@ class RawRun:
         part over ``unit``. NaN is a sweep that is missing.
         """
         made = self._channel(asked)
-        signal, tones = made["signal"].values[:, 0, 0], made["frequency"].values
+        signal = made["signal"].values[:, 0, 0]
+        tones = made["frequency"].values
         start = min(float(self._run.attrs.get("first_sample_s", 0.0)), 0.0)  # recordings begin before their time zero
         stop, count, fold = _delays(asked, len(signal), tones, start)
         delay = start + (stop - start) * (np.arange(count * fold) + 0.5) / (count * fold)
@@ -129,7 +131,8 @@ class RawRun:
         place = self._place(asked)
         known = made["known"].values
         if "median_db" not in made:  # once for all scans of a channel: a page asks scan by scan
-            level, recorded = _levels(made["signal"].values[known, 0, 0]), self._polarization(asked.polarization)
+            level = _levels(made["signal"].values[known, 0, 0])
+            recorded = self._polarization(asked.polarization)
             made["median_db"] = (
                 "frequency",
                 np.median(level, axis=0) if known.any() else np.full(level.shape[1], np.nan),
@@ -228,7 +231,8 @@ class RawRun:
 
     def _stepped(self, asked: _Query, part: dict[str, list[int]]) -> xr.Dataset:
         """Take a polarization through the steps and give a part of it: that alone, but where a background needs all."""
-        steps, made = self._steps(asked.steps), self._polarization(asked.polarization)
+        steps = self._steps(asked.steps)
+        made = self._polarization(asked.polarization)
         together = any(isinstance(step, Background) for step in steps)
         if not together:
             made = made.isel(part)

@@ -218,7 +218,8 @@ def open_truth(
     opening is entered there. Without a register the truth is open to all.
     """
     data = read_named(existing(truth, "truth file"))
-    targets, digest = parse_table(data, "truth", truth, reading), content_hash(data)
+    targets = parse_table(data, "truth", truth, reading)
+    digest = content_hash(data)
     own = own_book(truth, targets)
     book = own if book is None else book
     if book is None:

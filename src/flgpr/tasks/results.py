@@ -55,14 +55,16 @@ def replay(
         raise ValueError(f"run must be the one the result was made of ({described['store_sha256'][:12]}…), got {run}")
     if "others" in described:
         now["others"] = described["others"]
-    model, others = old.model(), _others(described.get("others", {}))
+    model = old.model()
+    others = _others(described.get("others", {}))
     told = old.manifest.get("section")
     lane, section = (old.lane, None) if told is None else noted_section(told)
     detections = detect(dataset, old.recipe, lane, track, model, section, others)
     with TemporaryDirectory() as temporary:
         home = write_result(Path(temporary) / "result", detections, old.recipe_text, old.lane, now, model, told)
         new = read_result(home)
-    files, before = new.manifest["files"], old.manifest["files"]
+    files = new.manifest["files"]
+    before = old.manifest["files"]
     differ = sorted(name for name in before.keys() | files.keys() if before.get(name) != files.get(name))
     pairs = list(zip(old.detections, new.detections, strict=True))
     difference = max(_difference(a.view.values, b.view.values) for a, b in pairs)

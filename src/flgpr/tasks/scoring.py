@@ -96,7 +96,8 @@ def score_result(
     If an input is not valid or altered, or the recipe is not registered, nothing is written; nor is it without
     ``overwrite`` where another score is, a FileExistsError. ``truth_reading`` is as for :func:`score_alarms`.
     """
-    home, homes = Path(folder), results_at(folder)
+    home = Path(folder)
+    homes = results_at(folder)
     whole = homes == [home]
     result = read_result(home) if whole else join_sections(home, homes)
     to = Path(output) if output is not None else score_home(home)
@@ -153,7 +154,9 @@ def score_alarms(
     ``overwrite`` another score there is a FileExistsError. ``reading`` and ``truth_reading`` say which columns of the
     list and of the truth are what, and where their places on the Earth are in the lane.
     """
-    one, where, how = find_entrant(alarms, recipe, reading), read_lanes(lane), Rules(**rules)
+    one = find_entrant(alarms, recipe, reading)
+    where = read_lanes(lane)
+    how = Rules(**rules)
     table = one.table()
     tell_doubts(table, "alarms", one.path.name, where)
     opened = {"halo": how.halo, "far": how.far}
@@ -214,7 +217,8 @@ def compare_alarms(
     if len(halos) > 1:
         raise ValueError(f"halo must be given to compare results whose recipes have several, got {sorted(halos)} m")
     rules = Rules(halo=halos.pop() if halos else Rules.halo, far=far)
-    names, tables = _names(entrants), [one.table() for one in entrants]
+    names = _names(entrants)
+    tables = [one.table() for one in entrants]
     targets, notes = open_truth(truth, entrants, borders(where), {"halo": rules.halo, "far": far}, book, truth_reading)
     for one, table in zip(entrants, tables, strict=True):
         tell_doubts(table, "alarms", one.path.name, where)
@@ -246,10 +250,12 @@ def compare_sealed(
     """
     entrants = _entrants(alarms, recipes)
     check_registered(entrants, book)
-    place, names = existing(sealed, "sealed truth"), _names(entrants)
+    place = existing(sealed, "sealed truth")
+    names = _names(entrants)
     tables = [one.table() for one in entrants]
     phrase = passphrase() if callable(passphrase) else passphrase
-    matches, notes = {}, {}
+    matches = {}
+    notes = {}
     for name, one, table in zip(names, entrants, tables, strict=True):
         look = match_blind(table, place, phrase, log, registered=registration(one, book))
         matches[name] = look.matched
@@ -282,7 +288,8 @@ def analyst_agreement(files: Sequence[PathLike]) -> dict[tuple[str, str], tuple[
     }
     told = {}
     for first, second in itertools.combinations(names, 2):
-        a, b = judged[first], judged[second]
+        a = judged[first]
+        b = judged[second]
         both = [key for key in a if key in b]
         if not both:
             raise ValueError(
@@ -356,12 +363,15 @@ def seal(
     or with the ``book`` that is given: scores then demand it, with the recipe in it.
     """
     data = read_named(existing(truth, "truth file"))
-    table, where = parse_table(data, "truth", truth), read_lanes(lane)
+    table = parse_table(data, "truth", truth)
+    where = read_lanes(lane)
     own = own_book(truth, table)
-    held, bound = own if book is None else book, None
+    held = own if book is None else book
+    bound = None
     if held is not None:
         place = existing(parts_of(held)[0], "register")
-        lines, digest = read_book(held), content_hash(data)
+        lines = read_book(held)
+        digest = content_hash(data)
         require_truth(place, digest, borders(where), {"halo": halo}, planned=own is not None)
         if not lines:
             raise ValueError(f"book must hold a plan or a recipe, got the empty {place}")
@@ -401,7 +411,8 @@ def score_sealed(
     """
     one = find_entrant(alarms, recipe)
     check_registered([one], book)
-    place, table = existing(sealed, "sealed truth"), one.table()
+    place = existing(sealed, "sealed truth")
+    table = one.table()
     told = score_blind(table, place, passphrase, log, registration(one, book))
     if output is not None:
         notes = one.notes(told.registered) | {"sealed_sha256": content_hash(place), **told.heads}
@@ -424,7 +435,8 @@ def holds_sealed_score(
     file = home / ("comparison.json" if len(alarms) > 1 else "roc.json")
     if not os.path.lexists(file):
         return False
-    entrants, digest = _entrants(alarms, recipes), content_hash(existing(sealed, "sealed truth"))
+    entrants = _entrants(alarms, recipes)
+    digest = content_hash(existing(sealed, "sealed truth"))
     wanted = sorted((content_hash(one.path), digest, "" if book is None else str(one.recipe)) for one in entrants)
     try:
         told = parse_json(Folder(home).read(file.name, MOST_JSON))

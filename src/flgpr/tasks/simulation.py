@@ -93,7 +93,9 @@ def simulate_to_store(
         return [store]
     with begun as writer:
         written = [store, *([] if blind else _write_truth(store, simulator, truth)), _write_borders(store, simulator)]
-        poses, done, total = simulator.reported_pose(), len(writer), len(simulator)
+        poses = simulator.reported_pose()
+        done = len(writer)
+        total = len(simulator)
         label = f"simulating, {done} scans were there" if done else "simulating"
         for scan in track(range(done, total), label, total - done):
             writer.append(simulator.scan(scan), poses[scan], float(simulator.time[scan]))
@@ -166,7 +168,8 @@ def _scatter_things(axes: Any, world: World) -> None:
     for kind in dict.fromkeys(t.kind for t in things):
         some = [t for t in things if t.kind == kind]
         label = f"{kind} ({len(some)})"
-        y, x = [t.y for t in some], [t.x for t in some]
+        y = [t.y for t in some]
+        x = [t.x for t in some]
         axes.plot(y, x, marks.get(kind, "o"), color=_COLOUR.get(kind, "C4"), ms=6, ls="none", label=label)
 
 
@@ -211,7 +214,8 @@ def import_gprmax_results(
     Every input file must have its result; ``keep_direct`` leaves the direct wave in the data. A stopped import goes on
     with the scan it was at, unless a result has changed.
     """
-    results, store = GprmaxRun(folder, keep_direct), Path(output)
+    results = GprmaxRun(folder, keep_direct)
+    store = Path(output)
     manifest = results.manifest
     attrs = {
         "source": "gprMax, decks by flgpr",
@@ -229,7 +233,8 @@ def import_gprmax_results(
         tell_finished(store)
         return written
     with begun as writer:
-        done, total = len(writer), len(results)
+        done = len(writer)
+        total = len(results)
         label = f"reading results, {done} scans were there" if done else "reading results"
         for scan in track(range(done, total), label, total - done):
             writer.append(results.scan(scan), manifest["pose"][scan], manifest["time"][scan])
@@ -274,7 +279,8 @@ def simulate_lane(
     Without ``resume`` what a stopped call left is thrown away; ``truth`` is a CSV of it in place of that beside the
     store. What would take too much memory or time is refused unless ``force`` is given.
     """
-    world, array = load_scene(scene), load_sensor(sensor)
+    world = load_scene(scene)
+    array = load_sensor(sensor)
     check_effort(world, None if output is None else array, force)
     written = []
     if preview is not None:
@@ -355,9 +361,11 @@ def write_gprmax_lane(
     force: bool = False,
 ) -> tuple[list[Path], list[str]]:
     """Write a scene file as gprMax input files into a new folder, or draw it; give what was written, and words."""
-    world, array = load_scene(scene), load_sensor(sensor)
+    world = load_scene(scene)
+    array = load_sensor(sensor)
     check_effort(world, None, force)
-    written, lines = [], []
+    written = []
+    lines = []
     if preview is not None:
         written.append(_write_preview(world, seed, preview, force))
     if output is not None:
@@ -379,7 +387,8 @@ def import_fullwave_lane(archive: PathLike, output: PathLike) -> list[Path]:
     ``NAME-truth.csv`` and ``NAME-objects.csv`` are written beside it if the archive tells of them.
     """
     store = Path(output)
-    lane, written = import_fullwave(archive), [store]
+    lane = import_fullwave(archive)
+    written = [store]
     if is_stored(lane.run, store):
         tell_finished(store)
         return written

@@ -168,8 +168,13 @@ class _Course:
     def __init__(
         self, recipe: Recipe, text: str, lanes: Sequence[_Lane], output: Path, executor: Executor, how: How
     ) -> None:
-        self.recipe, self.text, self.output, self.model = recipe, text, output, Model()
-        self.lanes, self._executor, self._how = lanes, executor, how
+        self.recipe = recipe
+        self.text = text
+        self.output = output
+        self.model = Model()
+        self.lanes = lanes
+        self._executor = executor
+        self._how = how
         self._views: list[TrainingView] = []
         self._step = 0
 
@@ -219,7 +224,8 @@ class _Course:
 
     def train_detector(self, features: Sequence[str], label_radius: float) -> None:
         """Train the detector on the alarms of all lanes."""
-        alarms, raised = [], 0
+        alarms = []
+        raised = 0
         for number, (chain, lane) in enumerate(self._chains(truth=False), 1):
             alarms.append((f"{number}:{Path(lane.run).stem}", *chain.ranked_alarms(), lane.targets, lane.area))
             raised += len(chain.raised())

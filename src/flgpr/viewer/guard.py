@@ -48,7 +48,10 @@ class Guard:
     def __init__(
         self, app: ASGIApp, token: str, host: str, port: int, puts: Collection[str] = (), framed: bool = False
     ) -> None:
-        self._app, self._token, self._port, self._puts = app, token, port, puts
+        self._app = app
+        self._token = token
+        self._port = port
+        self._puts = puts
         own = f"[{host}]" if ":" in host else host.lower()
         names = {"127.0.0.1", "localhost", "[::1]"} if is_loopback(host) else {own}
         self._wildcard = host in _WILDCARDS

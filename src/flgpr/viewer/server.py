@@ -34,7 +34,8 @@ STATIC = {
     "icon.svg": ("icon.svg", "image/svg+xml"),
 }
 VERDICTS_PATH = "/data/verdicts.json"
-_JSON, _BYTES = "application/json", "application/octet-stream"
+_JSON = "application/json"
+_BYTES = "application/octet-stream"
 
 Endpoint = Callable[[Request], Awaitable[Response]]
 
@@ -102,8 +103,11 @@ class Viewer:
             else VerdictFile(verdicts, self._sources, [] if self._live is None else [self._live.folder])
         )
         self._anchor = None if anchor is None else Path(anchor)
-        self._make_map, self._score = make_map, None if score is None else Path(score)
-        self._open_raw, self._raw, self._opening = raw, dict[int, Raw](), threading.Lock()
+        self._make_map = make_map
+        self._score = None if score is None else Path(score)
+        self._open_raw = raw
+        self._raw = dict[int, Raw]()
+        self._opening = threading.Lock()
         self.token = secrets.token_urlsafe(24)
         self._socket = listening_socket(host, port)  # who asks before run is called waits
         self.host, self.port = host, int(self._socket.getsockname()[1])
@@ -173,7 +177,8 @@ class Viewer:
 
     def _raw_data(self, request: Request) -> Response:
         """Answer with what is worked out of a run's raw data; a query that breaks a rule is told so (400)."""
-        number, what = request.path_params["source"], request.path_params["what"]
+        number = request.path_params["source"]
+        what = request.path_params["what"]
         source = self._sources[number] if number < len(self._sources) else None
         if (
             self._open_raw is None
@@ -210,10 +215,8 @@ class Viewer:
         """Answer with what is read of the source that the path names, at the numbers that it names."""
 
         def answer(request: Request) -> Response:
-            number, rest = (
-                request.path_params["source"],
-                {k: v for k, v in request.path_params.items() if k != "source"},
-            )
+            number = request.path_params["source"]
+            rest = {k: v for k, v in request.path_params.items() if k != "source"}
             if number >= len(self._sources):
                 raise HTTPException(404)
             return _answer(read(self._sources[number], **rest), kind)

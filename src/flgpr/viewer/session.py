@@ -28,10 +28,13 @@ from flgpr.io import (
 from flgpr.io.files import listed_files, read_sealed
 from flgpr.viewer.scores import IndexOnly, ScoreFiles, score_file
 
-VIEW_FORMAT, VIEW_VERSION = "flgpr-view", 1
+VIEW_FORMAT = "flgpr-view"
+VIEW_VERSION = 1
 LIVE_FILE = "live.jsonl"
-_MANIFEST, _SCORE = "manifest.json", "view/score.json"
-_LIVE_BYTES, _MOST_LIVE = 2**22, 2**40
+_MANIFEST = "manifest.json"
+_SCORE = "view/score.json"
+_LIVE_BYTES = 2**22
+_MOST_LIVE = 2**40
 
 
 class ViewError(ValueError):
@@ -78,7 +81,8 @@ class ResultFiles:
         try:
             stored = parse_json(data)
             body = canonical_json(stored["content"])
-            digest, identity = stored.get("sha256"), stored["content"]["result_sha256"]
+            digest = stored.get("sha256")
+            identity = stored["content"]["result_sha256"]
         except (ValueError, KeyError, TypeError, AttributeError):
             raise ViewError(f"{_SCORE} cannot be read") from None
         if sha256(body) != digest:
@@ -148,7 +152,8 @@ class RunFiles(IndexOnly):
         run = preview_run(path) if recording else open_run(path)
         pose = np.asarray(run["pose"].values, dtype=np.float64)
         masked = np.flatnonzero(~np.asarray(run["valid"].values).reshape(len(pose), -1).all(axis=1))
-        low, high = pose[:, :2].min(axis=0) - 5, pose[:, :2].max(axis=0) + 5
+        low = pose[:, :2].min(axis=0) - 5
+        high = pose[:, :2].max(axis=0) + 5
         frequency = run["frequency"].values
         self.title = f"{self.folder.name} ({'recording' if recording else 'run'})"
         self.index = {
@@ -180,7 +185,8 @@ class VerdictFile:
     """An analyst's verdicts, a file beside the results: read when it is there, and only ever replaced as a whole."""
 
     def __init__(self, path: str | Path, sources: Sequence[Source], more: Sequence[Path] = ()) -> None:
-        self.path, self._writing = Path(path).resolve(), threading.Lock()
+        self.path = Path(path).resolve()
+        self._writing = threading.Lock()
         if not any(isinstance(source, ResultFiles) for source in sources):
             raise ViewError("verdicts need a result to judge, got none")
         if any(self.path.is_relative_to(folder) for folder in (*(source.folder for source in sources), *more)):
@@ -228,7 +234,8 @@ class LiveFile:
         try:
             with Folder(self.folder).open(self._name, _MOST_LIVE) as file:
                 state = os.fstat(file.fileno())
-                size, age = state.st_size, max(time.time() - state.st_mtime, 0.0)
+                size = state.st_size
+                age = max(time.time() - state.st_mtime, 0.0)
                 restarted = offset > size
                 start = 0 if restarted else offset
                 file.seek(start)
@@ -238,7 +245,8 @@ class LiveFile:
         whole = data[: data.rfind(b"\n") + 1]
         if not whole and len(data) == _LIVE_BYTES:
             whole = data
-        events, bad = [], 0
+        events = []
+        bad = 0
         for line in whole.splitlines():
             try:
                 event = parse_json(line, lambda _: None)

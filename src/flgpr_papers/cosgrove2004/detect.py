@@ -60,7 +60,8 @@ class Peaks:
 
 def learn(recipe: StudyRecipe, looks: Sequence[Look]) -> Training:
     """Take target cuts and clutter from training looks and whiten them."""
-    shape, taken = (recipe.cut.length, 1), [samples_at(look.image, look.place[None], recipe.cuts) for look in looks]
+    shape = (recipe.cut.length, 1)
+    taken = [samples_at(look.image, look.place[None], recipe.cuts) for look in looks]
     cuts, clutter, pixels = ([getattr(one, name) for one in taken] for name in Samples._fields)
     surveyed = [
         range_cuts(look.image, (look.place + [0.0, look.shift])[None], shape, recipe.cut.polarizations)
@@ -97,8 +98,11 @@ def detectors(
     recipe: StudyRecipe, training: Training, signatures: ComplexArray | None = None, other: ComplexArray | None = None
 ) -> dict[str, ChipDetector]:
     """Make every detector of the study for one lane, by name: ``HH``, ``VV``, ``PWF``, ``rank 1`` and more."""
-    length, whitener, white = recipe.cut.length, training.whitener, training.white
-    ddof, rank = recipe.detector.ddof, recipe.detector.rank
+    length = recipe.cut.length
+    whitener = training.whitener
+    white = training.white
+    ddof = recipe.detector.ddof
+    rank = recipe.detector.rank
     channels = len(recipe.cut.polarizations)
     made = {
         name: chip_detector(recipe, [magnitude_form(channels, k)], None, 1)
@@ -177,14 +181,16 @@ def box_values(
     image: NDArray[np.float32], x: FloatArray, y: FloatArray, centre: FloatArray, box: float, quantile: float
 ) -> tuple[FloatArray, FloatArray]:
     """Peak and quantile of a map in boxes (box, 2); NaN pixels are left out, NaN for a box without any other."""
-    peak, high = np.full(len(centre), np.nan), np.full(len(centre), np.nan)
+    peak = np.full(len(centre), np.nan)
+    high = np.full(len(centre), np.nan)
     for number, (px, py) in enumerate(centre):
         columns = slice(*np.searchsorted(x, [px - box / 2, px + box / 2]))
         rows = slice(*np.searchsorted(y, [py - box / 2, py + box / 2]))
         inside = image[rows, columns]
         inside = inside[np.isfinite(inside)]
         if inside.size:
-            peak[number], high[number] = inside.max(), _quantile(inside, quantile)
+            peak[number] = inside.max()
+            high[number] = _quantile(inside, quantile)
     return peak, high
 
 

@@ -89,7 +89,8 @@ def feature_vector(recipe: StudyRecipe, image: xr.DataArray) -> Figure:
     """Show how a feature vector is taken from the image (Fig. 5)."""
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     hh, vv, vector = figure.subplots(1, 3, width_ratios=[1, 1, 2.2])
-    y, length = image["y"].values, recipe.cut.length
+    y = image["y"].values
+    length = recipe.cut.length
     part = image.isel(y=slice(int(np.searchsorted(y, 14.2)), int(np.searchsorted(y, 16.2))))
     power = (np.abs(part.values) ** 2).sum(axis=0)
     power = uniform_filter1d(power, length, axis=0)
@@ -99,7 +100,8 @@ def feature_vector(recipe: StudyRecipe, image: xr.DataArray) -> Figure:
     cuts = []
     for axes, name in ((hh, "HH"), (vv, "VV")):
         stack = np.abs(part.sel(polarization=name).values)
-        x, down = part["x"].values, part["y"].values
+        x = part["x"].values
+        down = part["y"].values
         extent = (x[0], x[-1], down[0], down[-1])
         top = float(np.abs(part.values).max())
         shown = axes.imshow(stack, origin="lower", extent=extent, cmap="gray", aspect="auto", vmin=0, vmax=top)

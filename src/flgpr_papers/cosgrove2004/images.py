@@ -25,7 +25,8 @@ BAND = "band"
 WORLDS = ("roadside", "open")
 WIDE_MINES = ((-0.6, 15.0), (0.5, 20.0), (0.0, 25.0))
 """Places (x, y), m, of the mines of the paper's Fig. 2, at its ranges."""
-_SIGNATURES, _SIGNATURE_SHARE = 999_000, 0.2
+_SIGNATURES = 999_000
+_SIGNATURE_SHARE = 0.2
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,8 @@ def _scene(recipe: StudyRecipe, site: Site, seed: int, share: float) -> tuple[Sc
     depths, trains = site.depths(share)
     rng = np.random.default_rng([seed, 2004])
     order = rng.permutation(depths.size)
-    depths, trains = depths[order], trains[order]
+    depths = depths[order]
+    trains = trains[order]
     spacing = recipe.radar.stop_spacing
     slots = spacing * (np.arange(depths.size) + 0.5)
     targets = []
@@ -152,7 +154,8 @@ def _direction(
     ground = changed(scene, clutter={"bushes": 0.0, "posts": 0.0})
     roadside = changed(scene, clutter={"rocks": 0.0, "patches": 0.0}, targets=[], **ALONE)
     if back:  # what the seed before put there, from the other end
-        ground, roadside = turned(ground, seed - 1), turned(roadside, seed - 1)
+        ground = turned(ground, seed - 1)
+        roadside = turned(roadside, seed - 1)
         ground = ground.model_copy(update={"targets": ground.targets[::-1]})  # in the order of the stops
     simulator = Simulator(ground, sensor, seed)
     beside = Simulator(roadside, sensor, seed, errors=False)
@@ -171,7 +174,8 @@ def _images(
     """Image of every stop with its mine's place, the shift by refraction and the rocks' places, in the scan frame."""
     data = signal if isinstance(signal, np.ndarray) else np.stack(list(signal))  # type: ignore[arg-type]
     tx, rx = simulator.sensor.pairs()
-    pose, polarizations = simulator.reported_pose(), list(simulator.sensor.polarization)
+    pose = simulator.reported_pose()
+    polarizations = list(simulator.sensor.polarization)
     run = make_run(data, simulator.frequency, polarizations, tx, rx, pose, simulator.time)
     images = run_images(recipe, run, simulator.sensor, signature)
     rocks = np.array([(o.x, o.y, 0.0) for o in simulator.world.objects if o.kind == "rock"]).reshape(-1, 3)

@@ -115,7 +115,8 @@ class Site(Table):
 
     def depths(self, share: float = 1.0) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Depth (m) of every mine and whether it trains, at least one mine of a depth."""
-        depth, train = [], []
+        depth = []
+        train = []
         for table, trains in ((self.training, True), (self.test, False)):
             for name, count in table.items():
                 number = max(1, round(count * share))

@@ -65,7 +65,9 @@ def look_measures(recipe: StudyRecipe, looks: Sequence[Look], whitener: ClutterW
         the lists ``humps`` and ``width`` (m, NaN where the half power is not reached) of mines; and
         ``fourth_moment_ratio`` of the whitened clutter.
     """
-    target_cuts, clutter_cuts, across = [], [], []
+    target_cuts = []
+    clutter_cuts = []
+    across = []
     for look in looks:
         samples = samples_at(look.image, look.place[None], recipe.cuts)
         target_cuts.append(samples.target)

@@ -126,7 +126,8 @@ def _run_cases(recipe: StudyRecipe, folder: Path, seeds: range, track: Track) ->
 
 
 def _seed_cases(recipe: StudyRecipe, folder: Path, seed: int) -> dict[str, dict[str, Case]]:
-    share, models = recipe.study.share, folder / "models" if seed == 1 else None
+    share = recipe.study.share
+    models = folder / "models" if seed == 1 else None
     path = folder / "lanes" / f"seed-{seed}-{key_of(recipe.model_dump(mode='json'))}.json"
     cases: dict[str, dict[str, Case]] = kept(path, lambda: run_seed(recipe, seed, share, models))
     return cases
@@ -173,7 +174,8 @@ def _figures(recipe: StudyRecipe, cases: Cases, responses: Mapping[str, PointRes
 
 
 _SEEDS = 2
-_TRAINING, _TEST = {"0.10": 4}, {"0.01": 3, "0.05": 3, "0.15": 3}
+_TRAINING = {"0.10": 4}
+_TEST = {"0.01": 3, "0.05": 3, "0.15": 3}
 
 
 def findings_in(world: World, folder: Path) -> list[Finding]:

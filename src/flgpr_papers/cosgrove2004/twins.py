@@ -74,7 +74,8 @@ def _numbers(
     if number == "1":
         return _geometry_rows(recipe)
     if number == "5":
-        length, polarizations = recipe.cut.length, recipe.cut.polarizations
+        length = recipe.cut.length
+        polarizations = recipe.cut.polarizations
         names = ", then ".join(f"{length} of {name}" for name in polarizations)
         return (("samples", "28 of HH, then 28 of VV", names), ("M", "56", str(length * len(polarizations))))
     if number == "6":

@@ -64,7 +64,9 @@ def join(settings: Settings, drives: Sequence[Pass]) -> Site:
     """Put the drives of a site into one strip and choose the subset for templates and thresholds."""
     first = drives[0].grid
     grid = Grid(first.x_min, first.y_min, first.nx, first.ny * len(drives), first.dx, first.dy)
-    mines, lanes, registration = [], [], {}
+    mines = []
+    lanes = []
+    registration = {}
     for k, one in enumerate(drives):
         offset = k * first.ny * first.dy
         for p, r in np.ndindex(*one.image.shape[:2]):
@@ -188,7 +190,8 @@ def clutter_past_prescreeners(site: Site, screen: ClusterScreen, halo: float) ->
     counts = np.zeros(3, dtype=np.int64)
     for channel, (ellipse, limits) in screen.channels(site.view):
         clusters = find_clusters(channel, limits.amplitude, screen.settings.radius)
-        x, y = clusters["x"].to_numpy(), clusters["y"].to_numpy()
+        x = clusters["x"].to_numpy()
+        y = clusters["y"].to_numpy()
         in_lane = np.logical_or.reduce([lane.contains(x, y) for lane in site.lanes])
         distance = np.hypot(x[:, None] - mines[:, 0], y[:, None] - mines[:, 1]).min(axis=1)
         clutter = clusters[in_lane & (distance > halo)]

@@ -202,7 +202,9 @@ def _open_area(examples: Examples, settings: Settings) -> float:
 
 def templates(material: Material) -> Results:
     """Principal components, and how alike the sites are (par. 19 and 24)."""
-    settings, sites, results = material.settings, material.sites, Results()
+    settings = material.settings
+    sites = material.sites
+    results = Results()
     chips = [signatures(settings, site, False)[0] for site in sites]
     share, cosine = component_interval(chips[0], settings.classify.bootstrap)
     results.judge("component", share)
@@ -223,9 +225,12 @@ def _first_share(settings: Settings, site: Site, magnitude: bool) -> float:
 
 def screened(material: Material) -> Results:
     """Fig. 5: metal mines flush and at 5 cm, with prescreeners; what the second one adds; what becomes of plastic."""
-    settings, sites, results = material.settings, material.sites, Results()
+    settings = material.settings
+    sites = material.sites
+    results = Results()
     options = settings.classify
-    peaks, passed = [], {}
+    peaks = []
+    passed = {}
     for site, template in zip(sites, material.templates, strict=True):
         scores: dict[str, HeldOut] = {}
         figure: dict[str, pd.DataFrame] = {}
@@ -285,7 +290,8 @@ def _offered_looks(site: Site, kinds: tuple[str, ...], depth: tuple[float, float
 
 def signature_strength(material: Material) -> Results:
     """Par. 41: plastic signatures are not always stronger at the temperate site."""
-    settings, results = material.settings, Results()
+    settings = material.settings
+    results = Results()
     peaks = []
     for site in material.sites:
         chips, mines = signatures(settings, site, False)
@@ -301,9 +307,13 @@ def signature_strength(material: Material) -> Results:
 
 def other_screens(material: Material) -> Results:
     """Note what other prescreening would do: thresholds learnt on plastic mines too, "and" over all six images."""
-    settings, site, template, results = material.settings, material.sites[0], material.templates[0], Results()
+    settings = material.settings
+    site = material.sites[0]
+    template = material.templates[0]
+    results = Results()
     kinds = ("metal", "plastic")
-    learnt, offered = learn_screen(settings, site), _offered(site)
+    learnt = learn_screen(settings, site)
+    offered = _offered(site)
     tried = {
         "prescreened": screened_regions(site, learnt, POLARIZATIONS),
         "prescreened, and over all six images": screened_regions(site, learnt, POLARIZATIONS, "and"),
@@ -327,10 +337,12 @@ def _offered(site: Site) -> Any:
 
 def sparsity(material: Material) -> Results:
     """Fig. 6: metal mines down to 5 cm, VV, temperate, no prescreener; RVM against SVM, RBF against polynomials."""
-    settings, results = material.settings, Results()
+    settings = material.settings
+    results = Results()
     chosen = _pick(material.examples[1], ("metal",), (-1.0, SHALLOW), "VV")
     searched = _open_area(chosen, settings)
-    options, count = settings.classify, settings.classify.bootstrap
+    options = settings.classify
+    count = settings.classify.bootstrap
     machines: dict[str, Classifier] = {
         "RVM": rvm(options),
         "SVM": svm(options),
@@ -359,7 +371,8 @@ def sparsity(material: Material) -> Results:
         **{label: float(one.kept.mean()) for label, one in loo.items()},
     }
     results.notes["vectors by fold"] = {label: one.kept.tolist() for label, one in loo.items()}
-    own, measure = "RVM, ARD, width by evidence", Measure(searched)
+    own = "RVM, ARD, width by evidence"
+    measure = Measure(searched)
     results.judge("machines", difference(scores["RVM"], scores["SVM"], measure, count))
     results.judge("relevance-share", spread_of_folds(loo["RVM"].kept))
     results.judge("support-share", spread_of_folds(loo["SVM"].kept))
@@ -383,8 +396,11 @@ def _thin(examples: Examples, most: tuple[int, int], seed: int) -> Examples:
 
 def unscreened(material: Material) -> Results:
     """Fig. 7 to 9: metal and plastic without prescreener, by depth, and by novelty detectors; both polarizations."""
-    settings, examples, results = material.settings, material.examples[1], Results()
-    options, count = settings.classify, settings.classify.bootstrap
+    settings = material.settings
+    examples = material.examples[1]
+    results = Results()
+    options = settings.classify
+    count = settings.classify.bootstrap
     binary: dict[str, HeldOut] = {}
     searched = _open_area(examples, settings)
     measure = Measure(searched)
@@ -440,8 +456,11 @@ def _depths(searched: float, chosen: Examples, scores: HeldOut, results: Results
 
 def between_sites(material: Material) -> Results:
     """Fig. 10: trained at one site, with its templates, and tested at the other; buried mines."""
-    settings, sites, results = material.settings, material.sites, Results()
-    options, count = settings.classify, settings.classify.bootstrap
+    settings = material.settings
+    sites = material.sites
+    results = Results()
+    options = settings.classify
+    count = settings.classify.bootstrap
     for first, second in ((0, 1), (1, 0)):
         way = f"{sites[first].name} to {sites[second].name}"
         claimed = first == 0  # the paper trains at the arid site and speaks of no other way
@@ -478,8 +497,10 @@ def between_sites(material: Material) -> Results:
 
 def variants(material: Material) -> Results:
     """Try other templates and complex correlation, without prescreener; both polarizations, binary RVM, all depths."""
-    settings, results = material.settings, Results()
-    options, count = settings.classify, settings.classify.bootstrap
+    settings = material.settings
+    results = Results()
+    options = settings.classify
+    count = settings.classify.bootstrap
     told: dict[str, Any] = {}
     for site in material.sites:
         for kind in ("metal", "plastic"):

@@ -120,9 +120,11 @@ def margin_figure() -> Figure:
     points = np.concatenate([rng.normal((-1.2, -0.6), 0.4, (20, 2)), rng.normal((1.2, 0.8), 0.4, (20, 2))])
     label = np.repeat([0, 1], 20)
     machine = SVC(kernel="linear", C=1e6).fit(points, label)
-    weight, bias = machine.coef_[0], float(machine.intercept_[0])
+    weight = machine.coef_[0]
+    bias = float(machine.intercept_[0])
     distance = machine.decision_function(points) / np.linalg.norm(weight)
-    below, above = -distance[label == 0].max(), distance[label == 1].min()
+    below = -distance[label == 0].max()
+    above = distance[label == 1].min()
     sparse = RelevanceVectorClassifier(kernel="linear").fit(points, label)
     u, v = np.meshgrid(np.linspace(-2.6, 2.6, 200), np.linspace(-2.2, 2.4, 200))
     place = np.column_stack([u.ravel(), v.ravel()])

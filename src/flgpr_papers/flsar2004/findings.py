@@ -81,7 +81,8 @@ class Measure:
         allowed = self.far * self.area * repeats
         order = np.argsort(-scores.clutter.ravel(), kind="stable")
         order = order[: int(4 * allowed) + 20 * repeats]  # a draw leaves out a third of them
-        output, tile = scores.clutter.ravel()[order], order // repeats
+        output = scores.clutter.ravel()[order]
+        tile = order // repeats
         above = (scores.mine[:, None] > output).astype(float)
         above += 0.0 if self.at else 0.5 * (scores.mine[:, None] == output)
         share = mines / mines.sum(axis=1, keepdims=True)
@@ -182,7 +183,8 @@ def component_interval(chips: NDArray[Any], count: int) -> tuple[Interval, Inter
     rng = np.random.default_rng(3)
 
     def both(images: NDArray[Any]) -> tuple[float, float]:
-        shares, cosines = [], []
+        shares = []
+        cosines = []
         for p, r in np.ndindex(*images.shape[1:3]):
             component, share = principal_templates(images[:, p, r], 1)
             shares.append(share[0])
@@ -200,7 +202,8 @@ def likeness_interval(a: NDArray[Any], b: NDArray[Any], count: int) -> Interval:
     rng = np.random.default_rng(4)
 
     def likeness(u: NDArray[Any], v: NDArray[Any]) -> float:
-        s, t = mean_template(u), mean_template(v)
+        s = mean_template(u)
+        t = mean_template(v)
         return float(np.mean([max_correlation(s[p, r], t[p, r]) for p, r in np.ndindex(*s.shape[:2])]))
 
     draws = [

@@ -26,7 +26,9 @@ from flgpr_papers.kit.study_worlds import OWN, study_world
 from flgpr_papers.kit.worlds import turned
 
 FloatArray = NDArray[np.float64]
-_SIDE, _BEYOND = 0.2, 0.75  # m of a stop's image beyond the lane's, across, and beyond half a step, along
+# m of a stop's image beyond the lane's, across, and beyond half a step, along
+_SIDE = 0.2
+_BEYOND = 0.75
 FINER = 2  # image pixels of a stop per pixel of the lane, down-track: the lane's pixels are interpolated between them
 
 

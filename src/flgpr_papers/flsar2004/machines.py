@@ -117,7 +117,8 @@ def search_svm(settings: Classify, kernel: str, X: FloatArray, y: BoolArray) -> 
     with config_context(assume_finite=True, skip_parameter_validation=True):
         for train, test in StratifiedKFold(folds, shuffle=True, random_state=0).split(X, y):
             scaler = StandardScaler().fit(X[train])
-            seen, new = scaler.transform(X[train]), scaler.transform(X[test])
+            seen = scaler.transform(X[train])
+            new = scaler.transform(X[test])
             for k, option in enumerate(options):
                 inner, outer = (pairwise_kernels(Z, seen, kernel, **option) for Z in (seen, new))
                 for j, cost in enumerate(settings.costs):
@@ -180,7 +181,8 @@ def held_out(table: pd.DataFrame, X: FloatArray, classifier: Classifier, folds: 
     """
     y = _is_mine(table)
     score = np.full(len(table), np.nan)
-    pooled, kept = [], []
+    pooled = []
+    kept = []
     for group in _mine_groups(table, y, folds):
         if novelty and not y[group.test].any():
             continue
@@ -205,7 +207,8 @@ def leave_one_out(
     """
     y = _is_mine(table)
     every = np.arange(len(table))
-    score, kept = np.full(len(table), np.nan), np.full(len(table), np.nan)
+    score = np.full(len(table), np.nan)
+    kept = np.full(len(table), np.nan)
     pooled = []
     for group in _mine_groups(table, y, folds):
         fixed = classifier
@@ -229,7 +232,8 @@ def retrained(
 
     Looks at one mine are drawn together, and all copies of an example are held out together.
     """
-    rng, found = np.random.default_rng(seed), []
+    rng = np.random.default_rng(seed)
+    found = []
     y = _is_mine(table)
     mines = [np.flatnonzero(table["target"].to_numpy(dtype=str) == name) for name in np.unique(_names(table, y))]
     for _ in range(draws):

@@ -81,7 +81,9 @@ def geometry_figure(recipe: FuseRecipe) -> Figure:
 def procedure_figure(example: Arrays) -> Figure:
     """Draw how the masks are made of one another on the example frame, as Fig. 2: (a) fundamental, (b) extended."""
     figure = Figure(figsize=(9.0, 4.4), layout="constrained")
-    vv, vh, x = example["mask vv"], example["mask vh"], example.get("mask x")
+    vv = example["mask vv"]
+    vh = example["mask vh"]
+    x = example.get("mask x")
     none = np.zeros_like(vv)
     x_and_vv = none if x is None else vv & x
     rows: tuple[Arrays, ...] = (

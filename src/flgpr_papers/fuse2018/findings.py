@@ -38,7 +38,8 @@ from flgpr_papers.kit.findings import (
 )
 
 CONVENTIONS = {"frames": "area accumulated over all frames (Sec. 4)", "lane": "lane area, every place once"}
-PAPER_DB, PAPER_MEAN_DB = 26.5, 5.03
+PAPER_DB = 26.5
+PAPER_MEAN_DB = 5.03
 """What the paper's clutter falls by with #6, and how much of it averaging gives, dB (Sec. 3.2)."""
 FALL = f"combination #6 lowers the clutter power by {PAPER_DB:g} dB"
 BY_MEAN = f"averaging alone gives about {PAPER_MEAN_DB:g} dB of it"
@@ -50,7 +51,9 @@ _HITS = 2
 _OWN = ("iteration", "least squares", "least squares spared")
 _RIVALS = ("shared", "whole response", "calibrated roadside", "least squares", "least squares spared",
            "least squares per frame", "L band alone")  # fmt: skip
-_KEPT, _ALIKE = 1.0, 6.0  # dB
+# dB
+_KEPT = 1.0
+_ALIKE = 6.0
 _MORE = ("larger", 0.0, 0.0)
 
 
@@ -78,7 +81,8 @@ def power_db(boxes: pd.DataFrame, stage: str) -> FloatArray:
 
 def mine_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, pd.Series]:
     """Change of every look's peak in a mine's halo, dB, and the mine each belongs to."""
-    changes, cluster = [], []
+    changes = []
+    cluster = []
     for lane in lanes:
         wide = lane.mines.pivot_table(index=["frame", "target"], columns="variant", values="peak").reset_index()
         changes.append(20 * np.log10(wide[variant].to_numpy() / wide["original"].to_numpy()))
@@ -107,7 +111,8 @@ def frame_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:
 
 def lane_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:
     """Match a variant's alarms on the lane's map, every place once."""
-    level, area = lane.maps[variant], recipe.lane
+    level = lane.maps[variant]
+    area = recipe.lane
     view = view_array(level, np.isfinite(level).astype(np.int64), recipe.map_grid, {})
     found = prescreen(view, area, recipe.score.radius, density=10.0)
     found = found[area.contains(found["x"], found["y"])].assign(confidence=lambda t: t["magnitude"])
@@ -195,7 +200,8 @@ def _pairs(boxes: pd.DataFrame, values: FloatArray) -> pd.Series:
 
 
 def _figure_finding(claim: str, boxes: pd.DataFrame, values: FloatArray, figure: float, recipe: FuseRecipe) -> Finding:
-    gap, every = one_frame(boxes, values, figure), _gap(boxes, values, recipe)
+    gap = one_frame(boxes, values, figure)
+    every = _gap(boxes, values, recipe)
     ours = f"two boxes of a frame {_in_words((gap[0] + figure, gap[1] + figure, gap[2] + figure))}"
     note = f"interval of one frame; mean over all {len(boxes)} boxes {_in_words(every)}"
     asks = ("alike", _ALIKE, frame_error(boxes, values))
@@ -240,7 +246,8 @@ def band_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Findi
     """Judge what the masks rest on: what tells buried targets from clutter, and what the fundamental part holds."""
     table = pd.concat([one.bands.assign(lane=one.name) for one in lanes])
     table["cluster"] = table["lane"] + table["name"].astype(str)
-    mines, clutter = table[table["what"] == "mine"], table[table["what"] == "clutter"]
+    mines = table[table["what"] == "mine"]
+    clutter = table[table["what"] == "clutter"]
     found = []
     for band, words in (("vh", "L band VH"), ("x", "X band")):
         if band not in table or table[band].isna().all():
@@ -353,7 +360,8 @@ def _own_findings(
     found += against("the X band removes clutter that VV and VH alone leave", "iteration", "L band alone")
     found += [_rival_finding(name, lanes, recipe) for name in _RIVALS]
     for lane in lanes:
-        cleaned, tracks = lane_match(lane, "iteration", recipe), track_match(lane, "iteration", recipe)
+        cleaned = lane_match(lane, "iteration", recipe)
+        tracks = track_match(lane, "iteration", recipe)
         one = compare(tracks, cleaned, far_max=recipe.score.far_max, far=recipe.score.far, draws=recipe.boxes.draws)
         found.append(
             Finding(

@@ -42,7 +42,9 @@ ROADSIDES = {"scaled with the image": (0.4 * HALF_WIDTH, HALF_WIDTH), "beside th
 LANE = Lane(-1.0, 1.0, 2.0, 6.2)
 _GRID = Grid.spanning((-HALF_WIDTH, HALF_WIDTH), (2.56, 6.2), 0.025)  # 1.2 m ahead of the last frame's array and on
 _EDGES = np.linspace(2.56, 6.2, 5)
-_HALO, _RADIUS = 0.5, 0.375  # m, as for this lane elsewhere
+# m, as for this lane elsewhere
+_HALO = 0.5
+_RADIUS = 0.375
 _METHODS = ("none", "iteration", "per frame", "least squares")
 
 
@@ -66,12 +68,15 @@ def fullwave_study(quick: bool = False) -> FullwaveStudy:
     worlds = 6 if quick else 24
     limits = _calibrate(run, worlds)
     frames = _Frames(run, ("VV", "HH", "VH"))
-    truth, objects = read_table(folder / "truth.csv", "truth"), read_table(folder / "objects.csv", "objects")
+    truth = read_table(folder / "truth.csv", "truth")
+    objects = read_table(folder / "objects.csv", "objects")
     places = [
         (f"{kind} mine, {100 * depth:g} cm", x, y) for kind, depth, x, y in truth[["kind", "depth", "x", "y"]].values
     ]
     places += [(kind, x, y) for kind, x, y in objects[["kind", "x", "y"]].to_numpy()]
-    rows, alarms, images = [], [], {}
+    rows = []
+    alarms = []
+    images = {}
     for rule, side in ROADSIDES.items():
         mask = frames.mask(limits[rule], side)
         cleaned, residual = frames.clean(mask)
@@ -113,12 +118,14 @@ class _Frames:
 
     def mask(self, limits: Thresholds, side: tuple[float, float]) -> NDArray[np.bool_]:
         """Mixed mask of VV and VH, thresholds in medians."""
-        vv, vh = self.images[0] / self.level[0], self.images[2] / self.level[2]
+        vv = self.images[0] / self.level[0]
+        vh = self.images[2] / self.level[2]
         return mixed_mask(vv, vh, limits, self.region, self.pixels[..., 0], roadside=side)
 
     def clean(self, mask: NDArray[np.bool_]) -> tuple[dict[str, NDArray[np.complex64]], dict[str, float]]:
         """Clean VV and HH under a mask by every method."""
-        data, points = self.data[:, :2], self.pixels[mask]
+        data = self.data[:, :2]
+        points = self.pixels[mask]
         shared = iterate_suppression(data, self._stack, self.pixels, mask, self.region)
         own = iterate_frames(data, self.operators, self.pixels, mask, self.region)
         made = {
@@ -127,7 +134,8 @@ class _Frames:
             "per frame": averaged_frames(own, 6),
             "least squares": suppress_by_model(data, self._stack(points), 20).data if mask.any() else data,
         }
-        whole, norm = self._stack(self.pixels), float(np.linalg.norm(data))
+        whole = self._stack(self.pixels)
+        norm = float(np.linalg.norm(data))
         images = {name: whole.adjoint(made[name])[:, 0] for name in _METHODS}
         return images, {name: float(np.linalg.norm(made[name])) / norm for name in _METHODS}
 
@@ -148,14 +156,16 @@ def _medians(image: NDArray[np.complex64], region: NDArray[np.int64]) -> NDArray
 def _calibrate(run: xr.Dataset, worlds: int) -> dict[str, Thresholds]:
     """Learn thresholds on simulated lanes with the same array, soil and kinds of things at other places."""
     learnt = {name: ThresholdCalibration(len(_EDGES) - 1) for name in ROADSIDES}
-    sensor, reach = _sensor(run), 0.4
+    sensor = _sensor(run)
+    reach = 0.4
     across = np.abs(_GRID.points()[..., 0])
     for seed in range(worlds):
         simulator = Simulator(_scene(run, seed), sensor, seed)
         frames = _Frames(simulator.run(), ("VV", "HH", "VH"))
         x, y = frames.pixels[..., 0], frames.pixels[..., 1]
         halos = [np.hypot(x - t.x, y - t.y) <= reach for t in simulator.world.targets]
-        vv, vh = frames.images[0] / frames.level[0], frames.images[2] / frames.level[2]
+        vv = frames.images[0] / frames.level[0]
+        vh = frames.images[2] / frames.level[2]
         for name, (near, far) in ROADSIDES.items():
             learnt[name].add(vv, vh, frames.region, halos, (across >= near) & (across <= far))
     return {name: one.result() for name, one in learnt.items()}

@@ -146,7 +146,8 @@ class FuseRecipe(Table):
 
     def chain(self) -> Recipe:
         """Load the recipe that detection is run with, and give it the study's images and masks."""
-        held, image = tomllib.loads(recipe_text("fuse2018")), self.image.model_dump()
+        held = tomllib.loads(recipe_text("fuse2018"))
+        image = self.image.model_dump()
         masks = {"edges": image.pop("edges"), "frames": image["frames"], **dict(self.mask), **dict(self.suppress)}
         held["image"] |= image
         held["clutter"] = [one | masks if one["stage"] == "masks" else one for one in held["clutter"]]
@@ -176,7 +177,8 @@ def band_sensor(recipe: FuseRecipe, band: str) -> Sensor:
 
 def lane_scene(recipe: FuseRecipe, name: str, band: str) -> Scene:
     """Describe a lane as a band sees it; the bands differ in the density of surface scatterers alone."""
-    lanes, radar = recipe.lanes, recipe.radar
+    lanes = recipe.lanes
+    radar = recipe.radar
     density = radar.scatterers or (radar.scatterers_x if band == "x" else None)
     return Scene.model_validate(
         {
@@ -253,7 +255,8 @@ def mines_alone(folder: Path, recipe: FuseRecipe, name: str, track: Track) -> Co
 
     The echoes of the surface and of what is strewn through the soil, the same in both, are left out.
     """
-    sensor, seed = band_sensor(recipe, "l").model_copy(update={"polarization": ("VV",)}), recipe.lanes.seeds[name]
+    sensor = band_sensor(recipe, "l").model_copy(update={"polarization": ("VV",)})
+    seed = recipe.lanes.seeds[name]
     scene = lane_scene(recipe, name, "l")
     lane = told(scene, seed)
     lane |= {"surface": {**lane["surface"], "echo": False}, **EVEN}

@@ -92,7 +92,9 @@ def _iterations(parts: Sequence[int]) -> str:
 def _system_rows(recipe: FuseRecipe) -> list[Row]:
     """Tabulate both radars as Table I does."""
     sensors = [band_sensor(recipe, band) for band in ("l", "x")]
-    antennas, bands, polarizations = [], [], []
+    antennas = []
+    bands = []
+    polarizations = []
     for sensor in sensors:
         tx, rx = (len(np.unique(side, axis=0)) for side in sensor.pairs())
         tones = sensor.tones.axis()
@@ -126,7 +128,8 @@ def _lane_row(recipe: FuseRecipe, lane: LaneResult) -> Row:
 
 
 def _threshold_rows(calibration: Calibration) -> list[Row]:
-    names, learnt = {"VV": "vv", "VH": "vh", "X": "second", "VH, roadside": "low_vh"}, calibration.learnt
+    names = {"VV": "vv", "VH": "vh", "X": "second", "VH, roadside": "low_vh"}
+    learnt = calibration.learnt
     rows: list[Row] = [
         (words, *(f"{20 * np.log10(v):.1f}" for v in learnt[name])) for words, name in names.items() if name in learnt
     ]

@@ -15,7 +15,8 @@ from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
 
 ERRORS = (0.0, 0.0015, 0.003, 0.005, 0.01)
 _PLACES = ((-6.0, 7.0), (0.0, 9.0), (5.0, 12.0))
-_HALF, _STEP = 0.35, 0.025
+_HALF = 0.35
+_STEP = 0.025
 
 
 @dataclass(frozen=True)

@@ -71,8 +71,10 @@ class Calibration:
 
 def calibrate(frames: Frames, recipe: FuseRecipe, track: Track) -> Calibration:
     """Learn thresholds and background from the calibration lane, whose targets are known."""
-    stage, rows = frames.stage, []
-    examples, targets = stage.calibration(stage.settings), ground_points(frames.truth)
+    stage = frames.stage
+    rows = []
+    examples = stage.calibration(stage.settings)
+    targets = ground_points(frames.truth)
     road = np.abs(stage.grid.x) < recipe.mask.roadside[0]
     whole = range(recipe.image.frames - 1, len(frames))
     for k in track(whole, "calibration lane", len(whole)):
@@ -138,7 +140,8 @@ def clean(forms: dict[str, MaskedSuppression], index: int, variants: Sequence[st
     """Form the masks of the aperture that ends with a frame and suppress what lies under them."""
     stage = forms["iteration"]
     one = stage.aperture(index)
-    b, whole = one.data[:, stage.setup.imaged], one.stack_on(stage.points)
+    b = one.data[:, stage.setup.imaged]
+    whole = one.stack_on(stage.points)
     masks = {
         "pixel": stage.mask(one),
         "region": forms["regions"].mask(one),
@@ -148,12 +151,15 @@ def clean(forms: dict[str, MaskedSuppression], index: int, variants: Sequence[st
     before = time.process_time()
     main = stage.courses(one, masks["pixel"])
     spent = {"iteration": time.process_time() - before}
-    made, images, rows = {}, {}, []
+    made = {}
+    images = {}
+    rows = []
     for variant in variants:
         before = time.process_time()
         data, courses = _suppressed(variant, forms, one, masks, main)
         cpu = time.process_time() - before + spent.get(variant, 0.0)
-        made[variant], images[variant] = data, whole.adjoint(data)[0, 0]
+        made[variant] = data
+        images[variant] = whole.adjoint(data)[0, 0]
         falls_back = variant != "as printed" and forms.get(variant, stage).settings.fall_back
         rows.append(
             {
@@ -180,7 +186,8 @@ def _suppressed(
 ) -> tuple[ComplexArray, list[Iterated]]:
     """Clean an aperture by a variant, whose courses of iterations it tells; ``main`` are those of "iteration"."""
     stage = forms.get(variant, forms["iteration"])
-    b, mask = aperture.data[:, stage.setup.imaged], masks[MASKS.get(variant, "pixel")]
+    b = aperture.data[:, stage.setup.imaged]
+    mask = masks[MASKS.get(variant, "pixel")]
     if variant == "original":
         return b, []
     if variant == "as printed":
@@ -211,7 +218,8 @@ def process_lane(
     The truth is used to say where mines and roadside objects are when something is measured, never to form a mask, to
     suppress or to raise an alarm.
     """
-    records, forms = LaneRecords(), stage_forms(frames, calibration)
+    records = LaneRecords()
+    forms = stage_forms(frames, calibration)
     sums = MeanViewSums(recipe.map_grid, recipe.score.y[1])
     latest = range(recipe.image.frames - 1, len(frames), every)
     shown = min(latest, key=lambda k: abs(frames.pose(k)[1] - recipe.study.example))
@@ -245,7 +253,8 @@ def roadside_objects(frames: Frames, pose: FloatArray, recipe: FuseRecipe) -> pd
 
 def box_of(grid: Grid, x: float, y: float, side: float) -> BoolArray:
     """Mark the pixels of a square box about a place, m."""
-    columns, rows = np.abs(grid.x - x) <= side / 2, np.abs(grid.y - y) <= side / 2
+    columns = np.abs(grid.x - x) <= side / 2
+    rows = np.abs(grid.y - y) <= side / 2
     return rows[:, None] & columns[None, :]
 
 
@@ -301,7 +310,9 @@ def _record_mines(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe
 
 def _record_own(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> None:
     """Follow what the mines alone add to the data through what was done to the data as they are."""
-    stage, one, mask = cleaned.stage, cleaned.aperture, cleaned.masks["pixel"]
+    stage = cleaned.stage
+    one = cleaned.aperture
+    mask = cleaned.masks["pixel"]
     targets = _targets(frames, cleaned, recipe)
     if frames.mines is None or not targets or not mask.any():
         return
@@ -329,7 +340,8 @@ def _record_own(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: 
 
 def _record_bands(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> None:
     """Record how strong mines and roadside objects are in VV, VH and the X band."""
-    one, stage = cleaned.aperture, cleaned.stage
+    one = cleaned.aperture
+    stage = cleaned.stage
     images = {"vv": np.abs(one.vv), "vh": np.abs(one.vh)} | ({} if one.second is None else {"x": one.second})
     settings = stage.settings
     held = fundamental_mask(one.vv, one.vh, stage.limits_for(one), stage.region, one.second, settings.intersect)
@@ -359,7 +371,8 @@ def suppressed_alone(cleaned: Cleaned, data: ComplexArray) -> ComplexArray:
 
 def _frame_alone(cleaned: Cleaned, data: ComplexArray, operator_on: OperatorOn, course: Iterated) -> ComplexArray:
     """Suppress the data (polarization, pair, frequency) of one frame by the amplitudes of its course."""
-    stage, mask = cleaned.stage, cleaned.masks["pixel"]
+    stage = cleaned.stage
+    mask = cleaned.masks["pixel"]
     under = {int(r): operator_on(stage.points[mask & (stage.region == r)]) for r in np.unique(stage.region[mask])}
     iterates = [data]
     for B in course.amplitude:

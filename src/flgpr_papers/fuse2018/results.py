@@ -96,8 +96,11 @@ def read_records(path: Path, frames: Frames) -> LaneResult:
 
 def example_arrays(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Arrays:
     """Gather what the figures show of one aperture, in its scan frame: magnitudes, masks, axes, places."""
-    one, stage = cleaned.aperture, cleaned.stage
-    limits, region, grid = stage.limits_for(one), stage.region, stage.grid
+    one = cleaned.aperture
+    stage = cleaned.stage
+    limits = stage.limits_for(one)
+    region = stage.region
+    grid = stage.grid
     arrays: Arrays = {
         "x_axis": grid.x, "y_axis": grid.y, "frame": np.array(cleaned.index),
         "vv": np.abs(one.vv), "vh": np.abs(one.vh),

@@ -38,8 +38,10 @@ def reproduce(output: str | Path, quick: bool = False, track: Track = silent, wo
     What is finished already (a simulated lane, the thresholds, a lane's results) is taken as it is if it was made by
     the same recipe, so that a run that was stopped goes on where it was.
     """
-    folder, recipe = Path(output), fuse_recipe(quick, world)
-    stores, results = folder / "lanes", folder / "results"
+    folder = Path(output)
+    recipe = fuse_recipe(quick, world)
+    stores = folder / "lanes"
+    results = folder / "results"
     for each in (stores, results):
         each.mkdir(parents=True, exist_ok=True)
     key = result_key(recipe, quick)
@@ -66,7 +68,8 @@ def lane_result(
 ) -> LaneResult:
     """Simulate and clean a lane, or take what is there."""
     key = result_key(recipe, quick, calibration)
-    path, shown = folder / "results" / f"{name}-{key}.json", folder / "results" / f"example-{key}.bundle"
+    path = folder / "results" / f"{name}-{key}.json"
+    shown = folder / "results" / f"example-{key}.bundle"
     frames = simulate_lane(folder / "lanes", recipe, name, track)
 
     def keep(cleaned: Cleaned) -> None:
@@ -96,7 +99,8 @@ def loose_result(
 def loosened(frames: Frames, recipe: FuseRecipe) -> Frames:
     """Add errors to a lane's reported poses, the same in both bands, up to the looser navigation."""
     more = np.sqrt(max(recipe.study.loose_position**2 - recipe.radar.position**2, 0.0))
-    run, others = frames.stage.setup.run, frames.stage.setup.others
+    run = frames.stage.setup.run
+    others = frames.stage.setup.others
     shift = np.zeros(run["pose"].shape)
     shift[:, :3] = np.random.default_rng(1).normal(0, more, (len(shift), 3))
     runs = {band: one.assign(pose=one["pose"] + shift) for band, one in {"l": run, **others}.items()}
@@ -115,7 +119,8 @@ def findings_in(world: World, folder: Path) -> list[Finding]:
         }
     )
     calibration = calibrate(simulate_lane(folder, recipe, "calibration", silent), recipe, silent)
-    frames, path = simulate_lane(folder, recipe, "A", silent), folder / "A.json"
+    frames = simulate_lane(folder, recipe, "A", silent)
+    path = folder / "A.json"
     records = process_lane(frames, calibration, recipe, silent, ("original", "iteration"))
     write_records(path, frames, records)
     return paper_findings([read_records(path, frames)], recipe)

@@ -78,7 +78,8 @@ def own_drawings(shown: Shown) -> Iterator[Drawing]:
 
 
 def _geometry(shown: Shown) -> Drawing:
-    image, step = shown.recipe.image, shown.recipe.lanes.step
+    image = shown.recipe.image
+    step = shown.recipe.lanes.step
     borders = ", ".join(f"{edge:g}" for edge in image.edges)
     numbers = [
         ("frames", "several, summed in range (Eq. 4)", f"{image.frames}, {_span(step)} m apart"),

@@ -32,7 +32,10 @@ from scipy.special import bdtrik, stdtrit
 
 from flgpr.io import write_whole
 
-AGREES, DISAGREES, UNDECIDED, OPEN = "agrees", "disagrees", "cannot say", "open"
+AGREES = "agrees"
+DISAGREES = "disagrees"
+UNDECIDED = "cannot say"
+OPEN = "open"
 VERDICTS = (AGREES, DISAGREES, UNDECIDED)
 """What is said of a statement; ``OPEN`` is said of a question that the paper does not answer."""
 NO_VERDICT = "no verdict: a quick run is too small"
@@ -47,7 +50,9 @@ SHARE_DIFFERENCE: Bounds = (-1.0, 1.0)
 """Bounds of the difference of two shares."""
 MARGIN = 0.15
 """How far a share may lie from the paper's and still be called alike."""
-_MOST_DECIMALS, _MOST_DIGITS = 4, 3  # of a number on a page
+# of a number on a page
+_MOST_DECIMALS = 4
+_MOST_DIGITS = 3
 _Z = 1.959964
 
 
@@ -207,7 +212,8 @@ def clustered(values: ArrayLike, cluster: Any, draws: int, seed: int = 0, level:
     if data.size == 0:
         return math.nan, math.nan, math.nan
     code = np.unique(np.asarray(cluster).astype(str), return_inverse=True)[1]
-    count, total = np.bincount(code).astype(float), np.bincount(code, weights=data)
+    count = np.bincount(code).astype(float)
+    total = np.bincount(code, weights=data)
     drawn = np.random.default_rng(seed).integers(0, count.size, (draws, count.size))
     means = total[drawn].sum(axis=1) / count[drawn].sum(axis=1)
     low, high = np.quantile(means, ((1 - level) / 2, (1 + level) / 2))

@@ -13,7 +13,8 @@ from pydantic import Field
 from flgpr_papers.kit.findings import read_findings
 from flgpr_papers.kit.settings import Table, packaged_text
 
-OWN, AS_FOUND = "own", "as-found"
+OWN = "own"
+AS_FOUND = "as-found"
 STUDY_WORLDS = (OWN, AS_FOUND)
 """Prepared lanes as the paper describes them, and roads with stones, holes, growth and waves as they are found."""
 Claim = tuple[str, str, str]

@@ -120,7 +120,8 @@ class Pool:
         if duplicate:
             weight[use] = duplication(labels[use], mines)
         if draw is not None:
-            use, weight = use & (draw.alarm > 0), weight * draw.alarm.astype(np.int64)
+            use = use & (draw.alarm > 0)
+            weight = weight * draw.alarm.astype(np.int64)
         hit = (labels["label"] == "hit").to_numpy().astype(np.int64)
         return make_fold(np.nan_to_num(self.features[list(columns)].to_numpy(float)), hit, weight, use, test)
 
@@ -177,7 +178,8 @@ class Pool:
         """Give 95 % bands (2, far) of a ROC: of the classifier as it is, and trained anew in every draw."""
         scorer = Rescorer(self.reference, subset, area=AREA)
         cross, duplicate = _settings(method)
-        confidence, curves = self.confidence(columns, method), []
+        confidence = self.confidence(columns, method)
+        curves = []
         for draw in self.draws(draws):
             again = _refit(self.folds(columns, cross, duplicate, draw=draw), len(self.labels))
             curves.append([scorer.pd_at(one, far, draw) for one in (confidence, again)])
@@ -189,7 +191,8 @@ class Pool:
 
         Draws without such a pair, whose mines raised no alarm, are left out.
         """
-        values, labels = self.features[column].to_numpy(dtype=np.float64), self.labels
+        values = self.features[column].to_numpy(dtype=np.float64)
+        labels = self.labels
         hit = np.isfinite(values) & ((labels["label"] == "hit") & (labels["beta"] == 1)).to_numpy()
         false = np.isfinite(values) & (labels["label"] == "false").to_numpy()
         wins = (np.sign(values[hit][:, None] - values[false][None]) + 1) / 2
@@ -197,7 +200,8 @@ class Pool:
             return float("nan"), np.full(draws, np.nan)
         shares = []
         for draw in self.draws(draws):
-            hits, falses = draw.alarm[hit], draw.alarm[false]
+            hits = draw.alarm[hit]
+            falses = draw.alarm[false]
             if hits.any() and falses.any():
                 shares.append(hits @ wins @ falses / (hits.sum() * falses.sum()))
         return float(wins.mean()), np.array(shares)
@@ -208,7 +212,8 @@ class Pool:
 
     def nested(self, columns: Sequence[str], steps: int) -> tuple[float, FloatArray, list[list[str]]]:
         """PD_mean, confidences and features, each lane scored with features that a search without it has chosen."""
-        confidence, chosen = np.full(len(self.labels), -np.inf), []
+        confidence = np.full(len(self.labels), -np.inf)
+        chosen = []
         for name in self.lanes:
             others = [lane for lane in self.lanes if lane != name]
             folds = self.folds(columns, len(others) > 1, True, others)

@@ -20,7 +20,8 @@ from flgpr.scoring import Match, random_pd, roc_of
 from flgpr_papers.wang2007.analysis import AREA, LaneResult
 
 _DB = 30.0
-_POLARIZATIONS, _BANDS = ("HH", "VV", "HV"), ("F0", "F1", "F2", "F3", "F4")
+_POLARIZATIONS = ("HH", "VV", "HV")
+_BANDS = ("F0", "F1", "F2", "F3", "F4")
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000")
 Examples = Mapping[str, NDArray[Any]]
 
@@ -28,7 +29,8 @@ Examples = Mapping[str, NDArray[Any]]
 def geometry_figure(sensor: Sensor, recipe: Recipe) -> Figure:
     """Fig. 1: the radar and the imaged area, from the side and from above."""
     figure, (side, plan) = _figure(9, 3.2, 1, 2)
-    image, height = recipe.image, sensor.height
+    image = recipe.image
+    height = sensor.height
     side.plot(0, height, "s", color="k")
     for y in image.y:
         side.plot([0, y], [height, 0], color="#888888", lw=0.8)
@@ -92,7 +94,8 @@ def series_figure(examples: Examples) -> Figure:
 def background_figure(examples: Examples) -> Figure:
     """Fig. 5: background removal and normalisation, HH, F1."""
     figure, axes = _figure(8, 3.1, 1, 5)
-    channel, place = _at(examples, "HH", "F1"), examples["place_surface"]
+    channel = _at(examples, "HH", "F1")
+    place = examples["place_surface"]
     clean = examples["clean_surface"][channel]
     panels = (
         (examples["raw_surface"][channel], "(a) scan"),

@@ -57,7 +57,9 @@ from flgpr_papers.wang2007.analysis import (
 
 FloatArray = NDArray[np.float64]
 SETS = {"A": CLASSIFIER_A, "B": CLASSIFIER_B}
-PAPER_MINES, PAPER_PLASTIC, PAPER_SIMULANTS = 47, 20, 16
+PAPER_MINES = 47
+PAPER_PLASTIC = 20
+PAPER_SIMULANTS = 16
 # Claims that mines have more of some features than false alarms, and what the paper says of each.
 _MORE_OF = (
     ("Mines return less in cross-polarization: higher R_HH_HV and R_VV_HV", "observed (III)", ("R_HH_HV", "R_VV_HV")),
@@ -188,7 +190,8 @@ def feature_findings(
     """Judge the findings about single features and their combinations (the paper's Tables I and II)."""
     here = {method: singles.loc[method, list(FEATURES)].to_numpy(dtype=np.float64) for method in "ABC"}
     drawn = pool.singles_in(F1, "ABC", retrainings(draws))
-    a, c = here["A"], here["C"]
+    a = here["A"]
+    c = here["C"]
 
     def gap(k: int, other: int, parts: int, method: str = "A") -> Interval:
         """Difference of two features by A, or of one by A and by another method, of so many that are asked of."""
@@ -196,7 +199,8 @@ def feature_findings(
         return spread(float(a[k] - here[method][other]), apart, together(parts), SHARE_DIFFERENCE)
 
     number = {name: k for k, name in enumerate(FEATURES)}
-    own, strong = number["C_HH"], [k for k, name in enumerate(FEATURES) if name not in ("P_alpha", "P_psi")]
+    own = number["C_HH"]
+    strong = [k for k, name in enumerate(FEATURES) if name not in ("P_alpha", "P_psi")]
     weak = max(number["P_alpha"], number["P_psi"], key=lambda k: a[k])
     level = spread(float(a[own]), drawn["A"][:, own], bounds=SHARE)
     less = less_figure(level, 0.93, share_error(0.93, PAPER_MINES), SHARE_DIFFERENCE)

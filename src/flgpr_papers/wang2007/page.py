@@ -115,7 +115,8 @@ def _retrained_rows(pool: Pool, draws: int) -> list[Row]:
     for name, columns in SETS.items():
         for method in "AC":
             confidence = pool.confidence(list(columns), method)
-            value, narrow = pool.scorer(confidence), pool.interval(confidence, draws)
+            value = pool.scorer(confidence)
+            narrow = pool.interval(confidence, draws)
             _, low, high = spread(value, pool.retrained(list(columns), method, retrainings(draws)), bounds=SHARE)
             cells = (f"{a:.2f} to {b:.2f}" for a, b in (narrow, (low, high)))
             rows.append((name, METHODS[method], f"{value:.2f}", *cells))
@@ -125,7 +126,8 @@ def _retrained_rows(pool: Pool, draws: int) -> list[Row]:
 def _lane_row(one: LaneResult) -> Row:
     length = one.lane.y_max - one.lane.y_min
     count = ((one.truth["kind"] == kind).sum() for kind in ("metal", "plastic", "simulant"))
-    surface, alarms = (one.truth["depth"] < 0).sum(), len(one.alarms)
+    surface = (one.truth["depth"] < 0).sum()
+    alarms = len(one.alarms)
     return one.name, f"{length:.0f} m", *count, surface, alarms, f"{alarms / 6 / length:.2f}"
 
 

@@ -114,7 +114,8 @@ def lane_result(
 
     ``suffix`` names results of another recipe on the same lane.
     """
-    home, recipe = folder / "results" / f"{scene.name}{suffix}", parse_recipe(text)
+    home = folder / "results" / f"{scene.name}{suffix}"
+    recipe = parse_recipe(text)
     check_tones(radar, recipe.image.x, recipe.image.y)
     store, truth, lane = store_lane(folder / "lanes", scene, seed, radar, track)
     extras = folder / "results" / f"{scene.name}-wide.bundle"
@@ -124,7 +125,8 @@ def lane_result(
         run = open_run(store)
         chain = LaneChain(run, recipe, lane, explains=False, whole=True)
         chain.go(track, ("signature", "gain", "view", "alarms", "features"))
-        cleaned, found = chain.cleaned, chain.detection()
+        cleaned = chain.cleaned
+        found = chain.detection()
         extras.parent.mkdir(parents=True, exist_ok=True)
         if examples:
             save_examples(pictures, cleaned, run, recipe, truth, found.alarms)
@@ -144,10 +146,12 @@ def lane_result(
 
 def wide_view(cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, lane: Lane, track: Track) -> xr.DataArray:
     """Run-view of the prescreener's channel over the full range of the images."""
-    screen, table = recipe.prescreen, recipe.image
+    screen = recipe.prescreen
+    table = recipe.image
     p = [str(label) for label in run["polarization"].values].index(screen.polarization)
     b = list(table.subbands).index(screen.subband)
-    whole, place = cleaned.whole_background, (slice(p, p + 1), slice(b, b + 1))
+    whole = cleaned.whole_background
+    place = (slice(p, p + 1), slice(b, b + 1))
     parts = whole.signature[place], whole.gain[place], whole.shared_signature[place], whole.shared_gain[b : b + 1]
     one = Background(*(np.ascontiguousarray(part) for part in parts))  # type: ignore[arg-type]
     band = {screen.subband: table.subbands[screen.subband]}
@@ -173,7 +177,8 @@ def _is_done(home: Path, store: Path, text: str) -> bool:
 
 def findings_in(world: World, folder: Path) -> list[Finding]:
     """Judge the paper's statements on three calibration lanes and a blind one."""
-    text, radar = packaged_text("wang2007"), sensor()
+    text = packaged_text("wang2007")
+    radar = sensor()
     calibration, blind = (
         [
             lane_result(folder, scene, seed + 1000 * (world.number + 1), radar, text, silent)
@@ -213,7 +218,8 @@ def save_examples(
         arrays[f"patches_{name}"] = patches
         arrays[f"distances_{name}"] = distances
     follow = series_scans(imager.scans, poses, chosen["surface"].y, sum(table.y) / 2)
-    hh, f1 = list(arrays["polarization"]).index("HH"), list(table.subbands).index(recipe.prescreen.subband)
+    hh = list(arrays["polarization"]).index("HH")
+    f1 = list(table.subbands).index(recipe.prescreen.subband)
     arrays["series"] = np.stack([np.abs(imager.image(scan).values[hh, f1]) for scan in follow])
     surface = [chosen["surface"].x, chosen["surface"].y, 0.0]
     arrays["series_place"] = np.stack([lane_to_scan(surface, poses[scan])[:2] for scan in follow])
@@ -307,8 +313,11 @@ def series_scans(scans: NDArray[Any], poses: NDArray[np.float64], y: float, midd
 
 def _patches(cleaned: CleanedRun, recipe: Recipe, x: float, y: float) -> tuple[NDArray[np.float32], NDArray[Any]]:
     """Incoherent patches (scan, polarization, subband, y, x) of all scans that count, from near to far."""
-    grid, offsets, poses = cleaned.grid, recipe.contrast.patch().offsets(), cleaned.imager.run["pose"].values
-    found, distances = [], []
+    grid = cleaned.grid
+    offsets = recipe.contrast.patch().offsets()
+    poses = cleaned.imager.run["pose"].values
+    found = []
+    distances = []
     for place, scan in enumerate(cleaned.imager.scans):
         local = lane_to_scan([x, y, 0.0], poses[scan])[:2]
         if not grid.y_min <= local[1] <= recipe.run_view.y_max:

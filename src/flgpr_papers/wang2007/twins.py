@@ -101,7 +101,9 @@ def drawings(shown: Shown) -> Iterator[Drawing]:
 
 
 def _geometry(shown: Shown) -> Drawing:
-    sensor, image, tones = shown.radar, shown.recipe.image, shown.radar.tones.axis()
+    sensor = shown.radar
+    image = shown.recipe.image
+    tones = shown.radar.tones.axis()
     numbers = (
         ("transmitters, receivers", "2, 18", f"{len(sensor.tx)}, {len(sensor.rx)}"),
         ("height", "about 5 m", f"{sensor.height:g} m"),

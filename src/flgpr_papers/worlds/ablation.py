@@ -69,7 +69,8 @@ def jobs(quick: bool = False) -> list[LaneJob]:
     if quick:
         declared = declared | DECLARED["quick"]
         changes = [NOTHING, *DECLARED["quick"]["parts"]]
-    smooth, natural = smooth_road(), natural_road()
+    smooth = smooth_road()
+    natural = natural_road()
     made = []
     for replicate in range(declared["replicates"]):
         for road in ROADS:
@@ -79,7 +80,8 @@ def jobs(quick: bool = False) -> list[LaneJob]:
                 name = f"{road}-{change.replace(' ', '-')}-{replicate}"
                 about = {"road": road, "change": change, "replicate": replicate}
                 seed = declared["seed"] + replicate
-                length, count = float(declared["length"]), declared["count"]
+                length = float(declared["length"])
+                count = declared["count"]
                 made.append(LaneJob("ablation", name, about, tables, declared["mines"], length, count, seed))
     return made
 

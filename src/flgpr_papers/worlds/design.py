@@ -102,11 +102,13 @@ def d_optimal(
     space = pd.DataFrame(list(product(*axes.values())), columns=list(axes))
     every_row = model_matrix(space, axes, [crossed])
     shape = tuple(len(levels) for levels in axes.values())
-    best, best_value = np.zeros((0, len(axes)), dtype=np.intp), -np.inf
+    best = np.zeros((0, len(axes)), dtype=np.intp)
+    best_value = -np.inf
     for _ in range(starts):
         levels, value = _exchange(_random_levels(axes, crossed, each, rng), every_row, shape, _free(axes, crossed))
         if value > best_value:
-            best, best_value = levels, value
+            best = levels
+            best_value = value
     places = np.array(np.ravel_multi_index(tuple(best.T), shape), dtype=np.intp)
     first = places[rng.permutation(len(places))]
     tables = [space.iloc[first].assign(replicate=0)]
@@ -175,19 +177,24 @@ def _repeated_rows(
         again = matrix[rows_of(choice)]
         return _log_determinant(information + again.T @ again)
 
-    best, best_value = np.zeros(cells, dtype=np.intp), -np.inf
+    best = np.zeros(cells, dtype=np.intp)
+    best_value = -np.inf
     for _ in range(starts):
         choice = rng.integers(len(options), size=cells)
-        value, improved = value_of(choice), True
+        value = value_of(choice)
+        improved = True
         while improved:
             improved = False
             for cell, option in product(range(cells), range(len(options))):
                 tried = choice.copy()
                 tried[cell] = option
                 if value_of(tried) > value:
-                    choice, value, improved = tried, value_of(tried), True
+                    choice = tried
+                    value = value_of(tried)
+                    improved = True
         if value > best_value:
-            best, best_value = choice, value
+            best = choice
+            best_value = value
     return rows_of(best)
 
 

@@ -35,7 +35,8 @@ def jobs(quick: bool = False) -> list[LaneJob]:
 
 def _job(world: World, declared: dict[str, float]) -> LaneJob:
     about = {"number": world.number, **{axis: getattr(world, axis) for axis in AXES}, "replicate": world.replicate}
-    length, count = float(declared["length"]), int(declared["count"])
+    length = float(declared["length"])
+    count = int(declared["count"])
     seed = int(declared["seed"]) + world.number
     return LaneJob("detection", world.name, about, world.tables(), world.mines, length, count, seed)
 

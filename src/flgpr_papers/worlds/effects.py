@@ -17,7 +17,8 @@ FloatArray = NDArray[np.float64]
 Interval = tuple[float, float, float]
 LEVEL = 0.95
 """Level of all intervals."""
-_STEPS, _CONVERGED = 200, 1e-8
+_STEPS = 200
+_CONVERGED = 1e-8
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,8 @@ class Fit:
 
     def difference(self, row: ArrayLike, other: ArrayLike) -> Interval:
         """Estimate the response at a row less that at another, with its interval (delta method for shares)."""
-        first, second = np.asarray(row, dtype=np.float64), np.asarray(other, dtype=np.float64)
+        first = np.asarray(row, dtype=np.float64)
+        second = np.asarray(other, dtype=np.float64)
         if not self.logistic:
             return self.linear(first - second)
         shares = expit([first @ self.coefficient, second @ self.coefficient])
@@ -117,7 +119,8 @@ def fit_means(matrix: FloatArray, values: ArrayLike) -> Fit:
     """
     numbers = np.asarray(values, dtype=np.float64)
     known = np.isfinite(numbers)
-    matrix, numbers = matrix[known], numbers[known]
+    matrix = matrix[known]
+    numbers = numbers[known]
     _check(matrix)
     inverse = np.linalg.inv(matrix.T @ matrix)
     coefficient = inverse @ (matrix.T @ numbers)

@@ -109,7 +109,8 @@ def signatures_figure(folder: Path) -> Figure | None:
     for number, roughness in enumerate(AXES["roughness"]):
         own = targets[targets["roughness"] == roughness].groupby("label")["ratio_db"]
         middle = own.median().reindex(order)
-        low, high = own.quantile(0.25).reindex(order), own.quantile(0.75).reindex(order)
+        low = own.quantile(0.25).reindex(order)
+        high = own.quantile(0.75).reindex(order)
         places = np.arange(len(order)) + 0.16 * (1.5 - number)
         label = f"{roughness:g} mm rms"
         error = [middle - low, high - middle]
@@ -132,7 +133,10 @@ def signatures_figure(folder: Path) -> Figure | None:
 def _draw_found(axes: Axes, targets: pd.DataFrame, label: str, colour: str) -> None:
     """Draw the share of targets that are found, by classes of signal to clutter, with exact intervals."""
     number = np.floor(targets["ratio_db"] / _BIN)
-    middles, shares, below, above = [], [], [], []
+    middles = []
+    shares = []
+    below = []
+    above = []
     for place, inside in targets.groupby(number):
         if len(inside) < _FEWEST:
             continue
@@ -241,7 +245,8 @@ def statements_figure(folder: Path, paper: str) -> Figure | None:
 
 def _draw_margins(axes: Axes, worlds: pd.DataFrame) -> None:
     """Draw the mean margin of every cell; + and − count worlds that their own interval decides."""
-    down, across = STUDY_AXES["permittivity"], STUDY_AXES["roughness"]
+    down = STUDY_AXES["permittivity"]
+    across = STUDY_AXES["roughness"]
     value = np.full((len(down), len(across)), np.nan)
     for row, permittivity in enumerate(down):
         for column, roughness in enumerate(across):

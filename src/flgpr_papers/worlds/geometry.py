@@ -37,7 +37,8 @@ def jobs(quick: bool = False) -> list[LaneJob]:
             about = {"height": height, "replicate": replicate}
             name = f"{height:g}m-{replicate}"
             seed = declared["seed"] + replicate
-            length, count = float(declared["length"]), declared["count"]
+            length = float(declared["length"])
+            count = declared["count"]
             made.append(
                 LaneJob(
                     "geometry", name, about, tables, declared["mines"], length, count, seed, height, ground, ratios=True

@@ -241,7 +241,8 @@ def write_tables(folder: Path, quick: bool = False) -> None:
     records = read_records(folder, quick)
     judged = {paper: statements(several) for paper, several in records.items()}
     judged["cosgrove2004"] += soils_in_order(records["cosgrove2004"])
-    regions, by_world = [], []
+    regions = []
+    by_world = []
     for paper, several in judged.items():
         for statement in several:
             about = {"paper": paper, "statement": statement.claim}

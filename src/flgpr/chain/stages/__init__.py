@@ -97,7 +97,8 @@ class Stage:
     ] = {}  #: entries, with values, that let more through: told who trains on few mines
 
     def __init__(self, settings: Any, setup: Setup, learnt: Arrays | None = None) -> None:
-        self.settings, self.setup = settings, setup
+        self.settings = settings
+        self.setup = setup
         self.learnt = learnt or {}
 
     @classmethod

@@ -149,7 +149,8 @@ class Matched(FeatureStage):
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Filter the brightest pixels of the alarms."""
         off = _brightest(view, points, self.settings.reach) - self.learnt["mean"]
-        inverse, signature = _inverse(self.learnt["covariance"]), self.learnt["signature"]
+        inverse = _inverse(self.learnt["covariance"])
+        signature = self.learnt["signature"]
         with np.errstate(invalid="ignore"):
             amf = off @ inverse @ signature / np.sqrt(signature @ inverse @ signature)
             return {"amf": amf, "ace": amf / np.sqrt(np.einsum("ni,ij,nj->n", off, inverse, off))}

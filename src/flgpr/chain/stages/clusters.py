@@ -38,7 +38,8 @@ def subset(lanes: list[TrainingView], share: float, kinds: tuple[str, ...] = ())
     """
     total = sum(len(lane.truth) for lane in lanes)
     step = max(total // max(round(share * total), min(4, total), 1), 1 if share > 0.5 else 2)
-    chosen, begun = [], 0
+    chosen = []
+    begun = 0
     for lane in lanes:
         table = lane.truth.sort_values(["y", "x"], kind="stable")
         chosen.append(table[(begun + np.arange(len(table))) % step == 0])
@@ -96,7 +97,8 @@ class ClusterScreen(ScreenStage):
 
     def alarms(self, view: xr.DataArray) -> pd.DataFrame:
         """Regions that pass; their magnitude is the peak over the amplitude threshold of its image."""
-        tables, levels = {}, {}
+        tables = {}
+        levels = {}
         for channel, (ellipse, limits) in self.channels(view):
             key = str(channel["polarization"].item()), str(channel["subband"].item())
             tables[key] = prescreen_clusters(channel, limits, ellipse, self.settings.radius)

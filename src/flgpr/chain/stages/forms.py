@@ -114,7 +114,8 @@ class FormMap(MapStage):
 
     def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
         """Gather range cuts at the mines, and cuts and pixels of clutter, of every scan that sees them."""
-        surveyed, parts = ground_points(truth), []
+        surveyed = ground_points(truth)
+        parts = []
 
         def add(index: int) -> None:
             mines = lane_to_scan(surveyed, self.setup.pose(index))[:, :2]

@@ -103,14 +103,17 @@ class LikelihoodMap(MapStage):
         if not len(self._rows) or not len(self._columns):
             raise ValueError(f"map.step must leave pixels within an image's borders, got {settings.step:g}")
         chip = np.mgrid[-1:2, -1:2].reshape(2, -1)
-        self._down, self._across = chip[0] * down, chip[1] * across
+        self._down = chip[0] * down
+        self._across = chip[1] * across
         self._between = _between(self._rows, grid.ny), _between(self._columns, grid.nx).T
         self._bands: dict[tuple[int, int], tuple[NDArray[np.intp], ComplexArray, ComplexArray, FloatArray]] = {}
 
     def map(self, image: xr.DataArray) -> NDArray[np.float32]:
         """Give the log-likelihood ratio with the contrast and ``offset`` added."""
-        table, learnt = self.settings, self.learnt
-        chips, metre = self._chips(image.values), self._metre(self.setup.images.y[self._rows])
+        table = self.settings
+        learnt = self.learnt
+        chips = self._chips(image.values)
+        metre = self._metre(self.setup.images.y[self._rows])
         value = np.empty(chips.shape[:2])
         for one in np.unique(metre):
             white = chips[metre == one] @ learnt["whitener"][one].T
@@ -128,8 +131,11 @@ class LikelihoodMap(MapStage):
         That is each sub-band's log-likelihood ratio, and the log odds of a mine over a stone, were both as frequent.
         Parts add up to the map without ``offset``, but where that was cut off at the least value.
         """
-        table, learnt, grid = self.settings, self.learnt, self.setup.images
-        chips, metre = self._chips(image.values), self._metre(grid.y[self._rows])
+        table = self.settings
+        learnt = self.learnt
+        grid = self.setup.images
+        chips = self._chips(image.values)
+        metre = self._metre(grid.y[self._rows])
         bands = [str(name) for name in image["subband"].values]
         values: dict[str, list[FloatArray]] = {}
         for one in np.unique(metre):
@@ -161,7 +167,8 @@ class LikelihoodMap(MapStage):
     ) -> tuple[NDArray[np.intp], ComplexArray, ComplexArray, FloatArray]:
         """Give a sub-band's places in a chip, what whitens it there, and its signatures' vectors and shares."""
         if (metre, number) not in self._bands:
-            whitener, vectors = self.learnt["whitener"][metre], self.learnt["signature"][metre]
+            whitener = self.learnt["whitener"][metre]
+            vectors = self.learnt["signature"][metre]
             own = np.flatnonzero(np.arange(len(whitener)) // 9 % bands == number)
             back = np.linalg.inv(whitener.astype(complex))
             white = np.linalg.inv(np.linalg.cholesky((back @ back.conj().T)[np.ix_(own, own)]))
@@ -172,9 +179,12 @@ class LikelihoodMap(MapStage):
 
     def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
         """Sum the covariance of target-free ground; simulate the signatures, in units of this lane's background."""
-        grid, lane, targets = self.setup.images, self.setup.lane, truth[["x", "y"]].to_numpy(dtype=np.float64)
+        grid = self.setup.images
+        lane = self.setup.lane
+        targets = truth[["x", "y"]].to_numpy(dtype=np.float64)
         ahead, across = np.meshgrid(grid.y[self._rows], grid.x[self._columns], indexing="ij")
-        pixels, metre = np.stack([across, ahead, np.zeros_like(ahead)], axis=-1), self._metre(ahead)
+        pixels = np.stack([across, ahead, np.zeros_like(ahead)], axis=-1)
+        metre = self._metre(ahead)
         size = 9 * len(self.setup.imaged) * len(self.setup.imager.subbands)
         sensor = _sensor_of(self.setup, self.settings.sensor)
         sums: Arrays = {"covariance": np.zeros((self._metres, size, size), complex), "count": np.zeros(self._metres)}
@@ -203,7 +213,8 @@ class LikelihoodMap(MapStage):
                 (("signature", "share"), ("bodies", "ahead")), (("stone", "stone_share"), ("stones", "stones_ahead"))
             )
         }  # fmt: skip
-        size, metres = total.shape[-1], np.arange(len(count))
+        size = total.shape[-1]
+        metres = np.arange(len(count))
         if count.sum() < size:
             needed = f"{size} places of target-free ground or more, got {count.sum():g}"
             free = Tally(int(count.sum()), "places in the lane away from all targets")
@@ -222,7 +233,8 @@ class LikelihoodMap(MapStage):
                 _, strength, vectors = np.linalg.svd(some, full_matrices=False)
                 learnt[signature].append(vectors[: settings.rank].conj())
                 learnt[share].append((strength**2 / (strength**2).sum())[: settings.rank])
-        kept, number = np.sum(learnt["share"], axis=1), len(sorts["signature", "share"][0])
+        kept = np.sum(learnt["share"], axis=1)
+        number = len(sorts["signature", "share"][0])
         notes = {"ground": int(count.sum()), "signatures": number, "kept": float(kept.mean())}
         arrays = {name: np.array(some) for name, some in learnt.items()}
         return {name: one.astype(np.complex64) if np.iscomplexobj(one) else one for name, one in arrays.items()}, notes
@@ -239,7 +251,10 @@ class LikelihoodMap(MapStage):
 
     def _bodies(self, sensor: Sensor) -> Arrays:
         """Give chips (body, value) of simulated bodies over this lane's background, and their metres into the image."""
-        setup, known, grid, table = self.setup, self.setup.known["gain"], self.setup.images, self.settings
+        setup = self.setup
+        known = self.setup.known["gain"]
+        grid = self.setup.images
+        table = self.settings
         bands = tuple(setup.imager.subbands.items())
         labels = tuple(str(setup.run["polarization"].values[p]) for p in setup.imaged)
         window = setup.imager.window
@@ -307,7 +322,8 @@ def signatures(
 
     Without ``kinds`` they are stones that lie half in the ground.
     """
-    found, places = [], []
+    found = []
+    places = []
     edge = 1.5 * table.step
     _, _, near, far = how.grid.extent()
     for number, (permittivity, loss) in enumerate(table.soils):

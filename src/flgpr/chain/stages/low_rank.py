@@ -12,7 +12,9 @@ from flgpr.chain.passes import Pass
 from flgpr.chain.stages import ComplexArray, Table
 from flgpr.chain.stages.standing import StandingField, StandingSettings, standing_pass
 
-_MOST, _MISFIT = 30, 1e-5  # iterations; share of the matrix's norm at which they end
+# iterations; share of the matrix's norm at which they end
+_MOST = 30
+_MISFIT = 1e-5
 _NOTHING = 1e-6  # of the largest singular value: what is smaller is no direction of clutter
 
 
@@ -35,7 +37,8 @@ class LowRank(StandingField):
 
     def passes(self) -> list[Pass]:
         """Find the subspaces."""
-        scans, most = len(self.setup.imager), self.settings.most
+        scans = len(self.setup.imager)
+        most = self.settings.most
         return [standing_pass("low-rank", scans, most, lambda index: self.before(index, 1)[0], self._subspaces)]
 
     def clean(self, index: int, data: ComplexArray) -> NDArray[np.complex64]:  # noqa: ARG002
@@ -60,11 +63,15 @@ class LowRank(StandingField):
 def low_rank_part(matrix: NDArray[Any]) -> NDArray[np.complex128]:
     """Low-rank part of a matrix (n, m), quickest for n ≤ m: only matrices (n, n) are decomposed."""
     data = matrix.astype(np.complex128)
-    low, size, weight = np.zeros_like(data), np.linalg.norm(data), 1 / np.sqrt(max(data.shape))
+    low = np.zeros_like(data)
+    size = np.linalg.norm(data)
+    weight = 1 / np.sqrt(max(data.shape))
     if not size:
         return low
-    largest, sparse = np.linalg.norm(data, 2), low
-    dual, slope = data / max(largest, np.abs(data).max() / weight), 1.25 / largest
+    largest = np.linalg.norm(data, 2)
+    sparse = low
+    dual = data / max(largest, np.abs(data).max() / weight)
+    slope = 1.25 / largest
     for _ in range(_MOST):
         target = data - sparse + dual / slope
         power, vectors = np.linalg.eigh(target @ target.conj().T)
@@ -72,7 +79,8 @@ def low_rank_part(matrix: NDArray[Any]) -> NDArray[np.complex128]:
         target = data - low + dual / slope
         sparse = target * _kept(np.abs(target), weight / slope)
         rest = data - low - sparse
-        dual, slope = dual + slope * rest, 1.5 * slope
+        dual = dual + slope * rest
+        slope = 1.5 * slope
         if np.linalg.norm(rest) <= _MISFIT * size:
             break
     return low

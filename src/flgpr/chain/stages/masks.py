@@ -117,7 +117,8 @@ class MaskedSuppression(ClutterStage):
     def __init__(self, settings: Any, setup: Any, learnt: Arrays | None = None) -> None:
         super().__init__(settings, setup, learnt)
         image = setup.imager.grid
-        x, y = settings.x or (image.x_min, image.x[-1]), settings.y or (image.y_min, image.y[-1])
+        x = settings.x or (image.x_min, image.x[-1])
+        y = settings.y or (image.y_min, image.y[-1])
         self.grid = Grid.spanning(x, y, settings.spacing or image.dy)
         self.points = self.grid.points()
         self.region = subregions(np.broadcast_to(self.grid.y[:, None], self.grid.shape), settings.edges)
@@ -129,7 +130,8 @@ class MaskedSuppression(ClutterStage):
         if setup.summed > settings.frames:
             raise ValueError(f"masks.frames must be at least image.frames, {setup.summed}, got {settings.frames}")
         self._held: tuple[int, Arrays] = (-1, {})
-        self._vv, self._vh = labels.index("VV"), labels.index(cross)
+        self._vv = labels.index("VV")
+        self._vh = labels.index(cross)
         self._second = None if settings.second is None else self._other(settings.second)
         if learnt is not None and ("second" in learnt) != (self._second is not None):
             word = "was trained with" if "second" in learnt else "was trained without"
@@ -175,7 +177,8 @@ class MaskedSuppression(ClutterStage):
         vv, vh = looks.sum(axis=0)
         second = None
         if self._second is not None:
-            field, strengths = self.setup.known[f"{BLOCKS}.second"]["field"], []
+            field = self.setup.known[f"{BLOCKS}.second"]["field"]
+            strengths = []
             for scan in scans:
                 where = lane_to_scan(lane, self.setup.run["pose"].values[scan])
                 signal = subtract_standing(self._second.signal(scan), field)
@@ -184,7 +187,8 @@ class MaskedSuppression(ClutterStage):
         return Aperture(data, makes, looks[:, 0], vv, vh, second)
 
     def _maker(self, scan: int, index: int) -> OperatorOn:
-        latest, pose = self.setup.pose(index), self.setup.run["pose"].values[scan]
+        latest = self.setup.pose(index)
+        pose = self.setup.run["pose"].values[scan]
         return lambda points: self.setup.imager.operator_on(scan, lane_to_scan(scan_to_lane(points, latest), pose))
 
     def passes(self) -> list[Pass]:
@@ -217,7 +221,8 @@ class MaskedSuppression(ClutterStage):
 
     def _suppressed(self, aperture: Aperture) -> tuple[ComplexArray, bool]:
         """Clean an aperture's data; tells, too, whether the best iteration had to stand in for the average."""
-        mask, settings = self.mask(aperture), self.settings
+        mask = self.mask(aperture)
+        settings = self.settings
         if settings.method.startswith("least-squares"):
             return self.least_squares(aperture, mask), False
         courses = self.courses(aperture, mask)
@@ -229,7 +234,8 @@ class MaskedSuppression(ClutterStage):
 
         There is a course for every scan with the method "iteration-per-frame", one for all of them otherwise.
         """
-        b, settings = aperture.data[:, self.setup.imaged], self.settings
+        b = aperture.data[:, self.setup.imaged]
+        settings = self.settings
         rest = self.points, mask, self.region, settings.iterations, settings.amplitude
         if settings.method == "iteration-per-frame":
             return iterate_frames(b, aperture.operators, *rest)
@@ -244,7 +250,8 @@ class MaskedSuppression(ClutterStage):
 
     def least_squares(self, aperture: Aperture, mask: NDArray[np.bool_]) -> ComplexArray:
         """Fit what lies under a mask by least squares, at the cost of the iterations, and subtract it."""
-        settings, b = self.settings, aperture.data[:, self.setup.imaged]
+        settings = self.settings
+        b = aperture.data[:, self.setup.imaged]
         if not mask.any():
             return b
         count = equal_cost(settings.iterations, mask, self.region)
@@ -264,7 +271,8 @@ class MaskedSuppression(ClutterStage):
 
     def mask(self, aperture: Aperture) -> NDArray[np.bool_]:
         """Mixed mask of an aperture (Fuse et al. 2018, Fig. 6)."""
-        limits, settings = self.limits_for(aperture), self.settings
+        limits = self.limits_for(aperture)
+        settings = self.settings
         return mixed_mask(
             aperture.vv, aperture.vh, limits, self.region, self.across, aperture.second, settings.intersect,
             settings.roadside,
@@ -301,7 +309,8 @@ class MaskedSuppression(ClutterStage):
 
     def examples(self, truth: pd.DataFrame) -> Accumulator:
         """Follow the responses of the calibration targets, and the level at the roadside."""
-        learnt, targets = self.calibration(self.settings), ground_points(truth)
+        learnt = self.calibration(self.settings)
+        targets = ground_points(truth)
 
         def add(index: int) -> None:
             if index + 1 >= min(self.settings.frames, len(self.setup.imager)):

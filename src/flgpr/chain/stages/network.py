@@ -132,7 +132,8 @@ def train_network(mines: Chips, clutter: Chips, settings: NetworkSettings, seed:
     for one in weights.values():
         one.requires_grad_()
     steps = torch.optim.AdamW(weights.values(), settings.rate, weight_decay=settings.decay)
-    shown, half = [torch.from_numpy(one) for one in (mines, clutter)], 32
+    shown = [torch.from_numpy(one) for one in (mines, clutter)]
+    half = 32
     rounds = settings.epochs * -(-len(clutter) // half)
     slower = torch.optim.lr_scheduler.CosineAnnealingLR(steps, rounds)
     label = torch.cat([torch.ones(half), torch.zeros(half)])

@@ -49,7 +49,8 @@ class Tracking(FeatureStage):
 
     def of_image(self, image: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """1 where the largest pixel within reach is a maximum of at least the level, 0 where not, NaN out of sight."""
-        level, reach = np.abs(image.values[self._channel]), self.settings.reach
+        level = np.abs(image.values[self._channel])
+        reach = self.settings.reach
         x, y = image["x"].values, image["y"].values
         tracked = np.full(len(points), np.nan)
         for row in np.flatnonzero(((points >= [x[0], y[0]]) & (points <= [x[-1], y[-1]])).all(axis=1)):
@@ -67,7 +68,9 @@ def _stands_out(level: Any, x: FloatArray, y: FloatArray, place: FloatArray, rea
     """Tell whether the largest pixel within reach of a place is no flank of something brighter within reach of it."""
     columns = slice(*np.searchsorted(x, [place[0] - 2 * reach, place[0] + 2 * reach]))
     rows = slice(*np.searchsorted(y, [place[1] - 2 * reach, place[1] + 2 * reach]))
-    part, u, v = level[rows, columns], x[columns] - place[0], y[rows, None] - place[1]
+    part = level[rows, columns]
+    u = x[columns] - place[0]
+    v = y[rows, None] - place[1]
     near = np.where(u**2 + v**2 <= reach**2, np.nan_to_num(part), -np.inf)
     top = np.unravel_index(int(near.argmax()), near.shape)
     around = (u - u[top[1]]) ** 2 + (v - v[top[0]]) ** 2 <= reach**2

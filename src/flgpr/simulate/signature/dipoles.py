@@ -92,11 +92,14 @@ def filtered_green(size: complex, count: int) -> tuple[ComplexArray, ComplexArra
     g'/R``.
     """
     r = np.sqrt(np.arange(1, count))
-    sine, cosine = np.sin(size * r), np.cos(size * r)
+    sine = np.sin(size * r)
+    cosine = np.cos(size * r)
     (si_minus, ci_minus), (si_plus, ci_plus) = (sici((np.pi + sign * size) * r) for sign in (-1, 1))
-    si, ci = si_minus + si_plus, ci_minus - ci_plus - 1j * np.pi
+    si = si_minus + si_plus
+    ci = ci_minus - ci_plus - 1j * np.pi
     g = (cosine * si + sine * ci) / (np.pi * r)
-    edge_sine, edge_cosine = np.sin(np.pi * r), np.pi * r * np.cos(np.pi * r)
+    edge_sine = np.sin(np.pi * r)
+    edge_cosine = np.pi * r * np.cos(np.pi * r)
     slope = (size * (cosine * ci - sine * si) + 2 * edge_sine / r) / (np.pi * r) - g / r
     curve = -(size**2) * g + 2 * (edge_cosine - edge_sine) / (np.pi * r**3) - 2 * slope / r
     delta = (edge_sine - edge_cosine) / (2 * np.pi**2 * r**3)
@@ -117,7 +120,8 @@ def green_symbols(shape: tuple[int, ...], size: complex) -> list[list[SingleArra
     grid = np.meshgrid(*lags, indexing="ij", sparse=True)
     square = grid[0] ** 2 + grid[1] ** 2 + grid[2] ** 2
     table = filtered_green(size, int(square.max()) + 1)
-    everywhere, line = table[0][square], table[1][square] / np.maximum(square, 1)
+    everywhere = table[0][square]
+    line = table[1][square] / np.maximum(square, 1)
     out: list[list[SingleArray]] = [[None] * 3 for _ in range(3)]  # type: ignore[list-item]
     for a in range(3):
         for b in range(a, 3):
@@ -152,7 +156,9 @@ class ClassSystem:
     """
 
     def __init__(self, scale: SingleArray, symbols: list[list[SingleArray]], parity: tuple[int, int]) -> None:
-        self.scale, self.symbols, self.shape = scale, symbols, scale.shape
+        self.scale = scale
+        self.symbols = symbols
+        self.shape = scale.shape
         self._coupling = _couplings(parity)
         self._forward = [_transforms(scale.shape[1 + axis], parity[axis]) for axis in range(2)]
         length = 2 * scale.shape[3] - 1
@@ -208,8 +214,10 @@ def _wave_columns(
 ) -> SingleArray:
     """Part of each wave that belongs to a class, times s: (3·x·y·z, 2·wave), H before V."""
     nx, ny, nz = scale.shape[1:]
-    kappa, down = waves.transverse, np.sqrt(k**2 - waves.transverse**2)
-    cosine, sine = np.cos(waves.azimuth), np.sin(waves.azimuth)
+    kappa = waves.transverse
+    down = np.sqrt(k**2 - waves.transverse**2)
+    cosine = np.cos(waves.azimuth)
+    sine = np.sin(waves.azimuth)
     in_x = _parts(kappa * cosine, (np.arange(nx) + 0.5) * lattice.cell, parity[0])
     in_y = _parts(kappa * sine, (np.arange(ny) + 0.5) * lattice.cell, parity[1])
     in_z = np.exp(-1j * np.outer((np.arange(nz) + 0.5) * lattice.cell, down)).astype(np.complex64)
@@ -238,7 +246,8 @@ def _project(system: ClassSystem, columns: SingleArray) -> ComplexArray:
     start = residual = _directions(columns)
     norm = float(np.linalg.norm(columns, axis=0).max())
     basis = image = start[:, :0]
-    gram, sources = np.zeros((0, 0), complex), np.zeros((0, start.shape[1]), complex)
+    gram = np.zeros((0, 0), complex)
+    sources = np.zeros((0, start.shape[1]), complex)
     for _ in range(_BLOCKS):
         fresh = _orthonormal(residual, basis, _RESIDUAL * norm)
         if fresh.shape[1] == 0:
@@ -248,7 +257,8 @@ def _project(system: ClassSystem, columns: SingleArray) -> ComplexArray:
         mixed = adjoint @ image
         gram = np.block([[gram, mixed.conj().T], [mixed, adjoint @ answer]])
         sources = np.concatenate([sources, adjoint @ start])
-        basis, image = np.concatenate([basis, fresh], axis=1), np.concatenate([image, answer], axis=1)
+        basis = np.concatenate([basis, fresh], axis=1)
+        image = np.concatenate([image, answer], axis=1)
         residual = start - image @ np.linalg.solve(gram, sources).astype(np.complex64)
     solution = np.linalg.solve(gram, image.conj().T @ columns)
     once = solution.T @ (basis.T @ columns)

@@ -76,7 +76,9 @@ def make_grid(
     body: Body, soil: complex, wavenumber: float, cells_per_wavelength: float, cover: float | None = None
 ) -> Grid:
     """Lay a grid whose lines follow the body; ``cover`` is the soil between it and the air, None soil without end."""
-    radii, drops, slowest = body.radii(), body.drops(), max(soil.real, body.densest())
+    radii = body.radii()
+    drops = body.drops()
+    slowest = max(soil.real, body.densest())
     wavelength = 2 * math.pi / (wavenumber * math.sqrt(slowest))
     cell = min(wavelength / cells_per_wavelength, radii[-1] / 6)
     rho = _divided([0.0, *radii], cell)
@@ -86,7 +88,8 @@ def make_grid(
     down = _absorber(cell, z[1] - z[0], wavenumber * math.sqrt(soil.real))
     rho = np.concatenate([rho, rho[-1] + out])
     z = np.concatenate([(z[0] - down)[::-1], z, z[-1] + up])
-    centre_rho, centre_z = (rho[1:] + rho[:-1]).real / 2, (z[1:] + z[:-1]).real / 2
+    centre_rho = (rho[1:] + rho[:-1]).real / 2
+    centre_z = (z[1:] + z[:-1]).real / 2
     ground = np.where(centre_z > (math.inf if cover is None else cover), 1.0, soil)
     inside = body.inside(centre_rho[:, None], -centre_z[None, :])
     permittivity = np.where(inside, body.permittivity(centre_rho[:, None], -centre_z[None, :], soil), ground)
@@ -97,10 +100,14 @@ class ModalSolver:
     """Answer of a body to waves of one azimuthal mode, not negative."""
 
     def __init__(self, grid: Grid, soil: complex, wavenumber: float, mode: int) -> None:
-        self.grid, self.soil, self.k0, self.mode = grid, soil, wavenumber, mode
+        self.grid = grid
+        self.soil = soil
+        self.k0 = wavenumber
+        self.mode = mode
         self.ks = wavenumber * np.sqrt(complex(soil))
         edges = _Edges(grid, mode)
-        self._places, self._volume = edges.places, edges.volume
+        self._places = edges.places
+        self._volume = edges.volume
         curl = _curl_curl(grid, mode, edges)
         ground = edges.average(np.broadcast_to(grid.ground, grid.permittivity.shape))
         contrast = edges.average(grid.permittivity) - ground
@@ -111,7 +118,8 @@ class ModalSolver:
         self._contrast = np.where(metal, 0, contrast)[self._body]
         self._outside = outside[self._body]
         solved = np.flatnonzero(edges.used & ~metal)
-        self._solved, self._count = solved, edges.count
+        self._solved = solved
+        self._count = edges.count
         self._to_metal = outside[solved][:, self._body[self._metal]]
         system = outside[solved][:, solved] - sp.diags(self.k0**2 * np.where(metal, 0, contrast)[solved])
         self._factor = splu(
@@ -160,7 +168,9 @@ def wave_modes(
     down = np.sqrt(wavenumber**2 - transverse**2)
     x = transverse * radius[:, None]
     before, bessel, after = (jv(n, x) for n in (order - 1, order, order + 1))
-    slope, over = (before - after) / 2, (before + after) / 2  # J' and n·J/x
+    # J' and n·J/x
+    slope = (before - after) / 2
+    over = (before + after) / 2
     over = math.copysign(1.0, mode) * over if order else np.zeros_like(x)
     phase = (-1j) ** order * np.exp(1j * down * level[:, None])
     none = np.zeros_like(x)
@@ -174,13 +184,16 @@ class _Edges:
     """Numbers, places and volumes of the electric field's edges: along ρ, then φ, then z."""
 
     def __init__(self, grid: Grid, mode: int) -> None:
-        rho, z = grid.rho, grid.z
+        rho = grid.rho
+        z = grid.z
         self.shape = rho.size, z.size
         nr, nz = self.shape
         self.sizes = ((nr - 1) * nz, nr * nz, nr * (nz - 1))
         self.count = sum(self.sizes)
-        half_rho, half_z = (rho[1:] + rho[:-1]) / 2, (z[1:] + z[:-1]) / 2
-        dual_rho, dual_z = _dual(rho), _dual(z)
+        half_rho = (rho[1:] + rho[:-1]) / 2
+        half_z = (z[1:] + z[:-1]) / 2
+        dual_rho = _dual(rho)
+        dual_z = _dual(z)
         dual_area = rho * dual_rho
         dual_area[0] = half_rho[0] ** 2 / 2
         self.places = (
@@ -224,14 +237,16 @@ def _difference(nodes: ComplexArray) -> Any:
 
 def _curl_curl(grid: Grid, mode: int, edges: _Edges) -> Any:
     """Matrix of ∇×∇× on all edges; rows of edges on the outer boundary and the axis mean nothing."""
-    rho, z = grid.rho, grid.z
+    rho = grid.rho
+    z = grid.z
     nr, nz = edges.shape
     half = (rho[1:] + rho[:-1]) / 2
     over_rho = np.zeros(nr, complex)
     over_rho[1:] = 1 / rho[1:]
     m = 1j * mode
     eye_r, eye_z, eye_hr, eye_hz = (sp.identity(n) for n in (nr, nz, nr - 1, nz - 1))
-    d_r, d_z = _difference(rho), _difference(z)
+    d_r = _difference(rho)
+    d_z = _difference(z)
     # Curl of E, on the faces' middles.
     b_rho = [None, -sp.kron(eye_r, d_z), sp.kron(sp.diags(m * over_rho), eye_hz)]
     b_phi = [sp.kron(eye_hr, d_z), None, -sp.kron(d_r, eye_hz)]
@@ -257,7 +272,9 @@ def _flux(nodes: int) -> Any:
 
 
 _DETOUR = 0.25  # height of the path over the real axis, relative to the wavenumber in the soil
-_TURN, _END = 1.4, 3.0  # where the path comes back to the real axis and where it ends, relative to the same
+# where the path comes back to the real axis and where it ends, relative to the same
+_TURN = 1.4
+_END = 3.0
 
 
 def solve_round(
@@ -277,7 +294,8 @@ def solve_round(
     path = spectral_path(k0 * np.sqrt(complex(permittivity)), body.radius)
     waves = np.concatenate([path.transverse, k0 * np.asarray(sines, dtype=complex)])
     grid = make_grid(body, permittivity, k0, cells_per_wavelength)
-    nodes, count = path.transverse.size, len(sines)
+    nodes = path.transverse.size
+    count = len(sines)
     outer = np.concatenate([nodes + np.arange(count), waves.size + nodes + np.arange(count)])
     out = np.zeros((len(depths), count, len(separations), 4), complex)
     reach = k0 * body.radius * float(np.max(sines))
@@ -295,7 +313,9 @@ def solve_round(
 def _share(whole: ComplexArray, mode: int, separation: FloatArray) -> ComplexArray:
     """Sum the modes ±m (sine, separation, 4): T of HH and VV is even in m, that of HV odd."""
     count = whole.shape[0] // 2
-    hh, vv, hv = np.diag(whole[:count, :count]), np.diag(whole[count:, count:]), np.diag(whole[count:, :count])
+    hh = np.diag(whole[:count, :count])
+    vv = np.diag(whole[count:, count:])
+    hv = np.diag(whole[count:, :count])
     even = (1.0 if mode == 0 else 2.0) * np.cos(mode * separation)
     odd = 2j * np.sin(mode * separation)
     return np.stack(
@@ -315,7 +335,8 @@ def spectral_path(wavenumber: complex, radius: float) -> Path:
     size = wavenumber.real
     height = min(_DETOUR * size, 1.5 / radius)
     t, w = np.polynomial.legendre.leggauss(12 + math.ceil(0.75 * size * radius))
-    t, w = (t + 1) / 2, w / 2
+    t = (t + 1) / 2
+    w = w / 2
     arc = _TURN * size * t + 1j * height * np.sin(np.pi * t)
     slope = _TURN * size + 1j * height * np.pi * np.cos(np.pi * t)
     u, v = np.polynomial.legendre.leggauss(6 + math.ceil(0.15 * size * radius))
@@ -335,7 +356,8 @@ def with_surface(
     (-j/4π)·κ·dκ/q·(-1)^m·s_p·r_p·e^{-2jqd}``, s = -1 for H and +1 for V by the alignment of backscatter, and ``S = T +
     T_n·(K^-1 - T_nn)^-1·T_n``.
     """
-    nodes, count = path.transverse.size, answer.shape[0] // 2
+    nodes = path.transverse.size
+    count = answer.shape[0] // 2
     inner = np.concatenate([np.arange(nodes), count + np.arange(nodes)])
     outer = np.setdiff1d(np.arange(2 * count), inner)
     down = np.sqrt(wavenumber**2 * soil - path.transverse**2)
