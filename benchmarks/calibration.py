@@ -16,7 +16,8 @@ from flgpr.model.track import make_track, poses_at
 
 FREQUENCY = np.linspace(1e9, 2.5e9, 101)
 CLUTTER = 80  # points
-KINDS = {  # amplitude of clutter and of noise in a tone, reflectors' amplitude, errors of their places (m)
+# amplitude of clutter and of noise in a tone, reflectors' amplitude, errors of their places (m)
+KINDS = {
     "weak noise": (0.0, 0.3, 1.0, 0.0),
     "clutter, -14 dB": (0.2, 0.3, 1.0, 0.0),
     "strong noise": (0.0, 6.0, 1.0, 0.0),
@@ -34,22 +35,32 @@ def gaussian(rng: np.random.Generator, *shape: int) -> np.ndarray:
     return (rng.normal(size=shape) + 1j * rng.normal(size=shape)) / np.sqrt(2)
 
 
-def attempt(seed: int, ahead: bool, reflectors: int, kind: str, joint: bool) -> tuple[BiasFit, bool, float]:
+def attempt(
+    seed: int, ahead: bool, reflectors: int, kind: str, joint: bool
+) -> tuple[BiasFit, bool, float]:
     """Simulate one run and calibrate it: the answer, whether it is right, its error over the deviation told."""
     rng = np.random.default_rng([seed, ahead, reflectors, joint])
     clutter, noise, amplitude, misplaced = KINDS[kind]
     stamp = np.linspace(-4, 22, 600)
     time = np.arange(17.0) if ahead else np.arange(0, 9, 0.1)
-    way = 0.5 * stamp + 0.6 * np.sin(0.5 * stamp) if ahead else -1.5 + 3 / (1 + np.exp(-(stamp - 4.5) / 0.8))
+    way = (
+        0.5 * stamp + 0.6 * np.sin(0.5 * stamp)
+        if ahead
+        else -1.5 + 3 / (1 + np.exp(-(stamp - 4.5) / 0.8))
+    )
     zero = np.zeros(stamp.size)
-    track = make_track(stamp, np.stack([zero, way, zero + 2.0] if ahead else [way, zero, zero + 1.5], axis=1))
+    track = make_track(
+        stamp, np.stack([zero, way, zero + 2.0] if ahead else [way, zero, zero + 1.5], axis=1)
+    )
     antennas = np.linspace([-1, 0, 0], [1, 0, 0], 8) if ahead else np.zeros((1, 3))
     low, high = ([-3, 11, 0], [3, 18, 0]) if ahead else ([-2, 4.5, 0], [2, 9, 0])
     marks = rng.uniform(low, high, (reflectors, 3))
     while any(np.linalg.norm(a - b) < 1 for k, a in enumerate(marks) for b in marks[:k]):
         marks = rng.uniform(low, high, (reflectors, 3))
     points = np.concatenate([marks, rng.uniform(low, high, (CLUTTER, 3))])
-    echoes = np.concatenate([np.full(reflectors, amplitude, complex), clutter * gaussian(rng, CLUTTER)])
+    echoes = np.concatenate(
+        [np.full(reflectors, amplitude, complex), clutter * gaussian(rng, CLUTTER)]
+    )
     bias = rng.uniform(-2.5, 2.5)
     offset = rng.uniform(-0.8, 0.8) if joint else 0.0
     pose = poses_at(track, time, offset)
@@ -57,8 +68,12 @@ def attempt(seed: int, ahead: bool, reflectors: int, kind: str, joint: bool) -> 
     signal = noise * gaussian(rng, time.size, len(antennas), FREQUENCY.size)
     for point, echo in zip(points[echoes != 0], echoes[echoes != 0], strict=True):
         signal += echo * path_phase(FREQUENCY, 2 * (np.linalg.norm(there - point, axis=-1) + bias))
-    signal += 5 * path_phase(FREQUENCY, 0.6) + 3 * path_phase(FREQUENCY, 4.4)  # coupling, and the vehicle's own echo
-    run = remove_standing(make_run(signal[:, None], FREQUENCY, ["VV"], antennas, antennas, pose, time))
+    signal += 5 * path_phase(FREQUENCY, 0.6) + 3 * path_phase(
+        FREQUENCY, 4.4
+    )  # coupling, and the vehicle's own echo
+    run = remove_standing(
+        make_run(signal[:, None], FREQUENCY, ["VV"], antennas, antennas, pose, time)
+    )
     away = rng.normal(size=(reflectors, 2)) * misplaced
     if np.isnan(misplaced):
         turn = rng.uniform(0, 2 * np.pi, reflectors)
@@ -82,11 +97,22 @@ def main() -> None:
         if joint and kind in NOT_JOINT:
             continue
         for reflectors in (1, 2, 3):
-            runs = [attempt(seed, ahead, reflectors, kind, joint) for seed in range(rounds) for ahead in (False, True)]
+            runs = [
+                attempt(seed, ahead, reflectors, kind, joint)
+                for seed in range(rounds)
+                for ahead in (False, True)
+            ]
             told = [right for fit, right, _ in runs if not fit.doubt]
-            size = np.sqrt(np.mean([error**2 for fit, right, error in runs if right and not fit.doubt] or [np.nan]))
+            size = np.sqrt(
+                np.mean(
+                    [error**2 for fit, right, error in runs if right and not fit.doubt] or [np.nan]
+                )
+            )
             counts = f"{len(runs)} runs, {len(told)} told, {told.count(False)} wrong"
-            print(f"{kind}, {reflectors}: {counts}; errors {size:.2f} standard deviations rms", flush=True)
+            print(
+                f"{kind}, {reflectors}: {counts}; errors {size:.2f} standard deviations rms",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

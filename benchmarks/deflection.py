@@ -14,13 +14,17 @@ ROUNDS = 31
 SHAPE = (951, 241)  # y, x
 
 
-def build(rng: np.random.Generator, channels: int, shape: tuple[int, int], rank: int) -> ChipDetector:
+def build(
+    rng: np.random.Generator, channels: int, shape: tuple[int, int], rank: int
+) -> ChipDetector:
     """Make a detector with moments drawn at random, on whitened data."""
     features = channels * shape[0] * shape[1]
     mean = rng.normal(size=features) + 1j * rng.normal(size=features)
     form = deflection_form(mean, np.eye(features), rank=rank)
     form = form.after(mean, np.eye(features) + 0j)
-    return ChipDetector((form,), tuple(f"channel {k}" for k in range(channels)), shape, (0.02, 0.05))
+    return ChipDetector(
+        (form,), tuple(f"channel {k}" for k in range(channels)), shape, (0.02, 0.05)
+    )
 
 
 def by_matrix(detector: ChipDetector, image: np.ndarray) -> np.ndarray:
@@ -40,12 +44,17 @@ def main() -> None:
         "M' = 3, 3 polarizations x 4 sub-bands": build(rng, 12, (28, 1), 3),
         "M' = 3, chips of 28 x 13": build(rng, 2, (28, 13), 3),
     }
-    images = {name: (rng.normal(size=(2, len(d.channels), *SHAPE)).astype(np.float32)) for name, d in cases.items()}
+    images = {
+        name: (rng.normal(size=(2, len(d.channels), *SHAPE)).astype(np.float32))
+        for name, d in cases.items()
+    }
     data = {name: (pair[0] + 1j * pair[1]).astype(np.complex64) for name, pair in images.items()}
     found = cases["M' = 3"].likelihood(data["M' = 3"])
     plain = by_matrix(cases["M' = 3"], data["M' = 3"])
     inner = found[14 : 14 + plain.shape[0]]
-    print(f"largest relative difference from the plain way: {np.abs(inner - plain).max() / np.abs(plain).max():.1e}")
+    print(
+        f"largest relative difference from the plain way: {np.abs(inner - plain).max() / np.abs(plain).max():.1e}"
+    )
     times: dict[str, list[float]] = {name: [] for name in [*cases, "M' = 3, one matrix product"]}
     for turn in range(ROUNDS):
         for name, detector in cases.items():

@@ -2,9 +2,12 @@
 
     python benchmarks/gpu.py [-o gpu.json] [--rounds 7] [--scans 60]
 
-1. The imaging sums: ``flgpr bench imaging --device cuda --peers`` (15 images and one channel, single scans and batches,
-   from host to host, on the device and the interpolation alone; cuFINUFFT where it is installed; errors).
-2. ``wang2007`` on a lane of noise, images on the processor and on the device: seconds per kilometre.
+1. The imaging sums: ``flgpr bench imaging --device cuda --peers`` (15 images and one channel,
+  single scans and batches,
+   from host to host, on the device and the interpolation alone; cuFINUFFT where it is installed;
+   errors).
+2. ``wang2007`` on a lane of noise, images on the processor and on the device: seconds per
+  kilometre.
 3. The tests of the CUDA engine, on the device.
 
 Without a device it says so and ends with 2. What is measured is printed, and written as JSON with ``-o``.
@@ -51,15 +54,21 @@ def device_name() -> str:
 
 def run_tests() -> dict[str, object]:
     """Run the engine's tests on the device."""
-    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_ENABLE_CUDASIM"}
+    environment = {
+        name: value for name, value in os.environ.items() if name != "NUMBA_ENABLE_CUDASIM"
+    }
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(TESTS)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=240, check=False)
+    done = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=240, check=False
+    )
     return {"passed": done.returncode == 0, "told": done.stdout.strip().splitlines()[-1:]}
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("-o", "--output", type=Path)
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--scans", type=int, default=60)
@@ -80,7 +89,10 @@ def main() -> None:
             seconds_per_kilometre(store, options.scans, device)  # compiles
             seconds, alarms = seconds_per_kilometre(store, options.scans, device)
             kilometre[device] = {"seconds": seconds, "alarms": alarms}
-            print(f"wang2007, images on {device}: {seconds:.1f} s per kilometre, {alarms} alarms", flush=True)
+            print(
+                f"wang2007, images on {device}: {seconds:.1f} s per kilometre, {alarms} alarms",
+                flush=True,
+            )
     tests = run_tests()
     print(f"tests: {tests['told']}")
     if options.output:

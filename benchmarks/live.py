@@ -1,7 +1,7 @@
 """Time live detection as it is used: `flgpr live` in a process of its own, fed scan by scan at the radar's rate.
 
-The lane is simulated (``sri-array``, a scan per metre, 24 targets, sensor errors, so that sweeps are missing here and
-there), or given with ``--run``. Usage::
+The lane is simulated (``sri-array``, a scan per metre, 24 targets, sensor errors, so that sweeps
+are missing here and there), or given with ``--run``. Usage::
 
     python benchmarks/live.py [--rate 4.2] [--length 240] [--run lane.zarr] [--agreement]
 
@@ -77,12 +77,25 @@ def make_model(folder: Path) -> Path:
     return save_model(Classifier(names, normalizer, discriminant), folder)
 
 
-def play(run: Path, lane: Path, home: Path, options: argparse.Namespace, model: Path | None) -> dict:
+def play(
+    run: Path, lane: Path, home: Path, options: argparse.Namespace, model: Path | None
+) -> dict:
     """Feed a run to a process of its own; give its report."""
     home.mkdir()
     incoming = home / "incoming"
     output = home / "out"
-    command = [sys.executable, "-m", "flgpr", "live", str(incoming), "-o", str(output), "--lane", str(lane), "--quiet"]
+    command = [
+        sys.executable,
+        "-m",
+        "flgpr",
+        "live",
+        str(incoming),
+        "-o",
+        str(output),
+        "--lane",
+        str(lane),
+        "--quiet",
+    ]
     command += ["--recipe", "wang2007", "--speed", "15", "--idle", "15"] + (
         [] if model is None else ["--model", str(model)]
     )
@@ -123,14 +136,20 @@ def agreement(live: pd.DataFrame, batch: pd.DataFrame) -> str:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--rate", type=float, default=4.2)
     parser.add_argument("--length", type=float, default=240.0)
     parser.add_argument("--run", type=Path, default=None)
     parser.add_argument("--scans", type=int, default=None, help="play only so many")
     parser.add_argument("--agreement", action="store_true")
-    parser.add_argument("--realtime", action="store_true", help="real-time priority (chrt) for live")
-    parser.add_argument("--case", choices=["contrast", "model"], default=None, help="one of the two only")
+    parser.add_argument(
+        "--realtime", action="store_true", help="real-time priority (chrt) for live"
+    )
+    parser.add_argument(
+        "--case", choices=["contrast", "model"], default=None, help="one of the two only"
+    )
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
@@ -141,13 +160,17 @@ def main() -> None:
             simulate_lane(home / "scene.toml", "sri-array", 11, run)
         pose = open_run(run)["pose"].values
         lane = Lane(-1.5, 1.5, float(pose[:, 1].min()) + 7.0, float(pose[:, 1].max()) + 7.0)
-        (home / "lane.toml").write_text("".join(f"{name} = {value}\n" for name, value in asdict(lane).items()))
+        (home / "lane.toml").write_text(
+            "".join(f"{name} = {value}\n" for name, value in asdict(lane).items())
+        )
         model = make_model(home / "model")
         dataset = open_run(run)
         cases = {"contrast": ("local contrast, F1", None), "model": ("model, F0 to F4", model)}
         for name, chosen in [cases[options.case]] if options.case else cases.values():
             start = time.perf_counter()
-            told = play(run, home / "lane.toml", home / ("play-" + name.split()[0]), options, chosen)
+            told = play(
+                run, home / "lane.toml", home / ("play-" + name.split()[0]), options, chosen
+            )
             latency = told["latency_ms"]
             counts = told["counts"]
             left = np.median([one["raised_left_m"] for one in told["raised"]])

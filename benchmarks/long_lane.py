@@ -1,9 +1,11 @@
 """Measure the memory of a detection on a long lane, in sections, and what sections cost.
 
-The run is noise on the geometry of the ``sri-array`` with the recipe ``wang2007``, see ``wang2007.py``. Usage::
+The run is noise on the geometry of the ``sri-array`` with the recipe ``wang2007``, see
+``wang2007.py``. Usage::
 
-    NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python benchmarks/long_lane.py [--length 20000] [--scans 18]
-    NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python benchmarks/long_lane.py --compare 250 --scans 600 --length 1000
+    NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python benchmarks/long_lane.py [--length 20000] [--scans
+    18] NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python benchmarks/long_lane.py --compare 250 --scans
+    600 --length 1000
 
 The memory of a detection does not depend on the number of scans, so a few at the beginning of a long lane are enough
 to measure it. With ``--compare`` the lane is taken in one piece and in sections of so many metres, and run-views and
@@ -43,20 +45,28 @@ def main() -> None:
     lane = Lane(-1.5, 1.5, 0.0, arguments.length)
     with tempfile.TemporaryDirectory() as temporary:
         home = Path(temporary)
-        writer = get_context("spawn").Process(target=write_noise_run, args=(home / "run.zarr", arguments.scans))
+        writer = get_context("spawn").Process(
+            target=write_noise_run, args=(home / "run.zarr", arguments.scans)
+        )
         writer.start()  # a process of its own, so that its memory is not counted
         writer.join()
         area = home / "lane.toml"
         area.write_text(f"x_min = -1.5\nx_max = 1.5\ny_min = 0.0\ny_max = {arguments.length}\n")
         options = {"lane": area, "report": arguments.compare is None}
         begun = time.process_time()
-        folders = tasks.detect_long(home / "run.zarr", "wang2007", home / "cut", section=arguments.compare, **options)
+        folders = tasks.detect_long(
+            home / "run.zarr", "wang2007", home / "cut", section=arguments.compare, **options
+        )
         cost = time.process_time() - begun
         most = max(section.stop - section.start for section in plan_sections(SIZES, recipe, lane))
         peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        print(f"{arguments.scans} scans, lane of {arguments.length:.0f} m in {len(folders)} sections: {cost:.1f} s")
+        print(
+            f"{arguments.scans} scans, lane of {arguments.length:.0f} m in {len(folders)} sections: {cost:.1f} s"
+        )
         estimate = memory_needed(SIZES, recipe, lane, most) / 1e9
-        print(f"peak {peak / 1e9:.2f} GB, estimated {estimate:.2f} GB; in one piece {_whole(recipe, lane):.2f} GB")
+        print(
+            f"peak {peak / 1e9:.2f} GB, estimated {estimate:.2f} GB; in one piece {_whole(recipe, lane):.2f} GB"
+        )
         if arguments.compare is not None:
             begun = time.process_time()
             whole = tasks.detect_run(home / "run.zarr", "wang2007", home / "whole", **options)
@@ -70,9 +80,13 @@ def _whole(recipe, lane):
 
 def _compare(folders, whole):
     parts = [read_result(folder).detections[0] for folder in folders]
-    same = np.array_equal(np.concatenate([part.view.values for part in parts], 2), whole.view.values, equal_nan=True)
+    same = np.array_equal(
+        np.concatenate([part.view.values for part in parts], 2), whole.view.values, equal_nan=True
+    )
     columns = ["x", "y", "magnitude", "confidence", "scans"]
-    alarms = pd.concat([part.alarms[columns] for part in parts]).sort_values(columns[:2], ignore_index=True)
+    alarms = pd.concat([part.alarms[columns] for part in parts]).sort_values(
+        columns[:2], ignore_index=True
+    )
     alike = alarms.equals(whole.alarms[columns].sort_values(columns[:2], ignore_index=True))
     print(
         f"run-view {'the same' if same else 'DIFFERENT'}, {len(alarms)} alarms {'the same' if alike else 'DIFFERENT'}"

@@ -1,8 +1,9 @@
 """Make the full-wave echoes of buried bodies by difference, with gprMax: the field with a body less that without it.
 
-``FLGPR_GPRMAX_PYTHON=<python that has gprMax 4> python benchmarks/make_signatures.py FOLDER`` writes 20 input files
-into FOLDER, runs those that have no result yet (OMP_NUM_THREADS sets the cores) and writes an archive per body into
-tests/data/signatures. ``--decks`` writes the input files only, ``--archives`` reads the results only.
+``FLGPR_GPRMAX_PYTHON=<python that has gprMax 4> python benchmarks/make_signatures.py FOLDER``
+writes 20 input files into FOLDER, runs those that have no result yet (OMP_NUM_THREADS sets the
+cores) and writes an archive per body into tests/data/signatures. ``--decks`` writes the input files
+only, ``--archives`` reads the results only.
 
 Flat homogeneous soil; one transmitter and nine receivers, ideal short dipoles along x (H) and z (V), about 1 m high;
 the body stands 1.8 m ahead, at 60 degrees of incidence. One run has all four polarizations, for the scene is its own
@@ -30,7 +31,11 @@ ARCHIVES = Path(__file__).parent.parent / "tests" / "data" / "signatures"
 FREQUENCY = 442.5e6 + 7.5e6 * np.arange(115)  # Hz, to 1.2975 GHz
 SOILS = ((3.5, 0.002), (5.0, 0.004))  # permittivity, conductivity in S/m
 COVERS = (0.015, 0.045, 0.0975)  # m
-BODIES = {"metal": (0.12, 0.0), "gap": (0.15, 0.015), "solid": (0.15, 0.0)}  # height, air under the top, m
+BODIES = {
+    "metal": (0.12, 0.0),
+    "gap": (0.15, 0.015),
+    "solid": (0.15, 0.0),
+}  # height, air under the top, m
 PLASTIC = 2.9  # permittivity
 RADIUS = 0.16  # m
 AHEAD = 1.8  # m from the array to the body's centre
@@ -63,14 +68,24 @@ class Mesh(NamedTuple):
         """Corners of the model in the frame of the array, m."""
         deep = max(COVERS) + max(height for height, _ in BODIES.values())
         absorber = ABSORBER * self.edges
-        low = [RX_X[0] - self.side * self.cell, -self.back * self.cell, -deep - self.under * self.layer] - absorber
+        low = [
+            RX_X[0] - self.side * self.cell,
+            -self.back * self.cell,
+            -deep - self.under * self.layer,
+        ] - absorber
         ahead = AHEAD + RADIUS + self.front * self.cell
-        high = [RX_X[-1] + self.side * self.cell, ahead, TX_HEIGHT + self.top * self.layer] + absorber
+        high = [
+            RX_X[-1] + self.side * self.cell,
+            ahead,
+            TX_HEIGHT + self.top * self.layer,
+        ] + absorber
         return low, high
 
     def node(self, *point):
         """Count the nodes (3,) from the model's corner to a point in the frame of the array."""
-        return np.rint(np.array(point) / self.edges).astype(int) + np.rint(-self.bounds()[0] / self.edges).astype(int)
+        return np.rint(np.array(point) / self.edges).astype(int) + np.rint(
+            -self.bounds()[0] / self.edges
+        ).astype(int)
 
     def text(self, node):
         """Write where a node lies in the model, m."""
@@ -97,12 +112,14 @@ def deck(soil, body=None, cover=0.0, mesh=MESH, drive="HV") -> str:
         *_body(mesh, body, cover),
         f"#waveform: gaussiandotnorm 0.5 {CENTRE:.9g} pulse",
     ]
-    # Ex lies half a cell further in x than its node and Ez in z: two cells stand for the point between them.
+    # Ex lies half a cell further in x than its node and Ez in z: two cells stand for the point
+    # between them.
     tx = mesh.node(0, 0, TX_HEIGHT)
     for label, axis in (("H", 0), ("V", 2)):
         if label in drive:
             lines += [
-                f"#hertzian_dipole: {'xyz'[axis]} {mesh.text(place)} pulse" for place in (tx - np.eye(3)[axis], tx)
+                f"#hertzian_dipole: {'xyz'[axis]} {mesh.text(place)} pulse"
+                for place in (tx - np.eye(3)[axis], tx)
             ]
     for number, x in enumerate(RX_X):
         rx = mesh.node(x, 0, RX_HEIGHT)
@@ -147,7 +164,10 @@ def received(path):
     for axis in (0, 2):
         component = "xyz"[axis]
         rows = [
-            [output.spectrum(f"r{n}{component}{side}", f"E{component}", FREQUENCY) for side in (0, 1)]
+            [
+                output.spectrum(f"r{n}{component}{side}", f"E{component}", FREQUENCY)
+                for side in (0, 1)
+            ]
             for n in range(RX_X.size)
         ]
         field[component] = np.mean(rows, axis=1)
@@ -183,7 +203,9 @@ def excess_phase(mesh):
     for n, x in enumerate(RX_X):
         for antenna in (np.array([0, 0, TX_HEIGHT]), np.array([x, 0, RX_HEIGHT])):
             way = np.linalg.norm(body - antenna)
-            phase[n] += way * (numerical_wavenumber(FREQUENCY, (body - antenna) / way, mesh.edges) - k)
+            phase[n] += way * (
+                numerical_wavenumber(FREQUENCY, (body - antenna) / way, mesh.edges) - k
+            )
     return phase
 
 
@@ -200,7 +222,12 @@ def run(name, folder, python):
     """Run one model unless its result is there; gprMax writes it when all is done."""
     if not (folder / f"{name}.h5").is_file():
         print(name, flush=True)
-        subprocess.run([python, "-m", "gprMax", f"{name}.in"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+        subprocess.run(
+            [python, "-m", "gprMax", f"{name}.in"],
+            cwd=folder,
+            check=True,
+            stdout=subprocess.DEVNULL,
+        )
 
 
 def archive(name, soil, body, cover, folder, mesh=MESH):

@@ -25,7 +25,9 @@ LEVELS = {"metal": (0.5, 0.6, 0.7, 0.8, 0.9), "plastic": (0.2, 0.3, 0.4, 0.5)}
 BINS = np.linspace(0, 1, 11)
 
 
-def matched(ground: Ground, truth: pd.DataFrame, folders: list[Path], entry: str, split: str) -> Match:
+def matched(
+    ground: Ground, truth: pd.DataFrame, folders: list[Path], entry: str, split: str
+) -> Match:
     """Match an entry's alarms in a split."""
     files = [entry_folder(folder, entry, ground) / split / ALARMS for folder in folders]
     file = next(one for one in files if one.parent.is_dir())
@@ -62,7 +64,9 @@ def reliability(one: Match, lanes: list[str]) -> tuple[pd.DataFrame, float]:
     table = pd.DataFrame({"bin": number, "p": p, "hit": hit}).groupby("bin").agg(
         alarms=("p", "size"), stated=("p", "mean"), true=("hit", "mean"), hits=("hit", "sum")
     )  # fmt: skip
-    return table, float((table["alarms"] * (table["stated"] - table["true"]).abs()).sum() / table["alarms"].sum())
+    return table, float(
+        (table["alarms"] * (table["stated"] - table["true"]).abs()).sum() / table["alarms"].sum()
+    )
 
 
 def main() -> None:
@@ -79,7 +83,9 @@ def main() -> None:
         parser.error(f"--tier must be one of {', '.join(tier.tier for tier in tiers)}")
     ground = tiers[0]
     truth, _, _ = open_truth(home / "lanes" / SEALED, passphrase(ground))
-    oracle = pd.read_csv(home / oracle_file(ground)) if (home / oracle_file(ground)).is_file() else None
+    oracle = (
+        pd.read_csv(home / oracle_file(ground)) if (home / oracle_file(ground)).is_file() else None
+    )
     figure = Figure(figsize=(13, 4.2), layout="constrained")
     axes = figure.subplots(1, 3)
     print("| split | kind | who | " + "false alarms per m² at Pd |\n|---|---|---|---|")
@@ -93,14 +99,26 @@ def main() -> None:
                 told = ", ".join(f"{level:g}: {at_pd(far, pd_, level):.3f}" for level in levels)
                 print(f"| {split} | {kind} | {entry} | {told} |")
                 style = "-" if split == "standard" else "--"
-                panel.step(np.maximum(far, 2e-4), pd_, style, c=f"C{number}", where="post", label=f"{entry}, {split}")
+                panel.step(
+                    np.maximum(far, 2e-4),
+                    pd_,
+                    style,
+                    c=f"C{number}",
+                    where="post",
+                    label=f"{entry}, {split}",
+                )
             if oracle is not None and split == "standard":
                 far, pd_ = oracle_curve(oracle, kind, "far")
                 told = ", ".join(f"{level:g}: {at_pd(far, pd_, level):.3f}" for level in levels)
                 print(f"| {split} | {kind} | oracle | {told} |")
                 panel.step(np.maximum(far, 2e-4), pd_, "k:", where="post", label="oracle")
             panel.set(
-                xscale="log", xlim=(2e-4, 0.6), ylim=(0, 1), xlabel="false alarms per m²", ylabel="Pd", title=kind
+                xscale="log",
+                xlim=(2e-4, 0.6),
+                ylim=(0, 1),
+                xlabel="false alarms per m²",
+                ylabel="Pd",
+                title=kind,
             )
             panel.grid(alpha=0.3)
     axes[0].legend(fontsize=8)
@@ -108,9 +126,15 @@ def main() -> None:
     for split, mark in (("standard", "o-"), ("new-site", "s--")):
         one = matched(ground, truth, given.folder, given.entries[0], split)
         for number, site in enumerate((*ground.sites, "all")):
-            lanes = [lane.name for lane in ground.tested(split) if site in (lane.site, "all") and not lane.empty]
+            lanes = [
+                lane.name
+                for lane in ground.tested(split)
+                if site in (lane.site, "all") and not lane.empty
+            ]
             table, error = reliability(one, lanes)
-            print(f"| {split} | {site} | {error:.3f} | {table['alarms'].sum()} | {table['hits'].sum()} |")
+            print(
+                f"| {split} | {site} | {error:.3f} | {table['alarms'].sum()} | {table['hits'].sum()} |"
+            )
             if site == "all":  # the figure has a curve a site
                 continue
             enough = table[table["alarms"] >= 10]

@@ -51,7 +51,9 @@ def data_sets() -> dict[str, Data]:
         "wine, second or not": (scale(wine.data), (wine.target == 1).astype(int), 1 / 13),
         "digits, 3 or 8": (digits.data[pair] / 16, (digits.target[pair] == 8).astype(int), 0.1),
     }
-    return sets | {f"Ripley {n}, draw {s}": ripley(n, s) for n, s in ((250, 0), (250, 1), (250, 2), (600, 0))}
+    return sets | {
+        f"Ripley {n}, draw {s}": ripley(n, s) for n, s in ((250, 0), (250, 1), (250, 2), (600, 0))
+    }
 
 
 def ours(X: NDArray[Any], y: NDArray[Any], gamma: float) -> Any:
@@ -95,7 +97,9 @@ def evidence(X: NDArray[Any], y: NDArray[Any], gamma: float, machine: Any) -> fl
     return float(relevance.laplace(rows, t, 0.0, alpha[good], weights[good]).evidence)
 
 
-def errors(fit: Callable[..., Any], X: NDArray[Any], y: NDArray[Any], gamma: float) -> NDArray[np.bool_]:
+def errors(
+    fit: Callable[..., Any], X: NDArray[Any], y: NDArray[Any], gamma: float
+) -> NDArray[np.bool_]:
     """Which examples five-fold cross-validation gets wrong."""
     wrong = np.zeros(len(y), np.bool_)
     for train, test in StratifiedKFold(5, shuffle=True, random_state=0).split(X, y):
@@ -116,7 +120,9 @@ def seconds(calls: dict[str, Callable[[], Any]], repeats: int) -> dict[str, floa
 
 def quality() -> None:
     """Print log evidence, number of vectors and error on every data set."""
-    print("| data | ours: evidence, vectors, error | fastrvm | difference of evidence | only ours, only theirs wrong |")
+    print(
+        "| data | ours: evidence, vectors, error | fastrvm | difference of evidence | only ours, only theirs wrong |"
+    )
     print("|---|---|---|---|---|")
     total = np.zeros(2, np.int64)
     for name, (X, y, gamma) in data_sets().items():
@@ -139,15 +145,22 @@ def quality() -> None:
             flush=True,
         )
     # McNemar's exact test of all sets together, though the sets differ.
-    print(f"only ours wrong {total[0]}, only theirs {total[1]}: p = {binomtest(total[0], total.sum()).pvalue:.2f}")
+    print(
+        f"only ours wrong {total[0]}, only theirs {total[1]}: p = {binomtest(total[0], total.sum()).pvalue:.2f}"
+    )
 
 
 def speed() -> None:
     """Print times as ratios."""
-    for name, data in (("Ripley", ripley(600, 1)), ("breast cancer", (*data_sets()["breast cancer"],))):
+    for name, data in (
+        ("Ripley", ripley(600, 1)),
+        ("breast cancer", (*data_sets()["breast cancer"],)),
+    ):
         X, y, gamma = data
         took = seconds({"ours": lambda: ours(X, y, gamma), "fastrvm": lambda: fast(X, y, gamma)}, 7)  # noqa: B023
-        print(f"{name}, N = {len(y)}: fastrvm takes {took['fastrvm'] / took['ours']:.1f} times as long as ours")
+        print(
+            f"{name}, N = {len(y)}: fastrvm takes {took['fastrvm'] / took['ours']:.1f} times as long as ours"
+        )
     X, y, gamma = ripley(153, 2)
     machine = RelevanceVectorClassifier(gamma=gamma)
     runs: dict[str, Any] = {}
@@ -158,7 +171,9 @@ def speed() -> None:
         took = time.perf_counter() - start
         busy = time.process_time() - busy
         print(f"leave-one-out, N = 153, {name}: {took:.1f} s, {busy:.1f} s of processor time")
-    gain = np.array([w.log_evidence_ - c.log_evidence_ for w, c in zip(runs["warm"], runs["cold"], strict=True)])
+    gain = np.array(
+        [w.log_evidence_ - c.log_evidence_ for w, c in zip(runs["warm"], runs["cold"], strict=True)]
+    )
     print(
         f"warm less cold log evidence: {(np.abs(gain) < 1e-3).sum()} of {len(gain)} folds within 0.001, "
         f"{gain.min():+.3f} to {gain.max():+.3f}"

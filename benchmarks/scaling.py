@@ -53,11 +53,21 @@ def read_costs(measured: dict[str, Any]) -> Costs:
     """Take the costs from what was measured."""
     pieces = [one for one in measured["pieces"] if one["stage"] != "finish"]
     stages = list(dict.fromkeys(one["stage"] for one in pieces))
-    full = BLOCK * max(one["block"] + 1 for one in pieces) / measured["scans"]  # the measured blocks are a bit shorter
-    blocks = [[full * p["processor_seconds"] for p in pieces if p["stage"] == s and p["block"] >= 0] for s in stages]
-    folds = [sum(p["processor_seconds"] for p in pieces if p["stage"] == s and p["block"] < 0) for s in stages]
+    full = (
+        BLOCK * max(one["block"] + 1 for one in pieces) / measured["scans"]
+    )  # the measured blocks are a bit shorter
+    blocks = [
+        [full * p["processor_seconds"] for p in pieces if p["stage"] == s and p["block"] >= 0]
+        for s in stages
+    ]
+    folds = [
+        sum(p["processor_seconds"] for p in pieces if p["stage"] == s and p["block"] < 0)
+        for s in stages
+    ]
     count = max(map(len, blocks))
-    finish = sum(p["processor_seconds"] for p in measured["pieces"] if p["stage"] == "finish") / count
+    finish = (
+        sum(p["processor_seconds"] for p in measured["pieces"] if p["stage"] == "finish") / count
+    )
     work = sum(p["processor_seconds"] for p in measured["pieces"])
     return Costs(
         blocks, [fold / count for fold in folds], finish, measured["driver"], measured["scheduler_seconds"],
@@ -124,15 +134,25 @@ def tell(figure: Path | None) -> None:
     written = sum(one["bytes"] for one in pieces) / scans
     parts = sum(one["bytes"] for one in pieces if one["block"] >= 0) / scans
     stored, noted, between = (SCANS_PER_KM * size / 1e9 for size in (run, written, parts))
-    print(f"a kilometre ({SCANS_PER_KM} scans): {work:.0f} s of a core; {stored:.2f} GB of run, read {passes} times;")
+    print(
+        f"a kilometre ({SCANS_PER_KM} scans): {work:.0f} s of a core; {stored:.2f} GB of run, read {passes} times;"
+    )
     print(f"{noted:.2f} GB written, of it {between:.2f} GB parts, which a fold reads again")
     print(f"a thousand kilometres: {work / 3.6:.0f} core-hours, {stored:.2f} TB of runs")
-    print(f"driver {costs.driver:.2f} s a lane, scheduler {1e3 * costs.scheduler:.2f} ms a piece, ", end="")
+    print(
+        f"driver {costs.driver:.2f} s a lane, scheduler {1e3 * costs.scheduler:.2f} ms a piece, ",
+        end="",
+    )
     print(f"{1e3 * costs.latency:.0f} ms between steps, start {costs.start:.1f} s")
-    surveys = {"one lane of 1.2 km": [LANE_BLOCKS], "1000 km in lanes of 1.2 km": [LANE_BLOCKS] * 834}
+    surveys = {
+        "one lane of 1.2 km": [LANE_BLOCKS],
+        "1000 km in lanes of 1.2 km": [LANE_BLOCKS] * 834,
+    }
     curves: dict[str, list[float]] = {}
     for name, lanes in surveys.items():
-        print(f"\n{name}\n\n| workers | lanes at once | s | speed-up | efficiency | next limit | GB/s read, written |")
+        print(
+            f"\n{name}\n\n| workers | lanes at once | s | speed-up | efficiency | next limit | GB/s read, written |"
+        )
         print("|---|---|---|---|---|---|---|")
         alone = simulate(costs, lanes, 1, 1)
         for workers in WORKERS:
@@ -142,7 +162,10 @@ def tell(figure: Path | None) -> None:
             curves.setdefault(name, []).append(gain)
             others = bounds(costs, lanes, at_once)
             limit = max(others, key=others.__getitem__)
-            read, write = (sum(lanes) * BLOCK * size / 1e9 / seconds for size in (passes * run + parts, written))
+            read, write = (
+                sum(lanes) * BLOCK * size / 1e9 / seconds
+                for size in (passes * run + parts, written)
+            )
             row = (workers, at_once, f"{seconds:.0f}", f"{gain:.1f}", f"{gain / workers:.2f}")
             ends = f"{limit}, {others[limit]:.0f} s | {read:.2f}, {write:.2f} |"
             print("| " + " | ".join(map(str, row)) + " | " + ends)

@@ -17,12 +17,23 @@ GAIN = 2.0  # targets score N(GAIN, 1), false alarms N(0, 1)
 GRID = np.linspace(0.002, 0.1, 50)
 
 
-def tables(targets: int, noise: int, length: float, rng: np.random.Generator) -> tuple[pd.DataFrame, pd.DataFrame]:
+def tables(
+    targets: int, noise: int, length: float, rng: np.random.Generator
+) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Draw a 4 m wide lane with alarms at each target and all over it."""
-    truth = pd.DataFrame({"x": 2.0, "y": (np.arange(targets) + 0.5) * length / targets, "kind": "metal", "depth": 0.05})
+    truth = pd.DataFrame(
+        {
+            "x": 2.0,
+            "y": (np.arange(targets) + 0.5) * length / targets,
+            "kind": "metal",
+            "depth": 0.05,
+        }
+    )
     truth["target_id"] = [f"m{number}" for number in range(targets)]
     places = rng.uniform([0, 0], [4, length], size=(noise, 2))
-    near = np.hypot(places[:, 0] - 2, (places[:, 1] % (length / targets)) - length / targets / 2) <= 1
+    near = (
+        np.hypot(places[:, 0] - 2, (places[:, 1] % (length / targets)) - length / targets / 2) <= 1
+    )
     alarms = pd.DataFrame(np.concatenate([truth[["x", "y"]], places[~near]]), columns=["x", "y"])
     confidence = np.concatenate([rng.normal(GAIN, 1, targets), rng.normal(size=int((~near).sum()))])
     return alarms.assign(confidence=confidence), truth

@@ -15,7 +15,12 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from flgpr.design import Viewing, expected_signal_to_clutter, ground_model, measure_signal_to_clutter
+from flgpr.design import (
+    Viewing,
+    expected_signal_to_clutter,
+    ground_model,
+    measure_signal_to_clutter,
+)
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, load_sensor
 from flgpr.simulate import Scene, Simulator, sites
@@ -24,7 +29,12 @@ from flgpr.simulate.signature import load_body, packaged_bodies
 DOCS = Path(__file__).parents[1] / "docs"
 TABLE = DOCS / "evidence" / "signal-to-clutter.csv"
 IMAGES = DOCS / "images"
-BANDS = {"F1": (0.75e9, 1.35e9), "F2": (1.25e9, 1.85e9), "F3": (1.75e9, 2.35e9), "F4": (2.25e9, 2.85e9)}
+BANDS = {
+    "F1": (0.75e9, 1.35e9),
+    "F2": (1.25e9, 1.85e9),
+    "F3": (1.75e9, 2.35e9),
+    "F4": (2.25e9, 2.85e9),
+}
 CHANNELS = (("F1", "HH"), ("F1", "VV"), ("F4", "HH"))
 ROUGHNESSES = (0.001, 0.002, 0.004, 0.008)
 SEEDS = 6
@@ -67,7 +77,9 @@ def one_row_per_case(site: str, cases: pd.DataFrame) -> pd.DataFrame:
         if channel not in CHANNELS:
             continue
         key = case["body"], case["depth"]
-        row = rows.setdefault(key, {"site": site, "body": key[0], "depth_cm": round(100 * key[1], 1)})
+        row = rows.setdefault(
+            key, {"site": site, "body": key[0], "depth_cm": round(100 * key[1], 1)}
+        )
         row["rms_mm"] = round(1000 * case["rms_height"], 1)
         for figure in FIGURES:
             row[f"{'_'.join(channel).lower()}_{figure}"] = round(case[figure], 1)
@@ -109,10 +121,24 @@ def draw_roughness(table: pd.DataFrame) -> Figure:
         for axes, (subband, polarization) in zip(row, CHANNELS, strict=True):
             channel = f"{subband}_{polarization}".lower()
             for body in bodies:
-                part = table[(table["site"] == site) & (table["body"] == body) & (table["depth_cm"] == SHOWN_DEPTH)]
-                style = LINES[[one for one in bodies if group_of(one) == group_of(body)].index(body) % len(LINES)]
+                part = table[
+                    (table["site"] == site)
+                    & (table["body"] == body)
+                    & (table["depth_cm"] == SHOWN_DEPTH)
+                ]
+                style = LINES[
+                    [one for one in bodies if group_of(one) == group_of(body)].index(body)
+                    % len(LINES)
+                ]
                 colour = COLOURS[group_of(body)]
-                axes.plot(part["rms_mm"], part[f"{channel}_formula_db"], ls=style, color=colour, lw=1.4, label=body)
+                axes.plot(
+                    part["rms_mm"],
+                    part[f"{channel}_formula_db"],
+                    ls=style,
+                    color=colour,
+                    lw=1.4,
+                    label=body,
+                )
                 axes.plot(part["rms_mm"], part[f"{channel}_measured_db"], ".", color=colour, ms=7)
             axes.axhline(0, color="0.5", lw=0.8)
             axes.set_title(f"{site}, {subband} {polarization}", fontsize=11)
@@ -135,7 +161,9 @@ def draw_sites(table: pd.DataFrame) -> Figure:
     figure = Figure(figsize=(15, 0.42 * len(bodies) + 2.2), layout="constrained")
     panels = figure.subplots(1, len(CHANNELS), sharey=True)
     for axes, (subband, polarization) in zip(panels, CHANNELS, strict=True):
-        levels = part.pivot_table(f"{subband}_{polarization}_formula_db".lower(), "body", "site").loc[bodies]
+        levels = part.pivot_table(
+            f"{subband}_{polarization}_formula_db".lower(), "body", "site"
+        ).loc[bodies]
         image = axes.imshow(levels, cmap="RdBu", vmin=-25, vmax=25, aspect="auto")
         for (i, j), level in np.ndenumerate(levels.to_numpy()):
             colour = "white" if abs(level) > 16 else "black"
@@ -177,19 +205,33 @@ def print_independent() -> None:
     print("| soil | mine | depth (cm) | F1 HH | expected | F1 VV | F2 HH | F3 HH | F4 HH | F4 VV |")
     print("|---|---|---|---|---|---|---|---|---|---|")
     for site in ("arid-sand", "temperate"):
-        clutter = np.mean([power(quiet(site), seed).mean(axis=(2, 3)) for seed in range(SEEDS)], axis=0)
-        for kind, (i, depth) in itertools.product(("metal", "plastic"), enumerate(INDEPENDENT_DEPTHS)):
+        clutter = np.mean(
+            [power(quiet(site), seed).mean(axis=(2, 3)) for seed in range(SEEDS)], axis=0
+        )
+        for kind, (i, depth) in itertools.product(
+            ("metal", "plastic"), enumerate(INDEPENDENT_DEPTHS)
+        ):
             target = [{"kind": kind, "x": 0.0, "y": 12.0, "depth": depth}]
             alone = quiet(site, targets=target, surface={"echo": False, "phase_screen": False})
-            hh, vv = 10 * np.log10(power(alone, 0)[:2].max(axis=(2, 3)) / clutter[:2])  # a level mine has no HV
+            hh, vv = 10 * np.log10(
+                power(alone, 0)[:2].max(axis=(2, 3)) / clutter[:2]
+            )  # a level mine has no HV
             figures = " | ".join(f"{value:.1f}" for value in (vv[0], hh[1], hh[2], hh[3], vv[3]))
-            print(f"| {site} | {kind} | {100 * depth:.0f} | {hh[0]:.1f} | {INDEPENDENT[site, kind][i]} | {figures} |")
+            print(
+                f"| {site} | {kind} | {100 * depth:.0f} | {hh[0]:.1f} | {INDEPENDENT[site, kind][i]} | {figures} |"
+            )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--independent", action="store_true", help="print the table of independent estimates instead")
-    parser.add_argument("--formula", action="store_true", help="do not measure: fill in the formula's figures alone")
+    parser.add_argument(
+        "--independent",
+        action="store_true",
+        help="print the table of independent estimates instead",
+    )
+    parser.add_argument(
+        "--formula", action="store_true", help="do not measure: fill in the formula's figures alone"
+    )
     parser.add_argument("--bodies", nargs="*", help="packaged bodies to add; all by default")
     arguments = parser.parse_args()
     if arguments.independent:

@@ -28,10 +28,14 @@ def measure_bare(preset: str, scatterers: int, rounds: int = 5) -> None:
     x_min, x_max, y_min, y_max = sensor.footprint
     density = 1.02 * scatterers / ((x_max - x_min) * (y_max - y_min))
     track = {"positions": tuple(float(y) for y in np.arange(rounds + 1))}
-    bare = Simulator(Scene(surface={"density": density}, track=track, length=60.0), sensor, 1, errors=False)
+    bare = Simulator(
+        Scene(surface={"density": density}, track=track, length=60.0), sensor, 1, errors=False
+    )
     seen = round(density * (x_max - x_min) * (y_max - y_min))
     seconds = seconds_of(bare.scan, rounds)
-    print(f"| {preset} | {seen:,} | {len(sensor.pairs()[0])} | {sensor.tones.count} | {seconds:.2f} |")
+    print(
+        f"| {preset} | {seen:,} | {len(sensor.pairs()[0])} | {sensor.tones.count} | {seconds:.2f} |"
+    )
 
 
 def measure_all(rounds: int = 9) -> None:
@@ -41,7 +45,12 @@ def measure_all(rounds: int = 9) -> None:
     scene = Scene(site="temperate", length=60.0, draws=draws, track=track)
     full = Simulator(scene, load_sensor("sri-array"), 1)
     spent: dict[str, list[float]] = {}
-    parts = [(full, "_single_echoes"), (simulator, "sum_echoes"), (simulator, "sum_layers"), (full._errors, "apply")]
+    parts = [
+        (full, "_single_echoes"),
+        (simulator, "sum_echoes"),
+        (simulator, "sum_layers"),
+        (full._errors, "apply"),
+    ]
     parts += [(layer, "echoes") for layer in full._layers]
     for owner, name in parts:
         label = name if name != "echoes" else f"of sum_layers: {type(owner).__name__}.echoes"

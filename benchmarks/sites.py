@@ -64,7 +64,15 @@ def surfaces() -> str:
                 f"{one_way_loss(1e9, eps):.0f}",
             ]
         )
-    head = ["site", "rms height, mm", "correlation length, cm", "class", "undulation, ruts, mm", "ε'", "tan δ"]
+    head = [
+        "site",
+        "rms height, mm",
+        "correlation length, cm",
+        "class",
+        "undulation, ruts, mm",
+        "ε'",
+        "tan δ",
+    ]
     return table([*head, "loss one way, dB/m"], rows)
 
 
@@ -91,8 +99,19 @@ def contents() -> str:
                 f"{number(clutter.bushes)}, {number(clutter.posts)}",
             ]
         )
-    head = ["site", "stones per m²; radius, cm", "rocks per m²", "deviation of ε", "roots, lenses per m²"]
-    head += ["empty holes per m²", "density of the fill; cap, mm", "grass, cm", "bushes, posts per m"]
+    head = [
+        "site",
+        "stones per m²; radius, cm",
+        "rocks per m²",
+        "deviation of ε",
+        "roots, lenses per m²",
+    ]
+    head += [
+        "empty holes per m²",
+        "density of the fill; cap, mm",
+        "grass, cm",
+        "bushes, posts per m",
+    ]
     return table(head, rows)
 
 
@@ -109,17 +128,27 @@ def backscatter() -> str:
     return table(["site", "F1 HH", "F1 VV", "F4 HH", "F4 VV", "HV re HH"], rows)
 
 
-def sigma(scene: Scene, frequency: float, sine: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def sigma(
+    scene: Scene, frequency: float, sine: float | np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return σ⁰ of HH and of VV, dB."""
     surface = scene.surface
-    shape = surface.rms_height, surface.correlation_length, surface.slope, surface.unevenness, surface.waviness
+    shape = (
+        surface.rms_height,
+        surface.correlation_length,
+        surface.slope,
+        surface.unevenness,
+        surface.waviness,
+    )
     hh, vv = surface_backscatter(frequency, sine, permittivity(scene, frequency), *shape)
     return 10 * np.log10(hh), 10 * np.log10(vv)
 
 
 def ranges_of(site: str) -> dict[str, tuple[float, float]]:
     """Read the ranges that a site's file tells in lines like ``# range rms_height 0.001 0.004``."""
-    text = (resources.files("flgpr.simulate") / "sites" / f"{site}.toml").read_text(encoding="utf-8")
+    text = (resources.files("flgpr.simulate") / "sites" / f"{site}.toml").read_text(
+        encoding="utf-8"
+    )
     found = {}
     part = ""
     for line in text.splitlines():
@@ -173,9 +202,18 @@ def losses() -> str:
     rows = []
     for name, sand, clay, moisture, hippel in soils:
         model = mironov(np.array([1e9]), clay, moisture).item()
-        fitted = "-" if sand > 70 else f"{hallikainen(sand, clay, moisture)[1]:.2f}"  # its sandiest had 51.5 %
+        fitted = (
+            "-" if sand > 70 else f"{hallikainen(sand, clay, moisture)[1]:.2f}"
+        )  # its sandiest had 51.5 %
         rows.append(
-            [name, f"{clay} %, {moisture:g}", f"{model.real:.1f}", f"{-model.imag / model.real:.3f}", fitted, hippel]
+            [
+                name,
+                f"{clay} %, {moisture:g}",
+                f"{model.real:.1f}",
+                f"{-model.imag / model.real:.3f}",
+                fitted,
+                hippel,
+            ]
         )
     head = ["soil", "clay, moisture", "ε' of the model", "tan δ of the model, 1 GHz"]
     return table([*head, "Hallikainen et al. 1985, 1.4 GHz", "von Hippel 1954, 0.3 to 3 GHz"], rows)
@@ -189,7 +227,9 @@ def figure() -> Figure:
     drawn = Figure(figsize=(10, 3.9), layout="constrained")
     left, right = drawn.subplots(1, 2, width_ratios=(1.1, 1))
     along = np.linspace(0.0, 3.0, 1501)
-    for (site, colour), shift in zip((("temperate", "C7"), ("prepared-earth", "#009e73")), (20.0, -20.0), strict=True):
+    for (site, colour), shift in zip(
+        (("temperate", "C7"), ("prepared-earth", "#009e73")), (20.0, -20.0), strict=True
+    ):
         heights = surface_heights(Scene(site=site).surface, 4)(np.zeros(along.size), along)
         left.plot(along, 1e3 * (heights - heights.mean()) + shift, color=colour, lw=1, label=site)
     left.set(xlabel="along the lane, m", ylabel="height, mm (shifted)", title="drawn surfaces")

@@ -1,11 +1,13 @@
 """Drive `flgpr live` for hours, quicker than the clock, with what a radar gets wrong, and watch what it costs.
 
-A cheap sensor (eight pairs, one polarization, 40 tones) drives over ground that repeats every lap, so that scans for
-any number of hours need no storage and the same 24 mines lie in each. Scans are lost, alone and in bursts, late,
-sent twice, damaged, NaN, or without a pose; in the first third of the drive the process is killed now and then and
-started again. Files are taken away some 2000 scans after they came. Usage::
+A cheap sensor (eight pairs, one polarization, 40 tones) drives over ground that repeats every lap,
+so that scans for any number of hours need no storage and the same 24 mines lie in each. Scans are
+lost, alone and in bursts, late, sent twice, damaged, NaN, or without a pose; in the first third of
+the drive the process is killed now and then and started again. Files are taken away some 2000 scans
+after they came. Usage::
 
-    OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 nice -n 15 python benchmarks/soak.py [--hours 8] [--speed 10] [--kills 6]
+    OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 nice -n 15 python benchmarks/soak.py [--hours 8] [--speed
+    10] [--kills 6]
         [--record soak.json] [--figure soak.png]
 
 Ctrl-C ends the drive before its time and judges what there is.
@@ -45,7 +47,14 @@ FREQUENCY = 0.75e9 + 15e6 * np.arange(40)
 TX = np.repeat([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0]], 4, axis=0)
 RX = np.tile([[x, 0.0, 0.0] for x in (-1.0, -0.4, 0.4, 1.0)], (2, 1))
 SHAPE = (1, len(TX), FREQUENCY.size)
-FAULTS = {"lost": 0.005, "late": 0.01, "duplicate": 0.005, "corrupt": 0.002, "masked": 0.005, "pose": 0.005}
+FAULTS = {
+    "lost": 0.005,
+    "late": 0.01,
+    "duplicate": 0.005,
+    "corrupt": 0.002,
+    "masked": 0.005,
+    "pose": 0.005,
+}
 BURST = 1e-4  # chance per scan that it and the next 30 are lost
 # scans
 TAKEN_AWAY = 2000
@@ -93,8 +102,12 @@ class World:
         self.targets = targets = np.column_stack(
             [rng.uniform(-0.6, 0.6, 24), np.arange(24) * lap / 24 + rng.uniform(1, 5, 24)]
         )
-        places = np.vstack([np.column_stack([rng.uniform(-2, 2, 2000), rng.uniform(0, lap, 2000)]), targets])
-        echo = np.append(0.3 * (rng.normal(size=2000) + 1j * rng.normal(size=2000)), np.full(24, 2.0))
+        places = np.vstack(
+            [np.column_stack([rng.uniform(-2, 2, 2000), rng.uniform(0, lap, 2000)]), targets]
+        )
+        echo = np.append(
+            0.3 * (rng.normal(size=2000) + 1j * rng.normal(size=2000)), np.full(24, 2.0)
+        )
         self.signal = np.zeros((LAP, *SHAPE), np.complex64)
         self.pose = np.zeros((LAP, 6))
         self.pose[:, 0] = 0.03 * rng.normal(size=LAP)
@@ -115,13 +128,17 @@ class World:
         rng = np.random.default_rng((self._seed, number))
         noise = rng.standard_normal((2, *SHAPE), dtype=np.float32)
         pose = self.pose[number % LAP] + np.array([0, number // LAP * LAP * STEP, 0, 0, 0, 0])
-        signal = self.signal[number % LAP] + (0.02 * noise[0] + 0.02j * noise[1]).astype(np.complex64)
+        signal = self.signal[number % LAP] + (0.02 * noise[0] + 0.02j * noise[1]).astype(
+            np.complex64
+        )
         return Scan(number, number / RATE, pose, signal)
 
     def description(self) -> RunDescription:
         """Say what the scans have in common."""
         pose = np.zeros((1, 6))
-        return describe_for_live(make_run(np.zeros((1, *SHAPE)), FREQUENCY, ["HH"], TX, RX, pose, [0.0]))
+        return describe_for_live(
+            make_run(np.zeros((1, *SHAPE)), FREQUENCY, ["HH"], TX, RX, pose, [0.0])
+        )
 
 
 def frames(
@@ -190,7 +207,9 @@ class Watched:
 def memory(process: subprocess.Popen[bytes]) -> float:
     """Memory that a process holds now, MB."""
     lines = Path(f"/proc/{process.pid}/status").read_text().splitlines()
-    return next((int(line.split()[1]) / 1e3 for line in lines if line.startswith("VmRSS")), math.nan)
+    return next(
+        (int(line.split()[1]) / 1e3 for line in lines if line.startswith("VmRSS")), math.nan
+    )
 
 
 def drive(world: World, home: Path, options: argparse.Namespace) -> dict[str, Any]:
@@ -199,7 +218,15 @@ def drive(world: World, home: Path, options: argparse.Namespace) -> dict[str, An
     output = home / "out"
     incoming.mkdir()
     write_description(world.description(), incoming)
-    command = [sys.executable, "-m", "flgpr", "live", str(incoming), "--recipe", str(home / "soak.toml")]
+    command = [
+        sys.executable,
+        "-m",
+        "flgpr",
+        "live",
+        str(incoming),
+        "--recipe",
+        str(home / "soak.toml"),
+    ]
     command += ["-o", str(output), "--quiet"]
     scans = round(options.hours * 3600 * RATE)
     rate = RATE * options.speed
@@ -248,7 +275,9 @@ def drive(world: World, home: Path, options: argparse.Namespace) -> dict[str, An
                      "median_ms": latency[0], "p95_ms": latency[1], "files": len(lying),
                      "wall_s": time.monotonic() - start, "late_s": time.monotonic() - start - number / rate}
                 )  # fmt: skip
-                print("  ".join(f"{name} {value:.5g}" for name, value in rows[-1].items()), flush=True)
+                print(
+                    "  ".join(f"{name} {value:.5g}" for name, value in rows[-1].items()), flush=True
+                )
                 if options.record:
                     options.record.write_text(json.dumps({"rows": rows, "made": made}))
     except KeyboardInterrupt:
@@ -258,7 +287,14 @@ def drive(world: World, home: Path, options: argparse.Namespace) -> dict[str, An
     report = json.loads((output / "live.json").read_text())
     wall = time.monotonic() - start
     scans = number + 1
-    return {"rows": rows, "made": dict(made), "gaps": sorted(gaps), "report": report, "scans": scans, "wall_s": wall}
+    return {
+        "rows": rows,
+        "made": dict(made),
+        "gaps": sorted(gaps),
+        "report": report,
+        "scans": scans,
+        "wall_s": wall,
+    }
 
 
 def lost(alarms: Any, want: np.ndarray, gaps: list[int], laps: range) -> tuple[int, int, int]:
@@ -305,12 +341,18 @@ def main() -> None:
     """Run the soak."""
     from flgpr.io import read_table
 
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--hours", type=float, default=8.0, help="of the radar's clock")
-    parser.add_argument("--speed", type=float, default=10.0, help="times quicker than the radar's clock")
+    parser.add_argument(
+        "--speed", type=float, default=10.0, help="times quicker than the radar's clock"
+    )
     parser.add_argument("--kills", type=int, default=6)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--record", type=Path, default=None, help="JSON of what was seen, written as it goes")
+    parser.add_argument(
+        "--record", type=Path, default=None, help="JSON of what was seen, written as it goes"
+    )
     parser.add_argument("--figure", type=Path, default=None, help="PNG of memory and speed")
     options = parser.parse_args()
     world = World(options.seed)
@@ -323,8 +365,13 @@ def main() -> None:
         due, missing, excused = lost(alarms, world.targets, record["gaps"], laps)
         record |= {"due": due, "missing": missing, "excused": excused, "alarms": len(alarms)}
     settled = [row for row in record["rows"] if row["hour"] > options.hours * 0.4] or record["rows"]
-    slope, first = np.polyfit([row["hour"] for row in settled], [row["memory_mb"] for row in settled], 1)
-    record |= {"memory_slope_mb_per_hour": slope, "speed": record["scans"] / RATE / record["wall_s"]}
+    slope, first = np.polyfit(
+        [row["hour"] for row in settled], [row["memory_mb"] for row in settled], 1
+    )
+    record |= {
+        "memory_slope_mb_per_hour": slope,
+        "speed": record["scans"] / RATE / record["wall_s"],
+    }
     if options.record:
         options.record.write_text(json.dumps(record))
     if options.figure:

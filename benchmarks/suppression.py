@@ -14,7 +14,14 @@ import time
 
 import numpy as np
 
-from flgpr.clutter import Thresholds, averaged, iterate_suppression, mixed_mask, subregions, suppress_by_model
+from flgpr.clutter import (
+    Thresholds,
+    averaged,
+    iterate_suppression,
+    mixed_mask,
+    subregions,
+    suppress_by_model,
+)
 from flgpr.imaging import ImagingOperator
 from flgpr.model import Grid, load_sensor
 
@@ -70,7 +77,9 @@ def main() -> None:
     for name in walls:
         w = walls[name][1:]
         c = cpus[name][1:]
-        print(f"| {name} | {np.median(w):.2f} ({min(w):.2f} to {max(w):.2f}) | {np.median(c):.2f} |")
+        print(
+            f"| {name} | {np.median(w):.2f} ({min(w):.2f} to {max(w):.2f}) | {np.median(c):.2f} |"
+        )
 
 
 if __name__ == "__main__":

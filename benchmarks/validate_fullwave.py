@@ -37,13 +37,28 @@ def lane_scene(run, truth, objects) -> Scene:
     return Scene(
         name="lane a, simulated",
         length=7.0,
-        soil={"model": "fixed", "permittivity": soil["permittivity"], "conductivity": soil["conductivity"]},
+        soil={
+            "model": "fixed",
+            "permittivity": soil["permittivity"],
+            "conductivity": soil["conductivity"],
+        },
         # Heights within ±1.8 cm: three standard deviations. The correlation length is not stated.
-        surface={"rms_height": 0.006, "correlation_length": 0.1, "slope": 0.0, "texture_shape": None},
+        surface={
+            "rms_height": 0.006,
+            "correlation_length": 0.1,
+            "slope": 0.0,
+            "texture_shape": None,
+        },
         targets=targets,
         objects=[
             {"kind": "rock", "x": rock["x"], "y": rock["y"], "radius": rock["radius"]},
-            {"kind": "post", "x": post["x"], "y": post["y"], "radius": 0.03, "height": post["height"]},
+            {
+                "kind": "post",
+                "x": post["x"],
+                "y": post["y"],
+                "radius": 0.03,
+                "height": post["height"],
+            },
         ],
         track={"positions": tuple(run["pose"].values[:, 1])},
     )
@@ -125,12 +140,32 @@ def report(names, pols, want, got, want_at, got_at) -> None:
             (name, "VV level (dB)", want[i, vv], got[:, i, vv]),
             (name, "HH/VV (dB)", want[i, hh] - want[i, vv], got[:, i, hh] - got[:, i, vv]),
         ]
-    rows.append(("metal 2 over metal 1", "HH (dB)", want[1, hh] - want[0, hh], got[:, 1, hh] - got[:, 0, hh]))
-    rows.append(("metal 2 over metal 1", "VV (dB)", want[1, vv] - want[0, vv], got[:, 1, vv] - got[:, 0, vv]))
+    rows.append(
+        (
+            "metal 2 over metal 1",
+            "HH (dB)",
+            want[1, hh] - want[0, hh],
+            got[:, 1, hh] - got[:, 0, hh],
+        )
+    )
+    rows.append(
+        (
+            "metal 2 over metal 1",
+            "VV (dB)",
+            want[1, vv] - want[0, vv],
+            got[:, 1, vv] - got[:, 0, vv],
+        )
+    )
     for name, quantity, value, values in rows:
         low, middle, high = np.percentile(values, [2.5, 50, 97.5])
-        verdict = "yes" if low <= value <= high else f"no, by {min(abs(value - low), abs(value - high)):.1f} dB"
-        print(f"| {name} | {quantity} | {value:.1f} | {middle:.1f} ({low:.1f} to {high:.1f}) | {verdict} |")
+        verdict = (
+            "yes"
+            if low <= value <= high
+            else f"no, by {min(abs(value - low), abs(value - high)):.1f} dB"
+        )
+        print(
+            f"| {name} | {quantity} | {value:.1f} | {middle:.1f} ({low:.1f} to {high:.1f}) | {verdict} |"
+        )
     print()
     for i, name in enumerate(names):
         for label, p in (("HH", hh), ("VV", vv)):
@@ -151,11 +186,21 @@ def draw_images(full, simulated, places) -> None:
             level = level - level[20:, inside].max()
             y = image["y"].values + image.attrs["pose"][1]
             mesh = axes.pcolormesh(
-                image["x"], y, level, vmin=-30, vmax=0, cmap="viridis", shading="nearest", rasterized=True
+                image["x"],
+                y,
+                level,
+                vmin=-30,
+                vmax=0,
+                cmap="viridis",
+                shading="nearest",
+                rasterized=True,
             )
             axes.plot(*places.T, "s", mfc="none", mec="red", ms=9)
             axes.set(
-                aspect="equal", title=f"{polarization}, {label}", xlabel="x (m)", ylabel="y (m)" if not (i + j) else ""
+                aspect="equal",
+                title=f"{polarization}, {label}",
+                xlabel="x (m)",
+                ylabel="y (m)" if not (i + j) else "",
             )
     figure.colorbar(mesh, ax=figure.axes, shrink=0.7, label="dB re strongest pixel of the lane")
     figure.savefig(IMAGES / "fullwave-images.png", dpi=75, metadata={"Software": None})
@@ -178,7 +223,9 @@ def draw_levels(names, pols, want, got) -> None:
             capsize=4,
             label=f"{polarization}, 50 surfaces (median, 95 %)",
         )
-        axes.plot(place, want[:, p], "x", color=colour, ms=9, mew=2, label=f"{polarization}, full wave")
+        axes.plot(
+            place, want[:, p], "x", color=colour, ms=9, mew=2, label=f"{polarization}, full wave"
+        )
     axes.set_xticks(range(len(names)), names)
     axes.set_ylabel("level (dB, one common scale)")
     axes.grid(alpha=0.3)

@@ -86,7 +86,9 @@ def draw(cases, found, path) -> None:
                     if case.soil["permittivity"] == eps and case.body["name"] == body
                 ]
                 cover, full, over = np.array(some).T
-                axes[row, i].plot(cover, full, "o-", color=colour, label=f"{WORDS[body]}, full wave")
+                axes[row, i].plot(
+                    cover, full, "o-", color=colour, label=f"{WORDS[body]}, full wave"
+                )
                 axes[row, i].plot(cover, full - over, "x--", color=colour, label="simulated")
             axes[row, i].set(title=f"{label}, soil {eps:g}")
             axes[row, i].grid(alpha=0.3)
@@ -103,7 +105,9 @@ def main() -> None:
     parser.add_argument("--no-figure", action="store_true", help="print only")
     told = parser.parse_args()
     cases = [load(name) for name in names()]
-    cases.sort(key=lambda case: (case.soil["permittivity"], ORDER[case.body["name"]], case.body["cover_m"]))
+    cases.sort(
+        key=lambda case: (case.soil["permittivity"], ORDER[case.body["name"]], case.body["cover_m"])
+    )
     found = [compare(case, simulated(case)) for case in cases]
     report(cases, found)
     if not told.no_figure:

@@ -29,7 +29,9 @@ def main() -> None:
         path = output / f"{study.name}.csv"
         with path.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file, lineterminator="\n").writerows([header(), *rows])
-        print(f"{path}: {'; '.join(count_verdicts(world, found) for world, found in findings.items())}")
+        print(
+            f"{path}: {'; '.join(count_verdicts(world, found) for world, found in findings.items())}"
+        )
 
 
 def header() -> list[str]:

@@ -1,7 +1,7 @@
 """Measure the viewer in headless Chromium: what a user waits for, and what the server needs.
 
-The lane is that of the tests: 60 x 12,000 pixels (1.2 km), 900 alarms, 80 targets, two polarizations and sub-bands
-before and after suppression. Usage::
+The lane is that of the tests: 60 x 12,000 pixels (1.2 km), 900 alarms, 80 targets, two
+polarizations and sub-bands before and after suppression. Usage::
 
     python benchmarks/viewer.py [--rounds 5]
 
@@ -81,14 +81,23 @@ def live_delay(page, folder):
     """Time from the writing of an alarm's event to its line on the page, ms."""
     file = folder / "live.jsonl"
     waits = []
-    file.write_text(json.dumps({"event": "start", "lane": {"x_min": -3, "x_max": 3, "y_min": 0, "y_max": 60}}) + "\n")
+    file.write_text(
+        json.dumps({"event": "start", "lane": {"x_min": -3, "x_max": 3, "y_min": 0, "y_max": 60}})
+        + "\n"
+    )
     scan = {"event": "scan", "scan": 0, "pose": [0, 2, 5, 0, 0, 0]}
     with server("--live", folder) as (url, _):
         page.goto(url)
         page.click("#to-desk")  # the driver's screen comes first
         for number in range(12):
             name = f"alarm-{number}"
-            alarm = {"event": "alarm", "alarm_id": name, "x": 1.0, "y": 5.0 - 0.1 * number, "confidence": 4.5}
+            alarm = {
+                "event": "alarm",
+                "alarm_id": name,
+                "x": 1.0,
+                "y": 5.0 - 0.1 * number,
+                "confidence": 4.5,
+            }
             start = time.perf_counter()
             with file.open("a") as out:
                 out.write(json.dumps(scan) + "\n" + json.dumps(alarm) + "\n")
@@ -113,13 +122,17 @@ def memory(url, process):
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--rounds", type=int, default=5)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as play:
         home = Path(folder)
         results = [make_long_lane(home / "one", 12_000, 3), make_long_lane(home / "two", 12_000, 9)]
-        browser = play.chromium.launch(executable_path=shutil.which("chromium") or "", args=FLAGS)  # as users have it
+        browser = play.chromium.launch(
+            executable_path=shutil.which("chromium") or "", args=FLAGS
+        )  # as users have it
         for _ in range(options.rounds):
             page = browser.new_context(viewport={"width": 1280, "height": 800}).new_page()
             with server(results[0]) as (url, _):
@@ -133,7 +146,9 @@ def main() -> None:
         page = browser.new_context().new_page()
         (home / "live").mkdir()
         usual, most = live_delay(page, home / "live")
-        print(f"a live alarm stands on the page {usual:.0f} ms after its event (median), {most:.0f} ms at most")
+        print(
+            f"a live alarm stands on the page {usual:.0f} ms after its event (median), {most:.0f} ms at most"
+        )
         with server(*results) as (url, process):
             peak, count = memory(url, process)
             print(f"server: {peak:.0f} MB at most, two results open and {count} tiles read")

@@ -1,7 +1,7 @@
 """Time the wang2007 chain from a stored run to scored alarms, pass by pass.
 
-The run is noise on the geometry of the ``sri-array``: what the chain does per scan does not depend on what the scan
-shows, and the density rule fixes the number of alarms. Usage::
+The run is noise on the geometry of the ``sri-array``: what the chain does per scan does not depend
+on what the scan shows, and the density rule fixes the number of alarms. Usage::
 
     python benchmarks/wang2007.py [--scans 600] [--folder DIR]
 
@@ -45,7 +45,9 @@ def write_noise_run(path: Path, scans: int) -> Path:
         for scan in range(scans):
             noise = rng.standard_normal((2, *shape), dtype=np.float32)
             attitude = 0.004 * rng.standard_normal(2)
-            writer.append(noise[0] + 1j * noise[1], [0.0, STEP * scan - 20, 5.0, 0.0, *attitude], float(scan))
+            writer.append(
+                noise[0] + 1j * noise[1], [0.0, STEP * scan - 20, 5.0, 0.0, *attitude], float(scan)
+            )
     return path
 
 
@@ -65,7 +67,9 @@ class Clock:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--scans", type=int, default=600)
     parser.add_argument("--folder", type=Path, default=None)
     options = parser.parse_args()
@@ -79,7 +83,14 @@ def main() -> None:
         lane = Lane(-1.5, 1.5, 0.0, length)
         detect(open_run(small), recipe, Lane(-1.5, 1.5, -13.0, 0.0))  # compile
         places = np.linspace(5, length - 5, max(2, options.scans // 12))
-        truth = pd.DataFrame({"target_id": [f"T{i}" for i in range(places.size)], "x": 0.0, "y": places, "depth": 0.05})
+        truth = pd.DataFrame(
+            {
+                "target_id": [f"T{i}" for i in range(places.size)],
+                "x": 0.0,
+                "y": places,
+                "depth": 0.05,
+            }
+        )
         truth["kind"] = "metal"
         clock = Clock()
         wall = time.perf_counter()
@@ -88,7 +99,9 @@ def main() -> None:
         score = pd_mean(roc(found.alarms, truth, lane))
         total = ("all", time.perf_counter() - wall, time.process_time() - cpu)
     columns = found.features.shape[1] - 1
-    print(f"{options.scans} scans, {len(found.alarms)} alarms, {columns} feature columns, PD_mean {score:.2f}")
+    print(
+        f"{options.scans} scans, {len(found.alarms)} alarms, {columns} feature columns, PD_mean {score:.2f}"
+    )
     print(
         f"{os.cpu_count()} cores, {numba.get_num_threads()} threads, load average {os.getloadavg()[0]:.1f} at the end"
     )

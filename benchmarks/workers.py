@@ -1,10 +1,11 @@
 """Compare one worker with two on a lane of 300 m, and say what pieces of work cost: the plan for many workers.
 
-The run is noise on the geometry of the ``sri-array`` with the recipe ``wang2007``, see ``wang2007.py``. Usage::
+The run is noise on the geometry of the ``sri-array`` with the recipe ``wang2007``, see
+``wang2007.py``. Usage::
 
-    NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python benchmarks/workers.py [--scans 180] [--rounds 3] [--folder DIR]
-    python benchmarks/workers.py --scheduler-load 2000
-    python benchmarks/workers.py --model [--figure docs/images/workers.png]
+    NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python benchmarks/workers.py [--scans 180] [--rounds 3]
+    [--folder DIR] python benchmarks/workers.py --scheduler-load 2000 python benchmarks/workers.py
+    --model [--figure docs/images/workers.png]
 
 Every round detects with one worker process and with two, each of one thread, in turn changing the order; medians of
 the rounds count. The time is that of ``flgpr detect`` from the stored run to the result folder without the page. The
@@ -45,7 +46,9 @@ def once(store: Path, lane: Path, output: Path, workers: int) -> dict[str, Any]:
     reports: list[dict[str, Any]] = []
     begun = time.perf_counter()
     driver = time.process_time()
-    result = tasks.detect_run(store, "wang2007", output, lane, report=False, workers=workers, note=reports.append)
+    result = tasks.detect_run(
+        store, "wang2007", output, lane, report=False, workers=workers, note=reports.append
+    )
     wall = time.perf_counter() - begun
     driver = time.process_time() - driver
     return {
@@ -62,7 +65,9 @@ def plan(reports: list[dict[str, Any]], scans: int) -> list[str]:
     rows: dict[tuple[str, bool], list[dict[str, Any]]] = defaultdict(list)
     for report in reports:
         rows[report["stage"], report["block"] >= 0].append(report)
-    lines = [f"{'stage':10s} {'piece':6s} {'pieces':>6s} {'s each':>8s} {'MB each':>8s} {'s in all':>8s}   (processor)"]
+    lines = [
+        f"{'stage':10s} {'piece':6s} {'pieces':>6s} {'s each':>8s} {'MB each':>8s} {'s in all':>8s}   (processor)"
+    ]
     for (stage, is_block), some in rows.items():
         seconds = [one["processor_seconds"] for one in some]
         size = [one["bytes"] / 1e6 for one in some]
@@ -85,7 +90,15 @@ def processor(reports: list[dict[str, Any]]) -> float:
 
 def nothing(job: LaneJob, stage: str, number: int) -> dict[str, Any]:
     """Do nothing with the arguments of a piece and report as one does."""
-    return {"lane": job.output, "stage": stage, "block": number, "seconds": 0.0, "bytes": 0, "worker": "", "cpu": ""}
+    return {
+        "lane": job.output,
+        "stage": stage,
+        "block": number,
+        "seconds": 0.0,
+        "bytes": 0,
+        "worker": "",
+        "cpu": "",
+    }
 
 
 def scheduler_load(pieces: int) -> None:
@@ -96,22 +109,43 @@ def scheduler_load(pieces: int) -> None:
     job = LaneJob("/data/lane.zarr", recipe_text("wang2007"), (-1.5, 1.5, 0.0, 300.0), None, "/data/out", False,
                   "0" * 64, "", code_versions(), "x86_64", 2 * 10**9)  # fmt: skip
     dask = [sys.executable, "-m", "dask"]
-    environment = {**os.environ, "PYTHONPATH": f"{os.environ.get('PYTHONPATH', '')}:{Path(__file__).parent}"}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": f"{os.environ.get('PYTHONPATH', '')}:{Path(__file__).parent}",
+    }
     with tempfile.TemporaryDirectory() as folder:
         note = Path(folder) / "scheduler.json"
-        head = subprocess.Popen([*dask, "scheduler", "--no-dashboard", "--port", "0", "--scheduler-file", str(note)])
+        head = subprocess.Popen(
+            [*dask, "scheduler", "--no-dashboard", "--port", "0", "--scheduler-file", str(note)]
+        )
         hands = []
         try:
             while not note.exists():
                 time.sleep(0.1)
             address = json.loads(note.read_text())["address"]
-            options = ["--no-nanny", "--nthreads", "1", "--no-dashboard", "--local-directory", folder]
-            hands = [subprocess.Popen([*dask, "worker", address, *options], env=environment) for _ in range(2)]
+            options = [
+                "--no-nanny",
+                "--nthreads",
+                "1",
+                "--no-dashboard",
+                "--local-directory",
+                folder,
+            ]
+            hands = [
+                subprocess.Popen([*dask, "worker", address, *options], env=environment)
+                for _ in range(2)
+            ]
             with Cluster(address) as cluster:
                 list(cluster.run(nothing, [(job, "signature", number) for number in range(20)]))
                 before = psutil.Process(head.pid).cpu_times()
                 begun = time.perf_counter()
-                done = len(list(cluster.run(nothing, [(job, "signature", number) for number in range(pieces)])))
+                done = len(
+                    list(
+                        cluster.run(
+                            nothing, [(job, "signature", number) for number in range(pieces)]
+                        )
+                    )
+                )
                 after = psutil.Process(head.pid).cpu_times()
                 wall = time.perf_counter() - begun
                 begun = time.perf_counter()
@@ -127,14 +161,18 @@ def scheduler_load(pieces: int) -> None:
     print(
         f"{done} pieces, each {1e3 * cost:.2f} ms of the scheduler's processor, {1e3 * wall / done:.2f} ms on the clock"
     )
-    print(f"message of a piece {size} bytes, report {len(serialize_bytes(nothing(job, 'signature', 3)))} bytes")
+    print(
+        f"message of a piece {size} bytes, report {len(serialize_bytes(nothing(job, 'signature', 3)))} bytes"
+    )
     print(f"one piece alone, there and back: {1e3 * there_and_back:.1f} ms")
     scaling.keep(scheduler_seconds=cost, there_and_back=there_and_back)
 
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--scans", type=int, default=180)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--folder", type=Path, default=None)
@@ -149,7 +187,9 @@ def main() -> None:
         scheduler_load(options.scheduler_load)
         return
     if numba.config.NUMBA_NUM_THREADS != 1:
-        parser.error("a worker must have one thread to compare one with two: set NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1")
+        parser.error(
+            "a worker must have one thread to compare one with two: set NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1"
+        )
     found: dict[int, list[dict[str, Any]]] = {1: [], 2: []}
     load = os.getloadavg()[0]
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
@@ -157,7 +197,9 @@ def main() -> None:
         kept = Path(options.folder or folder) / f"run-{options.scans}.zarr"
         store = kept if kept.exists() else write_noise_run(kept, options.scans)
         lane = home / "lane.toml"
-        lane.write_text(f"x_min = -1.5\nx_max = 1.5\ny_min = 0.0\ny_max = {STEP * options.scans - 5}\n")
+        lane.write_text(
+            f"x_min = -1.5\nx_max = 1.5\ny_min = 0.0\ny_max = {STEP * options.scans - 5}\n"
+        )
         for number in range(options.rounds):
             for workers in (1, 2) if number % 2 == 0 else (2, 1):
                 one = once(store, lane, home / "result", workers)
@@ -165,11 +207,18 @@ def main() -> None:
                 print(f"round {number + 1}, {workers} workers: {one['wall']:.1f} s", flush=True)
     same = all(one["files"] == found[1][0]["files"] for some in found.values() for one in some)
     walls = {workers: median(one["wall"] for one in some) for workers, some in found.items()}
-    work = {workers: median(processor(one["reports"]) for one in some) for workers, some in found.items()}
+    work = {
+        workers: median(processor(one["reports"]) for one in some)
+        for workers, some in found.items()
+    }
     efficiency = [a["wall"] / (2 * b["wall"]) for a, b in zip(found[1], found[2], strict=True)]
-    print(f"{options.scans} scans, {found[1][0]['alarms']} alarms, {os.cpu_count()} cores, load {load:.1f} before")
+    print(
+        f"{options.scans} scans, {found[1][0]['alarms']} alarms, {os.cpu_count()} cores, load {load:.1f} before"
+    )
     print(f"1 worker {walls[1]:.1f} s, 2 workers {walls[2]:.1f} s, the same bytes: {same}")
-    print(f"efficiency {walls[1] / (2 * walls[2]):.2f} (rounds: {', '.join(f'{value:.2f}' for value in efficiency)})")
+    print(
+        f"efficiency {walls[1] / (2 * walls[2]):.2f} (rounds: {', '.join(f'{value:.2f}' for value in efficiency)})"
+    )
     print(f"processor seconds of the pieces: {work[1]:.1f} with 1 worker, {work[2]:.1f} with 2")
     peak = max(r["peak_bytes"] for some in found.values() for one in some for r in one["reports"])
     print(f"largest memory of a worker {peak / 1e9:.2f} GB")

@@ -43,10 +43,18 @@ class Commands(Directive):
                 if not one.help:
                     continue
                 term = nodes.term("", "")
-                names = [one.name.upper()] if one.param_type_name == "argument" else [*one.opts, *one.secondary_opts]
+                names = (
+                    [one.name.upper()]
+                    if one.param_type_name == "argument"
+                    else [*one.opts, *one.secondary_opts]
+                )
                 for number, name in enumerate(names):
                     term += [nodes.Text(", ")] * bool(number) + [nodes.literal(name, name)]
-                default = "" if one.default in (None, False, ()) or callable(one.default) else f" [{one.default}]"
+                default = (
+                    ""
+                    if one.default in (None, False, ()) or callable(one.default)
+                    else f" [{one.default}]"
+                )
                 rows += nodes.definition_list_item(
                     "", term, nodes.definition("", nodes.paragraph("", one.help + default))
                 )

@@ -26,11 +26,16 @@ extensions = [
     "links",
 ]
 exclude_patterns = ["_build", "gallery", "examples/*.ipynb", "examples/*.py"]
-suppress_warnings = ["toc.not_included", "ref.python"]  # short type names of docstrings may fit twice
+suppress_warnings = [
+    "toc.not_included",
+    "ref.python",
+]  # short type names of docstrings may fit twice
 nitpicky = True  # a reference that leads nowhere is an error
-# The step-by-step pages of the papers name the very function or entry of a recipe; not all of them have a page of their
-# own. That each exists is tested with the names of all pages.
-nitpick_ignore = [("py:class", "collections.abc.Mapping")]  # an alias in an annotation, printed whole
+# The step-by-step pages of the papers name the very function or entry of a recipe; not all of them
+# have a page of their own. That each exists is tested with the names of all pages.
+nitpick_ignore = [
+    ("py:class", "collections.abc.Mapping")
+]  # an alias in an annotation, printed whole
 nitpick_ignore_regex = [
     ("py:obj", r"flgpr\.(kernels|features|detect|clutter)\.\w+(\.\w+)*"),
     ("py:obj", r"flgpr\.chain\.(recipe|classifier|stages)\.\w+(\.\w+)*"),
@@ -74,7 +79,13 @@ sphinx_gallery_conf = {
 }
 linkcheck_ignore = [r".*"]
 
-_INHERITED = {"model_config", "set_fit_request", "set_score_request", "set_predict_request", "set_transform_request"}
+_INHERITED = {
+    "model_config",
+    "set_fit_request",
+    "set_score_request",
+    "set_predict_request",
+    "set_transform_request",
+}
 
 
 def setup(app):

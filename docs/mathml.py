@@ -16,5 +16,7 @@ def _display(self, node):
 
 def setup(app):
     """Register the renderer."""
-    app.add_html_math_renderer("mathml", inline_renderers=(_inline, None), block_renderers=(_display, None))
+    app.add_html_math_renderer(
+        "mathml", inline_renderers=(_inline, None), block_renderers=(_display, None)
+    )
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -116,7 +116,9 @@ def drive(scans=5, poses=40, compression="zstd", crcs=True, **changes):
     from mcap_ros2.writer import Writer
 
     out = io.BytesIO()
-    writer = Writer(out, chunk_size=1024, compression=CompressionType[compression.upper()], enable_crcs=crcs)
+    writer = Writer(
+        out, chunk_size=1024, compression=CompressionType[compression.upper()], enable_crcs=crcs
+    )
     schemas = {topic: writer.register_msgdef(*told) for topic, told in TYPES.items()}
 
     def write(topic, time, message):
@@ -126,7 +128,11 @@ def drive(scans=5, poses=40, compression="zstd", crcs=True, **changes):
         time = EPOCH + 0.1 * k
         turn = parts("xyzw", Rotation.from_euler("z", -0.05 * k * 0.1).as_quat())
         place = [0.2 * k, -0.1, 1.5]
-        write("/pose", time, {"header": stamp(time), "pose": {"position": parts("xyz", place), "orientation": turn}})
+        write(
+            "/pose",
+            time,
+            {"header": stamp(time), "pose": {"position": parts("xyz", place), "orientation": turn}},
+        )
         moved = [
             {
                 "header": stamp(time),
@@ -137,17 +143,29 @@ def drive(scans=5, poses=40, compression="zstd", crcs=True, **changes):
         ]
         write("/tf", time, {"transforms": moved})
         fix = {"latitude": 47.9, "longitude": 11.3, "altitude": 300.0 + k, "good": True}
-        write("/fix", time, {"header": stamp(time), **fix, "position_covariance": [1.0] * 9, "note": "a"})
+        write(
+            "/fix",
+            time,
+            {"header": stamp(time), **fix, "position_covariance": [1.0] * 9, "note": "a"},
+        )
     for k in range(scans):
         time = EPOCH + 0.5 + 0.5 * k
         echo = changes.get("iq", lambda k: np.arange(12) + 100 * k)(k)
         found = [{"range": 1.5, "cell": k}, {"range": 2.5, "cell": -k}]
-        message = {"header": stamp(time), "labels": ["a", ""], "antennas": 2, "iq": echo.tolist(), "found": found}
+        message = {
+            "header": stamp(time),
+            "labels": ["a", ""],
+            "antennas": 2,
+            "iq": echo.tolist(),
+            "found": found,
+        }
         write("/radar", time, message)
     inner = writer._writer
     level = inner.register_channel("/level", "json", 0)
     for k in range(3):
-        inner.add_message(level, k, b'{"level": {"x": 1, "y": %d.5}, "list": [1, 2, null], "name": "a"}' % k, k)
+        inner.add_message(
+            level, k, b'{"level": {"x": 1, "y": %d.5}, "list": [1, 2, null], "name": "a"}' % k, k
+        )
     inner.add_message(inner.register_channel("/proto", "protobuf", 0), 5, b"??", 5)
     writer.finish()
     return out.getvalue()

@@ -5,8 +5,9 @@ import gc
 import os
 import time
 
-# Small products of matrices on several threads cost several times the work itself, above all beside other processes,
-# and threads that wait should sleep, not spin. OpenMP and OpenBLAS read this when loaded; child processes inherit it.
+# Small products of matrices on several threads cost several times the work itself, above all beside
+# other processes, and threads that wait should sleep, not spin. OpenMP and OpenBLAS read this when
+# loaded; child processes inherit it.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -38,7 +39,8 @@ HEAVY = (
 """Files that take longest: they are begun first, so that the processes end together."""
 hypothesis.settings.register_profile("any machine", deadline=None)  # no test asserts a time
 hypothesis.settings.load_profile("any machine")
-# At its usual pace the collector goes through all that was imported time and again: a twentieth of all time.
+# At its usual pace the collector goes through all that was imported time and again: a twentieth of
+# all time.
 gc.set_threshold(100_000, 50, 100)
 
 
@@ -47,7 +49,9 @@ def pytest_collection_finish():
 
 
 def pytest_collection_modifyitems(items):
-    items.sort(key=lambda item: HEAVY.index(item.path.stem) if item.path.stem in HEAVY else len(HEAVY))
+    items.sort(
+        key=lambda item: HEAVY.index(item.path.stem) if item.path.stem in HEAVY else len(HEAVY)
+    )
 
 
 @pytest.hookimpl(wrapper=True)
@@ -69,7 +73,9 @@ def quick_disk():
 def built_commands():
     """Build the command line once, not for every command that a test calls."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("typer.testing._get_command", functools.cache(typer.main.get_command), raising=False)
+        patch.setattr(
+            "typer.testing._get_command", functools.cache(typer.main.get_command), raising=False
+        )
         yield
 
 
@@ -98,7 +104,9 @@ def _draw_nothing(patch):
 
 def _blank(_figure, target, **options):
     moment = time.gmtime(0)  # the same bytes each time
-    Image.new("L", (1, 1)).save(target, options.get("format", "png"), creationDate=moment, modDate=moment)
+    Image.new("L", (1, 1)).save(
+        target, options.get("format", "png"), creationDate=moment, modDate=moment
+    )
 
 
 class _BlankCanvas:

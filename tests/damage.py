@@ -26,7 +26,11 @@ FUZZ = settings(
     max_examples=CASES,
     deadline=None,
     database=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow, HealthCheck.data_too_large],
+    suppress_health_check=[
+        HealthCheck.function_scoped_fixture,
+        HealthCheck.too_slow,
+        HealthCheck.data_too_large,
+    ],
 )
 MACHINE = settings(FUZZ, max_examples=max(CASES // 4, 1), stateful_step_count=20)
 """Of a state machine, whose cases are long."""
@@ -46,7 +50,9 @@ _BLOWS = st.lists(
 def damaged(data, draw):
     """Cut, flip, swap, overwrite or lengthen."""
     raw = bytearray(data)
-    for what, where, bit, new in draw(_BLOWS):  # drawn at once, so that what is drawn does not depend on the data
+    for what, where, bit, new in draw(
+        _BLOWS
+    ):  # drawn at once, so that what is drawn does not depend on the data
         at = where % max(len(raw), 1)
         if what == "cut":
             del raw[at:]
@@ -108,7 +114,9 @@ def _reader():
     ours, theirs = socket.socketpair()
     with theirs:
         command = [sys.executable, "-c", _READER, str(theirs.fileno())]
-        return ours, subprocess.Popen(command, pass_fds=[theirs.fileno()])  # kept: it ends when our end is closed
+        return ours, subprocess.Popen(
+            command, pass_fds=[theirs.fileno()]
+        )  # kept: it ends when our end is closed
 
 
 @contextmanager
@@ -185,7 +193,16 @@ def one_byte_more(path, _):
         file.write(b"\n")
 
 
-DAMAGES = (link_to_file, link_to_folder, pipe, unix_socket, device, folder_instead, sparse, one_byte_more)
+DAMAGES = (
+    link_to_file,
+    link_to_folder,
+    pipe,
+    unix_socket,
+    device,
+    folder_instead,
+    sparse,
+    one_byte_more,
+)
 
 
 def answered(call, *arguments):

@@ -162,14 +162,22 @@ COMMANDS = [
         "image {in}/line.zarr --permittivity 9 --x -0.2 0.2 --depth 0.2 --depth 0.4 -o {out}/a.png -o {out}/a.npz",
         "image {in}/line.zarr --permittivity 9 --x -0.2 0.2 --depth 0.3 -o {out}/a.npz",
     ),
-    Command("design", "design {in}/sensor.toml -o {out}/a.html", "design {in}/sensor.toml --depth 0.1 -o {out}/a.html"),
+    Command(
+        "design",
+        "design {in}/sensor.toml -o {out}/a.html",
+        "design {in}/sensor.toml --depth 0.1 -o {out}/a.html",
+    ),
     Command("info", "info {in}/run.zarr --plot {out}/a.png"),
     Command(
         "info files",
         "info {in}/mapped.npz {in}/track.csv --mapping {out}/a.toml",
         "info {in}/mapped.npz {in}/reflectors.csv --mapping {out}/a.toml",
     ),
-    Command("recipe for", "recipe for {in}/run.zarr -o {out}/a.toml", "recipe for {in}/line.zarr -o {out}/a.toml"),
+    Command(
+        "recipe for",
+        "recipe for {in}/run.zarr -o {out}/a.toml",
+        "recipe for {in}/line.zarr -o {out}/a.toml",
+    ),
     Command(
         "anchor",
         "anchor {in}/points.csv --crs EPSG:4326 --accuracy 0.02 --write {out}/a.toml --lane {in}/lane.toml "
@@ -306,7 +314,11 @@ COMMANDS = [
         "live {in}/other-incoming --recipe {in}/small.toml --snapshot 3 -o {out}/live",
         loose=("live/live.jsonl", "live/live.json"),
     ),
-    Command("feed", "feed {in}/lane.zarr {out}/in --rate 0 --lead 0", "feed {in}/run.zarr {out}/in --rate 0 --lead 0"),
+    Command(
+        "feed",
+        "feed {in}/lane.zarr {out}/in --rate 0 --lead 0",
+        "feed {in}/run.zarr {out}/in --rate 0 --lead 0",
+    ),
 ]
 """What takes minutes, ``benchmark`` and ``reproduce``, has tests of its own."""
 
@@ -322,7 +334,11 @@ def make_inputs(home):
     save_run(run, home / "run.zarr")
     save_run(run.assign_attrs(title="tied"), home / "tied.zarr")
     save_run(run.isel(pair=slice(0, 2)), home / "few.zarr")
-    write_cphd(run.isel(pair=slice(0, 5)), home / "a.cphd", fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02))
+    write_cphd(
+        run.isel(pair=slice(0, 5)),
+        home / "a.cphd",
+        fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02),
+    )
     io_gpr.write_dt1(home / "line.dt1", io_gpr.section(24))
     tasks.import_gpr(home / "line.dt1", home / "line.zarr", height=0.5)
     _make_mapped(home)
@@ -341,13 +357,21 @@ def _with_inputs(command, home):
 
 def _make_anchors(home):
     places = on_the_ellipsoid(LANE)
-    rows = "".join(f"{x},{y},{e:.9f},{n:.9f}\n" for (x, y, _), (e, n) in zip(LANE, places, strict=True))
+    rows = "".join(
+        f"{x},{y},{e:.9f},{n:.9f}\n" for (x, y, _), (e, n) in zip(LANE, places, strict=True)
+    )
     (home / "points.csv").write_text("lane_x_m,lane_y_m,longitude_deg,latitude_deg\n" + rows)
-    tasks.write_anchor(tasks.anchor_from_points(home / "points.csv", "EPSG:4326", 0.02), home / "anchor.toml")
+    tasks.write_anchor(
+        tasks.anchor_from_points(home / "points.csv", "EPSG:4326", 0.02), home / "anchor.toml"
+    )
     turned = on_the_ellipsoid(LANE, azimuth=0.3)
-    rows = "".join(f"{x},{y},{e:.9f},{n:.9f}\n" for (x, y, _), (e, n) in zip(LANE, turned, strict=True))
+    rows = "".join(
+        f"{x},{y},{e:.9f},{n:.9f}\n" for (x, y, _), (e, n) in zip(LANE, turned, strict=True)
+    )
     (home / "turned.csv").write_text("lane_x_m,lane_y_m,longitude_deg,latitude_deg\n" + rows)
-    tasks.write_anchor(tasks.anchor_from_points(home / "turned.csv", "EPSG:4326", 0.02), home / "turned.toml")
+    tasks.write_anchor(
+        tasks.anchor_from_points(home / "turned.csv", "EPSG:4326", 0.02), home / "turned.toml"
+    )
 
 
 MAPPED = """
@@ -373,12 +397,16 @@ def _make_mapped(home):
     rng = np.random.default_rng(4)
     np.savez(home / "mapped.npz", s=rng.normal(size=(12, 20)) + 1j, t=np.arange(12.0))
     (home / "mapped.toml").write_text(MAPPED)
-    fixes = "time_s,x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n-10,0,0,2,0,0,0\n100,0,200,2,0,0,0\n"
+    fixes = (
+        "time_s,x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n-10,0,0,2,0,0,0\n100,0,200,2,0,0,0\n"
+    )
     (home / "track.csv").write_text(fixes)
 
 
 def _make_decks(home):
-    decks = simulation.write_gprmax_decks(*lane_and_sensor(), 1, home / "decks", cells_per_wavelength=12)
+    decks = simulation.write_gprmax_decks(
+        *lane_and_sensor(), 1, home / "decks", cells_per_wavelength=12
+    )
     for name, text in decks.files.items():
         if name.endswith(".in"):
             write_output(home / "decks" / name.replace(".in", ".out"), text)
@@ -391,7 +419,9 @@ def _make_scenes(home):
     )
     (home / "scene.toml").write_text(scene.format(length=6.0, places="0.0, 0.5, 1.0"))
     (home / "other-scene.toml").write_text(scene.format(length=7.0, places="0.0"))
-    (home / "sensor.toml").write_text(SENSOR.replace("count = 81", "count = 63").replace("14e6", "18e6"))
+    (home / "sensor.toml").write_text(
+        SENSOR.replace("count = 81", "count = 63").replace("14e6", "18e6")
+    )
     body = 'name = "{name}"\n[[layers]]\nthickness = 0.02\nzones = [[0.03, 2.0]]\n'
     (home / "body.toml").write_text(body.format(name="tiny"))
     (home / "other-body.toml").write_text(body.format(name="other"))
@@ -401,12 +431,18 @@ def _make_lane(home):
     """Make a lane to detect on, its result, alarm lists, scans of it, and what a score needs."""
     run = small_run(scans=24, step=0.3, tones=49).assign_attrs(title="small")
     save_run(run, home / "lane.zarr")
-    text = small_recipe().replace("x = [-2.0, 2.0]", "x = [-1.5, 1.5]").replace("variants = true\n", "")
+    text = (
+        small_recipe()
+        .replace("x = [-2.0, 2.0]", "x = [-1.5, 1.5]")
+        .replace("variants = true\n", "")
+    )
     (home / "small.toml").write_text(text)
     (home / "other.toml").write_text(text.replace("radius = 0.4", "radius = 0.5"))
     (home / "lane.toml").write_text(LANE_TOML)
     (home / "truth.csv").write_text(TRUTH)
-    result = tasks.detect_run(home / "lane.zarr", home / "small.toml", home / "result", home / "lane.toml")
+    result = tasks.detect_run(
+        home / "lane.zarr", home / "small.toml", home / "result", home / "lane.toml"
+    )
     alarms = result.detections[0].alarms
     write_table(alarms[["x", "y", "confidence"]], home / "alarms.csv")
     write_table(alarms[["x", "y", "confidence"]].iloc[::2], home / "others.csv")
@@ -432,12 +468,16 @@ def _make_rail(home):
     pose[:, :3] = place
     save_run(make_run(signal, *array, pose, time), home / "posed.zarr")
     write_table(track, home / "rail-track.csv")
-    (home / "reflectors.csv").write_text("x_m,y_m,z_m\n" + "".join(f"{x},{y},{z}\n" for x, y, z in reflectors))
+    (home / "reflectors.csv").write_text(
+        "x_m,y_m,z_m\n" + "".join(f"{x},{y},{z}\n" for x, y, z in reflectors)
+    )
 
 
 def _make_plan(home):
     (home / "sorts.csv").write_text("kind,depth,count\nmetal,0.05,3\nplastic,0.1,2\n")
-    tasks.plan_lane(home / "lane.toml", home / "sorts.csv", 3, home / "plan.csv", spacing=0.5, edge=0.1)
+    tasks.plan_lane(
+        home / "lane.toml", home / "sorts.csv", 3, home / "plan.csv", spacing=0.5, edge=0.1
+    )
     rows = (home / "plan-sheet.csv").read_text().splitlines()
     head = rows[0].split(",")
     cells = [row.split(",") for row in rows[1:]]
@@ -445,7 +485,9 @@ def _make_plan(home):
         row[head.index("emplaced")] = "yes"
     (home / "sheet.csv").write_text("\n".join([rows[0], *(",".join(row) for row in cells)]) + "\n")
     cells[0][head.index("emplaced")] = "no"
-    (home / "other-sheet.csv").write_text("\n".join([rows[0], *(",".join(row) for row in cells)]) + "\n")
+    (home / "other-sheet.csv").write_text(
+        "\n".join([rows[0], *(",".join(row) for row in cells)]) + "\n"
+    )
 
 
 def names_of_commands():

@@ -40,19 +40,28 @@ _ADVICE = re.compile(r"(\w+) = ([^()]+) in (\[\[?[\w.]+\]\]?)(?: of stage (\"[\w
 def make_lane(folder: Path) -> None:
     """Simulate the lane with all tones that the packaged sub-bands need."""
     sensor = cut_down(
-        SENSOR, [("start = 0.6e9", "start = 0.3e9"), ("step = 14e6", "step = 13e6"), ("count = 81", "count = 224")]
+        SENSOR,
+        [
+            ("start = 0.6e9", "start = 0.3e9"),
+            ("step = 14e6", "step = 13e6"),
+            ("count = 81", "count = 224"),
+        ],
     )
     (folder / "sensor.toml").write_text(sensor)
     (folder / "scene.toml").write_text(SCENE)
     (folder / "lane.toml").write_text(LANE)
     run = folder / "run.zarr"
     truth = folder / "truth.csv"
-    tasks.simulate_lane(folder / "scene.toml", folder / "sensor.toml", 1, run, errors=False, truth=truth)
+    tasks.simulate_lane(
+        folder / "scene.toml", folder / "sensor.toml", 1, run, errors=False, truth=truth
+    )
 
 
 def resized(name: str, folder: Path) -> str:
     """Text of a packaged recipe whose lengths alone fit the small array."""
-    changes = [(old, new) for old, new in SMALL.get(name, _MINIATURE) if not old.startswith(_PACKAGED)]
+    changes = [
+        (old, new) for old, new in SMALL.get(name, _MINIATURE) if not old.startswith(_PACKAGED)
+    ]
     text = cut_down(recipe_text(name), changes).replace("SENSOR", str(folder / "sensor.toml"))
     return text.replace("copies = 4", "copies = 2")
 
@@ -70,7 +79,11 @@ def follow(text: str, message: str) -> str:
     assert advice, message
     key, value, header, stage = advice.groups()
     tables = re.split(r"^(?=\[)", text, flags=re.MULTILINE)
-    wanted = [n for n, one in enumerate(tables) if one.startswith(header) and (not stage or f"stage = {stage}" in one)]
+    wanted = [
+        n
+        for n, one in enumerate(tables)
+        if one.startswith(header) and (not stage or f"stage = {stage}" in one)
+    ]
     assert len(wanted) == 1, (header, stage)
     table = tables[wanted[0]]
     entry = f"{key} = {value}"

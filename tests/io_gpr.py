@@ -42,7 +42,9 @@ def gga(lat, lon, height, quality=4):
     return f"$GPGGA,120000.00,{place},{quality},9,0.9,{height:.3f},M,0.0,M,,*00"
 
 
-def write_dt1(path, counts, real=False, order="<", comment=None, dead=None, hd=True, step=STEP, **entries):
+def write_dt1(
+    path, counts, real=False, order="<", comment=None, dead=None, hd=True, step=STEP, **entries
+):
     data = b""
     for k, trace in enumerate(counts):
         head = np.zeros(25)
@@ -60,7 +62,12 @@ def write_dt1(path, counts, real=False, order="<", comment=None, dead=None, hd=T
         "ANTENNA SEPARATION": SEPARATION, "DATA TYPE": "F*4" if real else "I*2",
     }  # fmt: skip
     told |= {name.replace("_", " "): value for name, value in entries.items()}
-    lines = ["1234", "line - pulseEKKO", "2024-Apr-04", *(f"{name:<19}= {value}" for name, value in told.items())]
+    lines = [
+        "1234",
+        "line - pulseEKKO",
+        "2024-Apr-04",
+        *(f"{name:<19}= {value}" for name, value in told.items()),
+    ]
     if hd:
         path.with_suffix(".hd").write_bytes("\r\n".join(lines).encode())
     return path
@@ -73,7 +80,9 @@ def write_dzt(path, channels, bits=16, names=("50400",), per_metre=1 / STEP, dat
     for k in range(many):
         start = many if data is None else data
         struct.pack_into("<HHHHh", head, 1024 * k, 0x00FF, start, samples, bits, 0)
-        struct.pack_into("<5f", head, 1024 * k + 10, 50.0, per_metre, 5.0, -ZERO * INTERVAL * 1e9, WINDOW)
+        struct.pack_into(
+            "<5f", head, 1024 * k + 10, 50.0, per_metre, 5.0, -ZERO * INTERVAL * 1e9, WINDOW
+        )
         struct.pack_into("<H", head, 1024 * k + 52, many)
         name = names[k].encode()
         head[1024 * k + 98 : 1024 * k + 98 + len(name)] = name
@@ -94,7 +103,9 @@ def write_mala(path, counts, rad=True, **entries):
         "TIMEWINDOW": WINDOW, "LAST TRACE": len(counts),
     } | {name.replace("_", " "): value for name, value in entries.items()}  # fmt: skip
     if rad:
-        path.with_suffix(".RAD").write_text("\r\n".join(f"{name}:{value}" for name, value in told.items()))
+        path.with_suffix(".RAD").write_text(
+            "\r\n".join(f"{name}:{value}" for name, value in told.items())
+        )
     return path
 
 
@@ -105,7 +116,9 @@ def write_impulse(path, counts, bits=16, **entries):
         "SAMPLES": counts.shape[1], "FREQUENCY": 1e-6 / INTERVAL, "LAST TRACE": len(counts), "TRIG SOURCE": "wheel",
         "DISTANCE INTERVAL": STEP, "ZERO LEVEL": ZERO,
     } | {name.replace("_", " "): value for name, value in entries.items()}  # fmt: skip
-    path.with_suffix(".iprh").write_text("\n".join(f"{name}: {value}" for name, value in told.items()))
+    path.with_suffix(".iprh").write_text(
+        "\n".join(f"{name}: {value}" for name, value in told.items())
+    )
     return path
 
 
@@ -113,7 +126,12 @@ def write_ids(path, counts, size=None, unsigned=0, lost=None, **entries):
     """Records of one length: V, the header's (I, ATR, H), then one per trace that begins with R."""
     samples = counts.shape[1]
     size = size or 4 + 2 * samples
-    told = {"window": WINDOW * 1e-9, "samples": samples, "traces": len(counts), "apart": SEPARATION} | entries
+    told = {
+        "window": WINDOW * 1e-9,
+        "samples": samples,
+        "traces": len(counts),
+        "apart": SEPARATION,
+    } | entries
 
     def record(name, body):
         return (name.ljust(4, b"\0") + body).ljust(size, b"\0")
@@ -121,7 +139,9 @@ def write_ids(path, counts, size=None, unsigned=0, lost=None, **entries):
     def text(*values):
         return b"".join(f"{value:.6E}".encode().ljust(16, b"\0") for value in values)
 
-    counted = struct.pack("<11i", size, 1, samples, told["traces"], told["samples"], 0, 1, 1, 1, 1, unsigned)
+    counted = struct.pack(
+        "<11i", size, 1, samples, told["traces"], told["samples"], 0, 1, 1, 1, 1, unsigned
+    )
     measured = text(4e5, 1e8, 1e-3, told["window"], 500, 1e-3, 0.01, 0.01, STEP, 0.01)
     antennas = text(0, 0, 0) + b"500\0\0" + text(0, told["apart"], 0) + b"500\0\0"
     data = (b"V\4\0\0" + struct.pack("<H", size)).ljust(size, b"\0")

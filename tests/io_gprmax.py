@@ -16,7 +16,9 @@ def dipole_field(direction, offset, component, frequency):
     kr = 2 * np.pi * frequency / SPEED * distance
     size = 2 * np.pi * frequency * 4e-7 * np.pi / (4 * np.pi * distance) * np.exp(-1j * kr)
     along = (ray @ direction) * ray[component]
-    return size * (direction[component] * (1 - 1j / kr - 1 / kr**2) - along * (1 - 3j / kr - 3 / kr**2))
+    return size * (
+        direction[component] * (1 - 1j / kr - 1 / kr**2) - along * (1 - 3j / kr - 3 / kr**2)
+    )
 
 
 def write_output(path, deck, point=None):
@@ -38,7 +40,9 @@ def write_output(path, deck, point=None):
     moment = np.fft.rfft(current)[1:] * np.exp(-1j * np.pi * f * step) * cell
     dipoles = [value.split() for name, value in lines if name == "#hertzian_dipole"]
     with h5py.File(path, "w") as file:
-        file.attrs.update({"gprMax": "3.1.7", "Title": told["#title"], "Iterations": steps, "dt": step})
+        file.attrs.update(
+            {"gprMax": "3.1.7", "Title": told["#title"], "Iterations": steps, "dt": step}
+        )
         file.attrs["dx_dy_dz"] = (cell, cell, cell)
         for n, (_, *place, _) in enumerate(dipoles):
             group = file.create_group(f"srcs/src{n + 1}")

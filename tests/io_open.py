@@ -26,18 +26,29 @@ def write_ogpr(path, values=COUNTS, kind="<f4", places=None, srs=32632, **change
     volume = values.astype(kind).tobytes()
     geo = b"" if places is None else np.asarray(places, "<f8").tobytes()
     slices, channels, samples = values.shape
-    main = {"samplesCount": samples, "channelsCount": channels, "slicesCount": slices, "metadata": {"swathName": "S3"}}
+    main = {
+        "samplesCount": samples,
+        "channelsCount": channels,
+        "slicesCount": slices,
+        "metadata": {"swathName": "S3"},
+    }
     radar = {"samplingStep_m": STEP, "samplingTime_ns": INTERVAL * 1e9, "frequency_MHz": NOMINAL / 1e6,
              "propagationVelocity_mPerSec": 1e8, "polarization": "horizontal"}  # fmt: skip
     start = 4096
     blocks = [{"type": "Radar Volume", "valueType": "float" if kind == "<f4" else "int16", "byteOffset": start,
                "byteSize": len(volume), "radar": radar}]  # fmt: skip
     if geo:
-        blocks.append({"type": "Sample Geolocations", "byteOffset": start + len(volume), "byteSize": len(geo)})
+        blocks.append(
+            {"type": "Sample Geolocations", "byteOffset": start + len(volume), "byteSize": len(geo)}
+        )
         if srs:
             blocks[-1]["srs"] = {"type": "EPSG", "value": srs}
     blocks.append({"type": "Markers", "byteOffset": start, "byteSize": 1})
-    descriptor = {"version": {"major": 2, "minor": 0}, "mainDescriptor": main | changes, "dataBlockDescriptors": blocks}
+    descriptor = {
+        "version": {"major": 2, "minor": 0},
+        "mainDescriptor": main | changes,
+        "dataBlockDescriptors": blocks,
+    }
     text = json.dumps(descriptor).encode()
     head = b"ogpr\n" + b"0" * 32 + b"\n" + f"{len(text):08x}\n".encode() + text
     path.write_bytes(head.ljust(start, b"\0") + volume + geo)
@@ -53,7 +64,9 @@ def write_su(path, counts, order="<", interval=INTERVAL, **words):
         struct.pack_into(order + "H", head, 116, round(interval * 1e12))
         struct.pack_into(order + "h", head, 70, -100)
         struct.pack_into(order + "h", head, 88, 1)
-        struct.pack_into(order + "2i", head, 72, round(100 * STEP * k * 0.6), round(100 * STEP * k * 0.8))
+        struct.pack_into(
+            order + "2i", head, 72, round(100 * STEP * k * 0.6), round(100 * STEP * k * 0.8)
+        )
         data += bytes(head) + trace.astype(order + "f4").tobytes()
     path.write_bytes(data)
     return path

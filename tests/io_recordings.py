@@ -40,16 +40,24 @@ def two_headers(path, counts, name="300/800D", second="none"):
     """Write a DZT of two channels whose headers differ: 5 GHz and 10 GHz sampling, time zero at samples 20 and 10."""
     write_dzt(path, np.stack([counts, -counts], axis=1), names=(name, second))
     window = SAMPLES * INTERVAL * 1e9
-    return patched(path, (1024 + 22, "<f", -ZERO * INTERVAL * 1e9 / 4), (1024 + 26, "<f", window / 2))
+    return patched(
+        path, (1024 + 22, "<f", -ZERO * INTERVAL * 1e9 / 4), (1024 + 26, "<f", window / 2)
+    )
 
 
 def gps_lines(traces, latitude, longitude, form="dt1", **options):
     """Lines of a companion that gives each trace a position: ``form`` is that of "dt1" (from 1), "dzt" or "gp2"."""
-    lines = [";GPS@@@", ";Ver=1.1.0", "traces,odo_tick,pos(m),time_elapsed(s),GPS"] if form == "gp2" else []
+    lines = (
+        [";GPS@@@", ";Ver=1.1.0", "traces,odo_tick,pos(m),time_elapsed(s),GPS"]
+        if form == "gp2"
+        else []
+    )
     for trace, lat, lon in zip(traces, latitude, longitude, strict=True):
         sentence = gga(lat, lon, 0, **options)
         if form == "gp2":
-            lines.append(f'{trace + 1},{500 * trace},{STEP * trace:.6f},{0.1 * trace:.3f},"{sentence}"')
+            lines.append(
+                f'{trace + 1},{500 * trace},{STEP * trace:.6f},{0.1 * trace:.3f},"{sentence}"'
+            )
         elif form == "dt1":
             lines += [f"Trace #{trace + 1} at position {STEP * trace:.6f}", sentence]
         else:
@@ -63,7 +71,9 @@ def segy_words(path, traces, extra=0, width=2, **words):
     size = 240 * (1 + extra) + width * SAMPLES
     for trace in range(traces):
         for offset, form, value in words.values():
-            struct.pack_into(form, raw, 3600 + trace * size + offset, value(trace) if callable(value) else value)
+            struct.pack_into(
+                form, raw, 3600 + trace * size + offset, value(trace) if callable(value) else value
+            )
     path.write_bytes(raw)
     return path
 

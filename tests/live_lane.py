@@ -19,7 +19,18 @@ def make_lane_run(seed=12, scans=SCANS):
     rng = np.random.default_rng(seed)
     frequency = np.arange(0.75e9, 1.86e9, 1.5e7)
     pose = small_lane.course(rng, STEP * np.arange(scans) - 1.0, 0.03)
-    signal = small_lane.echoes(rng, frequency, pose, *small_lane.scatterers(rng, TARGETS, 500, (0.5, 24)))
+    signal = small_lane.echoes(
+        rng, frequency, pose, *small_lane.scatterers(rng, TARGETS, 500, (0.5, 24))
+    )
     time = np.arange(scans) / 4.2
     polarizations = ["HH", "VV", "HV"]
-    return make_run(signal, frequency, polarizations, small_lane.TX, small_lane.RX, pose, time, {"title": "small lane"})
+    return make_run(
+        signal,
+        frequency,
+        polarizations,
+        small_lane.TX,
+        small_lane.RX,
+        pose,
+        time,
+        {"title": "small lane"},
+    )

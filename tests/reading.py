@@ -4,7 +4,9 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PAGES = sorted(p for p in (ROOT / "docs").rglob("*.md") if not {"_build", "examples"} & set(p.parts))
+PAGES = sorted(
+    p for p in (ROOT / "docs").rglob("*.md") if not {"_build", "examples"} & set(p.parts)
+)
 PAGES += [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
 EXAMPLES = sorted((ROOT / "docs" / "gallery").glob("plot_*.py"))
 FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -22,7 +24,11 @@ def read(page):
 def shell_lines(body):
     """Commands of a fence: continued lines joined, comments left out."""
     joined = re.sub(r"\\\n\s*", " ", body)
-    return [line.strip().removeprefix("$ ") for line in joined.splitlines() if line.strip() and line.strip()[0] != "#"]
+    return [
+        line.strip().removeprefix("$ ")
+        for line in joined.splitlines()
+        if line.strip() and line.strip()[0] != "#"
+    ]
 
 
 def shell_fences(page):

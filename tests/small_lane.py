@@ -49,10 +49,14 @@ def course(rng, y, sway):
 
 def scatterers(rng, targets=TARGETS, count=200, ground=(1.5, 12)):
     """Clutter and targets: places and scattering matrices (HH, VV, HV)."""
-    places = np.column_stack([rng.uniform(-2, 2, count), rng.uniform(*ground, count), np.zeros(count)])
+    places = np.column_stack(
+        [rng.uniform(-2, 2, count), rng.uniform(*ground, count), np.zeros(count)]
+    )
     clutter = 0.3 * (rng.normal(size=(count, 3)) + 1j * rng.normal(size=(count, 3)))
     mines = np.column_stack([targets, np.zeros(len(targets))])
-    return np.vstack([places, mines]), np.vstack([clutter, np.array([[2.0, 1.5, 0.1]] * len(targets))])
+    return np.vstack([places, mines]), np.vstack(
+        [clutter, np.array([[2.0, 1.5, 0.1]] * len(targets))]
+    )
 
 
 def echoes(rng, frequency, pose, places, matrix):

@@ -14,16 +14,29 @@ LANE = Lane(-1.0, 1.0, 2.0, 4.0)
 
 def small_result(folder, classifier=None):
     alarms = pd.DataFrame(
-        {"alarm_id": ["a", "b", "c"], "x": [0.1, -0.7, 0.9], "y": [3.0, 3.5, 2.2], "confidence": [9.0, 4.0, 2.5]}
+        {
+            "alarm_id": ["a", "b", "c"],
+            "x": [0.1, -0.7, 0.9],
+            "y": [3.0, 3.5, 2.2],
+            "confidence": [9.0, 4.0, 2.5],
+        }
     )
     x = np.arange(-1, 1.01, 0.5)
     y = np.arange(2.0, 4.01, 0.5)
     view = xr.DataArray(
         np.random.default_rng(0).random((1, 1, y.size, x.size), np.float32),
         dims=("polarization", "subband", "y", "x"),
-        coords={"polarization": ["HH"], "subband": ["F1"], "y": y, "x": x, "looks": (("y", "x"), np.ones((5, 5)))},
+        coords={
+            "polarization": ["HH"],
+            "subband": ["F1"],
+            "y": y,
+            "x": x,
+            "looks": (("y", "x"), np.ones((5, 5))),
+        },
     )
     features = pd.DataFrame({"C_HH_F1": [9.0, 4.0, 2.5], "M_VV_F1": [3.0, 2.0, 1.0]})
-    detection = Detection("main", "as it stands", alarms, view, {"confidence": "C_HH_F1"}, features=features)
+    detection = Detection(
+        "main", "as it stands", alarms, view, {"confidence": "C_HH_F1"}, features=features
+    )
     run = {"title": "small", "scans": 0, "masked_scans": []}
     return write_result(folder, [detection], recipe_text("wang2007"), LANE, run, classifier)

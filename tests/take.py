@@ -12,8 +12,19 @@ def take_text(time, position, rotation, lost=(), spin="Quaternion"):
     width = len(axes)
     bodies = ["Cart"] * (width + 4) + ["Pole"] * (width + 4) + ["Cart:1"] * 3
     kinds = ["Rigid Body"] * 2 * (width + 4) + ["Rigid Body Marker"] * 3
-    groups = (["Rotation"] * width + ["Position"] * 3 + ["Mean Marker Error"]) * 2 + ["Position"] * 3
-    about = ["Format Version", "1.23", "Take Name", "drive", "Export Frame Rate", "4.000000", "Rotation Type", spin]
+    groups = (["Rotation"] * width + ["Position"] * 3 + ["Mean Marker Error"]) * 2 + [
+        "Position"
+    ] * 3
+    about = [
+        "Format Version",
+        "1.23",
+        "Take Name",
+        "drive",
+        "Export Frame Rate",
+        "4.000000",
+        "Rotation Type",
+        spin,
+    ]
     lines = [
         ",".join([*about, "Length Units", "Millimeters", "Coordinate Space", "Global"]),
         "",
@@ -26,6 +37,12 @@ def take_text(time, position, rotation, lost=(), spin="Quaternion"):
     still = [*([0] * (width - 1)), 1 if width == 4 else 0, 0, 0, 0, 0.1]
     for k, now in enumerate(time):
         seen = [*rotation[k], *position[k], 0.1]
-        cells = [*([""] * len(seen) if k in lost else [f"{value:.6f}" for value in seen]), *map(str, still), 1, 2, 3]
+        cells = [
+            *([""] * len(seen) if k in lost else [f"{value:.6f}" for value in seen]),
+            *map(str, still),
+            1,
+            2,
+            3,
+        ]
         lines.append(",".join([str(k), f"{now:.6f}", *map(str, cells)]))
     return "\n".join(lines) + "\n"

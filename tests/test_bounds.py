@@ -41,7 +41,9 @@ def reachable(roots):
         model = left.pop()
         if model not in found and issubclass(model, Entries):
             found.append(model)
-            left += [one for field in model.model_fields.values() for one in models_in(field.annotation)]
+            left += [
+                one for field in model.model_fields.values() for one in models_in(field.annotation)
+            ]
     return sorted(found, key=lambda one: one.__name__)
 
 
@@ -79,7 +81,11 @@ def whole(model):
     """Entries of a table that are valid: those of a packaged file, else what must be there."""
     if model in PACKAGED_TABLES:
         return PACKAGED_TABLES[model]
-    return {name: example(field.annotation) for name, field in model.model_fields.items() if field.is_required()}
+    return {
+        name: example(field.annotation)
+        for name, field in model.model_fields.items()
+        if field.is_required()
+    }
 
 
 def with_number(annotation, bad):
@@ -135,7 +141,10 @@ def check_world(model, name, value):
     for part, field in Scene.model_fields.items():
         if model in models_in(field.annotation):
             entries = whole(model) | {name: value}
-            scene = {"length": 8.0, part: [entries] if get_origin(field.annotation) is tuple else entries}
+            scene = {
+                "length": 8.0,
+                part: [entries] if get_origin(field.annotation) is tuple else entries,
+            }
     if scene is None:
         return
     scene = Scene.model_validate(scene)
@@ -146,13 +155,27 @@ def check_world(model, name, value):
 
 def test_the_walk_finds_every_kind_of_file():
     names = {model.__name__ for model in MODELS}
-    assert {"Recipe", "ImageTable", "Scene", "Surface", "Sensor", "Tones", "Body", "BodyLayer", "LaneRow"} <= names
+    assert {
+        "Recipe",
+        "ImageTable",
+        "Scene",
+        "Surface",
+        "Sensor",
+        "Tones",
+        "Body",
+        "BodyLayer",
+        "LaneRow",
+    } <= names
     assert {one.__name__ for one in SETTINGS} <= names | {"Table"}
     assert len(list(cases())) > 200
 
 
 def test_all_that_is_packaged_is_accepted():
-    for names, load in (recipe_names, load_recipe), (sensor_presets, load_sensor), (packaged_bodies, load_body):
+    for names, load in (
+        (recipe_names, load_recipe),
+        (sensor_presets, load_sensor),
+        (packaged_bodies, load_body),
+    ):
         for name in names():
             load(name)
     for site, preset in itertools.product(sites(), sensor_presets()):
@@ -201,7 +224,13 @@ def test_the_command_refuses_before_it_works(tmp_path, entries, words, option):
 def test_force_goes_beyond(tmp_path, monkeypatch):
     monkeypatch.setattr("flgpr.simulate.simulator.MOST_HOURS", 0.0)
     (tmp_path / "scene.toml").write_text("length = 5.0\n[track]\npositions = [-5.0]")
-    command = ["simulate", str(tmp_path / "scene.toml"), "--preview", str(tmp_path / "x.png"), "--quiet"]
+    command = [
+        "simulate",
+        str(tmp_path / "scene.toml"),
+        "--preview",
+        str(tmp_path / "x.png"),
+        "--quiet",
+    ]
     refused = CliRunner().invoke(app, command)
     assert refused.exit_code == 2
     assert "at most 4 GB and 0 hours" in refused.output
@@ -231,7 +260,12 @@ def test_a_recipe_that_no_image_could_be_made_of_is_refused(tmp_path, old, new, 
 
 def test_a_line_of_antennas_is_bounded_before_it_is_made(tmp_path):
     sensor = load_sensor("sri-array").model_dump()
-    for line in ({"count": 10**9}, {"count": -1}, {"first": [math.inf, 0, 0]}, {"last": [1e300, 0, 0]}):
+    for line in (
+        {"count": 10**9},
+        {"count": -1},
+        {"first": [math.inf, 0, 0]},
+        {"last": [1e300, 0, 0]},
+    ):
         tx = {"first": [0, 0, 0], "last": [1, 0, 0], "count": 3} | line
         with pytest.raises(ValidationError, match="tx must hold finite places"):
             Sensor.model_validate(sensor | {"tx": tx})

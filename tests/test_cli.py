@@ -22,21 +22,35 @@ def test_import_detect_and_score_a_lane_from_its_archive(fullwave_archive, tmp_p
     """What a user does with a lane of their own."""
     assert call("import", "fullwave", fullwave_archive, "-o", tmp_path / "b.zarr").exit_code == 0
     assert open_run(tmp_path / "b.zarr").sizes["scan"] == 3
-    found = call("detect", tmp_path / "b.zarr", "--recipe", "demo", "-o", tmp_path / "result", "--json")
+    found = call(
+        "detect", tmp_path / "b.zarr", "--recipe", "demo", "-o", tmp_path / "result", "--json"
+    )
     assert found.exit_code == 0, found.output
     assert json.loads(found.stdout)["alarms"] > 3
     truth = tmp_path / "b-truth.csv"
     objects = tmp_path / "b-objects.csv"
-    scored = call("score", tmp_path / "result" / "alarms.csv", "--truth", truth, "--objects", objects, "--json")
+    scored = call(
+        "score",
+        tmp_path / "result" / "alarms.csv",
+        "--truth",
+        truth,
+        "--objects",
+        objects,
+        "--json",
+    )
     assert scored.exit_code == 0, scored.output
     summary = json.loads(scored.stdout)
     assert summary["targets"] == 3
-    assert summary["found"] == sum(o["detected"] for o in summary["outcomes"] if o["detection"] == "main")
+    assert summary["found"] == sum(
+        o["detected"] for o in summary["outcomes"] if o["detection"] == "main"
+    )
 
 
 def test_a_lane_without_targets_is_scored_by_its_false_alarms(demo, tmp_path):
     (tmp_path / "truth.csv").write_text("target_id,x,y,kind,depth\n")
-    scored = call("score", demo[0].folder, "--truth", tmp_path / "truth.csv", "-o", tmp_path / "score")
+    scored = call(
+        "score", demo[0].folder, "--truth", tmp_path / "truth.csv", "-o", tmp_path / "score"
+    )
     assert scored.exit_code == 0, scored.output
     assert "no targets" in scored.stdout
     roc = json.loads((tmp_path / "score" / "roc.json").read_text())
@@ -47,7 +61,13 @@ def test_a_lane_without_targets_is_scored_by_its_false_alarms(demo, tmp_path):
 
 def test_info_says_it_in_words_and_as_json(tmp_path):
     words = call("info", RUN, "--recipe", "demo", "--plot", tmp_path / "info.png").stdout
-    for text in ("3 over 1.00 m", "142 from 0.4425 to 1.5 GHz", "none missing", "unambiguous to 40.0 m", "looks"):
+    for text in (
+        "3 over 1.00 m",
+        "142 from 0.4425 to 1.5 GHz",
+        "none missing",
+        "unambiguous to 40.0 m",
+        "looks",
+    ):
         assert text in words
     assert (tmp_path / "info.png").read_bytes().startswith(b"\x89PNG")
     told = json.loads(call("info", RUN, "--json").stdout)
@@ -69,7 +89,10 @@ def test_info_warns_of_an_array_that_no_vehicle_carries_or_that_lies_on_the_grou
     run = open_run(RUN)
     pose = run["pose"].values.copy()
     pose[:, 2] = 0.0
-    save_run(run.assign(pose=(run["pose"].dims, pose), tx_position=40 * run["tx_position"]), tmp_path / "odd.zarr")
+    save_run(
+        run.assign(pose=(run["pose"].dims, pose), tx_position=40 * run["tx_position"]),
+        tmp_path / "odd.zarr",
+    )
     shown = call("info", tmp_path / "odd.zarr", "--plot", tmp_path / "odd.png")
     assert shown.exit_code == 0, shown.output
     words = " ".join(shown.stdout.split())
@@ -116,9 +139,12 @@ def test_what_the_user_can_mend_is_one_line(arguments, words, tmp_path, monkeypa
 
 
 @pytest.mark.parametrize(
-    ("number", "words"), [(errno.ENOSPC, "the disk must have room"), (errno.EIO, "the disk must work")]
+    ("number", "words"),
+    [(errno.ENOSPC, "the disk must have room"), (errno.EIO, "the disk must work")],
 )
-def test_a_full_disk_is_told_in_a_line_and_the_same_command_goes_on(number, words, tmp_path, monkeypatch):
+def test_a_full_disk_is_told_in_a_line_and_the_same_command_goes_on(
+    number, words, tmp_path, monkeypatch
+):
     written = []
 
     def write(path, arrays):
@@ -192,7 +218,9 @@ def test_a_plan_is_drawn_registered_and_counted(tmp_path):
     assert "29 mines" in words
     (tmp_path / "lane.toml").write_text("x_min = -1.5\nx_max = 1.5\ny_min = 0\ny_max = 60\n")
     (tmp_path / "sorts.csv").write_text("kind,depth,count\nmetal,0.05,3\nplastic,0.1,2\n")
-    made = call("plan", "lane", tmp_path / "lane.toml", tmp_path / "sorts.csv", "-o", tmp_path / "plan.csv")
+    made = call(
+        "plan", "lane", tmp_path / "lane.toml", tmp_path / "sorts.csv", "-o", tmp_path / "plan.csv"
+    )
     assert made.exit_code == 0, made.output
     assert "5 targets" in made.stdout
     assert len((tmp_path / "plan.csv").read_text().splitlines()) == 6
@@ -209,20 +237,33 @@ def test_nobody_types_a_passphrase_in_vain(tmp_path, monkeypatch):
 def test_an_alarm_list_of_any_detector_is_scored_open_or_sealed(tmp_path):
     pytest.importorskip("cryptography")
     (tmp_path / "lane.toml").write_text("x_min = -1.5\nx_max = 1.5\ny_min = 0\ny_max = 60\n")
-    (tmp_path / "truth.csv").write_text("target_id,x,y,kind,depth\na,0,10,metal,0.05\nb,0.5,30,plastic,0.1\n")
+    (tmp_path / "truth.csv").write_text(
+        "target_id,x,y,kind,depth\na,0,10,metal,0.05\nb,0.5,30,plastic,0.1\n"
+    )
     (tmp_path / "alarms.csv").write_text("x,y,confidence\n0.1,10.2,5\n-1,50,3\n0.4,30.1,2\n")
     lane = tmp_path / "lane.toml"
     alarms = tmp_path / "alarms.csv"
     truth = tmp_path / "truth.csv"
-    done = call("score", alarms, "--truth", truth, "--lane", lane, "-o", tmp_path / "score", "--json")
+    done = call(
+        "score", alarms, "--truth", truth, "--lane", lane, "-o", tmp_path / "score", "--json"
+    )
     assert done.exit_code == 0, done.output
     assert (tmp_path / "score" / "report.html").exists()
     sealing = ["score", str(truth), "--seal", "--lane", str(lane), "-o", str(tmp_path / "sealed")]
-    made = CliRunner().invoke(app, sealing, input="gravel otter seven lamps\ngravel otter seven lamps\n")
+    made = CliRunner().invoke(
+        app, sealing, input="gravel otter seven lamps\ngravel otter seven lamps\n"
+    )
     assert made.exit_code == 0, made.output
     assert b"plastic" not in (tmp_path / "sealed").read_bytes()
     assert "at least 8 characters" in made.output.split("\n")[0]
-    blind = ["score", str(alarms), "--sealed", str(tmp_path / "sealed"), "-o", str(tmp_path / "blind")]
+    blind = [
+        "score",
+        str(alarms),
+        "--sealed",
+        str(tmp_path / "sealed"),
+        "-o",
+        str(tmp_path / "blind"),
+    ]
     told = CliRunner().invoke(app, blind, input="gravel otter seven lamps\n")
     assert told.exit_code == 0, told.output
     assert "n_targets 2" in told.stdout

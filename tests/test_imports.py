@@ -43,7 +43,18 @@ ALLOWED = {
     "__init__": {"chain", "results", "tasks", "notebook"} | BELOW,
 }
 FACES = sorted(path.parent for path in ROOT.rglob("__init__.pyi"))
-HEAVY = {"numba", "scipy", "matplotlib", "sklearn", "skimage", "h5py", "pyproj", "starlette", "uvicorn", "jinja2"}
+HEAVY = {
+    "numba",
+    "scipy",
+    "matplotlib",
+    "sklearn",
+    "skimage",
+    "h5py",
+    "pyproj",
+    "starlette",
+    "uvicorn",
+    "jinja2",
+}
 
 
 @cache
@@ -60,7 +71,11 @@ def imported(path: Path) -> frozenset[str]:
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
-            found |= {f"flgpr.{alias.name}" for alias in node.names} if node.module == "flgpr" else {node.module}
+            found |= (
+                {f"flgpr.{alias.name}" for alias in node.names}
+                if node.module == "flgpr"
+                else {node.module}
+            )
     return frozenset(found)
 
 
@@ -78,9 +93,15 @@ def test_module_imports_only_what_its_folder_may(path):
 
 
 def test_the_system_does_not_rest_on_the_studies():
-    assert not [path for path in modules() if any(name.startswith("flgpr_papers") for name in imported(path))]
+    assert not [
+        path
+        for path in modules()
+        if any(name.startswith("flgpr_papers") for name in imported(path))
+    ]
     calls = [path for path in modules() if '"flgpr_papers"' in path.read_text(encoding="utf-8")]
-    assert [str(path.relative_to(ROOT)) for path in calls] == ["cli/tools.py"], "only the command reproduce, on demand"
+    assert [str(path.relative_to(ROOT)) for path in calls] == ["cli/tools.py"], (
+        "only the command reproduce, on demand"
+    )
 
 
 @pytest.mark.parametrize("path", modules(PAPERS), ids=lambda path: str(path.relative_to(PAPERS)))
@@ -92,7 +113,11 @@ def test_a_study_uses_its_own_paper_and_the_kit(path):
 
 
 def test_only_execution_imports_dask():
-    users = {p for p in modules() if {"dask", "distributed"} & {name.split(".")[0] for name in imported(p)}}
+    users = {
+        p
+        for p in modules()
+        if {"dask", "distributed"} & {name.split(".")[0] for name in imported(p)}
+    }
     assert {p.relative_to(ROOT).parts[0] for p in users} <= {"execution"}
 
 
@@ -107,11 +132,15 @@ def test_a_face_tells_the_names_that_it_loads(folder):
     package = importlib.import_module(".".join(folder.relative_to(ROOT.parent).parts))
     stub = ast.parse((folder / "__init__.pyi").read_text(encoding="utf-8"))
     listed = [ast.literal_eval(one.value) for one in stub.body if isinstance(one, ast.Assign)]
-    if listed:  # some names stand for others there, which type checkers take for exports only from a list
+    if (
+        listed
+    ):  # some names stand for others there, which type checkers take for exports only from a list
         assert sorted(listed[0]) == sorted({*package.__all__, "__version__"})
     else:
         aliases = [alias for one in stub.body for alias in one.names]
-        assert all(alias.asname == alias.name for alias in aliases), "what is not `x as x` type checkers hide"
+        assert all(alias.asname == alias.name for alias in aliases), (
+            "what is not `x as x` type checkers hide"
+        )
         assert len(aliases) == len(package.__all__), "a name stands twice"
     for name in package.__all__:
         assert getattr(package, name) is not None
@@ -167,7 +196,8 @@ def test_two_packages_are_verbs(monkeypatch):
 MOST_PARAMETERS = 12
 MANY = {  # names that are public, one parameter for each thing a user may set
     "flgpr/imaging/operator.py:ImagingOperator.__init__",
-    "flgpr/detect/one_class.py:OneClassRelevanceVectorMachine.__init__",  # scikit-learn wants them one by one
+    # scikit-learn wants them one by one
+    "flgpr/detect/one_class.py:OneClassRelevanceVectorMachine.__init__",
     "flgpr/scoring/lane_roc.py:roc",
 }
 
@@ -184,6 +214,8 @@ def test_no_function_takes_more_parameters_than_a_reader_can_hold():
                 count = len([one for one in named if one.arg not in ("self", "cls")])
                 if count <= MOST_PARAMETERS or path.parent.name == "cli":
                     continue
-                if not re.search(r"jit|shared|intrinsic", " ".join(map(ast.unparse, node.decorator_list))):
+                if not re.search(
+                    r"jit|shared|intrinsic", " ".join(map(ast.unparse, node.decorator_list))
+                ):
                     found.add(f"{path.relative_to(ROOT.parent)}:{owners.get(node, '')}{node.name}")
     assert found == MANY

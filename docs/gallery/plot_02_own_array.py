@@ -2,8 +2,9 @@
 Your own array in one TOML
 ==========================
 
-A sensor is one TOML file: tones, polarizations, antenna positions, height, tilt, antenna pattern, errors. Write
-yours down, and you can see what it resolves, simulate lanes with it and image its data, before anything is built.
+A sensor is one TOML file: tones, polarizations, antenna positions, height, tilt, antenna pattern,
+errors. Write yours down, and you can see what it resolves, simulate lanes with it and image its
+data, before anything is built.
 
 The array here is a small one: 2 transmitters and 12 receivers on a bar 1.6 m wide, 1.8 m above the ground.
 """

@@ -2,9 +2,10 @@
 Live on a vehicle
 =================
 
-``flgpr live INCOMING/`` raises alarms while the vehicle drives: after every scan the background, the run-view and the
-alarms are brought up to date. It writes one JSON line per event. Here a stored lane is played into a folder as a radar
-would write it, and the events are looked at. In two terminals that is::
+``flgpr live INCOMING/`` raises alarms while the vehicle drives: after every scan the background,
+the run-view and the alarms are brought up to date. It writes one JSON line per event. Here a stored
+lane is played into a folder as a radar would write it, and the events are looked at. In two
+terminals that is::
 
     flgpr live incoming/ --recipe wang2007 --lane lane-lane.toml --speed 15 --view
     flgpr feed lane.zarr incoming/ --rate 4.2

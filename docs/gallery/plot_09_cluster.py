@@ -2,9 +2,10 @@
 On a cluster
 ============
 
-A survey is many lanes with one recipe. ``flgpr detect a.zarr b.zarr ... -o survey`` works through them, with
-``--workers 8`` in eight processes of this machine, with ``--scheduler tcp://host:8786`` on a Dask cluster. Whoever does
-the work, the files are the same to the byte. This page starts a small cluster on one machine and shows it.
+A survey is many lanes with one recipe. ``flgpr detect a.zarr b.zarr ... -o survey`` works through
+them, with ``--workers 8`` in eight processes of this machine, with ``--scheduler tcp://host:8786``
+on a Dask cluster. Whoever does the work, the files are the same to the byte. This page starts a
+small cluster on one machine and shows it.
 
 Install the extra first: ``pip install "flgpr[cluster]"``.
 """

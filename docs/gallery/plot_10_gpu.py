@@ -2,9 +2,9 @@
 On a GPU
 ========
 
-The imaging operator runs on an NVIDIA device when it is told ``device="cuda"``; nothing else changes. This page was
-built on a machine without one, as the output below may show: the code takes a device where there is one and the
-processor where there is none.
+The imaging operator runs on an NVIDIA device when it is told ``device="cuda"``; nothing else
+changes. This page was built on a machine without one, as the output below may show: the code takes
+a device where there is one and the processor where there is none.
 
 **No speed on a GPU has been measured yet.** The kernels are tested under numba's simulator, which shows that they
 compute the right thing and nothing about how fast.

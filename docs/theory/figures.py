@@ -38,7 +38,9 @@ HOME = Path(__file__).parent.parent / "images"
 ARID = (3.0, 0.03)
 CLAY = (40.0, 0.25)
 """Clay (per cent) and moisture of dry sand and of wet clay."""
-BANDS = {name: band for name, band in load_recipe("wang2007").image.subbands.items() if name != "F0"}
+BANDS = {
+    name: band for name, band in load_recipe("wang2007").image.subbands.items() if name != "F0"
+}
 COLOURS = dict(zip(BANDS, ("#0072b2", "#009e73", "#e69f00", "#d55e00"), strict=True))
 
 
@@ -59,16 +61,23 @@ def half_power_widths(array="sri-array", band=(0.75e9, 1.35e9), distance=12.0):
     down, across : float
         Measured on the image, m.
     down_formula, across_formula : float
-        0.886 c/2B over the cosine of the grazing angle; 0.886 λR/2D with D the width of the phase centres, m.
+        0.886 c/2B over the cosine of the grazing angle; 0.886 λR/2D with D the width of the phase
+        centres, m.
     """
     sensor = load_sensor(array)
     tx, rx = sensor.pairs()
     frequency = sensor.tones.axis()
     up = np.array([0.0, 0.0, sensor.height])
     point = np.array([0.0, distance, 0.0])
-    lines = [point + np.outer(np.linspace(-1.5, 1.5, 1201), axis) for axis in ((0, 1, 0), (1, 0, 0))]
-    echo = ImagingOperator(frequency, tx + up, rx + up, point[None], [band]).forward(np.ones((1, 1, 1), np.complex64))
-    image = np.abs(ImagingOperator(frequency, tx + up, rx + up, np.stack(lines), [band]).adjoint(echo)[0, 0])
+    lines = [
+        point + np.outer(np.linspace(-1.5, 1.5, 1201), axis) for axis in ((0, 1, 0), (1, 0, 0))
+    ]
+    echo = ImagingOperator(frequency, tx + up, rx + up, point[None], [band]).forward(
+        np.ones((1, 1, 1), np.complex64)
+    )
+    image = np.abs(
+        ImagingOperator(frequency, tx + up, rx + up, np.stack(lines), [band]).adjoint(echo)[0, 0]
+    )
     measured = [float(np.sum(line > line.max() / np.sqrt(2)) * 3.0 / 1200) for line in image]
     slant = np.hypot(distance, sensor.height)
     centres = (tx[:, 0] + rx[:, 0]) / 2
@@ -101,15 +110,30 @@ def geometry():
     side.annotate("H", (-0.2, h + 0.4))
     side.axvspan(7, 26, ymin=0, ymax=0.05, color="C0", alpha=0.3)
     side.annotate("imaged: 7 to 26 m ahead", (14.2, -1.2), fontsize=8, color="C0")
-    side.set(xlim=(-4, 27), ylim=(-1.6, 7), xlabel="ahead (m)", ylabel="height (m)", title="from the side")
+    side.set(
+        xlim=(-4, 27),
+        ylim=(-1.6, 7),
+        xlabel="ahead (m)",
+        ylabel="height (m)",
+        title="from the side",
+    )
     distance = np.array([7.0, 9, 12, 16, 20, 26])
     for name, colour in (("F1", "#0072b2"), ("F4", "#d55e00")):
         widths = np.array([half_power_widths(band=BANDS[name], distance=d) for d in distance])
-        plot.plot(distance, 100 * widths[:, 2], "-", color=colour, label=f"{name} down-range, formula")
+        plot.plot(
+            distance, 100 * widths[:, 2], "-", color=colour, label=f"{name} down-range, formula"
+        )
         plot.plot(distance, 100 * widths[:, 0], "o", color=colour)
-        plot.plot(distance, 100 * widths[:, 3], "--", color=colour, label=f"{name} cross-range, formula")
+        plot.plot(
+            distance, 100 * widths[:, 3], "--", color=colour, label=f"{name} cross-range, formula"
+        )
         plot.plot(distance, 100 * widths[:, 1], "s", color=colour)
-    plot.set(xlabel="distance ahead (m)", ylabel="half-power width (cm)", ylim=(0, None), title="marks: measured")
+    plot.set(
+        xlabel="distance ahead (m)",
+        ylabel="half-power width (cm)",
+        ylim=(0, None),
+        title="marks: measured",
+    )
     plot.legend(fontsize=7)
     plot.grid(alpha=0.3)
     return figure
@@ -162,7 +186,13 @@ def subbands():
     k = 2 * np.pi * f / SPEED_OF_LIGHT
     for (clay, moisture), style, name in ((ARID, "--", "dry sand"), (CLAY, ":", "wet clay")):
         loss = two_way_attenuation(0.1, k, sine, mironov(f, clay, moisture))
-        left.plot(f / 1e9, 20 * np.log10(loss), style, color="C3", label=f"10 cm of {name}, there and back")
+        left.plot(
+            f / 1e9,
+            20 * np.log10(loss),
+            style,
+            color="C3",
+            label=f"10 cm of {name}, there and back",
+        )
     left.set(xlabel="GHz", ylabel="dB (dB re 1 m²/m² for σ⁰)", ylim=(-48, 2))
     left.legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 0.33))
     offset, cuts = mine_cuts(bands={"F0": load_recipe("wang2007").image.subbands["F0"], **BANDS})
@@ -170,7 +200,11 @@ def subbands():
     for name, (b, colour) in shown.items():
         right.plot(100 * offset, cuts[0, b] / cuts[0, b].max(), color=colour, label=name)
     right.axvspan(-16, 16, color="0.9", label="the mine")
-    right.set(xlabel="ground range from the mine's centre (cm)", ylabel="HH, of the largest", xlim=(-70, 100))
+    right.set(
+        xlabel="ground range from the mine's centre (cm)",
+        ylabel="HH, of the largest",
+        xlim=(-70, 100),
+    )
     right.legend(fontsize=8)
     return figure
 
@@ -183,13 +217,23 @@ def refraction():
     height = 5.0
     for epsilon, colour in ((3.4, "C0"), (10.7, "C1")):
         sine = distance / np.hypot(distance, height)
-        one.plot(distance, 100 * apparent_shift(0.10, epsilon, sine), color=colour, label=f"formula, ε = {epsilon}")
+        one.plot(
+            distance,
+            100 * apparent_shift(0.10, epsilon, sine),
+            color=colour,
+            label=f"formula, ε = {epsilon}",
+        )
         found = [100 * focused_shift(0.10, epsilon, d, height) for d in (7.0, 12.0, 18.0, 26.0)]
         one.plot((7.0, 12.0, 18.0, 26.0), found, "o", color=colour)
         h, v = two_way_transmission(sine, epsilon)
         two.plot(distance, 20 * np.log10(np.abs(h)), "-", color=colour, label=f"HH, ε = {epsilon}")
         two.plot(distance, 20 * np.log10(np.abs(v)), "--", color=colour, label=f"VV, ε = {epsilon}")
-    one.set(xlabel="distance (m)", ylabel="away from the radar (cm)", title="shift of a point 10 cm deep", ylim=(0, 45))
+    one.set(
+        xlabel="distance (m)",
+        ylabel="away from the radar (cm)",
+        title="shift of a point 10 cm deep",
+        ylim=(0, 45),
+    )
     two.set(xlabel="distance (m)", ylabel="dB", title="plane-wave transmission, both ways")
     for f, name in ((1.05e9, "1.05 GHz"), (2.55e9, "2.55 GHz"), (9.4e9, "9.4 GHz")):
         k = 2 * np.pi * f / SPEED_OF_LIGHT
@@ -197,7 +241,9 @@ def refraction():
         variance = (k * s * interface_path(np.sin(np.radians(67)), 3.4)) ** 2
         three.semilogy(1000 * s[1:], variance[1:], label=name)
     three.axhline(1, color="0.6", lw=0.8)
-    three.set(xlabel="rms height (mm)", ylabel="rad²", title="phase variance per pass", ylim=(1e-3, 20))
+    three.set(
+        xlabel="rms height (mm)", ylabel="rad²", title="phase variance per pass", ylim=(1e-3, 20)
+    )
     for axes in (one, two, three):
         axes.legend(fontsize=7)
         axes.grid(alpha=0.3)
@@ -210,9 +256,9 @@ def focused_shift(depth, permittivity, distance, height):
     tx, rx = (antennas + np.array([0.0, 0.0, height]) for antennas in sensor.pairs())
     frequency = np.arange(0.75e9, 1.35e9, 10e6)
     point = np.array([[0.0, distance, -depth]])
-    echo = ImagingOperator(frequency, tx, rx, point, half_space=permittivity, method="direct").forward(
-        np.ones((1, 1, 1))
-    )
+    echo = ImagingOperator(
+        frequency, tx, rx, point, half_space=permittivity, method="direct"
+    ).forward(np.ones((1, 1, 1)))
     y = np.arange(-0.3, 1.0, 0.005)
     line = np.column_stack([0 * y, distance + y, 0 * y])
     image = np.abs(ImagingOperator(frequency, tx, rx, line, method="direct").adjoint(echo)[0, 0])
@@ -225,7 +271,12 @@ def soils():
     one, two, three = figure.subplots(1, 3)
     moisture = np.linspace(0.005, 0.35, 60)
     for clay, colour in ((3.0, "C1"), (15.0, "C2"), (40.0, "C3")):
-        one.plot(moisture, [mironov(1.05e9, clay, m).real for m in moisture], color=colour, label=f"{clay:g} % clay")
+        one.plot(
+            moisture,
+            [mironov(1.05e9, clay, m).real for m in moisture],
+            color=colour,
+            label=f"{clay:g} % clay",
+        )
         loss = [one_way_loss(1.05e9, complex(mironov(1.05e9, clay, m))) for m in moisture]
         two.semilogy(moisture, loss, color=colour, label=f"{clay:g} % clay")
     one.plot(moisture, [topp(m).real for m in moisture], "k:", label="Topp et al.")
@@ -234,7 +285,9 @@ def soils():
     sand = np.linspace(0, 100, 101)
     for clay in (0.0, 3.0, 10.0):
         chosen = sand[sand <= 100 - clay]
-        three.plot(chosen, [peplinski_conductivity(s, clay) for s in chosen], label=f"{clay:g} % clay")
+        three.plot(
+            chosen, [peplinski_conductivity(s, clay) for s in chosen], label=f"{clay:g} % clay"
+        )
     three.axhline(0, color="0.4", lw=0.8)
     three.set(xlabel="sand (per cent)", ylabel="S/m", title="Peplinski's conductivity")
     for axes in (one, two, three):
@@ -270,11 +323,18 @@ def edge_levels(permittivity, incidence):
             size = np.abs(rim_amplitude(rim, k, sine))
             for letter, coefficient in (("H", rim.h), ("V", rim.v)):
                 sigma = 4 * np.pi * (size * coefficient) ** 2
-                told[f"{'near' if rim.near else 'far'} {letter}"] = float(10 * np.log10(sigma / optics))
+                told[f"{'near' if rim.near else 'far'} {letter}"] = float(
+                    10 * np.log10(sigma / optics)
+                )
     return told
 
 
-BODIES = {"metal-at": "metal", "plastic-at": "air gap", "plastic-at-cavity": "cavity", "plastic-at-solid": "simulant"}
+BODIES = {
+    "metal-at": "metal",
+    "plastic-at": "air gap",
+    "plastic-at-cavity": "cavity",
+    "plastic-at-solid": "simulant",
+}
 """Packaged bodies of 16 cm radius, and what sets them apart."""
 
 
@@ -302,7 +362,9 @@ def body_levels(body, frequency, permittivity=3.1 - 0.062j, depth=0.05, incidenc
     table = packaged_table(body)
     frequency = np.atleast_1d(np.asarray(frequency, dtype=float))
     found = table.at(frequency, np.full(frequency.size, permittivity), depth)
-    weight = node_weights(np.sin(np.radians([incidence])), np.zeros(1), np.zeros(1), table.aspects)[:, :, :, 0, 0]
+    weight = node_weights(np.sin(np.radians([incidence])), np.zeros(1), np.zeros(1), table.aspects)[
+        :, :, :, 0, 0
+    ]
     hh, vv = np.einsum("ast,astpf->pf", weight, found)[:2]
     return 20 * np.log10(np.abs(hh)), 20 * np.log10(np.abs(vv))
 
@@ -364,13 +426,17 @@ def scan_images(seed=5):
     tx, rx = sensor.pairs()
     up = np.array([0.0, 0.0, sensor.height])
     grid = Grid.spanning((-4.0, 4.0), (7.0, 22.0), 0.1)
-    operator = ImagingOperator(sensor.tones.axis(), tx + up, rx + up, grid.points(), [BANDS["F1"], BANDS["F4"]])
+    operator = ImagingOperator(
+        sensor.tones.axis(), tx + up, rx + up, grid.points(), [BANDS["F1"], BANDS["F4"]]
+    )
     made = []
     for errors in (False, True):
         one = scene if errors else scene.model_copy(update={"targets": ()})
         simulator = Simulator(one, sensor, seed, errors=errors)
         scans = range(len(simulator)) if errors else (0,)
-        made.append(np.stack([operator.adjoint(np.nan_to_num(simulator.scan(k)[:1]))[0] for k in scans]))
+        made.append(
+            np.stack([operator.adjoint(np.nan_to_num(simulator.scan(k)[:1]))[0] for k in scans])
+        )
     return grid, made[0][0], made[1][:, 0]
 
 
@@ -394,12 +460,22 @@ def roughness():
         scene = Scene(site=site)
         surface = scene.surface
         eps = scene.soil.media(f)[-1]
-        for name, uneven, style in (("one scale", 0.0, "C0--"), ("on a class D track", 1024e-6, "C0")):
+        for name, uneven, style in (
+            ("one scale", 0.0, "C0--"),
+            ("on a class D track", 1024e-6, "C0"),
+        ):
             known = (surface.rms_height, surface.correlation_length, surface.slope, uneven)
-            axes.plot(f / 1e9, 10 * np.log10(surface_backscatter(f, sine, eps, *known)[0]), style, label=name)
+            axes.plot(
+                f / 1e9,
+                10 * np.log10(surface_backscatter(f, sine, eps, *known)[0]),
+                style,
+                label=name,
+            )
         fitted = 10 * np.log10(oh1992(f, sine, eps, surface.rms_height)[0])
         known = 2 * np.pi * f / SPEED_OF_LIGHT * surface.rms_height >= 0.1
-        axes.plot(f[known] / 1e9, fitted[known], "k", label="fitted to measurements (Oh et al. 1992)")
+        axes.plot(
+            f[known] / 1e9, fitted[known], "k", label="fitted to measurements (Oh et al. 1992)"
+        )
         axes.plot(f / 1e9, fitted, "k:", label="the same, ks below 0.1")
         axes.axvspan(0.44, 0.75, color="0.9")
         axes.set(xlabel="GHz", title=f"{site}, HH, 67°")
@@ -417,20 +493,36 @@ def clutter():
     one, two = top.subplots(1, 2)
     angle = np.radians(np.linspace(45, 82, 80))
     for f, colour in ((1.05e9, "C0"), (2.55e9, "C1")):
-        hh, vv = surface_backscatter(f, np.sin(angle), mironov(f, *ARID), 0.005, 0.05, np.radians(5))
-        one.plot(np.degrees(angle), 10 * np.log10(hh), "-", color=colour, label=f"HH, {f / 1e9:g} GHz")
-        one.plot(np.degrees(angle), 10 * np.log10(vv), "--", color=colour, label=f"VV, {f / 1e9:g} GHz")
-    one.set(xlabel="incidence (degrees)", ylabel="σ⁰ (dB)", title="backscatter of dry sand, s = 5 mm")
+        hh, vv = surface_backscatter(
+            f, np.sin(angle), mironov(f, *ARID), 0.005, 0.05, np.radians(5)
+        )
+        one.plot(
+            np.degrees(angle), 10 * np.log10(hh), "-", color=colour, label=f"HH, {f / 1e9:g} GHz"
+        )
+        one.plot(
+            np.degrees(angle), 10 * np.log10(vv), "--", color=colour, label=f"VV, {f / 1e9:g} GHz"
+        )
+    one.set(
+        xlabel="incidence (degrees)", ylabel="σ⁰ (dB)", title="backscatter of dry sand, s = 5 mm"
+    )
     one.legend(fontsize=7)
     one.grid(alpha=0.3)
-    # Every range has its own level: its root mean square is divided out before amplitudes are counted.
+    # Every range has its own level: its root mean square is divided out before amplitudes are
+    # counted.
     for name, image in zip(("F1", "F4"), bare[:, grid.y > 16], strict=True):
         power = np.abs(image) ** 2 / np.mean(np.abs(image) ** 2, axis=1, keepdims=True)
         level = np.sort(np.sqrt(power).ravel())
-        two.semilogy(level, 1 - np.arange(level.size) / level.size, label=f"simulated image, {name} HH")
+        two.semilogy(
+            level, 1 - np.arange(level.size) / level.size, label=f"simulated image, {name} HH"
+        )
     x = np.linspace(0, 4, 100)
     two.semilogy(x, np.exp(-(x**2)), "k:", label="Rayleigh")
-    two.set(xlabel="amplitude over its rms at that range", ylabel="share above", ylim=(1e-4, 1.2), xlim=(0, 4.5))
+    two.set(
+        xlabel="amplitude over its rms at that range",
+        ylabel="share above",
+        ylim=(1e-4, 1.2),
+        xlim=(0, 4.5),
+    )
     two.set_title("amplitudes")
     two.legend(fontsize=8)
     two.grid(alpha=0.3)
@@ -439,7 +531,11 @@ def clutter():
     cleaned = remove_background(signed[0], signature, background)
     panels = bottom.subplots(1, 3, sharey=True)
     scale = np.median(np.abs(signed[0] / scan_gain(signed[0])))
-    shown = {"one scan": signed[0] / scan_gain(signed[0]), "self-signature (mean of 8)": signature, "cleaned": cleaned}
+    shown = {
+        "one scan": signed[0] / scan_gain(signed[0]),
+        "self-signature (mean of 8)": signature,
+        "cleaned": cleaned,
+    }
     for axes, (title, image) in zip(panels, shown.items(), strict=True):
         unit = np.median(np.abs(image)) if title == "cleaned" else scale
         decibel = 20 * np.log10(np.abs(image) / unit)
@@ -535,13 +631,26 @@ def detectors():
     one, two = figure.subplots(1, 2)
     for name, (target, clutter) in detector_scores().items():
         limits = np.quantile(clutter, 1 - np.geomspace(1e-3, 1, 60))
-        one.semilogx([(clutter >= x).mean() for x in limits], [(target >= x).mean() for x in limits], label=name)
-    one.set(xlabel="share of clutter declared", ylabel="Pd", title="14 examples of 56 samples", ylim=(0, 1.02))
+        one.semilogx(
+            [(clutter >= x).mean() for x in limits],
+            [(target >= x).mean() for x in limits],
+            label=name,
+        )
+    one.set(
+        xlabel="share of clutter declared",
+        ylabel="Pd",
+        title="14 examples of 56 samples",
+        ylim=(0, 1.02),
+    )
     one.legend(fontsize=8)
     one.grid(alpha=0.3)
     rng = np.random.default_rng(1)
-    mines = np.concatenate([rng.normal((-0.6, 0.7), 0.28, (60, 2)), rng.normal((0.5, 0.7), 0.28, (60, 2))])
-    others = np.concatenate([rng.normal((-0.2, 0.15), 0.3, (60, 2)), rng.normal((0.9, 0.1), 0.3, (60, 2))])
+    mines = np.concatenate(
+        [rng.normal((-0.6, 0.7), 0.28, (60, 2)), rng.normal((0.5, 0.7), 0.28, (60, 2))]
+    )
+    others = np.concatenate(
+        [rng.normal((-0.2, 0.15), 0.3, (60, 2)), rng.normal((0.9, 0.1), 0.3, (60, 2))]
+    )
     x = np.concatenate([mines, others])
     y = np.repeat([1, 0], [120, 120])
     machine = RelevanceVectorClassifier(kernel="rbf", gamma=4.0).fit(x, y)
@@ -552,7 +661,11 @@ def detectors():
     two.plot(*mines.T, ".", color="darkred", ms=4)
     two.plot(*others.T, ".", color="navy", ms=4)
     two.plot(
-        *x[machine.relevance_].T, "ko", mfc="none", ms=11, label=f"{len(machine.relevance_)} relevance vectors of 240"
+        *x[machine.relevance_].T,
+        "ko",
+        mfc="none",
+        ms=11,
+        label=f"{len(machine.relevance_)} relevance vectors of 240",
     )
     two.set(xlabel="first feature", ylabel="second feature", title="relevance vector machine")
     two.legend(fontsize=8, loc="upper left")
@@ -569,7 +682,13 @@ def roc_example(seed=2):
     truth["depth"] = 0.05
     level = np.where(truth.kind == "metal", 3.0, 1.5) + rng.normal(0, 1, 20)
     near = pd.DataFrame({"x": truth.x + 0.2, "y": truth.y - 0.2, "confidence": level})
-    far = pd.DataFrame({"x": rng.uniform(-2, 2, 60), "y": rng.uniform(0, 100, 60), "confidence": rng.normal(0, 1, 60)})
+    far = pd.DataFrame(
+        {
+            "x": rng.uniform(-2, 2, 60),
+            "y": rng.uniform(0, 100, 60),
+            "confidence": rng.normal(0, 1, 60),
+        }
+    )
     return pd.concat([near, far], ignore_index=True), truth, lane
 
 
@@ -580,21 +699,39 @@ def scoring():
     one, two = figure.subplots(1, 2)
     whole = roc(alarms, truth, lane)
     one.fill_between(
-        whole.far, whole.pd_low, whole.pd_high, step="post", alpha=0.2, label="95 %, exact, point by point"
+        whole.far,
+        whole.pd_low,
+        whole.pd_high,
+        step="post",
+        alpha=0.2,
+        label="95 %, exact, point by point",
     )
     one.step(whole.far, whole.pd, where="post", label="all 20 mines")
     for kind, colour in (("metal", "C3"), ("plastic", "C1")):
         curve = roc(alarms, truth, lane, subset={"kind": kind})
         one.step(curve.far, curve.pd, "--", where="post", color=colour, label=f"{kind} (10)")
     one.axvspan(0, 0.1, color="0.93", zorder=0)
-    one.set(xlabel="false alarms per m²", ylabel="Pd", ylim=(0, 1.03), xlim=(0, 0.16), title="halo rules")
+    one.set(
+        xlabel="false alarms per m²",
+        ylabel="Pd",
+        ylim=(0, 1.03),
+        xlim=(0, 0.16),
+        title="halo rules",
+    )
     one.annotate("PD_mean: mean Pd\nover the grey part", (0.006, 0.04), fontsize=8)
     one.legend(fontsize=7, loc="lower right")
     number = np.array([3, 5, 8, 12, 20, 30, 50, 80, 120, 200])
     for share, colour in ((1.0, "C0"), (0.9, "C1")):
         bounds = np.array([clopper_pearson(round(share * n), n) for n in number])
         two.fill_between(number, *bounds.T, alpha=0.2, color=colour)
-        two.plot(number, np.round(share * number) / number, "o-", ms=3, color=colour, label=f"{share:.0%} found")
+        two.plot(
+            number,
+            np.round(share * number) / number,
+            "o-",
+            ms=3,
+            color=colour,
+            label=f"{share:.0%} found",
+        )
     two.set(xscale="log", xlabel="mines on the lane", ylabel="Pd, 95 % exact", ylim=(0, 1.03))
     two.set_title("what a number of mines can show")
     two.legend(fontsize=8, loc="lower right")
@@ -602,7 +739,18 @@ def scoring():
     return figure
 
 
-FIGURES = (geometry, subbands, refraction, soils, signatures, roughness, clutter, polarimetry, detectors, scoring)
+FIGURES = (
+    geometry,
+    subbands,
+    refraction,
+    soils,
+    signatures,
+    roughness,
+    clutter,
+    polarimetry,
+    detectors,
+    scoring,
+)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,8 @@ from flgpr.cli import app
 def main() -> None:
     """Run the command line."""
     if not any(argument.startswith("--scheduler") for argument in sys.argv):
-        # Else xarray loads Dask, where it is installed, as soon as it sees an array, and that takes as long as it does.
+        # Else xarray loads Dask, where it is installed, as soon as it sees an array, and that takes
+        # as long as it does.
         sys.modules["dask"] = None  # type: ignore[assignment]
     app()
 

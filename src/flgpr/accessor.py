@@ -43,7 +43,10 @@ class RunAccessor:
         """Image all complete scans over the whole band, by default 1 to 5 array heights ahead, 1.2 to either side."""
         frequency = self._run["frequency"].values
         return ScanImager(
-            self._run, grid or _grid(self._run), {"all": (float(frequency[0]), float(frequency[-1]))}, window
+            self._run,
+            grid or _grid(self._run),
+            {"all": (float(frequency[0]), float(frequency[-1]))},
+            window,
         )
 
 
@@ -57,20 +60,37 @@ class RunPlots:
         """Draw poses and, at the first and the last scan, the antennas, seen from above."""
         ax = ax or _axes((5, 5))
         pose = self._run["pose"].values
-        ax.plot(pose[:, 0], pose[:, 1], ".-", color="0.6", markersize=3, linewidth=0.8, label="scans")
-        for name, mark, color in (("tx_position", "^", "tab:red"), ("rx_position", "o", "tab:blue")):
+        ax.plot(
+            pose[:, 0], pose[:, 1], ".-", color="0.6", markersize=3, linewidth=0.8, label="scans"
+        )
+        for name, mark, color in (
+            ("tx_position", "^", "tab:red"),
+            ("rx_position", "o", "tab:blue"),
+        ):
             places = np.unique(self._run[name].values, axis=0)
             for end in (0, -1):
                 at = vehicle_to_lane(places, pose[end])
                 label = f"{name[:2]} antennas, first and last scan" if end == 0 else None
-                ax.plot(at[:, 0], at[:, 1], mark, color=color, markersize=4, markerfacecolor="none", label=label)
+                ax.plot(
+                    at[:, 0],
+                    at[:, 1],
+                    mark,
+                    color=color,
+                    markersize=4,
+                    markerfacecolor="none",
+                    label=label,
+                )
         ax.set(xlabel="x cross-track (m)", ylabel="y down-track (m)", aspect="equal")
         ax.set_adjustable("datalim")
         ax.legend(fontsize="small", loc="best")
         return ax
 
     def scan(
-        self, scan: int = 0, polarization: str | None = None, grid: Grid | None = None, ax: Axes | None = None
+        self,
+        scan: int = 0,
+        polarization: str | None = None,
+        grid: Grid | None = None,
+        ax: Axes | None = None,
     ) -> Axes:
         """Draw a scan's image over the whole band; a negative scan counts from the end."""
         count = self._run.sizes["scan"]
@@ -86,7 +106,11 @@ class RunPlots:
         return ax
 
     def run_view(
-        self, polarization: str | None = None, lane: Lane | None = None, spacing: float = 0.1, ax: Axes | None = None
+        self,
+        polarization: str | None = None,
+        lane: Lane | None = None,
+        spacing: float = 0.1,
+        ax: Axes | None = None,
     ) -> Axes:
         """Draw the run-view of uncleaned images over the whole band, of the first polarization unless told.
 
@@ -106,7 +130,9 @@ class RunPlots:
         if polarization is None:
             return known[0]
         if polarization not in known:
-            raise ValueError(f"polarization must be one of {', '.join(known)}, got {polarization!r}")
+            raise ValueError(
+                f"polarization must be one of {', '.join(known)}, got {polarization!r}"
+            )
         return polarization
 
 
@@ -136,7 +162,9 @@ def _show(image: xr.DataArray, ax: Axes | None, title: str) -> Axes:
     x, y = image["x"].values, image["y"].values
     half = ((x[1] - x[0]) / 2, (y[1] - y[0]) / 2)
     extent = (x[0] - half[0], x[-1] + half[0], y[0] - half[1], y[-1] + half[1])
-    drawn = ax.imshow(decibel, origin="lower", extent=extent, vmin=-_RANGE, vmax=0, cmap="viridis", aspect="equal")
+    drawn = ax.imshow(
+        decibel, origin="lower", extent=extent, vmin=-_RANGE, vmax=0, cmap="viridis", aspect="equal"
+    )
     figure = ax.get_figure()
     if figure is not None:
         figure.colorbar(drawn, ax=ax, label="dB re the brightest pixel", shrink=0.8)

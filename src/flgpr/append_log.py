@@ -63,7 +63,10 @@ class AppendLog:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.close()
 
@@ -162,14 +165,18 @@ def _lock(file: BinaryIO, path: Path, kind: int, wait: float) -> None:
             return
         except BlockingIOError:
             if time.monotonic() >= end:
-                raise LogHeldError(f"{path}: another process holds it: try again when that is done") from None
+                raise LogHeldError(
+                    f"{path}: another process holds it: try again when that is done"
+                ) from None
         time.sleep(_PAUSE)
 
 
 def _read(file: BinaryIO, path: Path) -> bytes:
     size = os.fstat(file.fileno()).st_size
     if size > MOST_BYTES:
-        raise ValueError(f"{path}: must have at most {MOST_BYTES / 2**20:g} MiB, got {size / 2**20:.0f}")
+        raise ValueError(
+            f"{path}: must have at most {MOST_BYTES / 2**20:g} MiB, got {size / 2**20:.0f}"
+        )
     file.seek(0)
     parts = []
     left = size

@@ -50,7 +50,13 @@ class Archive(Mapping[str, "NDArray[Any]"]):
             self._zip = zipfile.ZipFile(file)
             for entry in self._zip.infolist():
                 self._add(entry)
-        except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+        except (
+            zipfile.BadZipFile,
+            zlib.error,
+            EOFError,
+            NotImplementedError,
+            RuntimeError,
+        ) as error:
             raise ValueError(f"no archive of arrays ({error})") from None
         size = sum(member.size for member in self.members.values())
         room = sum(member.room for member in self.members.values())
@@ -81,14 +87,20 @@ class Archive(Mapping[str, "NDArray[Any]"]):
             self.passed_over[name] = "no array"
             return
         if entry.compress_type not in _METHODS:
-            raise ValueError(f"{entry.filename} must be stored or deflated, got method {entry.compress_type}")
+            raise ValueError(
+                f"{entry.filename} must be stored or deflated, got method {entry.compress_type}"
+            )
         with self._zip.open(entry) as file:
             shape, dtype, head = npy_header(file)
         if dtype.kind not in _KINDS or not dtype.itemsize:
-            self.passed_over[name] = "Python objects" if dtype.hasobject else f"values of type {dtype}"
+            self.passed_over[name] = (
+                "Python objects" if dtype.hasobject else f"values of type {dtype}"
+            )
             return
         if head + array_bytes(shape, dtype) != entry.file_size:
-            raise ValueError(f"{entry.filename} holds {entry.file_size} bytes, its header tells {shape} {dtype}")
+            raise ValueError(
+                f"{entry.filename} holds {entry.file_size} bytes, its header tells {shape} {dtype}"
+            )
         if name in self.members:
             raise ValueError(f"{entry.filename} is there twice")
         self.members[name] = Member(shape, dtype, entry.file_size, entry.compress_size)
@@ -101,10 +113,18 @@ def npy_header(file: Any) -> tuple[tuple[int, ...], np.dtype[Any], int]:
     width = 2 if version == (1, 0) else 4
     counted = file.read(width)
     length = int.from_bytes(counted, "little")
-    if length > _LONGEST_HEADER:  # NumPy looks at the length when it has read the header, which may take gigabytes
-        raise ValueError(f"the header of an array must take at most {_LONGEST_HEADER} bytes, got {length}")
+    if (
+        length > _LONGEST_HEADER
+    ):  # NumPy looks at the length when it has read the header, which may take gigabytes
+        raise ValueError(
+            f"the header of an array must take at most {_LONGEST_HEADER} bytes, got {length}"
+        )
     text = io.BytesIO(counted + file.read(length))
-    reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    reader = (
+        np.lib.format.read_array_header_1_0
+        if version == (1, 0)
+        else np.lib.format.read_array_header_2_0
+    )
     shape, _, dtype = reader(text)
     return shape, dtype, len(start) + width + length
 
@@ -124,4 +144,6 @@ def _check_directory(file: BinaryIO) -> None:
         raise ValueError("no archive of arrays (it has no end)")
     size = int(end[zipfile._ECD_SIZE])  # type: ignore[attr-defined]
     if size > _LARGEST_DIRECTORY:
-        raise ValueError(f"the directory of an archive must take at most {_LARGEST_DIRECTORY} bytes, got {size}")
+        raise ValueError(
+            f"the directory of an archive must take at most {_LARGEST_DIRECTORY} bytes, got {size}"
+        )

@@ -1,11 +1,15 @@
 """The one door to files that somebody else made: regular, inside their folder, listed, of the size and digest listed.
 
-A result, store, model, score or work folder may come from an enemy. Nothing of it is opened but through here:
+A result, store, model, score or work folder may come from an enemy. Nothing of it is opened but
+through here:
 
-- no symbolic link below the folder is followed, and no pipe, socket or device is opened: opening never waits;
+- no symbolic link below the folder is followed, and no pipe, socket or device is opened: opening
+  never waits;
 - a name that the folder's list (its manifest) does not have is not read;
-- the size is checked on the open file before anything is read, against the list and against a limit;
-- what is given back are the very bytes whose digest was checked: no file is opened a second time to be parsed.
+- the size is checked on the open file before anything is read, against the list and against a
+  limit;
+- what is given back are the very bytes whose digest was checked: no file is opened a second time to
+  be parsed.
 
 Files that users name on the command line may be links, see :func:`read_named`.
 """
@@ -74,7 +78,9 @@ class Folder:
     def __init__(self, root: str | Path, listed: Mapping[str, Listed] | None = None) -> None:
         self.root = Path(root)
         self.listed = listed
-        self.proven: set[str] = set()  #: names of listed files whose digest was right when they were read
+        self.proven: set[str] = (
+            set()
+        )  #: names of listed files whose digest was right when they were read
         self._blocks: dict[str, list[bytes]] = {}
 
     @contextmanager
@@ -111,8 +117,14 @@ class Folder:
 
     def refuse_unlisted(self, name: str) -> None:
         """Raise a DoorError if a file is there that the list does not have."""
-        if self.listed is not None and name not in self.listed and os.path.lexists(self.root / name):
-            raise DoorError(f"{self.root}: {name} is not among the files that were written: take it away")
+        if (
+            self.listed is not None
+            and name not in self.listed
+            and os.path.lexists(self.root / name)
+        ):
+            raise DoorError(
+                f"{self.root}: {name} is not among the files that were written: take it away"
+            )
 
     def check(self, name: str) -> None:
         """Check a file's size and digest without keeping it in memory; an optional one may be absent."""
@@ -140,7 +152,9 @@ class Folder:
         read the blocks that they need and compare these. Time stamps play no part: they can be set to anything.
         """
         if min(offset, length) < 0 or length > MOST_BYTES:
-            raise DoorError(f"{self.root}: part of {name} must be within a file, got {length} bytes at {offset}")
+            raise DoorError(
+                f"{self.root}: part of {name} must be within a file, got {length} bytes at {offset}"
+            )
         with self.open(name, MOST_CHECKED) as file:
             if name not in self._blocks:
                 self._blocks[name] = self._prove_blocks(name, file)
@@ -187,9 +201,13 @@ class Folder:
         size = state.st_size
         if entry is not None and entry.sizes and size not in entry.sizes:
             wanted = " or ".join(map(str, entry.sizes))
-            raise DoorError(f"{self.root}: {name} differs from what was written ({size} bytes against {wanted})")
+            raise DoorError(
+                f"{self.root}: {name} differs from what was written ({size} bytes against {wanted})"
+            )
         if size > most:
-            raise DoorError(f"{self.root}: {name} must hold at most {most / 2**20:g} MiB, got {size / 2**20:.4g}")
+            raise DoorError(
+                f"{self.root}: {name} must hold at most {most / 2**20:g} MiB, got {size / 2**20:.4g}"
+            )
 
     def _entry(self, name: str) -> Listed | None:
         if self.listed is None:
@@ -201,7 +219,9 @@ class Folder:
     def _compare(self, name: str, digest: str) -> None:
         entry = self._entry(name)
         if entry is not None and digest not in entry.digests:
-            raise DoorError(f"{self.root}: {name} differs from what was written (its SHA-256 is another)")
+            raise DoorError(
+                f"{self.root}: {name} differs from what was written (its SHA-256 is another)"
+            )
         self.proven.add(name)
 
     def _prove_blocks(self, name: str, file: BinaryIO) -> list[bytes]:
@@ -229,7 +249,9 @@ def open_named(path: str | Path, most: int | None = None) -> Iterator[BufferedRe
     with open(path, "rb", opener=open_at_once) as file:
         size = os.fstat(file.fileno()).st_size
         if most is not None and size > most:
-            raise DoorError(f"{path} must hold at most {most / 2**20:g} MiB, got {size / 2**20:.4g}")
+            raise DoorError(
+                f"{path} must hold at most {most / 2**20:g} MiB, got {size / 2**20:.4g}"
+            )
         yield file
 
 
@@ -295,7 +317,9 @@ def _inside(value: Any) -> Any:
 def check_expansion(name: str, size: int, room: int) -> None:
     """Refuse what decodes into far more than the file holds: no measurement does."""
     if size > _SMALL and size > _MOST_EXPANSION * room:
-        raise ValueError(f"{name} takes {room} bytes of the file and would expand to {size}: no data do")
+        raise ValueError(
+            f"{name} takes {room} bytes of the file and would expand to {size}: no data do"
+        )
 
 
 def _parts(root: Path, name: str) -> tuple[list[str], str]:
@@ -311,7 +335,9 @@ def _open_inside(root: Path, name: str) -> int:
     folders, last = _parts(root, name)
     at = _open_folders(root, name, folders)
     try:
-        _regular_state(at, last, root, name)  # looked at before, for opening a device may already do something
+        _regular_state(
+            at, last, root, name
+        )  # looked at before, for opening a device may already do something
         return _regular(os.open(last, _FILE, dir_fd=at), f"{root}: {name}")
     except FileNotFoundError as error:
         raise FileNotFoundError(error.errno, error.strerror, str(root / name)) from None
@@ -348,7 +374,9 @@ def _open_folders(root: Path, name: str, parts: Sequence[str]) -> int:
             if error.errno not in (errno.ELOOP, errno.ENOTDIR):
                 raise
             kind = _kind(os.stat(part, dir_fd=at, follow_symlinks=False))
-            raise DoorError(f"{root}: {name} must lie in folders of its own, got {kind} at {part}") from None
+            raise DoorError(
+                f"{root}: {name} must lie in folders of its own, got {kind} at {part}"
+            ) from None
         finally:
             os.close(at)
         at = below

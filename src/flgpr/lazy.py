@@ -16,12 +16,16 @@ from types import ModuleType
 from typing import Any
 
 
-def face(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+def face(
+    package: str, file: str
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Make a package's ``__getattr__``, ``__dir__`` and ``__all__``; its stub lies beside its ``__file__``."""
     source: dict[str, tuple[str, str]] = {}
     for node in ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom) and node.module != "typing":
-            source |= {alias.asname or alias.name: (node.module or "", alias.name) for alias in node.names}
+            source |= {
+                alias.asname or alias.name: (node.module or "", alias.name) for alias in node.names
+            }
 
     def load(name: str) -> Any:
         if name not in source:
@@ -48,7 +52,9 @@ class Verbs(ModuleType):
 
     def __setattr__(self, name: str, value: Any) -> None:
         verb = self.__dict__["__verbs__"].get(name)
-        if verb is not None and type(value) is ModuleType:  # the import system hands over a package it has loaded
+        if (
+            verb is not None and type(value) is ModuleType
+        ):  # the import system hands over a package it has loaded
             value.__class__ = Verb
             value.__verb__ = verb  # type: ignore[attr-defined]
         super().__setattr__(name, value)

@@ -76,7 +76,14 @@ def view(
     if port and key in _open:  # its port may be the one that is asked for
         _open.pop(key).close()
     viewer = Viewer(
-        paths, port=port, live=live, score=score, anchor=anchor, raw=tasks.RawRun, framed=True, make_map=tasks.map_bytes
+        paths,
+        port=port,
+        live=live,
+        score=score,
+        anchor=anchor,
+        raw=tasks.RawRun,
+        framed=True,
+        make_map=tasks.map_bytes,
     )
     if key in _open:
         _open.pop(key).close()

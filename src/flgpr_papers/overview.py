@@ -28,11 +28,13 @@ def reproduce(
 ) -> Path:
     """Run a paper's experiment again on simulated lanes, or all of them; what was stopped goes on where it was.
 
-    With "all" every paper works in a folder of its own, and the overview is written anew after each, so that a run that
-    was stopped shows what is there. Several processes first take what a study can have made beforehand part by part.
+    With "all" every paper works in a folder of its own, and the overview is written anew after
+    each, so that a run that was stopped shows what is there. Several processes first take what a
+    study can have made beforehand part by part.
 
-    A study on roads as found works in the folder ``as-found`` within that of the study, so that the two never mix. The
-    page of the study shows its verdicts beside if they are there when it is written.
+    A study on roads as found works in the folder ``as-found`` within that of the study, so that the
+    two never mix. The page of the study shows its verdicts beside if they are there when it is
+    written.
 
     Parameters
     ----------
@@ -68,7 +70,10 @@ def reproduce(
     if paper != "all":
         return run_study(paper, world_folder(folder, world), quick, track, world)
     folder.mkdir(parents=True, exist_ok=True)
-    jobs = [(name, str(world_folder(folder / name, world)), quick, world) for name in sorted(PAPERS, reverse=True)]
+    jobs = [
+        (name, str(world_folder(folder / name, world)), quick, world)
+        for name in sorted(PAPERS, reverse=True)
+    ]
     pages: dict[str, Path] = {}
     with Processes(workers) if workers > 1 else Here() as executor:
         if workers > 1:
@@ -91,8 +96,12 @@ def overview_name(world: str) -> str:
 
 def write_overview(folder: Path, pages: Mapping[str, Path], quick: bool, world: str) -> None:
     """Write the overview and the verdicts of the studies that have a page; those on roads as found have own files."""
-    rows = {name: verdict_rows(world_folder(folder / name, world)) for name in PAPERS if name in pages}
-    write_whole(folder / ("verdicts.csv" if world == OWN else f"verdicts-{world}.csv"), verdicts_csv(rows))
+    rows = {
+        name: verdict_rows(world_folder(folder / name, world)) for name in PAPERS if name in pages
+    }
+    write_whole(
+        folder / ("verdicts.csv" if world == OWN else f"verdicts-{world}.csv"), verdicts_csv(rows)
+    )
     other = overview_name(AS_FOUND) if world == OWN else overview_name(OWN)
     html = study_html(
         "overview.html",
@@ -106,7 +115,9 @@ def write_overview(folder: Path, pages: Mapping[str, Path], quick: bool, world: 
     write_whole(folder / overview_name(world), html)
 
 
-def run_study(paper: str, folder: Path, quick: bool, track: Track = silent, world: str = OWN) -> Path:
+def run_study(
+    paper: str, folder: Path, quick: bool, track: Track = silent, world: str = OWN
+) -> Path:
     """Run the study of one paper, which is loaded for it; returns its page.
 
     A folder that has results of the other form, quick or full, or of the other world is a FileExistsError.
@@ -126,8 +137,12 @@ def _refuse_other_form(folder: Path, quick: bool, world: str) -> None:
     run = json.loads(path.read_text("utf-8"))
     if run["quick"] != quick:
         form = "full" if quick else "quick"
-        raise FileExistsError(f"output must not exist yet, got {folder} with the {form} form: choose another output")
-    its_world = run.get("world", AS_FOUND)  # before there were two worlds, all studies ran on roads as found
+        raise FileExistsError(
+            f"output must not exist yet, got {folder} with the {form} form: choose another output"
+        )
+    its_world = run.get(
+        "world", AS_FOUND
+    )  # before there were two worlds, all studies ran on roads as found
     if its_world != world:
         raise FileExistsError(
             f"output must not exist yet, got {folder} with lanes of the world {its_world!r}: choose another output"
@@ -150,7 +165,9 @@ def parts_of(paper: str, quick: bool) -> list[str | None]:
     return list(study.parts(quick)) if hasattr(study, "parts") else [None]
 
 
-def study_part(paper: str, folder: str, quick: bool, world: str, part: str | None) -> dict[str, Any]:
+def study_part(
+    paper: str, folder: str, quick: bool, world: str, part: str | None
+) -> dict[str, Any]:
     """Make a part of a study beforehand in a process of its own."""
     if part is None:
         run_study(paper, Path(folder), quick, world=world)
@@ -164,7 +181,9 @@ def study_page(paper: str, folder: str, quick: bool, world: str) -> dict[str, st
     return _study_with_progress(paper, folder, quick, world, silent)
 
 
-def _study_with_progress(paper: str, folder: str, quick: bool, world: str, track: Track) -> dict[str, str]:
+def _study_with_progress(
+    paper: str, folder: str, quick: bool, world: str, track: Track
+) -> dict[str, str]:
     return {"paper": paper, "page": str(run_study(paper, Path(folder), quick, track, world))}
 
 
@@ -174,7 +193,9 @@ def verdict_rows(folder: Path) -> list[tuple[str, str, str, str]]:
     for one in read_findings(folder):
         if one.verdict == OPEN:
             continue
-        about = "; ".join(part for part in (one.quantity, one.group and f"{one.group} lanes") if part)
+        about = "; ".join(
+            part for part in (one.quantity, one.group and f"{one.group} lanes") if part
+        )
         claim = f"{one.claim} ({about})" if about else one.claim
         rows.append((claim, one.paper, one.ours, one.verdict))
     return rows
@@ -184,4 +205,6 @@ def verdicts_csv(found: Mapping[str, list[tuple[str, str, str, str]]]) -> str:
     """Tabulate the verdicts of all papers: paper, claim, what the paper states, ours, verdict."""
     rows = [("paper", "claim", "stated", "ours", "verdict")]
     rows += [(name, *row) for name, verdicts in found.items() for row in verdicts]
-    return "".join(",".join('"' + cell.replace('"', '""') + '"' for cell in row) + "\n" for row in rows)
+    return "".join(
+        ",".join('"' + cell.replace('"', '""') + '"' for cell in row) + "\n" for row in rows
+    )

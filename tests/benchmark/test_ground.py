@@ -14,7 +14,11 @@ GROUNDS = {quick: load_ground(quick, "proving-ground-1") for quick in (False, Tr
 SECOND = {quick: load_ground(quick) for quick in (False, True)}
 TIERS = {tier.tier: tier for tier in SECOND[False].chosen_tiers()}
 FULLWAVE = load_ground(source="full-wave-1")
-ALL = [*GROUNDS.values(), *SECOND.values(), *(tier for one in SECOND.values() for tier in one.chosen_tiers())]
+ALL = [
+    *GROUNDS.values(),
+    *SECOND.values(),
+    *(tier for one in SECOND.values() for tier in one.chosen_tiers()),
+]
 PLASTIC = {"tm-62p", "vs-1.6", "vs-2.2", "vs-2.2-hollow", "m19"}
 LEFT_OUT = {"vs-2.2", "vs-2.2-hollow", "pma-1"}
 """Packaged bodies that lie in test lanes alone; version 1 has not all of them."""
@@ -30,7 +34,9 @@ def bodies(lane):
 
 def designs(lanes):
     """Tell of lanes what a tier has no say in."""
-    return [(lane.name_in_tier, lane.part, lane.lane, lane.scene.draws, lane.sensor) for lane in lanes]
+    return [
+        (lane.name_in_tier, lane.part, lane.lane, lane.scene.draws, lane.sensor) for lane in lanes
+    ]
 
 
 @pytest.mark.parametrize("ground", ALL, ids=label)
@@ -49,7 +55,9 @@ def test_lanes_have_seeds_of_their_own_and_are_the_same_each_time():
     for ground in (*GROUNDS.values(), *SECOND.values()):
         again = load_ground(ground.quick, ground.title.removesuffix("-quick"))
         assert again == ground
-        assert [lane.seed for lane in again.lanes.values()] == [lane.seed for lane in ground.lanes.values()]
+        assert [lane.seed for lane in again.lanes.values()] == [
+            lane.seed for lane in ground.lanes.values()
+        ]
     grounds = (*GROUNDS.values(), *SECOND.values())
     seeds = [lane.seed for ground in grounds for lane in ground.lanes.values()]
     assert len(set(seeds)) == len(seeds)
@@ -68,10 +76,13 @@ def test_what_a_split_says_is_new_was_never_seen(ground):
     trained = [lane for lane in ground.lanes.values() if lane.part == "train"]
     assert {lane.sensor.height for lane in trained} == {5.0}
     assert {lane.sensor.height for lane in ground.tested("new-height")} == {3.5}
-    # Of each site the variant's clutter is spikier and its track rougher than those it was trained on.
+    # Of each site the variant's clutter is spikier and its track rougher than those it was trained
+    # on.
     for lane in ground.tested("variant"):
         usual = [one.scene.surface for one in trained if one.site == lane.site]
-        assert all(lane.scene.surface.texture_shape <= surface.texture_shape / 2 for surface in usual)
+        assert all(
+            lane.scene.surface.texture_shape <= surface.texture_shape / 2 for surface in usual
+        )
         assert all(lane.scene.surface.unevenness == 4 * surface.unevenness for surface in usual)
     errors = {lane.sensor.errors.antenna_gain_db for lane in ground.tested("variant")}
     assert errors == {2 * trained[0].sensor.errors.antenna_gain_db}
@@ -91,8 +102,12 @@ def test_ground_2_comes_first_and_has_two_tiers_of_one_design():
         assert designs(prepared.tested(split)) == designs(found.tested(split))
     assert set(ground.lanes) == {*prepared.lanes, *found.lanes}
     assert len(ground.lanes) == len(prepared.lanes) + len(found.lanes)
-    assert list(ground.table.tiers["as-found"].sites.values()) == list(GROUNDS[False].table.sites.values())
-    assert all(site.startswith("prepared-") for site in ground.table.tiers["prepared"].sites.values())
+    assert list(ground.table.tiers["as-found"].sites.values()) == list(
+        GROUNDS[False].table.sites.values()
+    )
+    assert all(
+        site.startswith("prepared-") for site in ground.table.tiers["prepared"].sites.values()
+    )
     quick = SECOND[True].chosen_tiers()
     assert designs(quick[0].lanes.values()) == designs(quick[1].lanes.values())
 
@@ -104,8 +119,13 @@ def test_a_tier_has_what_the_page_says_of_it(tier):
     count = {}
     for draw in (draw for lane in tested for draw in lane.scene.draws):
         count[draw.kind, draw.body] = count.get((draw.kind, draw.body), 0) + draw.count
-    assert {body: number for (kind, body), number in count.items() if kind == "plastic"} == dict.fromkeys(PLASTIC, 20)
-    assert {body: number for (kind, body), number in count.items() if kind == "ap"} == {"pmn": 16, "pma-1": 16}
+    assert {
+        body: number for (kind, body), number in count.items() if kind == "plastic"
+    } == dict.fromkeys(PLASTIC, 20)
+    assert {body: number for (kind, body), number in count.items() if kind == "ap"} == {
+        "pmn": 16,
+        "pma-1": 16,
+    }
     assert count["metal", None] == 64
     assert count["simulant", None] == 20
     assert sum(lane.length for lane in tier.lanes.values()) == 3196.0
@@ -126,7 +146,10 @@ def test_tiers_are_chosen_by_name():
     assert [tier.tier for tier in ground.chosen_tiers("all")] == list(TIERS)
     assert [tier.tier for tier in ground.chosen_tiers("as-found")] == ["as-found"]
     assert GROUNDS[False].chosen_tiers() == [GROUNDS[False]]
-    with pytest.raises(ValueError, match="tier must be one of those of proving-ground-2, prepared, as-found, all, got"):
+    with pytest.raises(
+        ValueError,
+        match="tier must be one of those of proving-ground-2, prepared, as-found, all, got",
+    ):
         ground.chosen_tiers("mud")
     with pytest.raises(ValueError, match="proving-ground-1"):
         GROUNDS[False].chosen_tiers("prepared")
@@ -188,7 +211,11 @@ def test_the_list_names_entries_splits_and_lanes():
         assert word in lines
     assert "tiers" not in lines
     lines = "\n".join(listing(quick=True))
-    for word in ("proving-ground-2-quick", "a road as found, at arid-sand, temperate", "prepared-earth-mixed-1"):
+    for word in (
+        "proving-ground-2-quick",
+        "a road as found, at arid-sand, temperate",
+        "prepared-earth-mixed-1",
+    ):
         assert word in lines
 
 

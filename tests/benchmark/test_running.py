@@ -11,7 +11,14 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr import tasks
-from flgpr.benchmark import load_ground, oracle, run_benchmark, run_oracle, score_entries, write_table
+from flgpr.benchmark import (
+    load_ground,
+    oracle,
+    run_benchmark,
+    run_oracle,
+    score_entries,
+    write_table,
+)
 from flgpr.benchmark.running import ALARMS, PRINTS, SEALED, passphrase
 from flgpr.benchmark.table import pd_in_words, same_lanes
 from flgpr.cli import app
@@ -74,7 +81,9 @@ def field(tmp_path_factory) -> Path:
     (folder / "ground.toml").write_text(GROUND.format(sensor=folder / "sensor.toml"))
     (folder / "one.toml").write_text(small_recipe("wang2007"))
     (folder / "two.toml").write_text(small_recipe("wang2007") + DETECTOR)
-    run_benchmark([folder / "one.toml", folder / "two.toml"], folder / "out", ground=folder / "ground.toml")
+    run_benchmark(
+        [folder / "one.toml", folder / "two.toml"], folder / "out", ground=folder / "ground.toml"
+    )
     return folder
 
 
@@ -123,7 +132,9 @@ def test_a_second_run_gives_the_same_table_to_the_digit(field, tmp_path):
     # Of the lanes the workers make one anew; the fingerprints of all are taken again.
     anew = shutil.ignore_patterns("gravel-test-1*", SEALED, PRINTS)
     shutil.copytree(field / "out" / "lanes", tmp_path / "again" / "lanes", ignore=anew)
-    again = run_benchmark(entries, tmp_path / "again", how=tasks.How(workers=2), ground=field / "ground.toml")
+    again = run_benchmark(
+        entries, tmp_path / "again", how=tasks.How(workers=2), ground=field / "ground.toml"
+    )
     write_table([again], again)
     for name in ("scores.csv", f"lanes/{PRINTS}"):
         assert (again / name).read_bytes() == (field / "out" / name).read_bytes()
@@ -140,7 +151,11 @@ def test_the_table_is_the_score_of_the_alarms(field):
     assert "tier" not in {*scores.columns, *costs.columns}  # the ground has none
     assert set(scores["group"]) == {"mines", "metal", "ap", "arid", "gravel"}
     alarms = read_table(field / "out" / "entries" / "two" / "standard" / ALARMS, "alarms")
-    row = scores[(scores["entry"] == "two") & (scores["split"] == "standard") & (scores["far_allowed"] == 0.1)]
+    row = scores[
+        (scores["entry"] == "two")
+        & (scores["split"] == "standard")
+        & (scores["far_allowed"] == 0.1)
+    ]
     mines, arid = (row[row["group"] == group].iloc[0] for group in ("mines", "arid"))
     near = alarms.merge(truth, on="lane", suffixes=("", "_t"))
     near = near[np.hypot(near["x"] - near["x_t"], near["y"] - near["y_t"]) <= 1.0]
@@ -155,7 +170,9 @@ def test_the_table_is_the_score_of_the_alarms(field):
     assert 0 <= mines["pd_low"] <= mines["pd"] <= mines["pd_high"] <= 1
     assert mines["n_false"] <= 0.1 * mines["area"]
     assert {"only", "reference_only", "p"} <= set(mines.dropna().index)
-    reference = scores[(scores["entry"] == "one") & (scores["group"] == "mines") & (scores["far_allowed"] == 0.1)]
+    reference = scores[
+        (scores["entry"] == "one") & (scores["group"] == "mines") & (scores["far_allowed"] == 0.1)
+    ]
     assert reference["p"].isna().all()
     assert "of 10" in pd_in_words(mines)
     assert (costs["seconds_per_km"] > 0).all()
@@ -164,12 +181,15 @@ def test_the_table_is_the_score_of_the_alarms(field):
 def test_what_differs_in_its_detector_alone_shares_its_images(field):
     kept = [json.loads(path.read_text("utf-8")) for path in (field / "out" / "kept").glob("*.json")]
     passes = pd.DataFrame(kept).groupby(["lane", "stage"]).size()
-    # Test lanes for both; the training of both folds and of the whole for the one that has a detector.
+    # Test lanes for both; the training of both folds and of the whole for the one that has a
+    # detector.
     assert {name: int(count) for name, count in passes.groupby("stage").sum().items()} == {
         "signature": 4, "gain": 4, "view": 4, "features": 4,
     }  # fmt: skip
     one, two = (
-        read_table(field / "out" / "entries" / name / "standard" / ALARMS, "alarms").sort_values(["lane", "x", "y"])
+        read_table(field / "out" / "entries" / name / "standard" / ALARMS, "alarms").sort_values(
+            ["lane", "x", "y"]
+        )
         for name in ("one", "two")
     )
     np.testing.assert_array_equal(one[["x", "y"]], two[["x", "y"]])
@@ -178,7 +198,8 @@ def test_what_differs_in_its_detector_alone_shares_its_images(field):
 
 def test_entries_cost_what_they_would_alone(field):
     costs = [
-        json.loads((field / "out" / "entries" / name / "costs.json").read_text("utf-8")) for name in ("one", "two")
+        json.loads((field / "out" / "entries" / name / "costs.json").read_text("utf-8"))
+        for name in ("one", "two")
     ]
     assert {name for name in costs[1] if not name.startswith("training")} == set(costs[0])
     assert sum(name.startswith("training") for name in costs[1]) == 3
@@ -195,7 +216,8 @@ def test_training_on_shared_images_is_that_of_train_and_detect(field, tmp_path):
     out = field / "out"
     lanes = ["arid-known-1", "gravel-known-1"]
     runs, truths, areas = (
-        [out / "lanes" / f"{name}{end}" for name in lanes] for end in (".zarr", "-truth.csv", "-lane.toml")
+        [out / "lanes" / f"{name}{end}" for name in lanes]
+        for end in (".zarr", "-truth.csv", "-lane.toml")
     )
     tasks.train_runs(runs, truths, field / "two.toml", tmp_path / "model", lanes=areas)
     home = out / "lanes"
@@ -205,7 +227,9 @@ def test_training_on_shared_images_is_that_of_train_and_detect(field, tmp_path):
     )  # fmt: skip
     ours = read_table(out / "entries" / "two" / "standard" / ALARMS, "alarms")
     ours = ours[ours["lane"] == "arid-test-1"].sort_values("confidence", ascending=False)
-    np.testing.assert_allclose(ours[["x", "y", "confidence"]], result.detections[0].alarms[["x", "y", "confidence"]])
+    np.testing.assert_allclose(
+        ours[["x", "y", "confidence"]], result.detections[0].alarms[["x", "y", "confidence"]]
+    )
 
 
 def test_alarms_made_elsewhere_enter(field, tmp_path):
@@ -221,7 +245,9 @@ def test_alarms_made_elsewhere_enter(field, tmp_path):
     assert set(mines["split"]) == {"standard"}
     assert (mines["pd"] == 1).all()
     assert (mines["n_false"] == 0).all()
-    truth[["x", "y"]].assign(confidence=1.0, lane="somewhere").to_csv(given / "standard.csv", index=False)
+    truth[["x", "y"]].assign(confidence=1.0, lane="somewhere").to_csv(
+        given / "standard.csv", index=False
+    )
     with pytest.raises(ValueError, match="lanes of standard"):
         run_benchmark([given], out, ground=field / "ground.toml")
     (given / "standard.csv").rename(given / "average.csv")
@@ -234,7 +260,11 @@ def test_alarms_made_elsewhere_enter(field, tmp_path):
 
 def test_an_entry_that_cannot_be_trained_does_not_stop_the_others(field, tmp_path):
     lost = tmp_path / "lost.toml"
-    lost.write_text(small_recipe("wang2007") + DETECTOR.replace("logistic", "svm") + "options = { kernel = 'none' }\n")
+    lost.write_text(
+        small_recipe("wang2007")
+        + DETECTOR.replace("logistic", "svm")
+        + "options = { kernel = 'none' }\n"
+    )
     with pytest.warns(UserWarning, match="lost did not finish"):
         run_benchmark([lost, field / "one.toml"], field / "out", ground=field / "ground.toml")
     text = write_table([field / "out"], tmp_path / "table")
@@ -251,7 +281,8 @@ def test_a_stage_that_spends_all_its_mines_enters(field):
     assert about["fault"] == ""
     out = field / "out" / "lanes"
     runs, truths, areas = (
-        [out / f"{name}-known-1{end}" for name in ("arid", "gravel")] for end in (".zarr", "-truth.csv", "-lane.toml")
+        [out / f"{name}-known-1{end}" for name in ("arid", "gravel")]
+        for end in (".zarr", "-truth.csv", "-lane.toml")
     )
     tasks.train_runs(runs, truths, field / "matched.toml", field / "amf", lanes=areas)
     result = tasks.detect_run(
@@ -272,21 +303,31 @@ def test_the_oracle_bounds_what_is_found(field, tmp_path):
     assert len(looks(out)) == looked + 1
     assert not {"x", "y", "depth"} & set(found.columns)
     assert (found["looks"] > 0).all()
-    assert sorted(found["target_id"]) == sorted(truth_of(ground)["lane"] + "-" + truth_of(ground)["target_id"])
+    assert sorted(found["target_id"]) == sorted(
+        truth_of(ground)["lane"] + "-" + truth_of(ground)["target_id"]
+    )
     metal = found[found["kind"] == "metal"]
-    assert (metal["far_phase"] <= metal["far"] + 0.05).mean() > 0.8  # who knows the phase, too, finds no fewer
+    assert (
+        metal["far_phase"] <= metal["far"] + 0.05
+    ).mean() > 0.8  # who knows the phase, too, finds no fewer
     scores, _ = score_entries([out])
-    at = scores[(scores["split"] == "standard") & (scores["far_allowed"] == 0.1)].set_index(["entry", "group"])
+    at = scores[(scores["split"] == "standard") & (scores["far_allowed"] == 0.1)].set_index(
+        ["entry", "group"]
+    )
     assert at.loc[("oracle", "mines"), "n_targets"] == 10
     assert at.loc[("oracle", "metal"), "pd"] == (metal["far"] <= 0.1).mean()
     assert at.loc[("oracle-phase", "metal"), "pd"] >= at.loc[("one", "metal"), "pd"]
     assert "oracle-phase" in write_table([out], tmp_path / "table")
-    assert (tmp_path / "table" / "index.html").read_text("utf-8").count("reference</td>") == 2  # two splits
+    assert (tmp_path / "table" / "index.html").read_text("utf-8").count(
+        "reference</td>"
+    ) == 2  # two splits
 
 
 def test_the_oracle_finds_echoes_that_are_there_and_no_others(field):
     lane = load_ground(False, field / "ground.toml").lanes["arid-bare-1"]
-    clutter = oracle.Clutter(oracle._chain(str(field / "out"), lane, field / "one.toml"), lane.scene.lane)
+    clutter = oracle.Clutter(
+        oracle._chain(str(field / "out"), lane, field / "one.toml"), lane.scene.lane
+    )
     rng = np.random.default_rng(0)
     looks = clutter.looks
     with_echo = []
@@ -294,7 +335,10 @@ def test_the_oracle_finds_echoes_that_are_there_and_no_others(field):
     for place in rng.choice(np.unique(looks.place), 12, replace=False):
         at = looks.place == place
         own = rng.normal(size=(at.sum(), looks.chip.shape[1], 2)).view(np.complex128)[..., 0]
-        power = [(echo.conj() @ clutter.inverse(y) @ echo).real for y, echo in zip(looks.ahead[at], own, strict=True)]
+        power = [
+            (echo.conj() @ clutter.inverse(y) @ echo).real
+            for y, echo in zip(looks.ahead[at], own, strict=True)
+        ]
         own *= 5 / np.sqrt(np.sum(power))  # deflection 5
         with_echo.append(clutter.rates(looks.ahead[at], looks.chip[at] + own, own)["far_phase"])
         without.append(clutter.rates(looks.ahead[at], looks.chip[at], own)["far_phase"])
@@ -305,13 +349,17 @@ def test_the_oracle_finds_echoes_that_are_there_and_no_others(field):
 def test_lanes_that_are_stored_enter_with_those_that_are_simulated(tmp_path):
     text = (resources.files("flgpr.benchmark") / "full-wave-1.toml").read_text("utf-8")
     (tmp_path / "ground.toml").write_text(text.replace("copies = 24", "copies = 2"))
-    out = run_benchmark(["wang2007", "wang2007-b"], tmp_path / "out", ground=tmp_path / "ground.toml")
+    out = run_benchmark(
+        ["wang2007", "wang2007-b"], tmp_path / "out", ground=tmp_path / "ground.toml"
+    )
     assert "arid-lane-1-truth.csv" not in {path.name for path in (out / "lanes").iterdir()}
     scores, _ = score_entries([out])
     mines = scores[(scores["group"] == "mines") & (scores["far_allowed"] == 0.4)].set_index("entry")
     assert list(mines["n_targets"]) == [3, 3]
     assert mines.loc["wang2007", "n_detected"] >= 1
-    assert read_manifest(out / "lanes" / "arid-lane-1.zarr") == read_manifest(sample_lane() / "run.zarr")
+    assert read_manifest(out / "lanes" / "arid-lane-1.zarr") == read_manifest(
+        sample_lane() / "run.zarr"
+    )
 
 
 def test_folders_that_do_not_belong_together_are_refused(field, tmp_path):
@@ -343,7 +391,14 @@ def test_fingerprints_tell_the_same_bits_from_alike_and_other_lanes(field, tmp_p
     packaged.drop(index=3).to_csv(tmp_path / "fingerprints.csv", index=False)
     monkeypatch.setattr(table.resources, "files", lambda _: tmp_path)
     told = same_lanes(ground, field / "out" / "lanes")
-    assert list(told.values()) == ["same bits", "alike", "other", "not known", "same bits", "same bits"]
+    assert list(told.values()) == [
+        "same bits",
+        "alike",
+        "other",
+        "not known",
+        "same bits",
+        "same bits",
+    ]
 
 
 def test_the_commands_run_and_tell(field):
@@ -352,7 +407,15 @@ def test_the_commands_run_and_tell(field):
     assert result.exit_code == 0, result.output
     assert "standard: all" in result.output
     assert "; against one +" in result.output
-    run = ["benchmark", "run", str(field / "one.toml"), "-o", str(out), "--ground", str(field / "ground.toml")]
+    run = [
+        "benchmark",
+        "run",
+        str(field / "one.toml"),
+        "-o",
+        str(out),
+        "--ground",
+        str(field / "ground.toml"),
+    ]
     result = CliRunner().invoke(app, [*run, "--quiet"])
     assert result.exit_code == 0, result.output
     assert result.output == ""
@@ -373,7 +436,9 @@ def test_the_commands_run_and_tell(field):
 def test_a_recipe_of_another_distribution_enters(field, tmp_path, monkeypatch):
     shutil.unpack_archive(test_plugin.make_wheel(tmp_path), tmp_path / "site", "zip")
     monkeypatch.syspath_prepend(tmp_path / "site")
-    (field / "sharp.toml").write_text(small_recipe("wang2007") + test_plugin.STAGE + test_plugin.DETECTOR)
+    (field / "sharp.toml").write_text(
+        small_recipe("wang2007") + test_plugin.STAGE + test_plugin.DETECTOR
+    )
     run_benchmark([field / "sharp.toml"], field / "out", ground=field / "ground.toml")
     scores, _ = score_entries([field / "out"])
     own = scores[(scores["entry"] == "sharp") & (scores["group"] == "mines")]

@@ -90,11 +90,15 @@ def test_a_tier_runs_alone_and_all_go_on_from_there(field):
     first = field / "first"
     out = field / "out"
     assert [path.name for path in sorted((first / "entries" / "one").iterdir())] == ["smooth"]
-    assert list(pd.read_csv(first / PRINTS)["lane"]) == [f"smooth-sand-{name}-1" for name in ("known", "test", "bare")]
+    assert list(pd.read_csv(first / PRINTS)["lane"]) == [
+        f"smooth-sand-{name}-1" for name in ("known", "test", "bare")
+    ]
     assert sorted(path.name for path in (out / "entries" / "one").iterdir()) == sorted(TIERS)
     whole = list(load_ground(False, field / "ground.toml").lanes)
     assert list(pd.read_csv(out / "lanes" / PRINTS)["lane"]) == whole
-    assert digests(first / "entries" / "one" / "smooth") == digests(out / "entries" / "one" / "smooth")
+    assert digests(first / "entries" / "one" / "smooth") == digests(
+        out / "entries" / "one" / "smooth"
+    )
     about = json.loads((out / "entries" / "one" / "rough" / "entry.json").read_text("utf-8"))
     assert about["tier"] == "rough"
 
@@ -102,7 +106,9 @@ def test_a_tier_runs_alone_and_all_go_on_from_there(field):
 def test_lanes_of_tiers_are_of_one_design_and_alarms_of_their_own_lanes(field):
     ground = load_ground(False, field / "ground.toml")
     smooth, rough = ground.chosen_tiers()
-    assert [lane.name_in_tier for lane in smooth.lanes.values()] == [lane.name_in_tier for lane in rough.lanes.values()]
+    assert [lane.name_in_tier for lane in smooth.lanes.values()] == [
+        lane.name_in_tier for lane in rough.lanes.values()
+    ]
     assert set(ground.lanes) == {*smooth.lanes, *rough.lanes}
     for tier in (smooth, rough):
         alarms = pd.read_csv(field / "out" / "entries" / "one" / tier.tier / "standard" / ALARMS)
@@ -141,10 +147,23 @@ def test_scores_and_costs_are_told_by_tier(field, tmp_path):
     assert list(costs["tier"]) == list(TIERS)
     mines = scores[(scores["group"] == "mines") & (scores["far_allowed"] == 0.1)].set_index("tier")
     assert list(mines["n_targets"]) == [4, 4]
-    assert set(scores["group"]) == {"mines", "metal", "plastic", "ap", "simulant", "sand", "body pmn", "body vs-1.6"}
+    assert set(scores["group"]) == {
+        "mines",
+        "metal",
+        "plastic",
+        "ap",
+        "simulant",
+        "sand",
+        "body pmn",
+        "body vs-1.6",
+    }
     # A tier's score is that of its own alarms: it is the same where the other tier was never run.
     shutil.copytree(field / "first" / "entries", tmp_path / "alone" / "entries")
-    shutil.copytree(field / "out" / "lanes", tmp_path / "alone" / "lanes", ignore=shutil.ignore_patterns("rough-*"))
+    shutil.copytree(
+        field / "out" / "lanes",
+        tmp_path / "alone" / "lanes",
+        ignore=shutil.ignore_patterns("rough-*"),
+    )
     for name in ("ground.toml", "ground.json"):
         shutil.copy(field / "out" / name, tmp_path / "alone" / name)
     alone, _ = score_entries([tmp_path / "alone"])
@@ -161,7 +180,9 @@ def test_looks_at_the_truth_are_counted_for_each_tier(field):
 
 def test_the_page_opens_with_one_figure_and_tells_the_tiers_apart(field, tmp_path):
     text = write_table([field / "out"], tmp_path)
-    assert text.index("TIER smooth: a lane that was rolled") < text.index("TIER rough: a lane as found")
+    assert text.index("TIER smooth: a lane that was rolled") < text.index(
+        "TIER rough: a lane as found"
+    )
     page = (tmp_path / "index.html").read_text("utf-8")
     body = page[page.index("<body>") :]
     assert body.index("<picture>") < body.index("<p>")
@@ -187,10 +208,14 @@ def test_the_figure_shows_what_the_scores_say(field, narrow):
         "simulant (1 | 1)",
     ]
     assert [label.get_text() for label in panels[0].get_yticklabels()] == ["one", "oracle"]
-    at = scores[(scores["group"] == "metal") & (scores["far_allowed"] == 0.1)].set_index(["tier", "entry"])
+    at = scores[(scores["group"] == "metal") & (scores["far_allowed"] == 0.1)].set_index(
+        ["tier", "entry"]
+    )
     marks = [line for line in panels[0].get_lines() if line.get_marker() in {"o", "s"}]
     for tier, line in zip(TIERS, marks, strict=True):
-        np.testing.assert_allclose(line.get_xdata(), [at.loc[(tier, name), "pd"] for name in ("one", "oracle")])
+        np.testing.assert_allclose(
+            line.get_xdata(), [at.loc[(tier, name), "pd"] for name in ("one", "oracle")]
+        )
 
 
 def test_the_oracle_looks_at_every_tier_on_its_own_ground(field, tmp_path):
@@ -198,7 +223,10 @@ def test_the_oracle_looks_at_every_tier_on_its_own_ground(field, tmp_path):
     shutil.copytree(field / "out", out, ignore=shutil.ignore_patterns("kept"))
     recipe = field / "one.toml"
     found = run_oracle(out, recipe)
-    assert sorted(path.name for path in out.glob("oracle*.csv")) == ["oracle-rough.csv", "oracle-smooth.csv"]
+    assert sorted(path.name for path in out.glob("oracle*.csv")) == [
+        "oracle-rough.csv",
+        "oracle-smooth.csv",
+    ]
     assert list(dict.fromkeys(found["tier"])) == list(TIERS)
     assert list(found.groupby("tier", sort=False).size()) == [5, 5]
     before = (out / "oracle-smooth.csv").read_bytes()
@@ -207,7 +235,11 @@ def test_the_oracle_looks_at_every_tier_on_its_own_ground(field, tmp_path):
     assert (out / "oracle-rough.csv").is_file()
     assert (out / "oracle-smooth.csv").read_bytes() == before
     scores, _ = score_entries([out])
-    own = scores[(scores["entry"] == "oracle") & (scores["group"] == "mines") & (scores["far_allowed"] == 0.1)]
+    own = scores[
+        (scores["entry"] == "oracle")
+        & (scores["group"] == "mines")
+        & (scores["far_allowed"] == 0.1)
+    ]
     assert list(own["tier"]) == list(TIERS)
     for tier, pd_found in zip(TIERS, own["pd"], strict=True):
         mines = found[(found["tier"] == tier) & (found["kind"] != "simulant")]
@@ -215,7 +247,9 @@ def test_the_oracle_looks_at_every_tier_on_its_own_ground(field, tmp_path):
 
 
 def test_the_oracle_needs_the_lanes_of_its_tier(field, tmp_path):
-    shutil.copytree(field / "out", tmp_path / "out", ignore=shutil.ignore_patterns("kept", "rough-sand-bare*"))
+    shutil.copytree(
+        field / "out", tmp_path / "out", ignore=shutil.ignore_patterns("kept", "rough-sand-bare*")
+    )
     before = digests(tmp_path / "out")
     with pytest.raises(ValueError, match="not there: rough-sand-bare-1"):
         run_oracle(tmp_path / "out", field / "one.toml", tier="rough")
@@ -232,14 +266,20 @@ def test_alarm_lists_may_be_of_one_tier_or_of_both(field, tmp_path):
     scores, _ = score_entries([out])
     assert set(scores.loc[scores["entry"] == "given", "tier"]) == {"rough"}
     lanes = ["rough-sand-test-1", "smooth-sand-test-1"]
-    pd.concat([LIST.assign(lane=lane) for lane in lanes]).to_csv(given / "standard.csv", index=False)
+    pd.concat([LIST.assign(lane=lane) for lane in lanes]).to_csv(
+        given / "standard.csv", index=False
+    )
     run_benchmark([given], out, ground=field / "ground.toml")
     scores, _ = score_entries([out])
-    own = scores[(scores["entry"] == "given") & (scores["group"] == "mines") & (scores["far_allowed"] == 0.1)]
+    own = scores[
+        (scores["entry"] == "given") & (scores["group"] == "mines") & (scores["far_allowed"] == 0.1)
+    ]
     assert list(own["tier"]) == list(TIERS)
     assert (own["n_false"] + own["n_detected"] <= 1).all()
     LIST.assign(lane="sand-test-1").to_csv(given / "standard.csv", index=False)
-    with pytest.raises(ValueError, match=r"standard\.csv must name the lanes of standard .*rough-sand-test-1"):
+    with pytest.raises(
+        ValueError, match=r"standard\.csv must name the lanes of standard .*rough-sand-test-1"
+    ):
         run_benchmark([given], out, ground=field / "ground.toml")
 
 
@@ -250,12 +290,16 @@ def test_the_command_takes_a_tier_and_refuses_one_that_is_not_there(field):
     run = ["benchmark", "run", str(field / "one.toml"), "-o", str(out), "--ground", str(ground)]
     result = CliRunner().invoke(app, [*run, "--tier", "muddy"])
     assert result.exit_code == 2
-    assert "tier must be one of those of tiers-1, smooth, rough, all, got 'muddy'" in " ".join(result.output.split())
+    assert "tier must be one of those of tiers-1, smooth, rough, all, got 'muddy'" in " ".join(
+        result.output.split()
+    )
     assert digests(out) == before
     result = CliRunner().invoke(app, [*run, "--tier", "rough"])
     assert result.exit_code == 0, result.output
     assert "TIER rough" in result.output
-    result = CliRunner().invoke(app, ["benchmark", "run", "wang2007", "--ground", "full-wave-1", "--tier", "prepared"])
+    result = CliRunner().invoke(
+        app, ["benchmark", "run", "wang2007", "--ground", "full-wave-1", "--tier", "prepared"]
+    )
     assert result.exit_code == 2
     assert "full-wave-1" in result.output
 
@@ -265,7 +309,11 @@ def test_the_command_takes_a_tier_and_refuses_one_that_is_not_there(field):
     [
         ('sand = "arid-sand"', 'mud = "arid-sand"', "same sites"),
         ("[tiers.rough]", "[tiers.all]", "must not be called 'all'"),
-        ("[tiers.smooth.surface.known]", "[tiers.smooth.surface.unknown]", "must name designs of lanes, got unknown"),
+        (
+            "[tiers.smooth.surface.known]",
+            "[tiers.smooth.surface.unknown]",
+            "must name designs of lanes, got unknown",
+        ),
         ("[sorts]", '[sites]\nsand = "arid-sand"\n[sorts]', "not both"),
     ],
 )

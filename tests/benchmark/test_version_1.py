@@ -31,9 +31,13 @@ def lane_lines(ground):
     """Write names, parts, seeds, borders and targets of all lanes; millimetres, so that the last bit does not count."""
     lines = []
     for name, lane in ground.lanes.items():
-        lines.append(f"{name} {lane.site} {lane.part} {lane.seed} {lane.length:.3f} {lane.sensor.height:.3f}")
+        lines.append(
+            f"{name} {lane.site} {lane.part} {lane.seed} {lane.length:.3f} {lane.sensor.height:.3f}"
+        )
         for target in lane.truth().to_dict("records"):
-            lines.append(f"{target['target_id']} {target['kind']} {target['x']:.3f} {target['y']:.3f}")
+            lines.append(
+                f"{target['target_id']} {target['kind']} {target['x']:.3f} {target['y']:.3f}"
+            )
             lines.append(f"{target['depth']:.3f} {target['radius']:.3f} {target['height']:.3f}")
     return lines
 
@@ -62,6 +66,8 @@ def test_a_lane_of_it_is_simulated_as_it_was(tmp_path):
     ground.lanes[name].make(tmp_path / f"{name}.zarr")
     row = fingerprint(tmp_path, name)
     columns = ",".join(row)
-    values = ",".join(f"{value:.7g}" if isinstance(value, np.floating) else str(value) for value in row.values())
+    values = ",".join(
+        f"{value:.7g}" if isinstance(value, np.floating) else str(value) for value in row.values()
+    )
     write_whole(tmp_path / PRINTS, f"{columns}\n{values}\n")
     assert same_lanes(ground, tmp_path)[name] in {"same bits", "alike"}

@@ -28,8 +28,12 @@ def moving():
     track = make_track(stamp, np.stack([way, np.zeros_like(way), np.full_like(way, 1.5)], axis=1))
     time = np.arange(0, 9, 0.05)
     place = np.stack([np.interp(time + OFFSET, stamp, track[n]) for n in "xyz"], axis=1)
-    signal = echo(place, place, TARGETS, FREQUENCY) * np.exp(-2j * np.pi * FREQUENCY * 2 * BIAS / 299_792_458.0)
-    run = make_run(signal[:, None, None], FREQUENCY, ["VV"], [[0, 0, 0]], [[0, 0, 0]], np.zeros((180, 6)), time)
+    signal = echo(place, place, TARGETS, FREQUENCY) * np.exp(
+        -2j * np.pi * FREQUENCY * 2 * BIAS / 299_792_458.0
+    )
+    run = make_run(
+        signal[:, None, None], FREQUENCY, ["VV"], [[0, 0, 0]], [[0, 0, 0]], np.zeros((180, 6)), time
+    )
     return run, track
 
 

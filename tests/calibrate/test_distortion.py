@@ -43,16 +43,22 @@ def test_distortion_is_found_from_three_reflectors(truth):
 def test_the_misfit_is_the_noise(truth):
     _, _, measured = truth
     rng = np.random.default_rng(1)
-    noise = 0.01 * (rng.normal(size=(400, *measured.shape[1:])) + 1j * rng.normal(size=(400, *measured.shape[1:])))
+    noise = 0.01 * (
+        rng.normal(size=(400, *measured.shape[1:]))
+        + 1j * rng.normal(size=(400, *measured.shape[1:]))
+    )
     fit = estimate_distortion(measured[:1] + noise, KNOWN)
-    # 12 complex numbers, 6 of R and T and 3 strengths fitted: a quarter of the noise's power is left.
+    # 12 complex numbers, 6 of R and T and 3 strengths fitted: a quarter of the noise's power is
+    # left.
     expected = 0.01 * np.sqrt(2 * 12 * 0.25 / (np.abs(measured[0]) ** 2).sum())
     assert np.sqrt(np.mean(fit.misfit**2)) == pytest.approx(expected, rel=0.1)
 
 
 def test_rows_receive_and_columns_transmit_and_hv_transmits_h():
     signal = np.arange(4).reshape(1, 4, 1, 1) + 0j
-    run = make_run(signal, [1e9], ["HH", "HV", "VH", "VV"], [[0, 0, 0]], [[0, 0, 0]], np.zeros((1, 6)))
+    run = make_run(
+        signal, [1e9], ["HH", "HV", "VH", "VV"], [[0, 0, 0]], [[0, 0, 0]], np.zeros((1, 6))
+    )
     # transmit H (column 0), receive V (row 1)
     assert scattering_matrices(run)[0, 0, 0].real.tolist() == [[0, 2], [1, 3]]
 
@@ -65,7 +71,9 @@ def test_a_distorted_run_becomes_clean(truth):
     order = {"VV": (1, 1), "HV": (1, 0), "HH": (0, 0), "VH": (0, 1)}
     data = np.stack([m[(..., *place)] for place in order.values()], axis=1)
     frequency = 1e9 + 1e7 * np.arange(5)
-    run = make_run(data, frequency, list(order), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((2, 6)))
+    run = make_run(
+        data, frequency, list(order), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((2, 6))
+    )
     clean = remove_distortion(run, estimate_distortion(measured, KNOWN))
     np.testing.assert_allclose(scattering_matrices(clean), s, atol=1e-5)
 

@@ -14,7 +14,9 @@ def made(change=None, standing=3.0):
     if change is not None:
         change(signal, own)
     pose = np.zeros((16, 6))
-    return make_run(signal, 1e9 + 1e7 * np.arange(30), ["HH", "VV"], np.zeros((5, 3)), np.zeros((5, 3)), pose)
+    return make_run(
+        signal, 1e9 + 1e7 * np.arange(30), ["HH", "VV"], np.zeros((5, 3)), np.zeros((5, 3)), pose
+    )
 
 
 def test_a_healthy_array_is_left_in_peace():
@@ -38,7 +40,9 @@ def test_dead_channels_are_named():
     assert table.loc[("HH", 1), "level_db"] == pytest.approx(-40, abs=1.5)
     assert table.loc[("VV", 4), "missing"] == 16
     assert table.loc[("HH", 2), "stuck"] == 1
-    assert "4 of 10 channels are dead: HH pair 1, HH pair 2" in health_summary(table.reset_index())[0]
+    assert (
+        "4 of 10 channels are dead: HH pair 1, HH pair 2" in health_summary(table.reset_index())[0]
+    )
 
 
 def test_drift_is_measured_from_the_standing_part():

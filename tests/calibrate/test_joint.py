@@ -88,7 +88,9 @@ def test_a_known_bias_added_is_added_to_the_answer():
     run = rail(0.4, noise=1.0)[0]
     first = found(run)
     for more in (-2.0, 0.013, 1.7):
-        assert found(remove_range_bias(run, -more)).bias - first.bias == pytest.approx(more, abs=0.002)
+        assert found(remove_range_bias(run, -more)).bias - first.bias == pytest.approx(
+            more, abs=0.002
+        )
 
 
 def test_offset_and_bias_are_found_together():
@@ -147,7 +149,9 @@ def test_the_edges_of_the_search_are_not_answers():
     run, track = rail(2.0, 0.3)
     assert found(run, search=1.0).doubt
     assert "edge" in found(run, search=2.03).doubt
-    late = estimate_joint(subtract_mean_scan(run), MARKS, ImagingOperator, (-3, 3), track, np.arange(0.3, 1.0, 0.1))
+    late = estimate_joint(
+        subtract_mean_scan(run), MARKS, ImagingOperator, (-3, 3), track, np.arange(0.3, 1.0, 0.1)
+    )
     assert late.doubt.startswith("the best clock offset")
     assert "edge" in late.doubt
 
@@ -162,14 +166,18 @@ def test_a_clock_that_cannot_be_told_from_the_bias_is_not_told():
     mark = np.array([[0.0, 8.0, 0.0]])
     signal = echo(pose[:, :3], pose[:, :3], mark, FREQUENCY)[:, None, None]
     run = make_run(signal, FREQUENCY, ["VV"], [[0, 0, 0]], [[0, 0, 0]], pose, time)
-    assert estimate_joint(subtract_mean_scan(run), mark, ImagingOperator, (-2, 2), track, OFFSETS).doubt
+    assert estimate_joint(
+        subtract_mean_scan(run), mark, ImagingOperator, (-2, 2), track, OFFSETS
+    ).doubt
 
 
 def test_the_standard_deviations_are_of_the_errors_size():
     errors = []
     for seed in range(7):
         run, track = rail(0.7, 0.2, noise=4.0, seed=seed)
-        fit = estimate_joint(subtract_mean_scan(run), MARKS, ImagingOperator, (-2, 2), track, OFFSETS[10:23])
+        fit = estimate_joint(
+            subtract_mean_scan(run), MARKS, ImagingOperator, (-2, 2), track, OFFSETS[10:23]
+        )
         assert not fit.doubt
         errors.append([(fit.bias - 0.7) / fit.bias_sigma, (fit.offset - 0.2) / fit.offset_sigma])
     size = np.sqrt(np.mean(np.square(errors), axis=0))

@@ -22,7 +22,9 @@ def driven(target, speed):
     for pair in range(4):
         for tone in range(40):
             off = velocity * (PAIR_TIME[pair] + TONE_TIME[tone])
-            data[0, 0, pair, tone] = echo(TX[pair] + off, RX[pair] + off, target, FREQUENCY[tone : tone + 1])[0]
+            data[0, 0, pair, tone] = echo(
+                TX[pair] + off, RX[pair] + off, target, FREQUENCY[tone : tone + 1]
+            )[0]
     pose = np.array([[0, 0, 1.5, 0, 0, 0.0]])
     return make_run(data, FREQUENCY, ["HH"], TX, RX, pose), velocity
 
@@ -52,7 +54,9 @@ def test_velocity_is_in_the_vehicle_frame():
     pose = np.zeros((5, 6))
     pose[:, 0] = 2.0 * np.arange(5)
     pose[:, 3] = np.pi / 2
-    run = make_run(np.ones((5, 1, 1, 1)), [1e9], ["HH"], [[0, 0, 0]], [[0, 0, 0]], pose, np.arange(5.0))
+    run = make_run(
+        np.ones((5, 1, 1, 1)), [1e9], ["HH"], [[0, 0, 0]], [[0, 0, 0]], pose, np.arange(5.0)
+    )
     np.testing.assert_allclose(vehicle_velocity(run), np.tile([0, 2.0, 0], (5, 1)), atol=1e-12)
     with pytest.raises(ValueError, match="increasing times"):
         vehicle_velocity(run.assign_coords(time=("scan", np.full(5, np.nan))))
@@ -66,7 +70,10 @@ def drive(count=400):
     way = 1.2 * time + 2 * np.sin(0.5 * time)
     heading = 0.5 * np.sin(way / 6)
     step = np.diff(way, prepend=0)
-    place = np.stack([np.cumsum(step * np.sin(heading)), np.cumsum(step * np.cos(heading)), 1.5 + 0 * way], axis=1)
+    place = np.stack(
+        [np.cumsum(step * np.sin(heading)), np.cumsum(step * np.cos(heading)), 1.5 + 0 * way],
+        axis=1,
+    )
     return make_track(time, place, heading, 0.02 * np.sin(time), 0.03 * np.cos(time))
 
 
@@ -102,7 +109,9 @@ def test_a_straight_drive_tells_no_latency():
 
 
 def test_poses_between_fixes_and_across_north():
-    track = make_track([0.0, 1.0, 2.0], [[0, 0, 1], [0, 2, 1], [2, 2, 1]], heading=[3.1, -3.1, -3.0])
+    track = make_track(
+        [0.0, 1.0, 2.0], [[0, 0, 1], [0, 2, 1], [2, 2, 1]], heading=[3.1, -3.1, -3.0]
+    )
     pose = poses_at(track, [0.5, 1.5])
     np.testing.assert_allclose(pose[0, :3], [0, 1, 1])
     assert abs(pose[0, 3]) == pytest.approx(np.pi, abs=1e-9)

@@ -41,7 +41,8 @@ def test_delays_and_gains_are_found(kind, slope):
 
 def test_noise_only_makes_them_rough():
     fit = estimate_pairs(measured(0.0, noise=0.01), POINT)
-    # 81 tones x 6 scans, amplitude 1/R² = 0.012: the delay's standard deviation is 1/(2π·B_rms·snr) = 17 ps.
+    # 81 tones x 6 scans, amplitude 1/R² = 0.012: the delay's standard deviation is 1/(2π·B_rms·snr)
+    # = 17 ps.
     np.testing.assert_allclose(fit.delay, DELAY, atol=5 * 17e-12)
 
 
@@ -56,7 +57,9 @@ def test_a_corrected_run_has_equal_pairs():
 def test_no_echo_shows_in_the_contrast():
     rng = np.random.default_rng(0)
     run = measured(0.0)
-    noise = run.assign(signal=run["signal"] * 0 + rng.normal(size=run["signal"].shape).astype(np.complex64))
+    noise = run.assign(
+        signal=run["signal"] * 0 + rng.normal(size=run["signal"].shape).astype(np.complex64)
+    )
     assert estimate_pairs(run, POINT).contrast.min() > 4
     assert estimate_pairs(noise, POINT).contrast.max() < 3.5
 

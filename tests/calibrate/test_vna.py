@@ -10,7 +10,9 @@ C = 299_792_458.0
 
 def sweeps(per_pair, scans=1):
     data = np.broadcast_to(np.asarray(per_pair)[None, None], (scans, 1, 2, 51))
-    return make_run(data, FREQUENCY, ["VV"], np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((scans, 6)))
+    return make_run(
+        data, FREQUENCY, ["VV"], np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((scans, 6))
+    )
 
 
 @pytest.fixture
@@ -36,7 +38,9 @@ def test_short_then_through_leave_the_scene(parts):
 def test_cable_delay(parts):
     cable, _, scene = parts
     clean = remove_delay(sweeps(cable * scene), [2.1e-9, 3.4e-9])
-    np.testing.assert_allclose(clean["signal"].values[0, 0], [0.8 * scene[0], 0.6j * scene[1]], atol=1e-5)
+    np.testing.assert_allclose(
+        clean["signal"].values[0, 0], [0.8 * scene[0], 0.6j * scene[1]], atol=1e-5
+    )
 
 
 def test_standards_must_fit(parts):

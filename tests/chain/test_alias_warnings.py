@@ -56,7 +56,9 @@ def bare_run(step, height=3.5, scans=3, apart=1.0):
     pose[:, 1] = apart * np.arange(scans)
     pose[:, 2] = height
     tones = 0.3e9 + step * np.arange(round(1.3e9 / step) + 1)
-    return make_run(np.zeros((scans, 2, 4, tones.size)), tones, ("HH", "VV"), antennas, antennas, pose)
+    return make_run(
+        np.zeros((scans, 2, 4, tones.size)), tones, ("HH", "VV"), antennas, antennas, pose
+    )
 
 
 def image_to(y, frames=1):
@@ -112,7 +114,10 @@ def test_what_is_told_is_what_mends_it():
     ) as told:
         check_fit(run, image_to(22.0))
     (words,) = [str(one.message) for one in told]
-    end, step = (float(re.search(rf"{before} ([\d.]+)", words)[1]) for before in ("end it at", "steps of at most"))
+    end, step = (
+        float(re.search(rf"{before} ([\d.]+)", words)[1])
+        for before in ("end it at", "steps of at most")
+    )
     check_fit(run, image_to(end))
     check_fit(bare_run((step - 0.01) * 1e6), image_to(22.0))
     assert fit_faults(run, image_to(end + 0.05))[1]
@@ -120,7 +125,10 @@ def test_what_is_told_is_what_mends_it():
 
 
 def test_an_image_that_shows_an_echo_twice_is_refused():
-    with pytest.raises(ValueError, match=r"image\.y must end .* again where it is far; end it at [\d.]+ m, or record"):
+    with pytest.raises(
+        ValueError,
+        match=r"image\.y must end .* again where it is far; end it at [\d.]+ m, or record",
+    ):
         check_fit(bare_run(12e6), image_to(24.0))
 
 
@@ -150,7 +158,15 @@ def test_the_command_line_tells_it_once_and_detects(tmp_path):
     run["signal"].values[:] = np.random.default_rng(1).normal(size=run["signal"].shape)
     save_run(run, tmp_path / "run.zarr")
     (tmp_path / "far.toml").write_text(text_to(22.0))
-    command = ["detect", tmp_path / "run.zarr", "-o", tmp_path / "result", "--recipe", tmp_path / "far.toml", "--quiet"]
+    command = [
+        "detect",
+        tmp_path / "run.zarr",
+        "-o",
+        tmp_path / "result",
+        "--recipe",
+        tmp_path / "far.toml",
+        "--quiet",
+    ]
     done = CliRunner().invoke(app, list(map(str, command)))
     assert done.exit_code == 0, done.output
     assert done.stderr.count("echoes repeat after 37.47 m of path") == 1
@@ -163,7 +179,10 @@ def test_the_command_line_tells_it_once_and_detects(tmp_path):
 def test_the_radars_of_the_benchmarks_are_clear(source):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        sensors = {lane.sensor.model_dump_json(): lane.sensor for lane in load_ground(source=source).lanes.values()}
+        sensors = {
+            lane.sensor.model_dump_json(): lane.sensor
+            for lane in load_ground(source=source).lanes.values()
+        }
         for sensor in sensors.values():
             warn_of_aliases(sensor)
 
@@ -171,7 +190,9 @@ def test_the_radars_of_the_benchmarks_are_clear(source):
 def test_a_footprint_beyond_what_the_tones_keep_apart_is_told_and_simulated(tmp_path):
     parts = load_sensor("full-wave").model_dump() | {"footprint": (-2.0, 2.0, 0.8, 6.5)}
     coarse = Sensor.model_validate(parts | {"tones": {"start": 442.5e6, "step": 30e6, "count": 36}})
-    scene = Scene.model_validate({"length": 6.0, "surface": {"density": 5.0}, "track": {"positions": [0.0]}})
+    scene = Scene.model_validate(
+        {"length": 6.0, "surface": {"density": 5.0}, "track": {"positions": [0.0]}}
+    )
     with pytest.warns(
         UserWarning, match=r"tones\.step should be below 26\.6 MHz for the footprint .* got 30 MHz"
     ) as told:
@@ -179,7 +200,9 @@ def test_a_footprint_beyond_what_the_tones_keep_apart_is_told_and_simulated(tmp_
     assert len(told) == 1
     assert open_run(tmp_path / "lane.zarr").sizes["scan"] == 1
     finer = parts["tones"] | {"step": 26e6, "count": 41}
-    simulate_to_store(scene, Sensor.model_validate(parts | {"tones": finer}), 1, tmp_path / "finer.zarr")
+    simulate_to_store(
+        scene, Sensor.model_validate(parts | {"tones": finer}), 1, tmp_path / "finer.zarr"
+    )
 
 
 def live_to(y):
@@ -191,7 +214,9 @@ def test_live_detection_tells_it_once_when_the_height_is_known():
     run["signal"].values[:] = np.random.default_rng(1).normal(size=run["signal"].shape)
     detector = LiveDetector(describe_for_live(run), live_to(22.0))
     scans = [Scan(k, float(k), run["pose"].values[k], run["signal"].values[k]) for k in range(3)]
-    with pytest.warns(UserWarning, match=r"image\.y should end .* echoes repeat after 37\.47 m") as told:
+    with pytest.warns(
+        UserWarning, match=r"image\.y should end .* echoes repeat after 37\.47 m"
+    ) as told:
         detector.add(scans[0])
     assert len(told) == 1
     for scan in scans[1:]:

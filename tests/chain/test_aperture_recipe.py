@@ -30,7 +30,9 @@ def rail(heading=np.pi / 2, waits=20, noise=0.3):
     pose[:, 3] = heading
     signal = echo(pose[:, :3], pose[:, :3], MARKS, FREQUENCY)
     signal = signal + noise * (rng.normal(size=signal.shape) + 1j * rng.normal(size=signal.shape))
-    return make_run(signal[:, None, None], FREQUENCY, ["VV"], [[0, 0, 0]], [[0, 0, 0]], pose, np.arange(y.size))
+    return make_run(
+        signal[:, None, None], FREQUENCY, ["VV"], [[0, 0, 0]], [[0, 0, 0]], pose, np.arange(y.size)
+    )
 
 
 def test_the_image_of_the_aperture_is_the_weighted_sum_of_its_scans():
@@ -38,13 +40,21 @@ def test_the_image_of_the_aperture_is_the_weighted_sum_of_its_scans():
     run["valid"][30] = False
     taken = aperture_run(run)
     recipe = parse_recipe(fit_recipe(rail()))
-    assert dict(taken["signal"].sizes) == {"scan": 1, "polarization": 1, "pair": 80, "frequency": 81}
+    assert dict(taken["signal"].sizes) == {
+        "scan": 1,
+        "polarization": 1,
+        "pair": 80,
+        "frequency": 81,
+    }
     imager = ScanImager(taken, recipe.image.grid(), {"all": (2e9, 3e9)}, "hann")
     image = imager.image(0)
     points = recipe.image.grid().points()
     pose = aperture_pose(run)
     np.testing.assert_allclose(pose, taken["pose"].values[0])
-    places = np.linalg.inv(turn(pose)) @ np.append(points.reshape(-1, 3), np.ones((points[..., 0].size, 1)), axis=1).T
+    places = (
+        np.linalg.inv(turn(pose))
+        @ np.append(points.reshape(-1, 3), np.ones((points[..., 0].size, 1)), axis=1).T
+    )
     lane = places[:3].T.reshape(points.shape)
     np.testing.assert_allclose(lane_to_scan(lane, pose), points, atol=1e-9)
     scans = np.delete(np.arange(81), 30)
@@ -79,7 +89,9 @@ def test_without_summing_the_scans_the_reflectors_are_arcs():
     run = rail()
     lone = fit_recipe(run).replace('frames = "all"', "frames = 1")
     alarms = detect(run, parse_recipe(lone), lane_of(run, parse_recipe(fit_recipe(run))))[0].alarms
-    near = [np.linalg.norm(alarms[["x", "y"]].to_numpy()[:2] - mark[:2], axis=1).min() for mark in MARKS]
+    near = [
+        np.linalg.norm(alarms[["x", "y"]].to_numpy()[:2] - mark[:2], axis=1).min() for mark in MARKS
+    ]
     assert max(near) > 0.3
 
 
@@ -92,7 +104,9 @@ def test_stored_detection_is_that_in_memory_and_is_replayed(tmp_path):
     stored = pd.read_csv(folder / "alarms.csv")
     there = detect(run, recipe)[0]
     np.testing.assert_allclose(stored[["x", "y"]], there.alarms[["x", "y"]])
-    assert np.isfinite(there.view.values).mean() > 0.95  # the image is upright in the lane: it covers all of it
+    assert (
+        np.isfinite(there.view.values).mean() > 0.95
+    )  # the image is upright in the lane: it covers all of it
     assert json.loads((folder / "view" / "index.json").read_text())["aperture"] is True
     assert replay(folder)["identical"]
 
@@ -100,7 +114,11 @@ def test_stored_detection_is_that_in_memory_and_is_replayed(tmp_path):
 def test_what_an_aperture_cannot_do_is_refused(monkeypatch):
     text = fit_recipe(rail())
     for more in ('self_signature = "mean"', None):
-        bad = text.replace('self_signature = "none"', more) if more else text + '\n[[clutter]]\nstage = "standing"\n'
+        bad = (
+            text.replace('self_signature = "none"', more)
+            if more
+            else text + '\n[[clutter]]\nstage = "standing"\n'
+        )
         with pytest.raises(ValueError, match="flgpr prepare"):
             parse_recipe(bad)
     assert any("image.frames" in reason for reason in parse_recipe(text).waits())

@@ -42,7 +42,10 @@ def test_subtracting_the_roadside_leaves_the_mines_and_takes_the_post_away(demo)
     near = np.hypot(suppressed.alarms["x"] - post["x"], suppressed.alarms["y"] - post["y"]) < 0.3
     assert not near.any()
     assert suppressed.notes["mask_peak_reduced_by_db"] > 20
-    assert np.hypot(*(np.array(suppressed.notes["mask_centre"]) - post[["x", "y"]].astype(float))) < 0.2
+    assert (
+        np.hypot(*(np.array(suppressed.notes["mask_centre"]) - post[["x", "y"]].astype(float)))
+        < 0.2
+    )
     assert outcome(scored, "roadside-suppressed")["detected"].all()
 
 
@@ -65,7 +68,9 @@ def test_the_roc_file_holds_what_scoring_computes(demo):
     np.testing.assert_allclose(points["pd"], curve["pd"])
     np.testing.assert_allclose(points["far"], curve["far"])
     area = 2.0 * 4.2 - 3 * np.pi * 0.25
-    assert 0 <= stored["detections"]["main"]["area"] - area < 0.1  # the halos overlap nowhere, one crosses no border
+    assert (
+        0 <= stored["detections"]["main"]["area"] - area < 0.1
+    )  # the halos overlap nowhere, one crosses no border
 
 
 def test_the_report_needs_nothing_beside_it(demo):
@@ -100,7 +105,12 @@ def test_the_same_input_gives_the_same_bytes(demo, untold):
 
 
 def test_replay_finds_the_same_and_notices_another_run(demo, tmp_path):
-    assert tasks.replay(demo[0].folder) == {"identical": True, "agrees": True, "files": [], "difference": 0.0}
+    assert tasks.replay(demo[0].folder) == {
+        "identical": True,
+        "agrees": True,
+        "files": [],
+        "difference": 0.0,
+    }
     run = open_run(sample_lane() / "run.zarr").load()
     save_run(run.assign(signal=1.5 * run["signal"]), tmp_path / "louder.zarr")
     with pytest.raises(ValueError, match="must be the one the result was made of"):

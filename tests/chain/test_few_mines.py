@@ -18,7 +18,10 @@ from flgpr.clutter import ThresholdCalibration
 from flgpr.model import Lane
 
 NO_MINES = "target_id,x,y,kind,depth,radius,height,lane\n"
-OUT_OF_SIGHT = NO_MINES + "T001,0.0,300.0,metal,-0.15,0.16,0.15,lane\nT002,0.0,310.0,metal,-0.15,0.16,0.15,lane\n"
+OUT_OF_SIGHT = (
+    NO_MINES
+    + "T001,0.0,300.0,metal,-0.15,0.16,0.15,lane\nT002,0.0,310.0,metal,-0.15,0.16,0.15,lane\n"
+)
 AREA = Lane(-1.5, 1.5, 0.0, 10.0)
 
 
@@ -35,7 +38,9 @@ def lane(three_mines):
 def run_training(lane, text, output, truth="truth.csv"):
     recipe = output.with_suffix(".toml")
     recipe.write_text(text)
-    return tasks.train_runs([lane / "run.zarr"], [lane / truth], recipe, output, lanes=[lane / "lane.toml"])
+    return tasks.train_runs(
+        [lane / "run.zarr"], [lane / truth], recipe, output, lanes=[lane / "lane.toml"]
+    )
 
 
 def refused(lane, text, output, truth="truth.csv"):
@@ -81,7 +86,11 @@ def test_what_a_stage_advises_lets_it_train(lane, tmp_path, recipe, old, new, st
 
 
 def test_a_truth_without_targets_is_told_for_every_kind_of_stage(lane, tmp_path):
-    for recipe, stage in (("cosgrove2004", COSGROVE), ("fuse2018", MASKS), ("flsar2004", "screen.clusters")):
+    for recipe, stage in (
+        ("cosgrove2004", COSGROVE),
+        ("fuse2018", MASKS),
+        ("flsar2004", "screen.clusters"),
+    ):
         message = refused(lane, resized(recipe, lane), tmp_path / recipe, "none.csv")
         assert message.startswith(f"{stage} cannot be trained: ")
         assert counts_of(message)["targets in the truth"] == 0
@@ -100,7 +109,10 @@ def test_targets_that_no_scan_saw_are_told(lane, tmp_path):
 def test_a_prescreener_that_raises_nothing_is_named_and_what_it_advises_lets_train(lane, tmp_path):
     text = changed(resized("wang2007", lane), "density = 0.75", "density = 0.001")
     message = refused(lane, text, tmp_path / "model")
-    assert "detector cannot be trained: it needs hits and false alarms, got 0 hits and 0 false alarms" in message
+    assert (
+        "detector cannot be trained: it needs hits and false alarms, got 0 hits and 0 false alarms"
+        in message
+    )
     assert "the prescreener raised no alarm at the targets left for the detector" in message
     assert counts_of(message)["alarms raised by the prescreener"] == 0
     assert "Set density = 0.75 in [prescreen] (now 0.001)" in message
@@ -168,7 +180,9 @@ def test_no_clutter_between_the_targets_is_told_with_a_nearer_border(name):
 def cuts(looks, clutter, pixels, size=20):
     rng = np.random.default_rng(0)
     shapes = {"target": (looks, size), "clutter": (clutter, size), "pixel": (pixels, 2)}
-    return {name: rng.normal(size=shape) + 1j * rng.normal(size=shape) for name, shape in shapes.items()}
+    return {
+        name: rng.normal(size=shape) + 1j * rng.normal(size=shape) for name, shape in shapes.items()
+    }
 
 
 @pytest.mark.parametrize("name", ["deflection", "neyman-pearson", "whitening", "magnitude"])
@@ -222,18 +236,27 @@ def calibrated(looks, roadside=True):
 def test_masks_tell_looks_by_sub_region_and_which_to_join(looks, edges):
     message = too_few("clutter", "masks", [calibrated(looks)], edges=(5.0, 6.0, 7.0, 9.0))
     assert list(counts_of(message).values()) == looks
-    assert f'Set edges = {edges} in [[clutter]] of stage "masks" (now [5.0, 6.0, 7.0, 9.0])' in message
+    assert (
+        f'Set edges = {edges} in [[clutter]] of stage "masks" (now [5.0, 6.0, 7.0, 9.0])' in message
+    )
 
 
 def test_masks_without_a_roadside_or_any_target_say_so():
-    message = too_few("clutter", "masks", [calibrated([1, 2], roadside=False)], edges=(5.0, 6.0, 9.0))
+    message = too_few(
+        "clutter", "masks", [calibrated([1, 2], roadside=False)], edges=(5.0, 6.0, 9.0)
+    )
     assert 'Set roadside = [2.0, 10.0] in [[clutter]] of stage "masks" (now [4.0, 10.0])' in message
     message = too_few("clutter", "masks", [calibrated([0, 0])], edges=(5.0, 6.0, 9.0))
     assert message.endswith("Give more lanes with mines.")
 
 
 def test_the_likelihood_tells_its_places_of_ground():
-    empty = {"bodies": np.zeros((0, 4)), "ahead": np.zeros(0), "stones": np.zeros((0, 4)), "stones_ahead": np.zeros(0)}
+    empty = {
+        "bodies": np.zeros((0, 4)),
+        "ahead": np.zeros(0),
+        "stones": np.zeros((0, 4)),
+        "stones_ahead": np.zeros(0),
+    }
     few = {"covariance": np.zeros((2, 4, 4)), "count": np.array([1.0, 2.0])} | empty
     message = too_few("map", "likelihood", [few], clear=8.0, sensor="sri-array")
     assert counts_of(message) == {"places in the lane away from all targets": 3}
@@ -314,19 +337,32 @@ def test_the_steps_are_those_that_the_training_set_takes():
         (FULL, {"screen.clusters": [THREE]}, "all", "screen.clusters took all targets", None),
     ],
 )  # fmt: skip
-def test_where_hits_or_false_alarms_ran_out_decides_what_is_advised(features, spent, shown, lost, advice):
+def test_where_hits_or_false_alarms_ran_out_decides_what_is_advised(
+    features, spent, shown, lost, advice
+):
     recipe = parse_recipe(recipe_text("flsar2004"))
     error = TooFewExamplesError("hits, got none")
     message = str(steps_of(features, spent).told(error, recipe, shown))
-    assert message.startswith(f"detector cannot be trained: it needs hits, got none: {lost}. Step by step: ")
-    assert (f"Set {advice}; or give" in message) if advice else message.endswith(". Give more lanes with mines.")
+    assert message.startswith(
+        f"detector cannot be trained: it needs hits, got none: {lost}. Step by step: "
+    )
+    assert (
+        (f"Set {advice}; or give" in message)
+        if advice
+        else message.endswith(". Give more lanes with mines.")
+    )
 
 
 def examples(hits, false_alarms):
     count = hits + false_alarms
     rng = np.random.default_rng(1)
     features = pd.DataFrame(rng.normal(size=(count, 2)), columns=["a", "b"])
-    return TrainingSet(features, np.repeat([1, 0], [hits, false_alarms]), np.ones(count, int), np.repeat("lane", count))
+    return TrainingSet(
+        features,
+        np.repeat([1, 0], [hits, false_alarms]),
+        np.ones(count, int),
+        np.repeat("lane", count),
+    )
 
 
 @pytest.mark.parametrize(
@@ -350,7 +386,9 @@ def test_every_detector_tells_how_many_examples_it_needs(name, on, hits, false_a
 
 
 def test_the_discriminant_tells_how_many_examples_it_needs():
-    with pytest.raises(TooFewExamplesError, match="needs hits and false alarms, got 3 hits and 0 false alarms"):
+    with pytest.raises(
+        TooFewExamplesError, match="needs hits and false alarms, got 3 hits and 0 false alarms"
+    ):
         train(examples(3, 0), ["a", "b"])
 
 

@@ -24,8 +24,12 @@ def across(width, count):
     return [(x, 0.0, 0.0) for x in np.linspace(-width / 2, width / 2, count)]
 
 
-TALL = changed("sri-array", rx=across(4.0, 5), tones={"start": 442.5e6, "step": 7.5e6, "count": 172})
-X_BAND = changed("dual-band-x", tx=across(2.17, 8), tones={"start": 8.4e9, "step": 10e6, "count": 101})
+TALL = changed(
+    "sri-array", rx=across(4.0, 5), tones={"start": 442.5e6, "step": 7.5e6, "count": 172}
+)
+X_BAND = changed(
+    "dual-band-x", tx=across(2.17, 8), tones={"start": 8.4e9, "step": 10e6, "count": 101}
+)
 LOW = changed(
     "dual-band-l",
     polarization=["HH"],
@@ -37,7 +41,9 @@ LOW = changed(
 )
 
 
-def bare_run(height=2.0, polarization=("HH",), tones=None, scans=6, step=1.0, course=0.0, width=2.0):
+def bare_run(
+    height=2.0, polarization=("HH",), tones=None, scans=6, step=1.0, course=0.0, width=2.0
+):
     """Make a run without echoes: geometry, tones and polarizations are all that a recipe is made of."""
     tones = 1e9 + 5e6 * np.arange(200) if tones is None else tones
     antennas = across(width, 4)
@@ -54,7 +60,9 @@ def bare_run(height=2.0, polarization=("HH",), tones=None, scans=6, step=1.0, co
     [(TALL, 1.5, 12.0, "HH", True), (X_BAND, 1.0, 11.5, "VV", False), (LOW, 0.5, 3.0, "HH", False)],
     ids=["5 m high, 0.44 to 1.7 GHz", "3.4 m high, X band", "0.7 m high, one polarization"],
 )
-def test_metal_on_the_ground_is_the_first_alarm_of_very_different_arrays(sensor, step, target, polarization, features):
+def test_metal_on_the_ground_is_the_first_alarm_of_very_different_arrays(
+    sensor, step, target, polarization, features
+):
     scene = Scene(
         site="arid-sand",
         length=target + 12.0,
@@ -93,7 +101,9 @@ def test_the_image_ends_where_the_steps_of_the_tones_say():
     recipe = parse_recipe(fit_recipe(bound))
     check_fit(bound, recipe)
     assert recipe.image.y[1] < free.image.y[1]
-    with pytest.raises(ValueError, match=r"frequency must have tones at most [\d.]+ MHz apart.*got 30 MHz"):
+    with pytest.raises(
+        ValueError, match=r"frequency must have tones at most [\d.]+ MHz apart.*got 30 MHz"
+    ):
         fit_recipe(bare_run(tones=1e9 + 30e6 * np.arange(34)))
 
 
@@ -126,7 +136,9 @@ def test_a_course_beside_the_lanes_axis_and_missing_sweeps_are_seen():
     run["valid"][:] = False
     with pytest.raises(ValueError, match="scan without missing sweeps"):
         fit_recipe(run)
-    with pytest.raises(ValueError, match=r"pose must put the antennas at least 0\.05 m above the ground, got 0 m"):
+    with pytest.raises(
+        ValueError, match=r"pose must put the antennas at least 0\.05 m above the ground, got 0 m"
+    ):
         fit_recipe(bare_run(height=0.0))
 
 
@@ -136,8 +148,14 @@ FULL = bare_run(5.0, ("HH", "VV", "HV"), 0.75e9 + 2.5e6 * np.arange(841))
 @pytest.mark.parametrize(
     ("run", "words"),
     [
-        (FULL.isel(polarization=[1]), ["prescreen.polarization must be one the run has (VV), got 'HH'", "features"]),
-        (FULL.isel(polarization=[0, 1]), ["features must be left out unless the run has HH, VV and HV or VH"]),
+        (
+            FULL.isel(polarization=[1]),
+            ["prescreen.polarization must be one the run has (VV), got 'HH'", "features"],
+        ),
+        (
+            FULL.isel(polarization=[0, 1]),
+            ["features must be left out unless the run has HH, VV and HV or VH"],
+        ),
         (
             FULL.isel(frequency=slice(0, 600)),
             ["image.subbands.F4 must lie in the run's band, 0.75 to 2.248 GHz, got 2.25"],
@@ -166,10 +184,15 @@ def test_a_recipe_that_does_not_fit_names_the_entry_and_the_remedy(run, words):
         detect(run, recipe)
 
 
-@pytest.mark.parametrize(("height", "words"), [(1.0, "7 m for antennas 1 m high"), (15.0, "antennas 15 m high")])
+@pytest.mark.parametrize(
+    ("height", "words"), [(1.0, "7 m for antennas 1 m high"), (15.0, "antennas 15 m high")]
+)
 def test_an_image_for_an_array_of_another_height_is_a_warning(height, words):
     run = bare_run(height, ("HH", "VV", "HV"), 0.75e9 + 2.5e6 * np.arange(841))
-    with pytest.warns(UserWarning, match=rf"image\.y should begin 0\.5 to 3\.5 antenna heights ahead.*{words}.*{HINT}"):
+    with pytest.warns(
+        UserWarning,
+        match=rf"image\.y should begin 0\.5 to 3\.5 antenna heights ahead.*{words}.*{HINT}",
+    ):
         check_fit(run, load_recipe("wang2007"))
 
 
@@ -201,14 +224,21 @@ def test_the_command_line_writes_a_recipe_once_and_detects_with_it(stored, tmp_p
     assert again.stderr.startswith(f"{file} is there already")
     changed = file.read_text() + "# by hand\n"
     file.write_text(changed)
-    assert call("recipe", "for", run, "-o", file).stderr.startswith(f"error: output must not exist yet, got {file}")
+    assert call("recipe", "for", run, "-o", file).stderr.startswith(
+        f"error: output must not exist yet, got {file}"
+    )
     assert file.read_text() == changed
     assert "good" in call("recipe", "check", file).stdout
     found = call("detect", run, "-o", tmp_path / "result")
     assert found.exit_code == 0, found.output
-    assert found.stdout.splitlines()[0] == f"no --recipe: detecting with the one that `flgpr recipe for {run}` prints"
+    assert (
+        found.stdout.splitlines()[0]
+        == f"no --recipe: detecting with the one that `flgpr recipe for {run}` prints"
+    )
     assert (tmp_path / "result" / "recipe.toml").read_text() == printed.stdout
-    assert "no --recipe" not in call("detect", run, "-o", tmp_path / "other", "--recipe", file).stdout
+    assert (
+        "no --recipe" not in call("detect", run, "-o", tmp_path / "other", "--recipe", file).stdout
+    )
 
 
 def test_a_model_needs_the_recipe_it_was_trained_with(stored, tmp_path):
@@ -221,7 +251,9 @@ def test_a_warning_is_one_line(stored, tmp_path):
     file = tmp_path / "far.toml"
     text = tasks.recipe_for(stored / "a.zarr")
     near = parse_recipe(text).image.y[0]
-    file.write_text(text.replace(f"y = [{near:.2f}, ", "y = [2.00, ").replace("y_max = ", "y_max = 3 # "))
+    file.write_text(
+        text.replace(f"y = [{near:.2f}, ", "y = [2.00, ").replace("y_max = ", "y_max = 3 # ")
+    )
     told = call("detect", stored / "a.zarr", "-o", tmp_path / "result", "--recipe", file, "--quiet")
     assert told.exit_code == 0, told.output
     assert [line[:30] for line in told.stderr.splitlines()] == ["warning: image.y should begin "]
@@ -236,18 +268,26 @@ def test_a_stopped_detection_without_a_recipe_goes_on(stored, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         tasks.detect_run(stored / "a.zarr", None, tmp_path / "result", report=False, note=stop)
     tasks.detect_run(
-        stored / "a.zarr", None, tmp_path / "result", report=False, note=lambda one: done.append(one["stage"])
+        stored / "a.zarr",
+        None,
+        tmp_path / "result",
+        report=False,
+        note=lambda one: done.append(one["stage"]),
     )
     whole = tasks.detect_run(stored / "a.zarr", None, tmp_path / "whole", report=False)
     assert "gain" not in done
     assert "features" in done
-    assert (tmp_path / "result" / "alarms.csv").read_bytes() == (whole.folder / "alarms.csv").read_bytes()
+    assert (tmp_path / "result" / "alarms.csv").read_bytes() == (
+        whole.folder / "alarms.csv"
+    ).read_bytes()
 
 
 def test_a_survey_takes_the_recipe_of_its_first_run(stored, tmp_path):
     runs = [stored / "a.zarr", stored / "b.zarr"]
     folders = tasks.detect_runs(runs, None, tmp_path / "survey", report=False)
-    assert {(folder / "recipe.toml").read_text() for folder in folders} == {tasks.recipe_for(runs[0])}
+    assert {(folder / "recipe.toml").read_text() for folder in folders} == {
+        tasks.recipe_for(runs[0])
+    }
     save_run(bare_run(scans=2), tmp_path / "c.zarr")
     with pytest.raises(ValueError, match="lanes must be given"):
         tasks.detect_runs([tmp_path / "c.zarr", runs[0]], None, tmp_path / "other")

@@ -27,7 +27,12 @@ DIGITS = 6
 def levels(view):
     """Mean, spread and largest of every channel of a run-view."""
     rows = [
-        {"channel": f"{p}-{s}", "mean": one.mean().item(), "spread": one.std().item(), "largest": one.max().item()}
+        {
+            "channel": f"{p}-{s}",
+            "mean": one.mean().item(),
+            "spread": one.std().item(),
+            "largest": one.max().item(),
+        }
         for p in view["polarization"].values
         for s in view["subband"].values
         for one in [view.sel(polarization=p, subband=s)]
@@ -48,11 +53,25 @@ def features():
     recipe = parse_recipe(small_recipe())
     found = detect(run, recipe, LANE)[0]
     truth = pd.DataFrame(
-        {"target_id": ["a", "b", "c"], "x": TARGETS[:, 0], "y": TARGETS[:, 1], "kind": "metal", "depth": 0.05}
+        {
+            "target_id": ["a", "b", "c"],
+            "x": TARGETS[:, 0],
+            "y": TARGETS[:, 1],
+            "kind": "metal",
+            "depth": 0.05,
+        }
     ).assign(radius=0.15, height=0.1, lane="one")
-    model = train(make_training_set([("one", found.alarms, found.features, truth, LANE)], 0.5), ("C_HH_F1", "C_VV_F1"))
+    model = train(
+        make_training_set([("one", found.alarms, found.features, truth, LANE)], 0.5),
+        ("C_HH_F1", "C_VV_F1"),
+    )
     judged = detect(run, recipe, LANE, model=model)[0].alarms
-    tables = {"alarms": found.alarms, "features": found.features, "view": levels(found.view), "judged": judged}
+    tables = {
+        "alarms": found.alarms,
+        "features": found.features,
+        "view": levels(found.view),
+        "judged": judged,
+    }
     return {f"small-{name}": table for name, table in tables.items()}
 
 
@@ -79,10 +98,16 @@ def test_a_chain_finds_what_it_found(chain):
             if np.issubdtype(frozen.dtype, np.number):
                 scale = np.nanmax(np.abs(frozen), initial=0)
                 np.testing.assert_allclose(
-                    got.astype(float), frozen, rtol=1e-3, atol=1e-3 * scale, err_msg=f"{name}.{column}"
+                    got.astype(float),
+                    frozen,
+                    rtol=1e-3,
+                    atol=1e-3 * scale,
+                    err_msg=f"{name}.{column}",
                 )
             else:
-                np.testing.assert_array_equal(got.astype(str), frozen.astype(str), err_msg=f"{name}.{column}")
+                np.testing.assert_array_equal(
+                    got.astype(str), frozen.astype(str), err_msg=f"{name}.{column}"
+                )
 
 
 if __name__ == "__main__":

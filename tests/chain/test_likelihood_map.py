@@ -36,7 +36,9 @@ def run(tmp_path_factory):
     """One scan of the small array over even ground, and the array's file."""
     file = tmp_path_factory.mktemp("sensor") / "sensor.toml"
     file.write_text(SENSOR)
-    return Simulator(Scene(track={"positions": (0.0,)}, length=20.0), load_sensor(file), 1, errors=False).run(), file
+    return Simulator(
+        Scene(track={"positions": (0.0,)}, length=20.0), load_sensor(file), 1, errors=False
+    ).run(), file
 
 
 def stage_of(run, learnt=None, **entries):
@@ -46,15 +48,22 @@ def stage_of(run, learnt=None, **entries):
         run=data, images=GRID, view=GRID, lane=LANE, imaged=[0, 1, 2, 3], known={"gain": level},
         imager=ScanImager(data, GRID, BANDS, "hann"),
     )  # fmt: skip
-    table = LikelihoodSettings(**{"sensor": str(file), "copies": 3, "soils": ((3.0, 0.01),)} | entries)
+    table = LikelihoodSettings(
+        **{"sensor": str(file), "copies": 3, "soils": ((3.0, 0.01),)} | entries
+    )
     return LikelihoodMap(table, setup, learnt)
 
 
 def gathered(stage, truth=None, scans=6, seed=5):
     """What a lane of speckle with no mine gives."""
     rng = np.random.default_rng(seed)
-    images = [image_of(noise(rng, 4, 2, GRID.ny, GRID.nx), (0.0, 5.0 * k, 2.5, 0.0, 0.0, 0.0)) for k in range(scans)]
-    accumulator = stage.examples(pd.DataFrame({"x": [], "y": []}) if truth is None else truth, images.__getitem__)
+    images = [
+        image_of(noise(rng, 4, 2, GRID.ny, GRID.nx), (0.0, 5.0 * k, 2.5, 0.0, 0.0, 0.0))
+        for k in range(scans)
+    ]
+    accumulator = stage.examples(
+        pd.DataFrame({"x": [], "y": []}) if truth is None else truth, images.__getitem__
+    )
     for k in range(scans):
         accumulator.add(k)
     return accumulator.result()
@@ -69,13 +78,21 @@ def test_the_ratio_is_that_of_two_compound_gaussian_densities():
     ratios = (2.0, 50.0)
     subspace = np.einsum("k,ki,kj->ij", share, vectors, vectors.conj())
 
-    def density(y, covariance):  # the likeliest texture put in; constants alike on both sides are left out
+    def density(
+        y, covariance
+    ):  # the likeliest texture put in; constants alike on both sides are left out
         quadratic = np.einsum("ni,ij,nj->n", y.conj(), np.linalg.inv(covariance), y).real
         return -np.linalg.slogdet(covariance)[1] - size * np.log(quadratic)
 
-    both = [density(x, np.eye(size) + power * subspace) - density(x, np.eye(size)) for power in ratios]
-    np.testing.assert_allclose(ratio(x, vectors.conj(), share, ratios), np.log(np.mean(np.exp(both), axis=0)))
-    np.testing.assert_allclose(ratio(30 * x, vectors.conj(), share, ratios), ratio(x, vectors.conj(), share, ratios))
+    both = [
+        density(x, np.eye(size) + power * subspace) - density(x, np.eye(size)) for power in ratios
+    ]
+    np.testing.assert_allclose(
+        ratio(x, vectors.conj(), share, ratios), np.log(np.mean(np.exp(both), axis=0))
+    )
+    np.testing.assert_allclose(
+        ratio(30 * x, vectors.conj(), share, ratios), ratio(x, vectors.conj(), share, ratios)
+    )
 
 
 def test_clutter_is_learnt_of_target_free_ground_and_every_chip_counts_alike(run):
@@ -113,11 +130,15 @@ def test_signatures_are_those_of_a_body_that_it_never_simulated(run):
     part = (np.abs(learnt["signature"][metre] @ white) ** 2).sum() / (np.abs(white) ** 2).sum()
     assert part > 0.6
     other = noise(np.random.default_rng(2), 200, len(white))
-    by_chance = (np.abs(other @ learnt["signature"][metre].T) ** 2).sum(axis=1) / (np.abs(other) ** 2).sum(axis=1)
+    by_chance = (np.abs(other @ learnt["signature"][metre].T) ** 2).sum(axis=1) / (
+        np.abs(other) ** 2
+    ).sum(axis=1)
     assert part > by_chance.max()
 
 
-def test_the_map_is_largest_where_a_signature_lies_in_speckle_and_not_where_something_else_is_as_bright(run):
+def test_the_map_is_largest_where_a_signature_lies_in_speckle_and_not_where_something_else_is_as_bright(
+    run,
+):
     maker = stage_of(run, level=0.0, copies=8)
     examples = gathered(maker, scans=20)
     learnt, _ = LikelihoodMap.fit(maker.settings, [examples])
@@ -155,13 +176,17 @@ def test_the_contrast_is_the_power_about_a_pixel_over_that_of_the_ring(run):
     assert found[1, 0, row, column] == pytest.approx(want, abs=1e-4)
     louder = values * np.array([3.0, 0.1, 1.0, 1.0])[:, None, None, None]
     np.testing.assert_allclose(contrasts(image_of(louder), table), found, atol=1e-4)
-    assert np.isfinite(contrasts(image_of(np.zeros(values.shape)), table)).all()  # a channel that failed
+    assert np.isfinite(
+        contrasts(image_of(np.zeros(values.shape)), table)
+    ).all()  # a channel that failed
 
 
 def test_what_it_adds_of_the_contrast_is_a_mean_of_the_channels_asked_for(run):
     learnt, _ = LikelihoodMap.fit(stage_of(run).settings, [gathered(stage_of(run))])
     image = image_of(noise(np.random.default_rng(6), 4, 2, GRID.ny, GRID.nx))
-    without, twice = (stage_of(run, learnt, level=level, blur=0.0).map(image) for level in (0.0, 2.0))
+    without, twice = (
+        stage_of(run, learnt, level=level, blur=0.0).map(image) for level in (0.0, 2.0)
+    )
     want = contrasts(image.isel(polarization=slice(2)), stage_of(run).settings).mean(axis=(0, 1))
     np.testing.assert_allclose(twice - without, 2 * want, atol=1e-3)
 
@@ -182,7 +207,10 @@ def test_its_map_is_smoothed_over_as_many_metres_as_asked_for(run):
 
 def test_an_array_that_is_not_the_runs_is_refused(run):
     data, file = run
-    with pytest.raises(ValueError, match=r"map\.sensor must describe the run's array, got 'sri-array' with other tx"):
+    with pytest.raises(
+        ValueError,
+        match=r"map\.sensor must describe the run's array, got 'sri-array' with other tx",
+    ):
         gathered(stage_of((data, "sri-array")))
     other = file.with_name("other.toml")
     other.write_text(SENSOR.replace("count = 81", "count = 80"))
@@ -215,9 +243,14 @@ def test_its_parts_add_up_to_the_map(whole):
     adds, alone = stage.parts(image)
     assert list(adds) == ["likelihood", "contrast HH", "contrast VV"]
     assert list(alone) == ["B1", "B2", "mine over stone"]
-    np.testing.assert_allclose(sum(adds.values()) + stage.settings.offset, stage.map(image), atol=1e-3)
+    np.testing.assert_allclose(
+        sum(adds.values()) + stage.settings.offset, stage.map(image), atol=1e-3
+    )
     before = {name: one for name, one in stage.learnt.items() if not name.startswith("stone")}
-    assert list(stage_of((stage.setup.run, stage.settings.sensor), before).parts(image)[1]) == ["B1", "B2"]
+    assert list(stage_of((stage.setup.run, stage.settings.sensor), before).parts(image)[1]) == [
+        "B1",
+        "B2",
+    ]
 
 
 def test_a_sub_band_alone_is_the_ratio_of_densities_of_its_own_values(whole):
@@ -235,7 +268,11 @@ def test_a_sub_band_alone_is_the_ratio_of_densities_of_its_own_values(whole):
         quadratic = (x.conj() @ np.linalg.solve(covariance, x)).real
         return -np.linalg.slogdet(covariance)[1] - len(own) * np.log(quadratic)
 
-    want = np.log(np.mean([np.exp(density(clutter + g * body) - density(clutter)) for g in stage.settings.ratios]))
+    want = np.log(
+        np.mean(
+            [np.exp(density(clutter + g * body) - density(clutter)) for g in stage.settings.ratios]
+        )
+    )
     places, whitener, directions, share = stage._band(1, 1, 2)
     np.testing.assert_array_equal(places, own)
     found = ratio((chip[places] @ whitener.T)[None], directions, share, stage.settings.ratios)

@@ -12,13 +12,21 @@ from sklearn.metrics import roc_auc_score
 
 from flgpr.chain.model import Model, load_model, save_model
 from flgpr.chain.stages import TrainingView
-from flgpr.chain.stages.network import ChipNetwork, NetworkSettings, forward, train_network, weights_of
+from flgpr.chain.stages.network import (
+    ChipNetwork,
+    NetworkSettings,
+    forward,
+    train_network,
+    weights_of,
+)
 from flgpr.model import Lane
 
 X = np.round(np.arange(-3, 3.05, 0.1), 9)
 Y = np.round(np.arange(0, 40.05, 0.1), 9)
 LANE = Lane(-1.5, 1.5, 2.0, 38.0)
-MINES = pd.DataFrame({"x": np.tile([-0.8, 0.1, 0.9], 4), "y": 4.0 + 2.7 * np.arange(12), "kind": "metal"})
+MINES = pd.DataFrame(
+    {"x": np.tile([-0.8, 0.1, 0.9], 4), "y": 4.0 + 2.7 * np.arange(12), "kind": "metal"}
+)
 
 
 def view_of(seed, truth=MINES):
@@ -45,7 +53,9 @@ def network(learnt, **settings):
 def made_up(channels=2, sizes=(3, 4, 5), seed=3):
     rng = np.random.default_rng(seed)
     of = (channels, *sizes)
-    weights = {f"kernel{k}": rng.normal(size=(of[k + 1], of[k], 3, 3)).astype(np.float32) for k in range(3)}
+    weights = {
+        f"kernel{k}": rng.normal(size=(of[k + 1], of[k], 3, 3)).astype(np.float32) for k in range(3)
+    }
     weights |= {f"bias{k}": rng.normal(size=of[k + 1]).astype(np.float32) for k in range(3)}
     return weights | {"last": rng.normal(size=of[3]).astype(np.float32), "bias": np.float32([0.3])}
 
@@ -69,10 +79,14 @@ def test_scores_do_not_depend_on_which_alarms_are_asked_for_together():
     for number in range(2):
         learnt |= {f"{number}-{name}": one for name, one in made_up(seed=number).items()}
     stage = network(learnt)
-    places = np.column_stack([rng.uniform(-3, 3, 300), rng.uniform(0, 40, 300)])  # at the border, too
+    places = np.column_stack(
+        [rng.uniform(-3, 3, 300), rng.uniform(0, 40, 300)]
+    )  # at the border, too
     every = stage.of_view(view_of(5), places)["cnn"]
     assert np.isfinite(every).all()
-    np.testing.assert_allclose(stage.of_view(view_of(5), places[280:])["cnn"], every[280:], rtol=1e-5)
+    np.testing.assert_allclose(
+        stage.of_view(view_of(5), places[280:])["cnn"], every[280:], rtol=1e-5
+    )
     assert len(weights_of(learnt)) == 2
     assert stage.of_view(view_of(5), np.zeros((0, 2)))["cnn"].shape == (0,)
 
@@ -99,7 +113,9 @@ def test_it_learns_what_is_wide_and_its_model_needs_no_pytorch(tmp_path, monkeyp
     monkeypatch.setitem(sys.modules, "torch", None)
     stage = network(load_model(tmp_path / "model").stages["features.network"])
     rng = np.random.default_rng(4)
-    other = pd.DataFrame({"x": rng.uniform(-1.2, 1.2, 12), "y": 3.5 + 2.9 * np.arange(12), "kind": "metal"})
+    other = pd.DataFrame(
+        {"x": rng.uniform(-1.2, 1.2, 12), "y": 3.5 + 2.9 * np.arange(12), "kind": "metal"}
+    )
     spots = np.column_stack([rng.uniform(-1.5, 1.5, 400), rng.uniform(2, 38, 400)])
     spots = spots[np.hypot(*(spots[:, None] - other[["x", "y"]].to_numpy()).T).min(axis=0) > 1]
     places = np.concatenate([other[["x", "y"]].to_numpy(), spots])

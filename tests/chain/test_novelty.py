@@ -18,7 +18,9 @@ COLUMNS = ["a", "b"]
 @pytest.fixture
 def examples():
     rng = np.random.default_rng(3)
-    features = pd.DataFrame(np.concatenate([rng.normal(0, 1, (200, 2)), rng.normal(4, 1, (20, 2))]), columns=COLUMNS)
+    features = pd.DataFrame(
+        np.concatenate([rng.normal(0, 1, (200, 2)), rng.normal(4, 1, (20, 2))]), columns=COLUMNS
+    )
     label = np.repeat([0, 1], [200, 20])
     return TrainingSet(features, label, np.ones(220, int), np.repeat("lane", 220))
 
@@ -33,7 +35,9 @@ def test_mines_score_high_though_none_was_shown(examples, name, tmp_path):
     other = examples.features.copy()
     other.loc[examples.label == 1] = 50.0
     again = train_estimator(replace(examples, features=other), table, COLUMNS)
-    np.testing.assert_array_equal(again.confidence(examples.features), score)  # the mines did not enter
+    np.testing.assert_array_equal(
+        again.confidence(examples.features), score
+    )  # the mines did not enter
     save_model(Model(detector=made), tmp_path / "model", {})
     kept = load_model(tmp_path / "model").detector
     assert isinstance(kept, TrainedEstimator)
@@ -49,11 +53,21 @@ def test_mines_score_high_though_none_was_shown(examples, name, tmp_path):
     ],
 )  # fmt: skip
 def test_the_border_is_where_the_estimator_itself_decides(examples, name, on, mine):
-    made = train_estimator(examples, DetectorTable(estimator=name, features=COLUMNS, on=on), COLUMNS)
+    made = train_estimator(
+        examples, DetectorTable(estimator=name, features=COLUMNS, on=on), COLUMNS
+    )
     values = (examples.features.to_numpy() - made.centre) / made.scale
-    shown = {"all": values, "mines": values[examples.label == 1], "clutter": values[examples.label == 0]}[on]
-    options = {"random_state": 0} if name in ("isolation-forest", "random-forest", "mixture") else {}
-    made = train_estimator(examples, DetectorTable(estimator=name, features=COLUMNS, on=on, options=options), COLUMNS)
+    shown = {
+        "all": values,
+        "mines": values[examples.label == 1],
+        "clutter": values[examples.label == 0],
+    }[on]
+    options = (
+        {"random_state": 0} if name in ("isolation-forest", "random-forest", "mixture") else {}
+    )
+    made = train_estimator(
+        examples, DetectorTable(estimator=name, features=COLUMNS, on=on, options=options), COLUMNS
+    )
     estimator = find_estimator(name)(**options)
     estimator.fit(shown, *((examples.label,) if on == "all" else ()))
     decided = estimator.predict(values) == mine
@@ -65,7 +79,12 @@ def test_the_border_is_where_the_estimator_itself_decides(examples, name, on, mi
 
 def test_a_lane_without_clutter_cannot_train_it(examples):
     mines = examples.label == 1
-    only = TrainingSet(examples.features[mines], examples.label[mines], examples.weight[mines], examples.lane[mines])
+    only = TrainingSet(
+        examples.features[mines],
+        examples.label[mines],
+        examples.weight[mines],
+        examples.lane[mines],
+    )
     table = DetectorTable(estimator="isolation-forest", features=COLUMNS, on="clutter")
     with pytest.raises(ValueError, match="needs false alarms, got 20 hits and 0 false alarms"):
         train_estimator(only, table, COLUMNS)
@@ -73,5 +92,7 @@ def test_a_lane_without_clutter_cannot_train_it(examples):
 
 def test_without_pyod_its_estimators_say_what_they_need(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyod.models.ecod", None)
-    with pytest.raises(ModuleNotFoundError, match=r"ecod needs PyOD: pip install 'flgpr\[benchmark\]'"):
+    with pytest.raises(
+        ModuleNotFoundError, match=r"ecod needs PyOD: pip install 'flgpr\[benchmark\]'"
+    ):
         find_estimator("ecod")

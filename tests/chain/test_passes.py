@@ -9,7 +9,18 @@ import pandas as pd
 import pytest
 
 from flgpr.chain.lane_chain import array_table, table_arrays
-from flgpr.chain.passes import BLOCK, Accumulator, Chain, Pass, added, blocks_of, bundled, dealt, group_of, mine
+from flgpr.chain.passes import (
+    BLOCK,
+    Accumulator,
+    Chain,
+    Pass,
+    added,
+    blocks_of,
+    bundled,
+    dealt,
+    group_of,
+    mine,
+)
 from flgpr.clutter import BackgroundEstimator
 from flgpr.model import Grid
 from flgpr.screen import RunViewSums
@@ -26,7 +37,9 @@ def test_blocks_hold_every_scan_once_and_are_even(scans):
 
 def test_a_background_of_blocks_is_that_of_all_scans():
     rng = np.random.default_rng(3)
-    images = (rng.normal(size=(11, 2, 2, 31, 29)) + 1j * rng.normal(size=(11, 2, 2, 31, 29))).astype(np.complex64)
+    images = (
+        rng.normal(size=(11, 2, 2, 31, 29)) + 1j * rng.normal(size=(11, 2, 2, 31, 29))
+    ).astype(np.complex64)
     images += 3
     plain = BackgroundEstimator((5, 5), (11, 11), 2)
     for image in images:
@@ -160,7 +173,9 @@ def test_threads_that_take_blocks_give_the_bits_of_one(threads):
 @pytest.mark.parametrize(("pieces", "left"), [(1, 1), (2, 0), (5, 1), (8, 0), (10, 2), (11, 0)])
 def test_what_would_leave_most_threads_without_a_piece_is_shared(pieces, left, monkeypatch):
     monkeypatch.setattr(numba, "get_num_threads", lambda: 4)
-    names = list(dealt(lambda _: threading.current_thread().name, [(number,) for number in range(pieces)], 4))
+    names = list(
+        dealt(lambda _: threading.current_thread().name, [(number,) for number in range(pieces)], 4)
+    )
     assert [name == "MainThread" for name in names] == [False] * (pieces - left) + [True] * left
 
 

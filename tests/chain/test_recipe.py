@@ -3,7 +3,14 @@ import re
 import numpy as np
 import pytest
 
-from flgpr.chain.recipe import course_lane, line_of, load_recipe, parse_recipe, recipe_names, recipe_text
+from flgpr.chain.recipe import (
+    course_lane,
+    line_of,
+    load_recipe,
+    parse_recipe,
+    recipe_names,
+    recipe_text,
+)
 from flgpr.model import Lane
 
 DEMO = recipe_text("demo")
@@ -42,7 +49,12 @@ def test_a_broken_recipe_names_the_entry_and_the_rule(old, new, words):
     [
         ("demo", 'area = "union"', 'area = "frames"', "with variants, got"),
         ("flsar2004", "", "", "with run_view.look and screen, got"),
-        ("fuse2018", "x = [-10.0, 10.0]", "x = [-5.0, 5.0]", "run_view.x must lie within image.x, -5 to 5 m"),
+        (
+            "fuse2018",
+            "x = [-10.0, 10.0]",
+            "x = [-5.0, 5.0]",
+            "run_view.x must lie within image.x, -5 to 5 m",
+        ),
     ],
 )
 def test_what_cannot_raise_alarms_frame_by_frame_is_refused(name, old, new, words):
@@ -74,6 +86,8 @@ def test_a_fault_is_told_with_its_line():
 
 def test_lines_are_found_in_nested_quoted_and_repeated_tables():
     text = 'a = 1\n[b]\nc = 2\n[b.d]\n"0.4-1" = 3\n[[e]]\nf = 4\n'
-    assert [line_of(text, place) for place in (["a"], ["b", "c"], ["b", "d", "0.4-1"], ["e", "f"])] == [1, 3, 5, 7]
+    assert [
+        line_of(text, place) for place in (["a"], ["b", "c"], ["b", "d", "0.4-1"], ["e", "f"])
+    ] == [1, 3, 5, 7]
     assert line_of(text, ["b", "missing"]) == 2
     assert line_of(text, ["missing"]) is None

@@ -26,7 +26,9 @@ from small_lane import LANE, LANE_TOML, TARGETS, small_recipe, small_run
 X = np.round(np.arange(-2, 2.05, 0.1), 9)
 Y = np.round(np.arange(0, 10.05, 0.1), 9)
 ONE = [[0.0, 5.0]]  # a place: pixel 50, 20
-TRUTH = pd.DataFrame({"x": TARGETS[:, 0], "y": TARGETS[:, 1], "kind": ["metal", "plastic", "metal"]})
+TRUTH = pd.DataFrame(
+    {"x": TARGETS[:, 0], "y": TARGETS[:, 1], "kind": ["metal", "plastic", "metal"]}
+)
 
 
 def as_view(values, polarization=("HH", "VV"), subband=("F1", "F2")):
@@ -64,7 +66,9 @@ def test_cfar_is_the_peak_over_the_ring():
     view = as_view(values)
     np.testing.assert_allclose(cfar(view, **SMALL), 20 * np.log10(9.0 / ring.mean()), rtol=1e-5)
     np.testing.assert_allclose(
-        cfar(view, kind="ordered", **SMALL), 20 * np.log10(9.0 / np.sort(ring)[int(0.75 * 56) - 1]), rtol=1e-5
+        cfar(view, kind="ordered", **SMALL),
+        20 * np.log10(9.0 / np.sort(ring)[int(0.75 * 56) - 1]),
+        rtol=1e-5,
     )
     np.testing.assert_allclose(
         cfar(view, polarization="VV", subband="F2", **SMALL),
@@ -116,7 +120,12 @@ def test_rings_that_are_none_are_refused(settings, told):
 def test_rx_is_the_mahalanobis_distance_and_its_sign_tells_bright_from_dark():
     values = speckle()
     values[..., 50, 20] = [[9.0, 4.0], [7.0, 3.0]]
-    ring = 20 * np.log10(ring_of(values.reshape(4, *values.shape[-2:]).astype(np.float32)).astype(float)).T
+    ring = (
+        20
+        * np.log10(
+            ring_of(values.reshape(4, *values.shape[-2:]).astype(np.float32)).astype(float)
+        ).T
+    )
     off = 20 * np.log10([9.0, 4.0, 7.0, 3.0]) - ring.mean(axis=0)
     want = off @ np.linalg.solve(ledoit_wolf(ring)[0], off)
     np.testing.assert_allclose(rx(as_view(values), **SMALL), want, rtol=1e-4)
@@ -128,12 +137,22 @@ def test_rx_is_the_mahalanobis_distance_and_its_sign_tells_bright_from_dark():
 def test_rx_of_correlated_gaussian_logs_is_about_chi_squared():
     rng = np.random.default_rng(5)
     mix = np.eye(4) + 0.5 * np.tri(4)
-    logs = np.einsum("ij,jyx->iyx", mix, rng.normal(size=(4, Y.size, X.size))).reshape(2, 2, Y.size, X.size)
+    logs = np.einsum("ij,jyx->iyx", mix, rng.normal(size=(4, Y.size, X.size))).reshape(
+        2, 2, Y.size, X.size
+    )
     x, y = np.meshgrid(X[13:-13:2], Y[13:-13:2])
-    own = {"reach": 0.01, "guard": (0.1, 0.1), "outer": (1.2, 1.2)}  # the alarm's own pixel, no maximum
+    own = {
+        "reach": 0.01,
+        "guard": (0.1, 0.1),
+        "outer": (1.2, 1.2),
+    }  # the alarm's own pixel, no maximum
     found = np.abs(rx(as_view(10 ** (logs / 20)), np.column_stack([x.ravel(), y.ravel()]), **own))
-    error = 5 * np.sqrt(8 / found.size)  # the mean of chi-squared with 4 degrees of freedom is 4, its variance 8
-    assert abs(found.mean() - 4) < error + 0.15  # 616 cells and shrinkage tell the covariance to some per cent
+    error = 5 * np.sqrt(
+        8 / found.size
+    )  # the mean of chi-squared with 4 degrees of freedom is 4, its variance 8
+    assert (
+        abs(found.mean() - 4) < error + 0.15
+    )  # 616 cells and shrinkage tell the covariance to some per cent
     assert abs((found > 9.488).mean() - 0.05) < 5 * np.sqrt(0.05 * 0.95 / found.size) + 0.01
 
 
@@ -165,18 +184,24 @@ def test_matched_filters_are_their_closed_forms():
     assert notes["mines_for_signature"] == 3
     logs = 20 * np.log10(lane.view.values.reshape(4, Y.size, X.size).astype(float))
     x, y = np.meshgrid(X, Y)
-    away = (abs(x) <= 1.5) & np.all([np.hypot(x - a, y - b) > 1 for a, b in lane.truth[["x", "y"]].to_numpy()], axis=0)
+    away = (abs(x) <= 1.5) & np.all(
+        [np.hypot(x - a, y - b) > 1 for a, b in lane.truth[["x", "y"]].to_numpy()], axis=0
+    )
     clutter = logs[:, away].T
     mean = clutter.mean(axis=0)
     covariance = ledoit_wolf(clutter)[0]
     s = (20 * np.log10(2.0) + SIGNATURE).ravel() - mean
     np.testing.assert_allclose(learnt["signature"], s, rtol=1e-5)
     np.testing.assert_allclose(learnt["covariance"], covariance, rtol=1e-6)
-    found = Matched(settings, None, learnt).of_view(lane.view, np.array([[-0.5, 3.0], [0.0, 2.0], [9.0, 9.0]]))
+    found = Matched(settings, None, learnt).of_view(
+        lane.view, np.array([[-0.5, 3.0], [0.0, 2.0], [9.0, 9.0]])
+    )
     inverse = np.linalg.inv(covariance)
     for row, (j, i) in enumerate(((30, 15), (20, 20))):
         one = logs[:, j, i] - mean
-        np.testing.assert_allclose(found["amf"][row], s @ inverse @ one / np.sqrt(s @ inverse @ s), rtol=1e-5)
+        np.testing.assert_allclose(
+            found["amf"][row], s @ inverse @ one / np.sqrt(s @ inverse @ s), rtol=1e-5
+        )
         cosine = s @ inverse @ one / np.sqrt((s @ inverse @ s) * (one @ inverse @ one))
         np.testing.assert_allclose(found["ace"][row], cosine, rtol=1e-5)
     np.testing.assert_allclose(found["ace"][1], 1, rtol=1e-5)  # a mine of the signature itself
@@ -192,12 +217,14 @@ def test_ace_does_not_depend_on_strength_but_amf_does():
     point = np.array([[-0.5, 3.0]])
     weak = lane.view.copy(
         data=np.broadcast_to(
-            10 ** ((learnt["mean"] + np.array([3.0, 1.0, 2.0, -1.0])).reshape(2, 2, 1, 1) / 20), lane.view.shape
+            10 ** ((learnt["mean"] + np.array([3.0, 1.0, 2.0, -1.0])).reshape(2, 2, 1, 1) / 20),
+            lane.view.shape,
         )
     )
     strong = lane.view.copy(
         data=np.broadcast_to(
-            10 ** ((learnt["mean"] + 4 * np.array([3.0, 1.0, 2.0, -1.0])).reshape(2, 2, 1, 1) / 20), lane.view.shape
+            10 ** ((learnt["mean"] + 4 * np.array([3.0, 1.0, 2.0, -1.0])).reshape(2, 2, 1, 1) / 20),
+            lane.view.shape,
         )
     )
     one = stage.of_view(weak, point)
@@ -222,7 +249,9 @@ def drifting(scans=40, pairs=2, tones=96):
     f = np.linspace(0.8e9, 1.8e9, tones)
     delay = np.array([5e-9, 12e-9])[:, None]
     parts = np.exp(-2j * np.pi * f * delay) * (1 + 0.3 * rng.normal(size=(2, tones)))
-    drift = 1 + 0.15 * np.cumsum(rng.normal(size=(scans, 1, pairs, 2)) + 1j * rng.normal(size=(scans, 1, pairs, 2)), 0)
+    drift = 1 + 0.15 * np.cumsum(
+        rng.normal(size=(scans, 1, pairs, 2)) + 1j * rng.normal(size=(scans, 1, pairs, 2)), 0
+    )
     still = np.einsum("sqkr,rf->sqkf", drift, 10 * parts)
     away = np.hypot(8.0 - 0.15 * np.arange(scans), 2.0)[:, None, None, None]
     echo = np.broadcast_to(0.5 * np.exp(-4j * np.pi * f * away / 299792458.0), still.shape)
@@ -231,7 +260,9 @@ def drifting(scans=40, pairs=2, tones=96):
 
 def low_rank(signal, *parts, **settings):
     """What the stage leaves of the signal that it learnt from, or of parts of it."""
-    stage = LowRank(LowRankSettings(**settings), SimpleNamespace(known={}, imager=range(len(signal))))
+    stage = LowRank(
+        LowRankSettings(**settings), SimpleNamespace(known={}, imager=range(len(signal)))
+    )
     stage.before = lambda index, count: signal[index : index + 1]
     (work,) = stage.passes()
     gathered = work.start(None)
@@ -285,7 +316,9 @@ PLAIN = small_recipe(3).replace("variants = true", "variants = false")
 
 
 def recipe(confidence, *stages):
-    return parse_recipe(f'confidence = "{confidence}"\n' + PLAIN + "".join(f"\n[[{one}\n" for one in stages))
+    return parse_recipe(
+        f'confidence = "{confidence}"\n' + PLAIN + "".join(f"\n[[{one}\n" for one in stages)
+    )
 
 
 CFAR = 'columns]]\nstage = "cfar"\npolarization = "HH"\nsubband = "F1"\nouter = [1.0, 1.0]'
@@ -320,7 +353,9 @@ def test_sections_rank_alike(run):
         parts.append(chain.ranked_alarms()[0])
     table = pd.concat(parts).sort_values(["y", "x"])
     want = alarms.sort_values(["y", "x"])
-    np.testing.assert_allclose(table[["x", "y", "confidence"]], want[["x", "y", "confidence"]], rtol=1e-4)
+    np.testing.assert_allclose(
+        table[["x", "y", "confidence"]], want[["x", "y", "confidence"]], rtol=1e-4
+    )
 
 
 def test_a_learnt_column_ranks_and_no_detector_is_trained_for_it(run, tmp_path):
@@ -348,15 +383,20 @@ def test_a_column_of_scans_ranks_live(run):
 
 def test_a_confidence_that_nothing_makes_is_refused(run):
     with pytest.raises(
-        ValueError, match=r"confidence must be contrast or magnitude without \[\[columns\]\], got 'cfra'"
+        ValueError,
+        match=r"confidence must be contrast or magnitude without \[\[columns\]\], got 'cfra'",
     ):
         recipe("cfra")
     told = r"confidence must be one of contrast, magnitude, tracked, cfar, got 'cfra'"
     with pytest.raises(ValueError, match=told):
         LaneChain(run, recipe("cfra", TRACKED, CFAR), LANE)
-    with pytest.raises(ValueError, match=r"confidence must be one of contrast, magnitude, tracked, got 'cfra'"):
+    with pytest.raises(
+        ValueError, match=r"confidence must be one of contrast, magnitude, tracked, got 'cfra'"
+    ):
         LiveDetector(describe_for_live(run), recipe("cfra", TRACKED), LANE)
-    with pytest.raises(ValueError, match="subband must be one of F1, F2, got 'F9'"):  # before anything is imaged
+    with pytest.raises(
+        ValueError, match="subband must be one of F1, F2, got 'F9'"
+    ):  # before anything is imaged
         LaneChain(run, recipe("cfar", CFAR.replace("F1", "F9")), LANE)
 
 

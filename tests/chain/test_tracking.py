@@ -17,7 +17,9 @@ Y = np.linspace(3, 7, 81)
 
 def stage(imaged=(0, 1), **settings):
     run = xr.Dataset(coords={"polarization": ["HH", "VV"]})
-    setup = SimpleNamespace(imager=SimpleNamespace(run=run, subbands={"F1": None, "F2": None}), imaged=imaged)
+    setup = SimpleNamespace(
+        imager=SimpleNamespace(run=run, subbands={"F1": None, "F2": None}), imaged=imaged
+    )
     return Tracking(TrackingSettings(**settings), setup)
 
 
@@ -65,7 +67,9 @@ def test_the_targets_of_a_lane_are_tracked_more_than_its_other_alarms():
     found = detect(small_run(), parse_recipe(text), LANE)[0]
     tracked = found.features["tracked"].to_numpy()
     assert ((tracked >= 0) & (tracked <= 1)).all()
-    away = np.hypot(*(found.alarms[axis].to_numpy()[:, None] - TARGETS[:, k] for k, axis in enumerate("xy")))
+    away = np.hypot(
+        *(found.alarms[axis].to_numpy()[:, None] - TARGETS[:, k] for k, axis in enumerate("xy"))
+    )
     hit = away.min(axis=1) < 0.4
     assert hit.any()
     assert tracked[hit].mean() > tracked[~hit].mean()

@@ -55,14 +55,22 @@ def found(run, recipe):
 def test_the_chain_equals_its_plain_parts(run, recipe, found):
     images = list(ScanImager(run, recipe.image.grid(), recipe.image.subbands, tolerance=1e-5))
     signature = self_signature([one.values for one in images])
-    gain = gain_background([one.values for one in images], signature, *recipe.background.windows(0.05))
+    gain = gain_background(
+        [one.values for one in images], signature, *recipe.background.windows(0.05)
+    )
     cleaned = [one.copy(data=remove_background(one.values, signature, gain)) for one in images]
     view = run_view(cleaned, recipe.run_view.grid(LANE), 4.5)
-    assert np.nanmax(np.abs(found.view.values / view.values - 1)) < 0.05  # the imaging tolerance, after a subtraction
+    assert (
+        np.nanmax(np.abs(found.view.values / view.values - 1)) < 0.05
+    )  # the imaging tolerance, after a subtraction
     assert np.nanmean(np.abs(found.view.values / view.values - 1)) < 0.003
     alarms = prescreen(select(view, "HH", "F1"), LANE, 0.4, 0.75, "view")
     contrast = local_contrast(cleaned, alarms, "HH", "F1", 4.5)
-    want = alarms.assign(contrast=contrast["contrast"]).dropna().sort_values("contrast", ascending=False)
+    want = (
+        alarms.assign(contrast=contrast["contrast"])
+        .dropna()
+        .sort_values("contrast", ascending=False)
+    )
     assert len(want) == len(found.alarms)
     np.testing.assert_allclose(found.alarms["confidence"], want["contrast"], rtol=0.02)
     np.testing.assert_allclose(found.alarms[["x", "y"]], want[["x", "y"]], atol=1e-9)
@@ -119,7 +127,9 @@ def test_train_and_detect_with_a_model_that_never_sees_truth(tmp_path, run, trut
     main = read_result(result.folder).detections[0]
     assert main.name == MAIN
     assert main.features is not None
-    np.testing.assert_allclose(main.alarms["confidence"], model.detector.confidence(main.features), rtol=1e-9)
+    np.testing.assert_allclose(
+        main.alarms["confidence"], model.detector.confidence(main.features), rtol=1e-9
+    )
     assert main.alarms["confidence"].is_monotonic_decreasing
     assert main.notes["confidence"] == "C_HH_F1 + M_VV_F1 + R_HH_HV_F2"
     assert len(main.alarms) == len(found.alarms)
@@ -139,7 +149,9 @@ def test_a_model_read_back_scores_alike_and_tells_when_it_was_altered(tmp_path, 
     model = train(examples, ("C_HH_F1", "P_alpha_F1"))
     folder = save_model(model, tmp_path / "model", {"site": "yard"})
     again = load_model(folder)
-    np.testing.assert_array_equal(again.detector.confidence(found.features), model.confidence(found.features))
+    np.testing.assert_array_equal(
+        again.detector.confidence(found.features), model.confidence(found.features)
+    )
     assert again.notes["site"] == "yard"
     data = bytearray((folder / "model.bundle").read_bytes())
     data[-100] ^= 1
@@ -158,19 +170,31 @@ def test_a_model_read_back_scores_alike_and_tells_when_it_was_altered(tmp_path, 
 
 
 def test_a_single_feature_model_ranks_alarms_as_the_feature(found, truth):
-    model = train(make_training_set([("one", found.alarms, found.features, truth, LANE)], 0.5), CLASSIFIER_A)
+    model = train(
+        make_training_set([("one", found.alarms, found.features, truth, LANE)], 0.5), CLASSIFIER_A
+    )
     score = model.confidence(found.features)
     order = np.argsort(-found.features["C_HH_F1"].to_numpy())
-    assert (np.diff(score[order]) <= 1e-12).all()  # mines stand out, so that the higher contrast is the likelier mine
+    assert (
+        np.diff(score[order]) <= 1e-12
+    ).all()  # mines stand out, so that the higher contrast is the likelier mine
     assert score[order[0]] > score[order[-1]]
 
 
 def test_simulants_weigh_half(found):
     alarms = found.alarms.iloc[:2].assign(x=[0.0, 0.0], y=[4.0, 8.0])
-    alarms = pd.concat([alarms] + [found.alarms.iloc[[2]].assign(x=0.0, y=6.0)] * 40, ignore_index=True)
+    alarms = pd.concat(
+        [alarms] + [found.alarms.iloc[[2]].assign(x=0.0, y=6.0)] * 40, ignore_index=True
+    )
     features = found.features.iloc[[0] * 42].reset_index(drop=True)
     truth = pd.DataFrame(
-        {"target_id": ["m", "s"], "x": [0.0, 0.0], "y": [4.0, 8.0], "kind": ["metal", "simulant"], "depth": [0.0, 0.0]}
+        {
+            "target_id": ["m", "s"],
+            "x": [0.0, 0.0],
+            "y": [4.0, 8.0],
+            "kind": ["metal", "simulant"],
+            "depth": [0.0, 0.0],
+        }
     )
     examples = make_training_set([("one", alarms, features, truth, LANE)])
     assert examples.weight[:2].tolist() == [40, 20]  # W0 = 40 false alarms over the one actual mine
@@ -216,7 +240,11 @@ def test_a_background_as_far_ahead_as_counts_finds_what_that_of_whole_images_doe
     near, whole = (LaneChain(run, recipe, LANE, whole=whole) for whole in (False, True))
     for chain in (near, whole):
         chain.go()
-    assert near.known["gain"]["gain"].shape[2] < whole.known["gain"]["gain"].shape[2] == recipe.image.grid().ny
+    assert (
+        near.known["gain"]["gain"].shape[2]
+        < whole.known["gain"]["gain"].shape[2]
+        == recipe.image.grid().ny
+    )
     for one, other in zip(near.detections(), whole.detections(), strict=True):
         np.testing.assert_array_equal(one.view.values, other.view.values)
         pd.testing.assert_frame_equal(one.alarms, other.alarms, check_exact=True)
@@ -227,7 +255,9 @@ def test_the_full_range_view_is_that_of_whole_images(run, recipe):
     cleaned = cleaned_run(run, recipe)
     view = wide_view(cleaned, run, recipe, LANE, silent)
     images = []
-    for image, gain in zip(ScanImager(run, recipe.image.grid(), recipe.image.subbands), cleaned.gains, strict=True):
+    for image, gain in zip(
+        ScanImager(run, recipe.image.grid(), recipe.image.subbands), cleaned.gains, strict=True
+    ):
         images.append(image.copy(data=cleaned.whole_background.magnitude(image.values, gain)))
     want = run_view(images, recipe.run_view.grid(LANE), recipe.image.y[1])
     np.testing.assert_allclose(view.values, select(want, "HH", "F1").values, rtol=1e-2, atol=1e-3)

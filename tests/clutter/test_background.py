@@ -23,7 +23,9 @@ def test_gain_is_the_rms_of_the_lowest_three_quarters(scans):
 
 
 def test_self_signature_is_equation_2(scans):
-    np.testing.assert_allclose(self_signature(scans), wang2007.equation_2_self_signature(scans), atol=2e-6)
+    np.testing.assert_allclose(
+        self_signature(scans), wang2007.equation_2_self_signature(scans), atol=2e-6
+    )
 
 
 def test_clipping_lowers_what_a_bright_target_leaves_in_the_self_signature(scans):
@@ -48,7 +50,9 @@ def test_gain_background_is_equation_4_and_removal_equation_5(scans):
     np.testing.assert_allclose(b2, want, rtol=1e-5)
     for image in scans:
         got = np.abs(remove_background(image, b1, b2))
-        np.testing.assert_allclose(got, wang2007.equation_5_magnitude(image, b1, b2), rtol=2e-5, atol=1e-5)
+        np.testing.assert_allclose(
+            got, wang2007.equation_5_magnitude(image, b1, b2), rtol=2e-5, atol=1e-5
+        )
 
 
 def test_channels_do_not_mix(scans):

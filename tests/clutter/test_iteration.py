@@ -59,12 +59,16 @@ def test_equations_5_to_8_term_by_term(amplitude):
     region = (points[..., 1] > 3.45).astype(int)
     b = noise(1, 16, 99)
     A = equation_3_matrix(FREQUENCY, TX, RX, points.reshape(-1, 3))
-    want = equations_5_to_8(b.ravel().astype(complex), A, mask.ravel(), region.ravel(), 3, amplitude == "whole")
+    want = equations_5_to_8(
+        b.ravel().astype(complex), A, mask.ravel(), region.ravel(), 3, amplitude == "whole"
+    )
     got = iterate_suppression(b, operator_on, points, mask, region, 3, amplitude)
     assert got.iterations == 3
     for one, other in zip(got.data, want, strict=True):
         assert np.linalg.norm(one.ravel() - other) < 1e-4 * np.linalg.norm(b)
-    np.testing.assert_allclose(got.residual[:, 0], [np.linalg.norm(w) / np.linalg.norm(b) for w in want], rtol=1e-4)
+    np.testing.assert_allclose(
+        got.residual[:, 0], [np.linalg.norm(w) / np.linalg.norm(b) for w in want], rtol=1e-4
+    )
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -87,7 +91,9 @@ def test_a_scatterer_under_the_mask_goes_and_one_outside_stays():
     before = image.adjoint(strong + weak)
     after = image.adjoint(averaged(course, 6))
     assert peak_db(after, -1.0, 5.0) - peak_db(before, -1.0, 5.0) < -30
-    assert peak_db(after, 0.8, 3.4) == pytest.approx(peak_db(image.adjoint(weak), 0.8, 3.4), abs=0.1)
+    assert peak_db(after, 0.8, 3.4) == pytest.approx(
+        peak_db(image.adjoint(weak), 0.8, 3.4), abs=0.1
+    )
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-5])
@@ -107,7 +113,9 @@ def test_a_scatterer_on_one_masked_pixel_goes_to_the_tolerance_at_once(tolerance
 
 
 def test_every_sub_region_and_polarization_has_its_own_amplitude():
-    b = np.concatenate([data(-1.0, 5.0, 10.0) + data(0.5, 3.0), data(-1.0, 5.0) + data(0.5, 3.0, 3.0)])
+    b = np.concatenate(
+        [data(-1.0, 5.0, 10.0) + data(0.5, 3.0), data(-1.0, 5.0) + data(0.5, 3.0, 3.0)]
+    )
     mask = disc(-1.0, 5.0, 0.2) | disc(0.5, 3.0, 0.5)
     course = iterate_suppression(b, operator_on, PIXELS, mask, REGION, 7)
     assert course.amplitude.shape == (7, 2, 2)
@@ -128,7 +136,9 @@ class Worse:
 
     def forward(self, x):
         response = self.operator.forward(x)
-        return response + 30 * np.roll(response, 40, axis=-1) * np.exp(2j * np.pi * np.arange(99) / 7)
+        return response + 30 * np.roll(response, 40, axis=-1) * np.exp(
+            2j * np.pi * np.arange(99) / 7
+        )
 
 
 @pytest.mark.parametrize("coupling", [0.0, 1e4])
@@ -136,7 +146,9 @@ def test_what_diverges_is_told_and_its_best_iteration_stands_in(coupling):
     """Also where an echo from outside the image holds nearly all of the energy."""
     b = data(-1.0, 5.0) + 0.1 * noise(1, 16, 99)
     b = b + coupling * np.exp(-2j * np.pi * FREQUENCY * 21.0 / SPEED_OF_LIGHT)
-    course = iterate_suppression(b, lambda points: Worse(operator_on(points)), PIXELS, disc(-1.0, 5.0), REGION)
+    course = iterate_suppression(
+        b, lambda points: Worse(operator_on(points)), PIXELS, disc(-1.0, 5.0), REGION
+    )
     assert course.iterations == 7
     assert course.diverged
     (best,) = course.best(7)
@@ -154,7 +166,10 @@ def some_spots(seed, operator_on):
     places = rng.uniform((-1.5, 3), (1.5, 5.5), (5, 2))
     strengths = rng.uniform(0.3, 3, 5)
     one = np.ones((1, 1, 1))
-    return sum(s * operator_on([[x, y, 0.0]]).forward(one) for s, (x, y) in zip(strengths, places, strict=True))
+    return sum(
+        s * operator_on([[x, y, 0.0]]).forward(one)
+        for s, (x, y) in zip(strengths, places, strict=True)
+    )
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -204,7 +219,9 @@ def test_all_seven_iterations_are_those_of_the_equations_through_a_rise(sparse, 
     assert got.rises == (np.diff(residual) > 0).sum()
     assert got.diverged == diverges == bool(residual[-1] > residual.min())
     mean = (want[6] + want[7]) / 2
-    np.testing.assert_allclose(averaged(got, 6, fall_back=False).ravel(), mean, atol=1e-3 * np.abs(mean).max())
+    np.testing.assert_allclose(
+        averaged(got, 6, fall_back=False).ravel(), mean, atol=1e-3 * np.abs(mean).max()
+    )
 
 
 def made_up(*residuals):
@@ -212,7 +229,13 @@ def made_up(*residuals):
     residual = np.array(residuals, dtype=float).reshape(len(residuals), -1)
     data = [np.asarray(one, np.complex64)[:, None, None] for one in residual]
     energy = residual**2 - residual[0] ** 2
-    return Iterated(tuple(data), residual, np.ones((len(data) - 1, 1, 1)), energy, np.full(energy[1:].shape, 1e-6))
+    return Iterated(
+        tuple(data),
+        residual,
+        np.ones((len(data) - 1, 1, 1)),
+        energy,
+        np.full(energy[1:].shape, 1e-6),
+    )
 
 
 def test_a_rise_that_recovers_ends_nothing():
@@ -221,12 +244,16 @@ def test_a_rise_that_recovers_ends_nothing():
     assert recovers.rise == pytest.approx(0.5)
     assert "1 of them raised it, by up to 50 %" in recovers.summary()
     assert averaged(recovers, 6).item() == pytest.approx(0.21)
-    assert averaged(recovers, 2).item() == pytest.approx(0.4)  # #2 ends with the rise: the iteration before stands in
+    assert averaged(recovers, 2).item() == pytest.approx(
+        0.4
+    )  # #2 ends with the rise: the iteration before stands in
     assert averaged(recovers, 2, fall_back=False).item() == pytest.approx(0.5)
 
 
 def test_every_polarization_falls_back_by_itself():
-    both = made_up((1, 1), (0.5, 0.9), (0.4, 1.2), (0.3, 1.5), (0.25, 2), (0.22, 3), (0.2, 4), (0.1, 5))
+    both = made_up(
+        (1, 1), (0.5, 0.9), (0.4, 1.2), (0.3, 1.5), (0.25, 2), (0.22, 3), (0.2, 4), (0.1, 5)
+    )
     assert both.best(7).tolist() == [7, 1]
     assert averaged(both, 6)[:, 0, 0].tolist() == pytest.approx([0.15, 0.9])
 
@@ -250,7 +277,9 @@ def test_a_wide_mask_over_noise_never_lets_the_residual_rise_unreported():
         rose = (np.diff(course.residual, axis=0) > 1e-6).any(axis=1)
         assert course.iterations == 7
         assert course.rises >= rose.sum()
-        assert course.diverged == bool((course.residual[-1] > course.residual.min(axis=0) + 1e-6).any())
+        assert course.diverged == bool(
+            (course.residual[-1] > course.residual.min(axis=0) + 1e-6).any()
+        )
 
 
 def test_table_two_averages():
@@ -269,7 +298,9 @@ def test_table_two_averages():
 
 def test_an_empty_mask_and_zero_data_change_nothing():
     b = data(-1.0, 5.0)
-    assert np.array_equal(iterate_suppression(b, operator_on, PIXELS, disc(50, 50), REGION).data[-1], b)
+    assert np.array_equal(
+        iterate_suppression(b, operator_on, PIXELS, disc(50, 50), REGION).data[-1], b
+    )
     assert not iterate_suppression(0 * b, operator_on, PIXELS, disc(-1, 5), REGION).data[-1].any()
     with pytest.raises(ValueError, match="iterations"):
         iterate_suppression(b, operator_on, PIXELS, disc(-1, 5), REGION, 0)
@@ -296,7 +327,9 @@ def test_frames_share_one_reflectivity_or_have_their_own():
     makes = [lambda points, d=d: operator_on(points, d) for d in behind]
     mask = disc(-1.0, 5.0)
     steady = np.stack([data(-1.0, 5.0, behind=d) for d in behind])
-    turning = steady * np.exp(2j * np.pi / 3 * np.arange(3))[:, None, None, None].astype(np.complex64)
+    turning = steady * np.exp(2j * np.pi / 3 * np.arange(3))[:, None, None, None].astype(
+        np.complex64
+    )
 
     def stack_on(points):
         return FrameStack([make(points) for make in makes])
@@ -329,7 +362,9 @@ def test_the_loss_of_a_coherent_sum_is_the_one_predicted():
     need = accuracy_needed(FREQUENCY, 1.0)
     assert coherent_loss_db(need, FREQUENCY) == pytest.approx(1.0, abs=1e-6)
     # One tone: 4.34 (4πfσ/c)² dB.
-    assert accuracy_needed([2e9], 1.0) == pytest.approx(np.sqrt(1 / 4.3429) * SPEED_OF_LIGHT / (8e9 * np.pi), rel=1e-4)
+    assert accuracy_needed([2e9], 1.0) == pytest.approx(
+        np.sqrt(1 / 4.3429) * SPEED_OF_LIGHT / (8e9 * np.pi), rel=1e-4
+    )
     with pytest.raises(ValueError, match="loss_db"):
         accuracy_needed(FREQUENCY, 0.0)
 
@@ -341,7 +376,9 @@ def test_coherence_is_measured_at_the_strongest_pixels():
     assert exact.loss_db[0] == pytest.approx(0, abs=0.05)
     row, column = exact.at[0]
     assert np.hypot(*(PIXELS[row, column, :2] - [-1.0, 5.0])) < 0.05
-    turned = [one * np.exp(1j * phase) for one, phase in zip(frames, [0, 2, 4, 0, 2, 4], strict=True)]
+    turned = [
+        one * np.exp(1j * phase) for one, phase in zip(frames, [0, 2, 4, 0, 2, 4], strict=True)
+    ]
     assert measured_coherence(turned, most=1).loss_db[0] > 10
     with pytest.raises(ValueError, match="at least two frames"):
         measured_coherence(frames[:1])

@@ -26,11 +26,21 @@ def speckle():
 
 
 def thresholds(value=1.5, low=0.5, second=1.5):
-    return Thresholds(*(np.full(4, v) for v in (value, value, low)), None if second is None else np.full(4, second))
+    return Thresholds(
+        *(np.full(4, v) for v in (value, value, low)),
+        None if second is None else np.full(4, second),
+    )
 
 
 def test_sub_regions_divide_the_range_without_gap_or_overlap():
-    assert subregions([4.99, 5, 8.74, 8.75, 20, 20.01], (5, 8.75, 12.5, 16.25, 20)).tolist() == [-1, 0, 0, 1, 3, -1]
+    assert subregions([4.99, 5, 8.74, 8.75, 20, 20.01], (5, 8.75, 12.5, 16.25, 20)).tolist() == [
+        -1,
+        0,
+        0,
+        1,
+        3,
+        -1,
+    ]
     for edges in ([5], [5, 5], [8, 5]):
         with pytest.raises(ValueError, match="edges"):
             subregions([6.0], edges)
@@ -66,7 +76,9 @@ def test_the_fundamental_mask_is_vv_and_vh_or_vv_and_x():
     x = speckle()
     a, b, c = (np.abs(one) > 1.5 for one in (vv, vh, x))
     inside = REGION >= 0
-    assert np.array_equal(fundamental_mask(vv, vh, thresholds(), REGION, x), ((a & b) | (a & c)) & inside)
+    assert np.array_equal(
+        fundamental_mask(vv, vh, thresholds(), REGION, x), ((a & b) | (a & c)) & inside
+    )
     assert np.array_equal(fundamental_mask(vv, vh, thresholds(second=None), REGION), a & b & inside)
     with pytest.raises(ValueError, match="second band"):
         fundamental_mask(vv, vh, thresholds(second=None), REGION, x)
@@ -78,14 +90,18 @@ def test_the_extended_mask_as_written_is_the_low_vh_mask_at_the_roadside(low_vv)
     vh = speckle()
     written = extended_mask_as_written(vv, vh, low_vv, 0.5, ACROSS) & (REGION >= 0)
     assert np.array_equal(extended_mask(vh, thresholds(), REGION, ACROSS), written)
-    assert np.array_equal(written, (np.abs(vh) > 0.5) & (np.abs(ACROSS) >= 4) & (np.abs(ACROSS) <= 10) & (REGION >= 0))
+    assert np.array_equal(
+        written, (np.abs(vh) > 0.5) & (np.abs(ACROSS) >= 4) & (np.abs(ACROSS) <= 10) & (REGION >= 0)
+    )
 
 
 def test_the_mixture_is_the_union():
     vv = speckle()
     vh = speckle()
     x = speckle()
-    both = fundamental_mask(vv, vh, thresholds(), REGION, x) | extended_mask(vh, thresholds(), REGION, ACROSS)
+    both = fundamental_mask(vv, vh, thresholds(), REGION, x) | extended_mask(
+        vh, thresholds(), REGION, ACROSS
+    )
     assert np.array_equal(mixed_mask(vv, vh, thresholds(), REGION, ACROSS, x), both)
 
 
@@ -124,7 +140,9 @@ def test_the_low_threshold_is_the_roadside_mean_of_vh():
     side = np.abs(ACROSS) >= 4
     images = [(speckle(), speckle(), None) for _ in range(2)]
     found = calibrate(images, halos, side)
-    want = [np.mean([np.abs(vh)[side & (r == REGION)].mean() for _, vh, _ in images]) for r in range(4)]
+    want = [
+        np.mean([np.abs(vh)[side & (r == REGION)].mean() for _, vh, _ in images]) for r in range(4)
+    ]
     np.testing.assert_allclose(found.low_vh, want)
     assert found.second is None
 
@@ -139,7 +157,12 @@ def test_the_roadside_of_the_frame_under_test_gives_the_papers_own_threshold():
         assert level[number] == pytest.approx(sum(pixels) / len(pixels))
     # What lies on the road does not enter, and a sub-region without roadside has no level.
     assert np.array_equal(roadside_level(np.where(beside, vh, 99.0), REGION, beside, 4), level)
-    assert np.isnan(roadside_level(vh, REGION, beside & (REGION != 2), 4)).tolist() == [False, False, True, False]
+    assert np.isnan(roadside_level(vh, REGION, beside & (REGION != 2), 4)).tolist() == [
+        False,
+        False,
+        True,
+        False,
+    ]
 
 
 def test_a_calibration_lane_must_show_targets_and_roadside_in_every_sub_region():

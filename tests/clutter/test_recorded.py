@@ -71,8 +71,14 @@ def test_silence_stays_silence():
     [
         (lambda: dewow_traces(TRACES, 2), "window of dewow must be at least 3 samples, got 2"),
         (lambda: level_traces(TRACES, 1), "window of gain must be at least 3 samples, got 1"),
-        (lambda: remove_mean_trace(TRACES[:1]), "background must be estimated from at least 2 traces with data, got 1"),
-        (lambda: level_traces(np.full((2, 9), np.nan), 3), "gain must be estimated from at least 1 trace with data"),
+        (
+            lambda: remove_mean_trace(TRACES[:1]),
+            "background must be estimated from at least 2 traces with data, got 1",
+        ),
+        (
+            lambda: level_traces(np.full((2, 9), np.nan), 3),
+            "gain must be estimated from at least 1 trace with data",
+        ),
     ],
 )
 def test_what_cannot_be_done_is_refused(step, rule):

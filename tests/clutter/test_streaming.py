@@ -47,17 +47,25 @@ def test_streaming_equals_the_plain_functions(scans):
     for gain, image in zip(tool.gains, scans, strict=True):
         np.testing.assert_allclose(gain, scan_gain(image)[..., 0, 0], rtol=1e-6)
         want = remove_background(image, background.signature, background.gain)
-        np.testing.assert_allclose(background.magnitude(image, gain), np.abs(want), rtol=1e-4, atol=1e-5)
+        np.testing.assert_allclose(
+            background.magnitude(image, gain), np.abs(want), rtol=1e-4, atol=1e-5
+        )
         np.testing.assert_allclose(background.own_coherent(image, gain), want, rtol=1e-4, atol=1e-5)
 
 
 def test_the_shared_branch_is_its_definition(scans):
     tool, background = estimate(scans)
     for b in range(2):
-        common = [np.sqrt(np.mean([wang2007.r_k(image[p, b]) ** 2 for p in range(3)])) for image in scans]
+        common = [
+            np.sqrt(np.mean([wang2007.r_k(image[p, b]) ** 2 for p in range(3)])) for image in scans
+        ]
         for p in range(3):
-            clipped = [wang2007.clipped(image[p, b]) / r for image, r in zip(scans, common, strict=True)]
-            np.testing.assert_allclose(background.shared_signature[p, b], np.mean(clipped, axis=0), atol=1e-5)
+            clipped = [
+                wang2007.clipped(image[p, b]) / r for image, r in zip(scans, common, strict=True)
+            ]
+            np.testing.assert_allclose(
+                background.shared_signature[p, b], np.mean(clipped, axis=0), atol=1e-5
+            )
     cleaned = background.coherent(scans[2], tool.gains[2])
     r = np.sqrt(np.mean(tool.gains[2] ** 2, axis=0))[None, :, None, None]
     want = (scans[2] / r - background.shared_signature) / background.shared_gain
@@ -72,19 +80,23 @@ def test_the_shared_branch_keeps_the_ratio_of_the_polarizations_and_the_own_one_
     first = a.coherent(scans[1], tool.gains[1])
     second = b.coherent(changed[1], louder.gains[1])
     ratio = (second / first)[:, :, 20, 20]
-    # Not exact: with other weights among the polarizations the scans weigh a little differently in B1.
+    # Not exact: with other weights among the polarizations the scans weigh a little differently in
+    # B1.
     np.testing.assert_allclose(ratio / ratio[:1], gain[:, :, 0, 0] / 3 * np.ones(2), rtol=0.05)
     own = a.magnitude(scans[1], tool.gains[1]), b.magnitude(changed[1], louder.gains[1])
     np.testing.assert_allclose(own[1], own[0], rtol=1e-3, atol=1e-4)
 
 
 def test_every_third_median_changes_the_gain_background_little():
-    # A run's own sizes: 21 and 51 pixels, speckle smoothed to the resolution, a level that falls with range.
+    # A run's own sizes: 21 and 51 pixels, speckle smoothed to the resolution, a level that falls
+    # with range.
     rng = np.random.default_rng(3)
     shape = (1, 1, 150, 120)
     level = (1 + np.linspace(0, 4, shape[2]))[:, None]
     noise = [level * (rng.normal(size=shape) + 1j * rng.normal(size=shape)) for _ in range(4)]
-    scans = [(one + np.roll(one, 1, -1) + np.roll(one, 1, -2)).astype(np.complex64) for one in noise]
+    scans = [
+        (one + np.roll(one, 1, -1) + np.roll(one, 1, -2)).astype(np.complex64) for one in noise
+    ]
     results = []
     for step in (1, 3):
         tool = BackgroundEstimator(step=step)
@@ -168,7 +180,9 @@ def test_a_span_follows_a_self_signature_that_changes():
         causal = CausalBackground(*WINDOWS, span=span)
         for k, one in enumerate(noise):
             gain, background = causal.add((fixed[int(k >= 20)] + one).astype(np.complex64))
-        left[span] = np.abs((fixed[1] + noise[-1]) / gain[..., None, None] - background.signature).mean()
+        left[span] = np.abs(
+            (fixed[1] + noise[-1]) / gain[..., None, None] - background.signature
+        ).mean()
     assert left[5] < 0.3 * left[None]
 
 

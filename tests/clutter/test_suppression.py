@@ -35,7 +35,9 @@ def test_a_scatterer_under_the_mask_goes_and_one_outside_stays():
     mask = operator(square(-1.2, 4.0))
     result = suppress_by_model(strong + weak, mask, iterations=40)
     assert 20 * np.log10(peak(result.data, -1.2, 4.0) / peak(strong, -1.2, 4.0)) < -40
-    assert 20 * np.log10(peak(result.data, 0.5, 3.0) / peak(weak, 0.5, 3.0)) == pytest.approx(0, abs=0.1)
+    assert 20 * np.log10(peak(result.data, 0.5, 3.0) / peak(weak, 0.5, 3.0)) == pytest.approx(
+        0, abs=0.1
+    )
 
 
 def test_what_the_spared_pixels_explain_stays():
@@ -48,14 +50,22 @@ def test_what_the_spared_pixels_explain_stays():
     spared = np.arange(len(both)) >= under.shape[0] * under.shape[1]
     lost = {}
     for name, pixels, kept in (("plain", under, None), ("spared", both, spared)):
-        results = [suppress_by_model(signal, operator(pixels), 60, spared=kept).data for signal in (bush + mine, bush)]
-        at = [np.abs(operator([[-0.38, 4.0, 0.0]]).adjoint(one)).item() for one in (results[0] - results[1], mine)]
+        results = [
+            suppress_by_model(signal, operator(pixels), 60, spared=kept).data
+            for signal in (bush + mine, bush)
+        ]
+        at = [
+            np.abs(operator([[-0.38, 4.0, 0.0]]).adjoint(one)).item()
+            for one in (results[0] - results[1], mine)
+        ]
         lost[name] = 20 * np.log10(at[0] / at[1])
         assert 20 * np.log10(peak(results[1], -0.6, 4.0) / peak(bush, -0.6, 4.0)) < -15
     assert lost["plain"] < -1.5
     assert abs(lost["spared"]) < abs(lost["plain"]) / 2
     none = np.zeros(len(both), bool)
-    plain, same = (suppress_by_model(bush, operator(both), 5, spared=kept).data for kept in (None, none))
+    plain, same = (
+        suppress_by_model(bush, operator(both), 5, spared=kept).data for kept in (None, none)
+    )
     np.testing.assert_array_equal(plain, same)
     with pytest.raises(ValueError, match="spared must have the shape of the pixels"):
         suppress_by_model(bush, operator(both), 5, spared=none[1:])
@@ -71,14 +81,20 @@ def test_the_residual_never_rises():
 
 def test_a_taper_keeps_the_direct_coupling_out_of_the_fit():
     """A strong echo from far outside the mask leaks into it through the band's sidelobes unless they are tapered."""
-    coupling = 1000 * np.exp(-2j * np.pi * FREQUENCY * 1.0 / 299792458.0)[None, None, :] * np.ones((1, 16, 1))
+    coupling = (
+        1000
+        * np.exp(-2j * np.pi * FREQUENCY * 1.0 / 299792458.0)[None, None, :]
+        * np.ones((1, 16, 1))
+    )
     target = data(0.0, 3.0)
     mask = operator(square(0, 3))
     position = FREQUENCY - FREQUENCY.mean()
     weight = hann(2 * position / np.ptp(FREQUENCY))
     with_taper = suppress_by_model(coupling + target, mask, 5, weight).data
     without = suppress_by_model(coupling + target, mask, 5).data
-    kept = [np.linalg.norm(one - coupling) / np.linalg.norm(target) for one in (with_taper, without)]
+    kept = [
+        np.linalg.norm(one - coupling) / np.linalg.norm(target) for one in (with_taper, without)
+    ]
     assert kept[0] < 0.5
     assert kept[1] > 10 * kept[0]
 

@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from flgpr.clutter import band_pass, dewow, gate, remove_standing, shift_time, subtract_run, time_gain
+from flgpr.clutter import (
+    band_pass,
+    dewow,
+    gate,
+    remove_standing,
+    shift_time,
+    subtract_run,
+    time_gain,
+)
 from flgpr.model import SPEED_OF_LIGHT, make_run
 from flgpr.model.phase import path_phase
 
@@ -20,7 +28,10 @@ def run_of(signal, **attrs):
 
 
 def echoes(*delays_and_levels, scans=1):
-    one = sum(level * path_phase(TONES, SPEED_OF_LIGHT * delay * 1e-9) for delay, level in delays_and_levels)
+    one = sum(
+        level * path_phase(TONES, SPEED_OF_LIGHT * delay * 1e-9)
+        for delay, level in delays_and_levels
+    )
     return run_of(np.broadcast_to(one, (scans, 1, 1, TONES.size)))
 
 
@@ -55,7 +66,9 @@ def test_a_band_keeps_its_tones_and_falls_off_at_both_ends():
     assert size[[0, -1]] == pytest.approx(0, abs=1e-6)
     assert size[size.size // 2] == pytest.approx(1, abs=1e-6)
     assert (np.diff(size[:10]) > 0).all()
-    with pytest.raises(ValueError, match=r"band must hold a tone of the run, 2e\+08 to 1.19e\+09 Hz, got 2e\+09"):
+    with pytest.raises(
+        ValueError, match=r"band must hold a tone of the run, 2e\+08 to 1.19e\+09 Hz, got 2e\+09"
+    ):
         band_pass(echoes((20, 1)), 2e9, 3e9)
 
 
@@ -73,7 +86,9 @@ def test_a_slow_change_goes_with_a_window_only():
     drift = np.exp(1j * np.linspace(0, 3, 60))[:, None] * np.linspace(1, 2, 60)[:, None]
     ground = 100 * path_phase(TONES, SPEED_OF_LIGHT * (10 + 0.02 * np.arange(60)) * 1e-9) * drift
     run = run_of(ground[:, None, None])
-    whole, window = (np.abs(remove_standing(run, scans)["signal"].values).mean() for scans in (None, 5))
+    whole, window = (
+        np.abs(remove_standing(run, scans)["signal"].values).mean() for scans in (None, 5)
+    )
     assert window < 0.1 * whole
 
 
@@ -82,7 +97,9 @@ def test_another_run_is_subtracted_scan_by_scan_or_by_its_mean():
     empty = echoes((40, 2), scans=4)
     assert level_at(subtract_run(both, empty), 40).max() < 0.1
     one = run_of(empty["signal"].values[:1])
-    np.testing.assert_allclose(subtract_run(both, one)["signal"], subtract_run(both, empty)["signal"], atol=1e-5)
+    np.testing.assert_allclose(
+        subtract_run(both, one)["signal"], subtract_run(both, empty)["signal"], atol=1e-5
+    )
     with pytest.raises(ValueError, match="subtract must be a run of the same frequency"):
         subtract_run(both, band_pass(empty, 0.4e9, 0.8e9))
     with pytest.raises(ValueError, match="a run of 1 pairs, got 2"):
@@ -114,7 +131,13 @@ def test_missing_sweeps_stay_missing_and_do_not_spread():
         shift_time(run, 1e-9), dewow(run, 1e-9), gate(run, 5e-9), time_gain(run, "agc", 5e-9), remove_standing(run),
         band_pass(run, 0.3e9, 1e9), subtract_run(run, echoes((30, 1))),
     ):  # fmt: skip
-        assert np.isfinite(made["signal"].values).all(axis=(1, 2, 3)).tolist() == [True, True, False, True, True]
+        assert np.isfinite(made["signal"].values).all(axis=(1, 2, 3)).tolist() == [
+            True,
+            True,
+            False,
+            True,
+            True,
+        ]
         assert made["valid"].values.ravel().tolist() == [True, True, False, True, True]
 
 

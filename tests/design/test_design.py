@@ -37,14 +37,19 @@ def found(small):
 @pytest.mark.parametrize("band", [None, (0.8e9, 1.4e9)])
 def test_the_point_spread_is_the_imaging_operators(small, band):
     source = np.array([0.7, 9.0, 0.0])
-    pixels = np.stack([*np.meshgrid(np.linspace(-2, 3, 23), np.linspace(7, 12, 31)), np.zeros((31, 23))], axis=-1)
+    pixels = np.stack(
+        [*np.meshgrid(np.linspace(-2, 3, 23), np.linspace(7, 12, 31)), np.zeros((31, 23))], axis=-1
+    )
     up = np.array([0.0, 0.0, small.height])
     tx, rx = (end + up for end in small.pairs())
     tones = small.tones.axis()
     path = np.linalg.norm(source - tx, axis=1) + np.linalg.norm(source - rx, axis=1)
     data = np.exp(-2j * np.pi * tones * path[:, None] / SPEED_OF_LIGHT)[None]
     bands = None if band is None else (band,)
-    made = [ImagingOperator(tones, tx, rx, p, bands, window="hann").adjoint(data) for p in (pixels, source[None])]
+    made = [
+        ImagingOperator(tones, tx, rx, p, bands, window="hann").adjoint(data)
+        for p in (pixels, source[None])
+    ]
     wanted = np.abs(made[0][0, 0]) / np.abs(made[1]).max()
     np.testing.assert_allclose(PointSpread(small, band)(pixels, source), wanted, atol=0.01)
 
@@ -63,15 +68,22 @@ def test_the_cross_range_width_is_the_apertures():
     _, cross = PointSpread(line, window="boxcar").widths([0.0, 12.0, 0.0])
     # A uniform aperture of length D on one leg has the half-power width 0.886·λR/D.
     length = 2.0 * 41 / 40
-    assert cross == pytest.approx(0.886 * SPEED_OF_LIGHT / 1.001e9 * math.hypot(12, 4) / length, rel=0.03)
+    assert cross == pytest.approx(
+        0.886 * SPEED_OF_LIGHT / 1.001e9 * math.hypot(12, 4) / length, rel=0.03
+    )
 
 
 def test_a_sparse_array_has_its_grating_lobe_where_the_spacing_puts_it():
-    sparse = array(tuple((x, 0.0, 0.0) for x in np.arange(-3, 3.1, 0.6)), NARROW, footprint=(-7.0, 7.0, 8.0, 16.0))
+    sparse = array(
+        tuple((x, 0.0, 0.0) for x in np.arange(-3, 3.1, 0.6)),
+        NARROW,
+        footprint=(-7.0, 7.0, 8.0, 16.0),
+    )
     source = np.array([0.0, 12.0, 0.0])
     slant = math.hypot(12, 4)
     x = np.linspace(2.0, 8.0, 400)
-    # On the circle of the same distance the paths of neighbours differ by spacing times the sine of the direction.
+    # On the circle of the same distance the paths of neighbours differ by spacing times the sine of
+    # the direction.
     ring = np.stack([x, np.sqrt(slant**2 - 16 - x**2), np.zeros_like(x)], axis=-1)
     amplitude = PointSpread(sparse, window="boxcar")(ring, source)
     wanted = slant * SPEED_OF_LIGHT / 1.001e9 / 0.6
@@ -83,7 +95,9 @@ def test_what_a_study_finds(small, found):
     assert found.down.shape == (13, 9)
     assert np.isfinite(found.down).all()
     assert (np.diff(found.cross[:, 4]) > 0).all()  # cross-range resolution falls with distance
-    assert (np.diff(found.down[:, 4]) < 0).all()  # down-range it rises as the ground is seen more from the side
+    assert (
+        np.diff(found.down[:, 4]) < 0
+    ).all()  # down-range it rises as the ground is seen more from the side
     assert found.facts["unambiguous_range"] == pytest.approx(SPEED_OF_LIGHT / 40e6)
     assert all(lobe["level"] < -3 for lobe in found.lobes)
     for y, x, power in found.responses.values():
@@ -99,8 +113,12 @@ def test_what_a_study_finds(small, found):
 def test_the_simulated_map_is_what_the_formula_expects(found):
     middle = found.ratio_y.size // 2
     viewing = Viewing(distance=float(found.ratio_y[middle]), window="hann")
-    wanted = expected_signal_to_clutter(found.sensor, ground_model("arid-sand"), ["metal-at"], [0.05], viewing)
-    for level, polarization in zip(wanted["signal_to_clutter_db"], wanted["polarization"], strict=True):
+    wanted = expected_signal_to_clutter(
+        found.sensor, ground_model("arid-sand"), ["metal-at"], [0.05], viewing
+    )
+    for level, polarization in zip(
+        wanted["signal_to_clutter_db"], wanted["polarization"], strict=True
+    ):
         assert found.ratio["metal", polarization][middle, 2] == pytest.approx(level, abs=1.5)
     assert list(found.expected["body"].unique()) == ["metal-at", "plastic-at"]
     assert found.distance == found.y[found.y.size // 2]
@@ -108,7 +126,8 @@ def test_the_simulated_map_is_what_the_formula_expects(found):
 
 def test_deeper_mines_are_weaker_against_the_same_clutter(small, found):
     deeper = study(small, Question(site="temperate", depth=0.15))
-    # The soil takes about 5 dB more; waves between the body and the surface make it a little more or less.
+    # The soil takes about 5 dB more; waves between the body and the surface make it a little more
+    # or less.
     assert np.median(deeper.ratio["metal", "HH"]) < np.median(found.ratio["metal", "HH"]) - 3
 
 
@@ -121,5 +140,7 @@ def test_faults_are_told(small):
 
 def test_half_power_width_of_a_known_lobe():
     place = np.linspace(-1, 1, 201)
-    assert half_power(place, np.exp(-(place**2) / 0.1)) == pytest.approx(2 * np.sqrt(0.05 * np.log(2)), abs=1e-3)
+    assert half_power(place, np.exp(-(place**2) / 0.1)) == pytest.approx(
+        2 * np.sqrt(0.05 * np.log(2)), abs=1e-3
+    )
     assert np.isnan(half_power(place, np.ones_like(place)))

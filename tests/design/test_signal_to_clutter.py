@@ -75,8 +75,12 @@ def test_clutter_goes_with_the_square_of_the_roughness(sensor):
         ground = smooth(rms_height=rms_height)
         levels.append(
             [
-                expected_signal_to_clutter(sensor, ground, ["plastic-at"], [0.05])["signal_to_clutter_db"],
-                measure_signal_to_clutter(sensor, ground, ["plastic-at"], [0.05], seeds=2)["signal_to_clutter_db"],
+                expected_signal_to_clutter(sensor, ground, ["plastic-at"], [0.05])[
+                    "signal_to_clutter_db"
+                ],
+                measure_signal_to_clutter(sensor, ground, ["plastic-at"], [0.05], seeds=2)[
+                    "signal_to_clutter_db"
+                ],
             ]
         )
     by_formula, on_images = np.subtract(levels[0], levels[1])
@@ -89,7 +93,9 @@ def test_uneven_ground_keeps_clutter_that_a_smoother_surface_has_not(sensor):
     fall = []
     for unevenness in (0.0, 1024e-6):
         levels = [
-            expected_signal_to_clutter(sensor, smooth(rms_height=s, unevenness=unevenness), ["metal-at"], [0.05])
+            expected_signal_to_clutter(
+                sensor, smooth(rms_height=s, unevenness=unevenness), ["metal-at"], [0.05]
+            )
             for s in (0.001, 0.004)
         ]
         fall.append(levels[0]["signal_to_clutter_db"][0] - levels[1]["signal_to_clutter_db"][0])
@@ -105,10 +111,13 @@ def test_depth_costs_the_soils_attenuation(sensor):
     )
     centre = sum(BAND) / 2
     permittivity = complex(ground.soil.media(np.array([centre]))[0][0])
-    sine = incidence(0.0, 12.0, 0.0, array_state(sensor, np.array([0, 0, sensor.height, 0, 0, 0.0])))
+    sine = incidence(
+        0.0, 12.0, 0.0, array_state(sensor, np.array([0, 0, sensor.height, 0, 0, 0.0]))
+    )
     along = math.sqrt(1 - sine**2 / permittivity.real)  # cosine in the soil
     loss = 2 * one_way_loss(centre, permittivity) * 0.1 / along
-    # The table of a box leaves out the waves between it and the surface, so that nothing but the loss changes.
+    # The table of a box leaves out the waves between it and the surface, so that nothing but the
+    # loss changes.
     assert -np.diff(table["signal_to_clutter_db"])[0] == pytest.approx(loss, rel=0.01)
     assert -np.diff(table["attenuation_db"])[0] == pytest.approx(loss, rel=0.01)
     without = expected_signal_to_clutter(sensor, smooth(loss_tangent=0.0), ["m19"], [0.15])
@@ -118,11 +127,17 @@ def test_depth_costs_the_soils_attenuation(sensor):
 def test_the_factors_are_those_of_the_formulas(sensor):
     ground = smooth(rms_height=0.003)
     near_middle = {"narrow": (1.045e9, 1.055e9)}
-    table = expected_signal_to_clutter(sensor, ground, ["metal-at"], [0.05], viewing=Viewing(subbands=near_middle))
-    sine = incidence(0.0, 12.0, 0.0, array_state(sensor, np.array([0, 0, sensor.height, 0, 0, 0.0])))
+    table = expected_signal_to_clutter(
+        sensor, ground, ["metal-at"], [0.05], viewing=Viewing(subbands=near_middle)
+    )
+    sine = incidence(
+        0.0, 12.0, 0.0, array_state(sensor, np.array([0, 0, sensor.height, 0, 0, 0.0]))
+    )
     permittivity = 6 - 0.12j
     surface = ground.surface
-    backscatter = surface_backscatter(1.05e9, sine, permittivity, 0.003, surface.correlation_length, surface.slope)
+    backscatter = surface_backscatter(
+        1.05e9, sine, permittivity, 0.003, surface.correlation_length, surface.slope
+    )
     wanted = {
         "transmission_db": 20 * np.log10(np.abs(two_way_transmission(sine, permittivity))),
         "divergence_db": np.full(2, 20 * np.log10(np.abs(ray_divergence(sine, permittivity)))),
@@ -144,7 +159,8 @@ def test_the_cell_of_a_line_of_receivers_is_that_of_its_bandwidth_and_length():
     )  # fmt: skip
     slant = math.hypot(12, 4)
     sine = 12 / math.hypot(12, 4)
-    # A boxcar of B Hz is as wide as one range cell c/(2B·sinθ), a uniform aperture L on one leg as λR/L.
+    # A boxcar of B Hz is as wide as one range cell c/(2B·sinθ), a uniform aperture L on one leg as
+    # λR/L.
     down = SPEED_OF_LIGHT / (2 * 61 * 5e6 * sine)
     across = SPEED_OF_LIGHT / 1.05e9 * slant / (2.0 * 41 / 40)
     area = PointSpread(line, window="boxcar").cell_area([0.0, 12.0, 0.0])
@@ -157,7 +173,9 @@ def test_a_wider_band_and_a_nearer_place_have_a_smaller_cell(sensor):
         sensor, ground, ["pmn"], [0.0], viewing=Viewing(subbands={"half": (0.9e9, 1.2e9)})
     )
     whole = expected_signal_to_clutter(sensor, ground, ["pmn"], [0.0])
-    nearer = expected_signal_to_clutter(sensor, ground, ["pmn"], [0.0], viewing=Viewing(distance=10.0))
+    nearer = expected_signal_to_clutter(
+        sensor, ground, ["pmn"], [0.0], viewing=Viewing(distance=10.0)
+    )
     assert halves["cell_m2"][0] == pytest.approx(2 * whole["cell_m2"][0], rel=0.1)
     assert nearer["cell_m2"][0] < whole["cell_m2"][0]
 
@@ -165,7 +183,9 @@ def test_a_wider_band_and_a_nearer_place_have_a_smaller_cell(sensor):
 def test_a_higher_array_sees_brighter_ground(sensor):
     ground = smooth()
     level = [
-        expected_signal_to_clutter(sensor, ground, ["pmn"], [0.0], viewing=Viewing(height=height))["sigma0_db"][0]
+        expected_signal_to_clutter(sensor, ground, ["pmn"], [0.0], viewing=Viewing(height=height))[
+            "sigma0_db"
+        ][0]
         for height in (3.0, 6.0)
     ]
     assert level[1] > level[0] + 3
@@ -186,7 +206,10 @@ def test_ground_models():
     ("asked", "words"),
     [
         ({}, "site or permittivity must be given"),
-        ({"permittivity": 5.0}, "loss_tangent must be given with permittivity, got permittivity 5 alone"),
+        (
+            {"permittivity": 5.0},
+            "loss_tangent must be given with permittivity, got permittivity 5 alone",
+        ),
         ({"site": "moon"}, "site must be one of .*'moon'"),
         ({"site": "gravel", "rms_height": -1e-3}, "surface.rms_height.*-0.001"),
         ({"permittivity": 0.5, "loss_tangent": 0.0}, "soil.permittivity.*0.5"),
@@ -204,11 +227,17 @@ def test_faults_of_grounds(asked, words):
         ({"bodies": "pmn"}, "bodies must be a sequence of at least one name, got 'pmn'"),
         ({"depths": [-0.01]}, "depth must lie between 0 and 1 m, got -0.01"),
         ({"depths": []}, "depths must be at least one, got none"),
-        ({"distance": 50.0}, "distance must lie in the footprint of sri-array, 9 to 15 m, got 50.0"),
+        (
+            {"distance": 50.0},
+            "distance must lie in the footprint of sri-array, 9 to 15 m, got 50.0",
+        ),
         ({"height": 0.0}, "height must be greater than 0, got 0.0"),
         ({"window": "square"}, "window must be one of .*'square'"),
         ({"subbands": {}}, "subbands must name at least one band"),
-        ({"subbands": {"F9": (5e9, 6e9)}}, "sub-band F9 must hold at least two tones, got 5e\\+09 to 6e\\+09 Hz"),
+        (
+            {"subbands": {"F9": (5e9, 6e9)}},
+            "sub-band F9 must hold at least two tones, got 5e\\+09 to 6e\\+09 Hz",
+        ),
         ({"polarizations": ["HV"]}, "polarizations must be among .*HH, VV.*got HV"),
         ({"ground": smooth(rms_height=0.0)}, "rms_height or unevenness must be greater than 0"),
     ],
@@ -231,7 +260,8 @@ def test_faults_of_measuring(sensor):
 
 def test_bands_beyond_the_tables_are_refused():
     with pytest.raises(
-        ValueError, match=r"its middle at or below 3\.225 GHz, where the signature tables end, got 9\.4"
+        ValueError,
+        match=r"its middle at or below 3\.225 GHz, where the signature tables end, got 9\.4",
     ):
         expected_signal_to_clutter(load_sensor("dual-band-x"), smooth(), ["pmn"])
 
@@ -246,7 +276,11 @@ def test_a_design_says_in_words_what_to_expect():
     ground = ground_model("prepared-earth")
     _expect(design, ground, Question(band=BAND, depth=0.1))
     wanted = expected_signal_to_clutter(
-        load_sensor("sri-array"), ground, ["metal-at"], [0.1], Viewing(subbands={"all": BAND}, window="hann")
+        load_sensor("sri-array"),
+        ground,
+        ["metal-at"],
+        [0.1],
+        Viewing(subbands={"all": BAND}, window="hann"),
     )
     level = round(wanted["signal_to_clutter_db"][0])
     told = expected_in_words(design)
@@ -267,7 +301,17 @@ def call(*arguments):
     return CliRunner().invoke(app, ["design", "sri-array", *arguments])
 
 
-ONE_CASE = ("--signal-to-clutter", "--body", "pmn", "--depth", "0.05", "--site", "prepared-sand", "--rms", "0.003")
+ONE_CASE = (
+    "--signal-to-clutter",
+    "--body",
+    "pmn",
+    "--depth",
+    "0.05",
+    "--site",
+    "prepared-sand",
+    "--rms",
+    "0.003",
+)
 
 
 def test_the_command_prints_the_functions_figures():
@@ -275,7 +319,11 @@ def test_the_command_prints_the_functions_figures():
     rows = json.loads(result.stdout)["signal_to_clutter"]
     ground = ground_model("prepared-sand", rms_height=0.003)
     wanted = expected_signal_to_clutter(
-        load_sensor("sri-array"), ground, ["pmn"], [0.05], Viewing(subbands={"band": BAND}, window="hann")
+        load_sensor("sri-array"),
+        ground,
+        ["pmn"],
+        [0.05],
+        Viewing(subbands={"band": BAND}, window="hann"),
     )
     assert [row["polarization"] for row in rows] == ["HH", "VV"]
     for row, level in zip(rows, wanted["signal_to_clutter_db"], strict=True):
@@ -300,9 +348,15 @@ def test_the_command_measures_where_it_is_asked_to():
     [
         (["--body", "pmn"], "--body goes with --signal-to-clutter"),
         (["--json"], "--json goes with --signal-to-clutter"),
-        (["--depth", "0.1", "--depth", "0.2"], "--depth must be given once without --signal-to-clutter"),
+        (
+            ["--depth", "0.1", "--depth", "0.2"],
+            "--depth must be given once without --signal-to-clutter",
+        ),
         (["--signal-to-clutter", "--depth", "3"], "depth must lie between 0 and 1 m, got 3.0"),
-        (["--signal-to-clutter", "--permittivity", "4"], "loss_tangent must be given with permittivity"),
+        (
+            ["--signal-to-clutter", "--permittivity", "4"],
+            "loss_tangent must be given with permittivity",
+        ),
     ],
 )
 def test_faults_of_the_command(arguments, words, tmp_path, monkeypatch):

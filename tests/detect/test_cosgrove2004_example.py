@@ -26,7 +26,9 @@ def test_example_trains_and_finds_its_own_mines(tmp_path, monkeypatch):
     space = {"np": np, "image": image, "points": points}
     exec(code, space)
     likelihood = space["likelihood"]
-    best = np.unravel_index(np.argsort(np.nan_to_num(likelihood, nan=-np.inf).ravel())[-4:], likelihood.shape)
+    best = np.unravel_index(
+        np.argsort(np.nan_to_num(likelihood, nan=-np.inf).ravel())[-4:], likelihood.shape
+    )
     found = {(round(0.05 * c, 1), round(0.02 * r)) for r, c in zip(*best, strict=True)}
     assert len(found) >= 2
     for x, y in found:

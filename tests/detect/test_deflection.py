@@ -6,7 +6,13 @@ import pytest
 from flgpr.clutter import ClutterWhitener, whitening_matrix
 from flgpr.detect import DeflectionDetector, NeymanPearsonDetector, deflection_form
 from flgpr.kernels.moments import _ogk_distance
-from reference.cosgrove2004 import circular, deflection, equation_4, equations_7_to_12, ogk_distances
+from reference.cosgrove2004 import (
+    circular,
+    deflection,
+    equation_4,
+    equations_7_to_12,
+    ogk_distances,
+)
 
 
 @pytest.fixture
@@ -64,7 +70,9 @@ def test_no_form_near_by_has_a_higher_generalised_deflection(rng, gamma):
         dA = rng.normal(size=A.shape) + 1j * rng.normal(size=A.shape)
         db = rng.normal(size=b.size) + 1j * rng.normal(size=b.size)
         step = 1e-2 * np.linalg.norm(A)
-        assert deflection(A + step * (dA + dA.conj().T) / 20, b + step * db / 5, mu, C, gamma) < best
+        assert (
+            deflection(A + step * (dA + dA.conj().T) / 20, b + step * db / 5, mu, C, gamma) < best
+        )
     other = deflection(C + np.outer(mu, mu.conj()), mu, mu, C, gamma)
     assert best == pytest.approx(other) if gamma == 1 else best > 1.01 * other
 
@@ -133,7 +141,9 @@ def test_scores_do_not_depend_on_the_whitening_basis(rng):
         assert np.allclose(folded(X), scores[basis])
     assert np.allclose(scores["eigen"], scores["cholesky"])
     assert np.allclose(scores["eigen"], scores["symmetric"])
-    assert not np.allclose(whitening_matrix(clutter, "eigen"), whitening_matrix(clutter, "cholesky"))
+    assert not np.allclose(
+        whitening_matrix(clutter, "eigen"), whitening_matrix(clutter, "cholesky")
+    )
 
 
 def test_directions_without_examples_are_counted_and_not_used(rng):
@@ -145,7 +155,9 @@ def test_directions_without_examples_are_counted_and_not_used(rng):
     assert detector.forms_[0].rank == 4
     away = np.linalg.svd(examples)[2][4:]  # rows orthogonal to every example
     assert np.allclose(detector.decision_function(away), 0)
-    assert DeflectionDetector(rank=None).fit(circular(rng, np.ones(10), np.eye(10), 30)).n_unseen_ == 0
+    assert (
+        DeflectionDetector(rank=None).fit(circular(rng, np.ones(10), np.eye(10), 30)).n_unseen_ == 0
+    )
 
 
 def test_positive_projection_drops_negative_eigenvalues(rng):
@@ -166,11 +178,13 @@ def test_separate_classes_score_by_the_better_form(rng):
     clutter = circular(rng, 0 * a, np.eye(8), 50_000)
     for form in detector.forms_:
         value = form(clutter)
-        # In the span of the examples a form's vectors are orthonormal, so it is standard on white clutter.
+        # In the span of the examples a form's vectors are orthonormal, so it is standard on white
+        # clutter.
         assert abs(value.mean()) < 4 / np.sqrt(50_000)
         assert value.var() == pytest.approx(1, abs=0.1)
     assert np.array_equal(
-        detector.decision_function(examples), np.maximum(*(form(examples) for form in detector.forms_))
+        detector.decision_function(examples),
+        np.maximum(*(form(examples) for form in detector.forms_)),
     )
     with pytest.raises(ValueError, match="y must hold a class"):
         DeflectionDetector(classes="separate").fit(examples)

@@ -28,15 +28,21 @@ def trained(rng, channels, shape, detector):
     return form.after(draw(rng, features), draw(rng, features, features) / features)
 
 
-@pytest.mark.parametrize(("channels", "shape"), [(2, (7, 1)), (1, (6, 1)), (3, (5, 4)), (2, (1, 1)), (1, (1, 3))])
-@pytest.mark.parametrize("detector", [DeflectionDetector(2), NeymanPearsonDetector(3), DeflectionDetector(0)])
+@pytest.mark.parametrize(
+    ("channels", "shape"), [(2, (7, 1)), (1, (6, 1)), (3, (5, 4)), (2, (1, 1)), (1, (1, 3))]
+)
+@pytest.mark.parametrize(
+    "detector", [DeflectionDetector(2), NeymanPearsonDetector(3), DeflectionDetector(0)]
+)
 def test_map_is_the_score_of_every_chip(rng, channels, shape, detector):
     form = trained(rng, channels, shape, detector)
     image = draw(rng, channels, 23, 9).astype(np.complex64)
     found = form.likelihood(image, shape)
     expected = likelihood_map(image, shape, lambda cut: form(cut[None])[0])
     assert np.array_equal(np.isnan(found), np.isnan(expected))
-    assert np.allclose(found, expected, rtol=1e-4, atol=1e-4 * np.nanmax(np.abs(expected)), equal_nan=True)
+    assert np.allclose(
+        found, expected, rtol=1e-4, atol=1e-4 * np.nanmax(np.abs(expected)), equal_nan=True
+    )
 
 
 def test_pixels_that_were_not_imaged_leave_holes(rng):
@@ -47,7 +53,9 @@ def test_pixels_that_were_not_imaged_leave_holes(rng):
     found = form.likelihood(image, (5, 3))
     expected = likelihood_map(image, (5, 3), lambda cut: form(cut[None])[0])
     assert np.array_equal(np.isnan(found), np.isnan(expected))
-    assert np.allclose(found, expected, rtol=1e-3, atol=1e-3 * np.nanmax(np.abs(expected)), equal_nan=True)
+    assert np.allclose(
+        found, expected, rtol=1e-3, atol=1e-3 * np.nanmax(np.abs(expected)), equal_nan=True
+    )
 
 
 def test_image_smaller_than_a_chip_gives_no_score(rng):
@@ -67,7 +75,9 @@ def test_polarimetric_whitening_maps_pixel_by_pixel(rng):
 
 def chip_detector(rng, count=1):
     forms = tuple(
-        deflection_form(draw(rng, 8), np.diag(rng.uniform(size=8)), rank=3).after(draw(rng, 8), draw(rng, 8, 8))
+        deflection_form(draw(rng, 8), np.diag(rng.uniform(size=8)), rank=3).after(
+            draw(rng, 8), draw(rng, 8, 8)
+        )
         for _ in range(count)
     )
     return ChipDetector(forms, ("HH", "VV"), (4, 1), (0.02, 0.05), {"site": "one", "depths": [0.1]})

@@ -67,12 +67,19 @@ def test_full_shrinkage_leaves_the_matched_filter(rng):
     detector = NeymanPearsonDetector(shrinkage=1.0).fit(examples)
     X = circular(rng, 0 * mu, np.eye(5), 10)
     mean = examples.mean(axis=0)
-    assert np.allclose(detector.decision_function(X), 2 * (X @ mean.conj()).real - np.linalg.norm(mean) ** 2)
+    assert np.allclose(
+        detector.decision_function(X), 2 * (X @ mean.conj()).real - np.linalg.norm(mean) ** 2
+    )
 
 
 @pytest.mark.parametrize(
     ("parameters", "message"),
-    [({"rank": -2}, "rank"), ({"shrinkage": 2}, "shrinkage"), ({"ddof": 6}, "ddof"), ({"moments": "x"}, "moments")],
+    [
+        ({"rank": -2}, "rank"),
+        ({"shrinkage": 2}, "shrinkage"),
+        ({"ddof": 6}, "ddof"),
+        ({"moments": "x"}, "moments"),
+    ],
 )
 def test_bad_parameters_are_named(rng, parameters, message):
     with pytest.raises(ValueError, match=message):

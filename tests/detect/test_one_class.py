@@ -78,12 +78,17 @@ def test_sparse_model_fulfils_the_fixed_point_with_the_offset():
     t = np.ones(70)
     fit = fit_sparse(design, t, offset=-4.6, tol=1e-8)
     s, q = tipping2001.sparsity_and_quality(design, t, fit.active, fit.alpha, -4.6)
-    np.testing.assert_allclose(fit.alpha, s[fit.active] ** 2 / (q[fit.active] ** 2 - s[fit.active]), rtol=1e-4)
+    np.testing.assert_allclose(
+        fit.alpha, s[fit.active] ** 2 / (q[fit.active] ** 2 - s[fit.active]), rtol=1e-4
+    )
 
 
 def test_threshold_gives_up_the_stated_share():
     X = mines(200, 3)
-    for machine in (OneClassRelevanceVectorMachine(reject=0.1), GaussianMixtureNovelty(reject=0.1, random_state=0)):
+    for machine in (
+        OneClassRelevanceVectorMachine(reject=0.1),
+        GaussianMixtureNovelty(reject=0.1, random_state=0),
+    ):
         assert np.mean(machine.fit_predict(X) == -1) == pytest.approx(0.1, abs=0.01)
 
 
@@ -102,7 +107,10 @@ def test_mixture_finds_the_number_of_groups():
         ({"reject": 1.0}, "reject must be at least 0 and below 1"),
         ({"formulation": "reference", "box": [[0, 1]]}, "box must hold"),
         ({"formulation": "reference", "n_reference": 0}, "n_reference must be at least 1"),
-        ({"formulation": "reference", "kernel": "precomputed"}, "kernel must be a function of examples"),
+        (
+            {"formulation": "reference", "kernel": "precomputed"},
+            "kernel must be a function of examples",
+        ),
     ],
 )
 def test_errors_name_the_parameter(parameters, message):

@@ -19,7 +19,10 @@ def test_score_is_the_energy_of_whitened_channels(clutter, polarizations):
     found = PolarimetricWhiteningFilter().fit(X)
     sigma = X.T @ X.conj() / len(X)
     assert np.allclose(found.covariance_, sigma)
-    assert np.allclose(found.decision_function(X[:50]), [(x.conj() @ np.linalg.inv(sigma) @ x).real for x in X[:50]])
+    assert np.allclose(
+        found.decision_function(X[:50]),
+        [(x.conj() @ np.linalg.inv(sigma) @ x).real for x in X[:50]],
+    )
     # The trace identity makes the mean exact; the energy of a CN(0, I) vector is gamma distributed.
     score = found.decision_function(X)
     assert score.mean() == pytest.approx(polarizations)
@@ -30,7 +33,9 @@ def test_scale_and_mixing_of_channels_do_not_matter(clutter):
     mix = np.array([[1, 0.3, 0], [0.2j, 5, 0], [0, 0, 40]])
     plain = PolarimetricWhiteningFilter().fit(clutter).decision_function(clutter[:20])
     mixed = clutter @ mix.T
-    assert np.allclose(PolarimetricWhiteningFilter().fit(mixed).decision_function(mixed[:20]), plain)
+    assert np.allclose(
+        PolarimetricWhiteningFilter().fit(mixed).decision_function(mixed[:20]), plain
+    )
 
 
 def test_dependent_channels_are_refused(clutter):

@@ -58,7 +58,9 @@ def test_mode_covariance_and_evidence_are_tippings(problem):
     np.testing.assert_allclose(covariance, slow, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(residual, t - y, atol=1e-8)
     np.testing.assert_allclose(curvature, np.diag(B), atol=1e-8)
-    assert evidence == pytest.approx(tipping2001.log_evidence(design[:, active], t, alpha, 0.3), abs=1e-8)
+    assert evidence == pytest.approx(
+        tipping2001.log_evidence(design[:, active], t, alpha, 0.3), abs=1e-8
+    )
 
 
 def test_laplaces_evidence_is_near_the_integral():
@@ -69,7 +71,10 @@ def test_laplaces_evidence_is_near_the_integral():
     w = np.stack(np.meshgrid(grid, grid, indexing="ij"), axis=-1)
     c = w @ design.T
     joint = (t * c - np.logaddexp(0, c)).sum(axis=-1) - 0.5 * (alpha * w**2).sum(axis=-1)
-    integral = np.log(np.exp(joint).sum() * (grid[1] - grid[0]) ** 2) + 0.5 * np.log(alpha / (2 * np.pi)).sum()
+    integral = (
+        np.log(np.exp(joint).sum() * (grid[1] - grid[0]) ** 2)
+        + 0.5 * np.log(alpha / (2 * np.pi)).sum()
+    )
     rows = np.ascontiguousarray(design.T)
     evidence = relevance.laplace(rows, t.astype(float), 0.0, alpha, np.zeros(2)).evidence
     assert evidence == pytest.approx(integral, abs=0.05)
@@ -86,7 +91,9 @@ def test_fixed_point_and_no_gain_outside_by_the_textbook_formulas(problem):
     s, q = tipping2001.sparsity_and_quality(design, t, fit.active, fit.alpha)
     outside = np.setdiff1d(np.arange(design.shape[1]), fit.active)
     assert (q[outside] ** 2 <= s[outside] * (1 + 1e-3)).all()
-    np.testing.assert_allclose(fit.alpha, s[fit.active] ** 2 / (q[fit.active] ** 2 - s[fit.active]), rtol=1e-4)
+    np.testing.assert_allclose(
+        fit.alpha, s[fit.active] ** 2 / (q[fit.active] ** 2 - s[fit.active]), rtol=1e-4
+    )
     assert (q[fit.active] ** 2 > s[fit.active]).all()
 
 
@@ -104,7 +111,9 @@ def test_candidates_have_the_textbook_gain(problem):
     gains = np.where(q**2 > s, 0.5 * (q**2 / s - 1 - np.log(np.maximum(q**2 / s, 1e-9))), 0)
     gains[active] = 0
     assert best == gains.argmax()
-    assert (gain, s_best, abs(q_best)) == pytest.approx((gains.max(), s[best], abs(q[best])), rel=1e-6)
+    assert (gain, s_best, abs(q_best)) == pytest.approx(
+        (gains.max(), s[best], abs(q[best])), rel=1e-6
+    )
     every = relevance.entries(rows, allowed, active, posterior, 0.0)[0]
     np.testing.assert_allclose(every, gains, rtol=1e-5, atol=1e-8)
     ranked = relevance.ranking(relevance.single(rows), allowed, active, posterior, 0.0)
@@ -114,14 +123,19 @@ def test_candidates_have_the_textbook_gain(problem):
 def test_single_actions_end_where_none_is_left(problem):
     design, t = problem
     rows = np.ascontiguousarray(design.T)
-    active, alpha, _ = relevance.climb(rows, relevance.single(rows), t.astype(float), 0.0, np.ones(81, bool), 0.0, 1000)
+    active, alpha, _ = relevance.climb(
+        rows, relevance.single(rows), t.astype(float), 0.0, np.ones(81, bool), 0.0, 1000
+    )
     w, covariance, *_ = tipping2001.mode_and_covariance(design[:, active], t, alpha)
     np.testing.assert_allclose(alpha, (1 - alpha * np.diag(covariance)) / w**2, rtol=5e-3)
     s, q = tipping2001.sparsity_and_quality(design, t, active, alpha)
     outside = np.setdiff1d(np.arange(81), active)
     assert (q[outside] ** 2 <= s[outside] * (1 + 1e-2)).all()
     # The whole fit begins there among others, and can only be better.
-    assert fit_sparse(design, t).log_evidence >= tipping2001.log_evidence(design[:, active], t, alpha) - 1e-6
+    assert (
+        fit_sparse(design, t).log_evidence
+        >= tipping2001.log_evidence(design[:, active], t, alpha) - 1e-6
+    )
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -165,7 +179,8 @@ def test_mode_under_a_laplacian_prior_is_the_least_of_the_penalised_loss(gamma, 
     slope = -design.T @ (t - expit(design @ weights))
     np.testing.assert_allclose(slope[fit.active], -scale * np.sign(fit.mean), atol=1e-6 * scale)
     assert np.abs(slope).max() <= scale * (1 + 1e-6)
-    # Each weight that is not zero is also the mode under a normal prior of the precision that is given.
+    # Each weight that is not zero is also the mode under a normal prior of the precision that is
+    # given.
     mode, covariance, *_ = tipping2001.mode_and_covariance(design[:, fit.active], t, fit.alpha)
     np.testing.assert_allclose(fit.mean, mode, rtol=1e-3, atol=1e-6)
     np.testing.assert_allclose(fit.covariance, covariance, rtol=1e-3, atol=1e-8)
@@ -222,7 +237,9 @@ def test_moderation_is_near_the_integral():
             a = mean + np.sqrt(variance) * np.linspace(-8, 8, 20_001)
             weight = np.exp(-(np.linspace(-8, 8, 20_001) ** 2) / 2)
             exact = (expit(a) * weight).sum() / weight.sum()
-            assert expit(moderate(np.array([mean]), np.array([variance])))[0] == pytest.approx(exact, abs=0.02)
+            assert expit(moderate(np.array([mean]), np.array([variance])))[0] == pytest.approx(
+                exact, abs=0.02
+            )
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -270,7 +287,9 @@ def test_any_kernel_serves_even_one_that_is_not_mercers():
     error = 1 - RelevanceVectorClassifier(kernel=sharp).fit(X, y).score(test_X, test_y)
     assert error < 0.2
     for name in ("laplacian", "poly", "sigmoid"):
-        assert RelevanceVectorClassifier(kernel=name, gamma=1.0).fit(X, y).score(test_X, test_y) > 0.75
+        assert (
+            RelevanceVectorClassifier(kernel=name, gamma=1.0).fit(X, y).score(test_X, test_y) > 0.75
+        )
 
 
 def test_precomputed_kernel_is_the_kernel():
@@ -297,7 +316,10 @@ def test_attributes_reproduce_the_model():
 
 
 def test_starts_and_exchanges_only_raise_the_evidence():
-    sets = [(scale(load_iris().data), load_iris().target == 1), (scale(load_wine().data), load_wine().target == 1)]
+    sets = [
+        (scale(load_iris().data), load_iris().target == 1),
+        (scale(load_wine().data), load_wine().target == 1),
+    ]
     X, y = load_breast_cancer(return_X_y=True)
     sets.append((scale(X)[:200], y[:200]))
     gains = []
@@ -327,7 +349,9 @@ def test_warm_starts_reach_the_same_optimum_or_a_better_one():
     machine = RelevanceVectorClassifier(gamma=4.0)
     cold = leave_one_out(machine, X, y)
     warm = leave_one_out(machine, X, y, warm=True)
-    difference = np.array([a.log_evidence_ - b.log_evidence_ for a, b in zip(warm[1], cold[1], strict=True)])
+    difference = np.array(
+        [a.log_evidence_ - b.log_evidence_ for a, b in zip(warm[1], cold[1], strict=True)]
+    )
     assert np.mean(difference > -1e-3) > 0.8  # the same optimum or a better one
     assert difference.min() > -1.0
     same = np.abs(difference) < 1e-6
@@ -360,7 +384,10 @@ def test_stopping_early_is_said():
         ({"gamma": -2.0}, "gamma must be a positive number"),
         ({"kernel": "fancy"}, "kernel must be a function or one of"),
         ({"kernel": lambda A, B: np.zeros((2, 2))}, "kernel must return the shape"),
-        ({"kernel": lambda A, B: np.full((len(A), len(B)), np.nan)}, "kernel must have finite values"),
+        (
+            {"kernel": lambda A, B: np.full((len(A), len(B)), np.nan)},
+            "kernel must have finite values",
+        ),
         ({"kernel": "precomputed"}, "X must be the square kernel matrix"),
     ],
 )

@@ -10,7 +10,11 @@ from sklearn.ensemble import HistGradientBoostingClassifier, IsolationForest, Ra
 from sklearn.linear_model import LogisticRegression
 from sklearn.svm import SVC, OneClassSVM
 
-from flgpr.detect import GaussianMixtureNovelty, OneClassRelevanceVectorMachine, RelevanceVectorClassifier
+from flgpr.detect import (
+    GaussianMixtureNovelty,
+    OneClassRelevanceVectorMachine,
+    RelevanceVectorClassifier,
+)
 from flgpr.detect.scorers import restored_scorer, scorer_of
 
 FEATURES = 3
@@ -53,10 +57,15 @@ TWO_CLASSES = {
         ),
     ],
     "logistic": [LogisticRegression(), LogisticRegression(class_weight="balanced", C=0.1)],
-    "lda": [LinearDiscriminantAnalysis(), LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto")],
+    "lda": [
+        LinearDiscriminantAnalysis(),
+        LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto"),
+    ],
     "random-forest": [
         RandomForestClassifier(20, random_state=0),
-        RandomForestClassifier(20, class_weight="balanced", max_leaf_nodes=9, min_samples_leaf=3, random_state=1),
+        RandomForestClassifier(
+            20, class_weight="balanced", max_leaf_nodes=9, min_samples_leaf=3, random_state=1
+        ),
     ],
     "gradient-boosting": [
         HistGradientBoostingClassifier(max_iter=30),
@@ -71,11 +80,14 @@ ONE_CLASS = {
         OneClassRelevanceVectorMachine(formulation="reference", random_state=0),
     ],
     "mixture": [
-        GaussianMixtureNovelty(covariance_type=c, random_state=0) for c in ("full", "tied", "diag", "spherical")
+        GaussianMixtureNovelty(covariance_type=c, random_state=0)
+        for c in ("full", "tied", "diag", "spherical")
     ],
     "isolation-forest": [
         IsolationForest(n_estimators=20, random_state=0),
-        IsolationForest(n_estimators=20, max_samples=17, max_features=2, contamination=0.1, random_state=1),
+        IsolationForest(
+            n_estimators=20, max_samples=17, max_features=2, contamination=0.1, random_state=1
+        ),
     ],
     "ecod": [ECOD(), ECOD(contamination=0.3)],
     "copod": [COPOD()],
@@ -89,10 +101,17 @@ ONE_CLASS = {
         KNN(p=3),
     ],
 }
-CASES = [(name, one) for table in (TWO_CLASSES, ONE_CLASS) for name, several in table.items() for one in several]
+CASES = [
+    (name, one)
+    for table in (TWO_CLASSES, ONE_CLASS)
+    for name, several in table.items()
+    for one in several
+]
 
 
-@pytest.mark.parametrize(("name", "estimator"), CASES, ids=[f"{name}-{k}" for k, (name, _) in enumerate(CASES)])
+@pytest.mark.parametrize(
+    ("name", "estimator"), CASES, ids=[f"{name}-{k}" for k, (name, _) in enumerate(CASES)]
+)
 def test_scores_are_the_estimators_own(samples, name, estimator):
     X, y, asked = samples
     fitted = estimator.fit(X, y) if name in TWO_CLASSES else estimator.fit(X[y == 0])
@@ -110,7 +129,11 @@ def test_scores_are_the_estimators_own(samples, name, estimator):
     [
         ("svm", SVC(kernel=lambda a, b: a @ b.T), "kernel must be one of linear"),
         ("one-class-svm", OneClassSVM(kernel="precomputed"), "kernel must be one of linear"),
-        ("rvm", RelevanceVectorClassifier(kernel=lambda a, b: a @ b.T), "kernel must be one of linear"),
+        (
+            "rvm",
+            RelevanceVectorClassifier(kernel=lambda a, b: a @ b.T),
+            "kernel must be one of linear",
+        ),
         ("knn", KNN(metric="cosine", algorithm="auto"), "metric must be one of minkowski"),
         ("random-forest", RandomForestClassifier(3), "must part two classes"),
         ("gradient-boosting", HistGradientBoostingClassifier(max_iter=3), "must part two classes"),

@@ -8,7 +8,9 @@ from test_docs_pages import check_flgpr
 
 from reading import FENCE, ROOT, read
 
-PYTHON = [body for kind, body in FENCE.findall(read(ROOT / "docs" / "cluster.md")) if kind == "python"]
+PYTHON = [
+    body for kind, body in FENCE.findall(read(ROOT / "docs" / "cluster.md")) if kind == "python"
+]
 QUANTITY = re.compile(r"\d+(\.\d+)?(m|[KMGT]i?)?")
 
 
@@ -17,7 +19,10 @@ def run(program, **names):
     asked = []
     names |= {"input": asked.append, "__name__": "program"}
     exec(compile(program, "cluster.md", "exec"), names)
-    return names, [shlex.split(line.replace(" ... ", " lane.zarr --recipe wang2007 -o survey ")) for line in asked]
+    return names, [
+        shlex.split(line.replace(" ... ", " lane.zarr --recipe wang2007 -o survey "))
+        for line in asked
+    ]
 
 
 def program(of):
@@ -87,8 +92,14 @@ def started(pod, part):
     for amounts in container["resources"].values():
         assert set(amounts) == {"cpu", "memory"}
         assert all(QUANTITY.fullmatch(amount) for amount in amounts.values())
-    volumes = {volume["name"]: volume["persistentVolumeClaim"]["claimName"] for volume in pod.get("volumes", [])}
+    volumes = {
+        volume["name"]: volume["persistentVolumeClaim"]["claimName"]
+        for volume in pod.get("volumes", [])
+    }
     assert {mount["name"] for mount in container.get("volumeMounts", [])} == set(volumes)
     program_name, tool, *options = container["args"]
-    assert (program_name, tool) == ("dask", part)  # dask-worker and dask-scheduler are gone from newer versions
+    assert (program_name, tool) == (
+        "dask",
+        part,
+    )  # dask-worker and dask-scheduler are gone from newer versions
     return options_of(options, part)

@@ -14,5 +14,11 @@ def test_links_that_lead_nowhere_are_listed(tmp_path):
         '<h1 id="top">a</h1><a href="api/a.html#roc"></a><a href="#top"></a><a href="https://elsewhere.org/x#y"></a>'
         '<img src="picture.png"><a href="mailto:a@b.c"></a><a href="api/a.html#gone"></a><img src="lost.png">'
     )
-    (tmp_path / "api" / "a.html").write_text('<p id="roc"></p><a href="../index.html#top"></a><a href="b.html"></a>')
-    assert links.broken(tmp_path) == ["api/a.html: b.html", "index.html: api/a.html#gone", "index.html: lost.png"]
+    (tmp_path / "api" / "a.html").write_text(
+        '<p id="roc"></p><a href="../index.html#top"></a><a href="b.html"></a>'
+    )
+    assert links.broken(tmp_path) == [
+        "api/a.html: b.html",
+        "index.html: api/a.html#gone",
+        "index.html: lost.png",
+    ]

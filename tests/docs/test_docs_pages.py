@@ -43,8 +43,14 @@ def test_links_lead_to_files_and_headings(page):
 
 @pytest.mark.parametrize("page", PAGES, ids=identify)
 def test_files_of_the_repository_named_in_the_text_exist(page):
-    named = re.findall(r"`((?:src|tests|docs|benchmarks|viewer)/[\w./-]*\w)/?`", FENCE.sub("", read(page)))
-    wrong = [name for name in named if not any((base / name).exists() for base in (ROOT, ROOT / "src" / "flgpr"))]
+    named = re.findall(
+        r"`((?:src|tests|docs|benchmarks|viewer)/[\w./-]*\w)/?`", FENCE.sub("", read(page))
+    )
+    wrong = [
+        name
+        for name in named
+        if not any((base / name).exists() for base in (ROOT, ROOT / "src" / "flgpr"))
+    ]
     assert not wrong
 
 
@@ -53,9 +59,17 @@ def test_every_page_is_in_a_table_of_contents():
     for page in PAGES:
         for kind, body in FENCE.findall(read(page)):
             if kind == "{toctree}":
-                entries = [line.strip() for line in body.splitlines() if line.strip() and not line.startswith(":")]
+                entries = [
+                    line.strip()
+                    for line in body.splitlines()
+                    if line.strip() and not line.startswith(":")
+                ]
                 listed |= {page.parent / f"{entry}.md" for entry in entries}
-    missing = [identify(page) for page in PAGES if page.is_relative_to(ROOT / "docs") and page not in listed]
+    missing = [
+        identify(page)
+        for page in PAGES
+        if page.is_relative_to(ROOT / "docs") and page not in listed
+    ]
     assert not missing, f"list these in docs/index.md: {missing}"
 
 
@@ -68,7 +82,8 @@ def resolves(name):
         path = f"{path}.{part}"
         if part in getattr(found, "model_fields", {}):
             return True
-        # An attribute comes before a module: a folder of data has the name of the function that lists it.
+        # An attribute comes before a module: a folder of data has the name of the function that
+        # lists it.
         if not hasattr(found, part):
             try:
                 importlib.import_module(path)
@@ -104,7 +119,9 @@ def command_of(words):
 
 def commands_in(text):
     """Commands within running text."""
-    yield from re.findall(r"(?<!`)`(flgpr [^`]+)`", FENCE.sub("", text).replace("``", "`").replace("\n# ", " "))
+    yield from re.findall(
+        r"(?<!`)`(flgpr [^`]+)`", FENCE.sub("", text).replace("``", "`").replace("\n# ", " ")
+    )
 
 
 @pytest.mark.parametrize("page", [*PAGES, *EXAMPLES], ids=identify)
@@ -114,7 +131,9 @@ def test_commands_in_the_text_and_their_options_exist(page):
         if "…" in words[:2]:  # any of several commands
             continue
         found, rest = command_of(words)
-        known = {name for one in found.params for name in (*one.opts, *one.secondary_opts)} | {"--help"}
+        known = {name for one in found.params for name in (*one.opts, *one.secondary_opts)} | {
+            "--help"
+        }
         for word in rest:
             if word.startswith("-") and not re.fullmatch(r"-\d.*|-", word):
                 assert word.split("=")[0] in known, f"{line}: no option {word}"
@@ -122,7 +141,9 @@ def test_commands_in_the_text_and_their_options_exist(page):
 
 @pytest.mark.parametrize("page", [*PAGES, *EXAMPLES], ids=identify)
 def test_programs_of_the_repository_in_the_text_and_their_options_exist(page):
-    for tool, rest in re.findall(r"(?<!`)`(make|python) ([^`]+)`", FENCE.sub("", read(page)).replace("``", "`")):
+    for tool, rest in re.findall(
+        r"(?<!`)`(make|python) ([^`]+)`", FENCE.sub("", read(page)).replace("``", "`")
+    ):
         CHECKS[tool](shlex.split(rest))
 
 
@@ -165,12 +186,19 @@ def check_pip(words):
 
 
 def check_shipped(words):
-    wrong = [word for word in words if word.startswith(("src/", "viewer/")) and not (ROOT / word).exists()]
+    wrong = [
+        word
+        for word in words
+        if word.startswith(("src/", "viewer/")) and not (ROOT / word).exists()
+    ]
     assert not wrong
 
 
 def check_dask(words):
-    assert words[0] in {"scheduler", "worker"}  # what they take is Dask's; tests/robustness/test_cluster.py starts both
+    assert words[0] in {
+        "scheduler",
+        "worker",
+    }  # what they take is Dask's; tests/robustness/test_cluster.py starts both
 
 
 CHECKS = {
@@ -187,7 +215,11 @@ CHECKS = {
 
 @pytest.mark.parametrize("page", [*PAGES, *EXAMPLES], ids=identify)
 def test_every_line_for_the_shell_is_one_that_runs(page):
-    lines = program_lines(page) if page in EXAMPLES else (line for fence in shell_fences(page) for line in fence)
+    lines = (
+        program_lines(page)
+        if page in EXAMPLES
+        else (line for fence in shell_fences(page) for line in fence)
+    )
     for line in lines:
         words = shlex.split(line, comments=True)
         assert words[0] in CHECKS, f"{line}: nobody checks {words[0]}"
@@ -196,7 +228,12 @@ def test_every_line_for_the_shell_is_one_that_runs(page):
 
 def test_the_lines_for_the_shell_are_found():
     """A check that finds nothing would pass."""
-    count = sum(line.startswith("flgpr ") for page in PAGES for fence in shell_fences(page) for line in fence)
+    count = sum(
+        line.startswith("flgpr ")
+        for page in PAGES
+        for fence in shell_fences(page)
+        for line in fence
+    )
     assert count > 45
     assert sum(1 for page in EXAMPLES for _ in program_lines(page)) >= 4
     assert sum(1 for page in PAGES for _ in commands_in(read(page))) > 40
@@ -228,13 +265,24 @@ def test_a_line_with_a_fault_is_noticed(line):
 
 
 def programs():
-    return [(page, body) for page in PAGES for kind, body in FENCE.findall(read(page)) if kind == "python"]
+    return [
+        (page, body)
+        for page in PAGES
+        for kind, body in FENCE.findall(read(page))
+        if kind == "python"
+    ]
 
 
-@pytest.mark.parametrize(("page", "body"), programs(), ids=lambda one: identify(one) if isinstance(one, Path) else "")
+@pytest.mark.parametrize(
+    ("page", "body"), programs(), ids=lambda one: identify(one) if isinstance(one, Path) else ""
+)
 def test_programs_are_valid_and_import_what_exists(page, body):
     for node in ast.walk(ast.parse(body)):
         if isinstance(node, ast.ImportFrom) and node.module.startswith("flgpr"):
-            assert all(resolves(f"{node.module}.{alias.name}") for alias in node.names), ast.unparse(node)
+            assert all(resolves(f"{node.module}.{alias.name}") for alias in node.names), (
+                ast.unparse(node)
+            )
         elif isinstance(node, ast.Import):
-            assert all(resolves(alias.name) for alias in node.names if alias.name.startswith("flgpr"))
+            assert all(
+                resolves(alias.name) for alias in node.names if alias.name.startswith("flgpr")
+            )

@@ -18,7 +18,11 @@ def rows(page):
     inside = False
     found = []
     for line in read(page).splitlines():
-        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] if line.startswith("|") else []
+        cells = (
+            [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+            if line.startswith("|")
+            else []
+        )
         if cells == HEAD:
             inside = True
         elif not cells:

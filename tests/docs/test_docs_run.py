@@ -53,10 +53,14 @@ def made(tmp_path_factory, demo):
     (folder / "tiny.toml").write_text(TINY)
     array = (resources.files("flgpr.model") / "presets" / "sri-array.toml").read_text("utf-8")
     (folder / "array.toml").write_text(
-        array.replace("count = 18", "count = 2").replace("step = 2.5e6\ncount = 1024", "step = 5e6\ncount = 512")
+        array.replace("count = 18", "count = 2").replace(
+            "step = 2.5e6\ncount = 1024", "step = 5e6\ncount = 512"
+        )
     )
     for seed, name in enumerate(("c1", "c2", "lane"), 1):
-        tasks.simulate_lane(folder / "tiny.toml", folder / "array.toml", seed, folder / f"{name}.zarr")
+        tasks.simulate_lane(
+            folder / "tiny.toml", folder / "array.toml", seed, folder / f"{name}.zarr"
+        )
     shutil.copytree(demo[0].folder, folder / "result")
     shutil.copy(sample_lane() / "truth.csv", folder / "truth.csv")
     return folder
@@ -67,13 +71,17 @@ def write_rail(path, offset=9.28, bias=0.44):
     ranges = 2 + 0.00915 * np.arange(600)
     time = np.linspace(0.0, 10.5, 70)
     clock = np.linspace(0.0, 20.7, 2000)
-    along = -5.1 + 0.62 * (clock - 9.0) + 0.3 * np.sin(1.1 * clock)  # never at one speed: else no focus tells the clock
+    along = (
+        -5.1 + 0.62 * (clock - 9.0) + 0.3 * np.sin(1.1 * clock)
+    )  # never at one speed: else no focus tells the clock
     there = np.interp(time + offset, clock, along)
     recorded = np.zeros((70, 600))
     for x, y, z in ((2.204, -3.874, 0.038), (2.329, 1.038, 0.040)):
         away = np.sqrt(x**2 + (y - there) ** 2 + (z - 0.04) ** 2) + bias
         late = ranges - away[:, None]
-        recorded += np.exp(-((late / 0.12) ** 2)) * np.cos(4 * np.pi * 3.8e9 / SPEED_OF_LIGHT * late)
+        recorded += np.exp(-((late / 0.12) ** 2)) * np.cos(
+            4 * np.pi * 3.8e9 / SPEED_OF_LIGHT * late
+        )
     recorded += np.random.default_rng(0).normal(0, 0.01, recorded.shape)
     position = np.column_stack([np.zeros(2000), along, np.full(2000, 0.04)])
     np.savez(
@@ -93,7 +101,9 @@ def before_exchange(made):
     take(made, "lane.zarr", "result", "truth.csv")
     Path("drive.mcap").write_bytes(drive(iq=lambda k: np.arange(1024) - 500 + k))
     still = np.tile([0.0, 0.0, 0.0, 1.0], (40, 1))
-    Path("take.csv").write_text(take_text(0.1 * np.arange(40), np.arange(120).reshape(40, 3), still))
+    Path("take.csv").write_text(
+        take_text(0.1 * np.arange(40), np.arange(120).reshape(40, 3), still)
+    )
     np.save("radar.npy", np.ones((5, 3), complex))
     Path("radar.toml").write_text(RADAR)
 
@@ -152,7 +162,8 @@ NOT_HERE = (
     "flgpr simulate scene.toml -o lane.zarr --sensor sri-array",  # half a minute
     "flgpr simulate signature ring.toml",  # minutes; tests/simulate makes tables
     "flgpr plan survey",  # what a crew fills in; tests/scoring/test_scoring_register.py fills it in
-    "flgpr score result --truth truth.csv   ",  # tests/test_cli.py does; here it is scored at another rate
+    # tests/test_cli.py does; here it is scored at another rate
+    "flgpr score result --truth truth.csv   ",
     "flgpr score --agreement",  # tests/viewer/test_verdicts.py has analysts
     "flgpr reproduce",  # minutes; tests/papers has the studies
 )
@@ -183,7 +194,9 @@ def follow(page, space):
 def followed(request, made, tmp_path, monkeypatch):
     """A page, followed in an empty folder: the names of its programs, what its commands printed, the folder."""
     monkeypatch.chdir(tmp_path)
-    space = ModuleType("program_of_the_page")  # a module, so that classes it defines can be found again
+    space = ModuleType(
+        "program_of_the_page"
+    )  # a module, so that classes it defines can be found again
     monkeypatch.setitem(sys.modules, space.__name__, space)
     BEFORE[request.param](made)
     return space, follow(ROOT / "docs" / f"{request.param}.md", space), tmp_path
@@ -208,7 +221,15 @@ def test_a_file_of_somebody_else_arrives_calibrated_and_leaves_on_earth(followed
     assert space.arrived.run.sizes["scan"] == 70
     assert dict(open_run(folder / "drive.zarr").sizes)["frequency"] == 256
     assert open_run(folder / "run.zarr").sizes["scan"] == 5
-    wrote = {"ready.zarr", "surveyed.toml", "lane.geojson", "tied.zarr", "alarms.geojson", "view.tif", "truth.kml"}
+    wrote = {
+        "ready.zarr",
+        "surveyed.toml",
+        "lane.geojson",
+        "tied.zarr",
+        "alarms.geojson",
+        "view.tif",
+        "truth.kml",
+    }
     assert wrote < {path.name for path in folder.iterdir()}
 
 
@@ -235,7 +256,9 @@ def test_alarms_are_scored_openly_and_blind(followed):
 @page("wang2007")
 def test_detect_train_and_detect_again(followed):
     _, _, folder = followed
-    assert (folder / "trained" / "alarms.csv").read_text() != (folder / "plain" / "alarms.csv").read_text()
+    assert (folder / "trained" / "alarms.csv").read_text() != (
+        folder / "plain" / "alarms.csv"
+    ).read_text()
 
 
 @page("fuse2018")

@@ -28,10 +28,14 @@ def test_the_table_is_what_the_formula_gives(table, site, body, rms_mm):
     ground = ground_model(site, rms_height=rms_mm / 1000)
     depths = [0.01 * depth for depth in part["depth_cm"]]
     assert len(depths) == 5
-    found = expected_signal_to_clutter(load_sensor("sri-array"), ground, [body], depths, Viewing(subbands=BANDS))
+    found = expected_signal_to_clutter(
+        load_sensor("sri-array"), ground, [body], depths, Viewing(subbands=BANDS)
+    )
     for name, (subband, polarization) in CHANNELS.items():
         channel = found[(found["subband"] == subband) & (found["polarization"] == polarization)]
-        np.testing.assert_allclose(part[f"{name}_formula_db"], channel["signal_to_clutter_db"], atol=0.051)
+        np.testing.assert_allclose(
+            part[f"{name}_formula_db"], channel["signal_to_clutter_db"], atol=0.051
+        )
 
 
 @pytest.mark.parametrize("name", CHANNELS)

@@ -27,7 +27,13 @@ def program():
 @pytest.mark.parametrize("name", ["surfaces", "contents", "backscatter", "ranges", "losses"])
 def test_a_table_is_that_of_the_files(name, program):
     assert getattr(program, name)() in PAGE
-    assert {make.__name__ for make in program.TABLES} == {"surfaces", "contents", "backscatter", "ranges", "losses"}
+    assert {make.__name__ for make in program.TABLES} == {
+        "surfaces",
+        "contents",
+        "backscatter",
+        "ranges",
+        "losses",
+    }
 
 
 def test_every_packaged_site_has_a_row(program):
@@ -46,7 +52,9 @@ def test_prepared_surfaces_return_as_much_less_as_the_page_says(program):
     assert "returns 7 to 13 dB less in F1 HH" in WORDS
     less = []
     for pair in program.PAIRS.items():
-        natural, prepared = (program.sigma(Scene(site=site), program.BANDS[0], program.LEVEL)[0] for site in pair)
+        natural, prepared = (
+            program.sigma(Scene(site=site), program.BANDS[0], program.LEVEL)[0] for site in pair
+        )
         less.append(natural - prepared)
     assert (round(min(less)), round(max(less))) == (7, 13)
 
@@ -86,15 +94,28 @@ def carried_off_db(site, frequency):
     axis = tones.axis()
     sine = np.array([np.sin(np.radians(67))])
     tone = int(np.abs(axis - frequency).argmin())
-    spectra = _surface_spectra(surface, scene.soil, scene.grass.model_copy(update={"height": 0.0}), tones)
+    spectra = _surface_spectra(
+        surface, scene.soil, scene.grass.model_copy(update={"height": 0.0}), tones
+    )
     carried = np.einsum("rc,rc->c", spectra.weights(sine)[0], spectra.basis[:, :, tone])[:2]
-    shape = surface.rms_height, surface.correlation_length, surface.slope, surface.unevenness, surface.waviness
-    exact = surface_backscatter(axis[tone], sine, scene.soil.media(axis[tone : tone + 1])[-1], *shape)
+    shape = (
+        surface.rms_height,
+        surface.correlation_length,
+        surface.slope,
+        surface.unevenness,
+        surface.waviness,
+    )
+    exact = surface_backscatter(
+        axis[tone], sine, scene.soil.media(axis[tone : tone + 1])[-1], *shape
+    )
     return 10 * np.log10(carried**2 / np.ravel(exact))
 
 
 def test_what_three_functions_of_frequency_lose():
-    assert "1.3 dB too weak at 0.5 GHz and 0.5 dB at 0.6 GHz; the other sites stay within 0.7 dB" in WORDS
+    assert (
+        "1.3 dB too weak at 0.5 GHz and 0.5 dB at 0.6 GHz; the other sites stay within 0.7 dB"
+        in WORDS
+    )
     np.testing.assert_allclose(carried_off_db("prepared-gravel", 0.5e9), -1.3, atol=0.06)
     np.testing.assert_allclose(carried_off_db("prepared-gravel", 0.6e9), -0.5, atol=0.06)
     for site in sites():

@@ -80,7 +80,9 @@ def test_resolution_is_as_measured(figures):
 @pytest.mark.parametrize("epsilon", [3.4, 10.7])
 def test_shifts_are_those_of_focused_points(epsilon, figures):
     told = table_row("refraction", f"ε = {epsilon} |")
-    found = [100 * figures.focused_shift(0.10, epsilon, distance, 5.0) for distance in (7.0, 12.0, 26.0)]
+    found = [
+        100 * figures.focused_shift(0.10, epsilon, distance, 5.0) for distance in (7.0, 12.0, 26.0)
+    ]
     np.testing.assert_allclose(found, told, atol=0.6)
 
 
@@ -96,7 +98,10 @@ def test_losses_at_the_surface_and_in_it():
     ]
     assert variance == [pytest.approx(0.03, abs=0.005), pytest.approx(2.8, abs=0.05)]
     loss = [
-        -20 * np.log10(two_way_attenuation(0.1, 2 * np.pi * f / SPEED_OF_LIGHT, 12 / 13, mironov(f, 40, 0.25)))
+        -20
+        * np.log10(
+            two_way_attenuation(0.1, 2 * np.pi * f / SPEED_OF_LIGHT, 12 / 13, mironov(f, 40, 0.25))
+        )
         for f in (1.05e9, 2.55e9)
     ]
     assert loss[0] == pytest.approx(10, abs=0.5)
@@ -104,7 +109,10 @@ def test_losses_at_the_surface_and_in_it():
 
 
 def test_soils_in_the_table():
-    for start, clay, moisture in (("dry sand | 3 %, 0.03 |", 3, 0.03), ("wet clay | 40 %, 0.25 |", 40, 0.25)):
+    for start, clay, moisture in (
+        ("dry sand | 3 %, 0.03 |", 3, 0.03),
+        ("wet clay | 40 %, 0.25 |", 40, 0.25),
+    ):
         real, imaginary, loss = table_row("soils", start)
         epsilon = complex(mironov(1.05e9, clay, moisture))
         assert epsilon.real == pytest.approx(real, rel=0.005)
@@ -123,22 +131,33 @@ def test_soils_in_the_table():
 )
 def test_levels_of_bodies_are_those_of_their_tables(start, body, figures):
     f = np.linspace(0.75e9, 1.35e9, 41)
-    levels = [level for eps in (3.1 - 0.062j, 5.3 - 0.265j) for level in figures.body_levels(body, f, eps)]
+    levels = [
+        level for eps in (3.1 - 0.062j, 5.3 - 0.265j) for level in figures.body_levels(body, f, eps)
+    ]
     found = [10 * np.log10(np.mean(10 ** (level / 10))) for level in levels]
     np.testing.assert_allclose(found, table_row("signatures", start), atol=0.06)
 
 
 def test_edges(figures):
     levels = figures.edge_levels(3.2, np.radians(67))
-    assert table_row("signatures", "HH |") == pytest.approx([levels["near H"], levels["far H"]], abs=0.06)
-    assert table_row("signatures", "VV |") == pytest.approx([levels["near V"], levels["far V"]], abs=0.06)
+    assert table_row("signatures", "HH |") == pytest.approx(
+        [levels["near H"], levels["far H"]], abs=0.06
+    )
+    assert table_row("signatures", "VV |") == pytest.approx(
+        [levels["near V"], levels["far V"]], abs=0.06
+    )
 
 
 def test_backscatter_in_the_text():
     told = "-40 dB in HH and -32 dB in VV at 1.05 GHz, -35 and -27 dB at 2.55 GHz"
     assert told in text("clutter")
     found = [
-        10 * np.log10(surface_backscatter(f, np.sin(np.radians(67)), mironov(f, 3, 0.03), 0.005, 0.05, np.radians(5)))
+        10
+        * np.log10(
+            surface_backscatter(
+                f, np.sin(np.radians(67)), mironov(f, 3, 0.03), 0.005, 0.05, np.radians(5)
+            )
+        )
         for f in (1.05e9, 2.55e9)
     ]
     np.testing.assert_allclose(found, [[-40, -32], [-35, -27]], atol=0.5)
@@ -161,7 +180,9 @@ def test_backscatter_of_one_scale_and_of_tracks(site, figures):
         told = [float(cell) for cell in row.split("|")[2:-1]]
         level = 10 * np.log10(want)
         np.testing.assert_allclose(told[:5], level, atol=0.051)
-        assert told[5] == pytest.approx((level[2] - level[0]) / 10 / np.log10(0.75 / 0.44), abs=0.06)
+        assert told[5] == pytest.approx(
+            (level[2] - level[0]) / 10 / np.log10(0.75 / 0.44), abs=0.06
+        )
     assert surface.unevenness == 1024e-6
 
 
@@ -187,8 +208,16 @@ def test_detectors_in_the_text(figures):
     share = {}
     for name, (target, clutter) in figures.detector_scores().items():
         share[name] = 100 * float(np.mean(target >= np.quantile(clutter, 0.99)))
-    told = [int(one) for one in re.findall(r"(\d+) %", text("detectors").split("at 1 % of the clutter")[1])[:4]]
-    order = ("deflection, rank 3", "Neyman-Pearson, rank 3", "deflection, rank 1", "energy of the brightest sample")
+    told = [
+        int(one)
+        for one in re.findall(r"(\d+) %", text("detectors").split("at 1 % of the clutter")[1])[:4]
+    ]
+    order = (
+        "deflection, rank 3",
+        "Neyman-Pearson, rank 3",
+        "deflection, rank 1",
+        "energy of the brightest sample",
+    )
     assert [share[name] for name in order] == pytest.approx(told, abs=0.6)
 
 

@@ -23,7 +23,10 @@ def page(name):
 def tables(text):
     """Yield the head and the rows of every table."""
     for block in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE):
-        rows = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in block.splitlines()]
+        rows = [
+            [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+            for line in block.splitlines()
+        ]
         yield rows[0], rows[2:]
 
 
@@ -48,7 +51,12 @@ def test_every_equation_figure_and_table_has_its_row(name):
     seen = "; ".join([*places, *(f"Fig {row}" for row in drawn if row[0].isdigit())])
     assert numbers(seen, "Fig") >= set(range(1, figures + 1))
     rows = [*places, *drawn]
-    named = {number for row in rows if row.startswith("Table") for number in row.removeprefix("Table ").split(", ")}
+    named = {
+        number
+        for row in rows
+        if row.startswith("Table")
+        for number in row.removeprefix("Table ").split(", ")
+    }
     assert named == set(roman)
 
 

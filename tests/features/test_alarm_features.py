@@ -5,7 +5,14 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from flgpr.features import FEATURES, POLARIMETRIC, FeatureSettings, FeatureSums, PatchShape, local_contrast
+from flgpr.features import (
+    FEATURES,
+    POLARIMETRIC,
+    FeatureSettings,
+    FeatureSums,
+    PatchShape,
+    local_contrast,
+)
 from flgpr.model import Grid
 from reference import wang2007
 
@@ -49,7 +56,10 @@ def patches_of(scans, x, y, band, step, half):
 
 def test_scans_taken_in_at_once_are_those_taken_in_one_by_one(scans):
     sums = FeatureSums(ALARMS, POLARIZATIONS, SUBBANDS, GRID)
-    sums.add_all((magnitude, coherent, pose) for (magnitude, coherent), pose in zip(scans, POSES, strict=True))
+    sums.add_all(
+        (magnitude, coherent, pose)
+        for (magnitude, coherent), pose in zip(scans, POSES, strict=True)
+    )
     pd.testing.assert_frame_equal(sums.table(), features_of(scans), check_exact=True)
 
 
@@ -60,21 +70,27 @@ def test_the_ten_features_are_equations_6_to_17(scans, swap, psi):
     inner, guard = ((3, 5), (7, 9)) if swap else ((5, 3), (9, 7))
     got = features_of(scans, settings.swapped() if swap else settings)
     assert got.index.tolist() == [7, 3]
-    assert list(got.columns) == ["scans"] + [f"{name}_{band}" for band in SUBBANDS for name in FEATURES]
+    assert list(got.columns) == ["scans"] + [
+        f"{name}_{band}" for band in SUBBANDS for name in FEATURES
+    ]
     for alarm, (x, y) in ALARMS.iterrows():
         for b, band in enumerate(SUBBANDS):
             magnitude = patches_of([m for m, _ in scans], x, y, b, 2, 12)
             coherent = patches_of([c for _, c in scans], x, y, b, 1, 5)
             want = wang2007.equations_6_to_17_features(magnitude, coherent, inner, guard, psi)
             for name in FEATURES:
-                assert got.loc[alarm, f"{name}_{band}"] == pytest.approx(want[name], rel=1e-5, abs=1e-6), name
+                assert got.loc[alarm, f"{name}_{band}"] == pytest.approx(
+                    want[name], rel=1e-5, abs=1e-6
+                ), name
 
 
 @pytest.mark.parametrize("wanted", [("F2",), ("F1",), ()])
 def test_polarimetric_features_of_some_sub_bands_leave_the_others_out(scans, wanted):
     whole = features_of(scans)
     some = features_of(scans, FeatureSettings(polarimetric=wanted))
-    left_out = [f"{name}_{band}" for band in SUBBANDS if band not in wanted for name in POLARIMETRIC]
+    left_out = [
+        f"{name}_{band}" for band in SUBBANDS if band not in wanted for name in POLARIMETRIC
+    ]
     assert some[left_out].isna().all(axis=None)
     pd.testing.assert_frame_equal(some.drop(columns=left_out), whole.drop(columns=left_out))
 
@@ -85,11 +101,16 @@ def test_contrast_agrees_with_the_single_feature_routine():
     coords = {"polarization": ["HH"], "subband": ["F1"], "y": grid.y, "x": grid.x}
     images = [
         xr.DataArray(
-            rng.random((1, 1, *grid.shape)).astype("c8"), dims=tuple(coords), coords=coords, attrs={"pose": list(pose)}
+            rng.random((1, 1, *grid.shape)).astype("c8"),
+            dims=tuple(coords),
+            coords=coords,
+            attrs={"pose": list(pose)},
         )
         for pose in POSES
     ]
-    alarms = pd.DataFrame({"x": [0.13, 1.4], "y": [4.04, 6.9]})  # between pixels, and near the border
+    alarms = pd.DataFrame(
+        {"x": [0.13, 1.4], "y": [4.04, 6.9]}
+    )  # between pixels, and near the border
     sums = FeatureSums(alarms, POLARIZATIONS, ["F1"], grid, FeatureSettings(y_max=10))
     for one in images:
         block = np.repeat(one.values, 3, axis=0)
@@ -110,7 +131,9 @@ def test_what_calibration_changes_and_what_not(scans):
         np.testing.assert_allclose(common[f"M_HH_{band}"], 9 * plain[f"M_HH_{band}"], rtol=1e-5)
         own = [f"C_{pol}_{band}" for pol in ("HH", "VV")]
         np.testing.assert_allclose(each[own], plain[own], rtol=1e-4)
-        np.testing.assert_allclose(each[f"R_HH_HV_{band}"], 3 / 7 * plain[f"R_HH_HV_{band}"], rtol=1e-4)
+        np.testing.assert_allclose(
+            each[f"R_HH_HV_{band}"], 3 / 7 * plain[f"R_HH_HV_{band}"], rtol=1e-4
+        )
 
 
 def test_scans_beyond_y_max_or_out_of_sight_do_not_count(scans):

@@ -15,7 +15,9 @@ def image(values, pose_y):
     coords = {"polarization": ["HH"], "subband": ["F1"], "y": Y, "x": X}
     attrs = {"pose": [0.0, pose_y, 1.5, 0.0, 0.0, 0.0]}
     data = values.astype(np.complex64)[None, None] * np.exp(0.7j)
-    return xr.DataArray(data, dims=("polarization", "subband", "y", "x"), coords=coords, attrs=attrs)
+    return xr.DataArray(
+        data, dims=("polarization", "subband", "y", "x"), coords=coords, attrs=attrs
+    )
 
 
 @pytest.fixture
@@ -47,7 +49,9 @@ def test_scans_beyond_y_max_do_not_count(images):
 def test_contrast_does_not_depend_on_calibration(images):
     alarms = pd.DataFrame({"x": [0.0], "y": [4.0]})
     louder = [one.copy(data=7 * one.values) for one in images]
-    a, b = (local_contrast(them, alarms, "HH", "F1", 10)["contrast"].item() for them in (images, louder))
+    a, b = (
+        local_contrast(them, alarms, "HH", "F1", 10)["contrast"].item() for them in (images, louder)
+    )
     assert a == pytest.approx(b, rel=1e-5)
 
 
@@ -65,7 +69,9 @@ def test_an_alarm_nobody_sees_has_no_contrast_and_no_alarms_no_rows(images):
     assert local_contrast(images, far.iloc[:0], "HH", "F1", 10).empty
 
 
-@pytest.mark.parametrize("bad", [{"size": 24}, {"inner": (11, 3)}, {"guard": (25, 7)}, {"spacing": 0.0}])
+@pytest.mark.parametrize(
+    "bad", [{"size": 24}, {"inner": (11, 3)}, {"guard": (25, 7)}, {"spacing": 0.0}]
+)
 def test_bad_patches(bad):
     with pytest.raises(ValueError, match="patch"):
         PatchShape(**bad)
@@ -73,7 +79,9 @@ def test_bad_patches(bad):
 
 def test_gathered_scan_by_scan_it_is_the_same(images):
     rng = np.random.default_rng(8)
-    alarms = pd.DataFrame({"x": rng.uniform(-2.5, 2.5, 40), "y": rng.uniform(0.5, 8.5, 40)}, index=np.arange(40) + 7)
+    alarms = pd.DataFrame(
+        {"x": rng.uniform(-2.5, 2.5, 40), "y": rng.uniform(0.5, 8.5, 40)}, index=np.arange(40) + 7
+    )
     whole = local_contrast(images, alarms, "HH", "F1", y_max=4.5)
     sums = ContrastSums(alarms, Grid(X[0], Y[0], X.size, Y.size, 0.1, 0.1), 4.5)
     for one in images:

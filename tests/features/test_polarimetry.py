@@ -51,12 +51,15 @@ def test_one_mechanism_has_no_entropy_and_its_alpha(scatterer, alpha, phase):
 
 def mixture(scatterers):
     """All rotations side by side in one window."""
-    hh, hv, vv = (np.array([[s[i][j] for s in scatterers]], complex) for i, j in ((0, 0), (0, 1), (1, 1)))
+    hh, hv, vv = (
+        np.array([[s[i][j] for s in scatterers]], complex) for i, j in ((0, 0), (0, 1), (1, 1))
+    )
     return entropy_alpha(hh, hv, vv, window=(1, 2 * len(scatterers) - 1))
 
 
 @pytest.mark.parametrize(
-    ("scatterer", "entropy", "alpha"), [(DIPOLE, 0.9463946, 45), (DIHEDRAL, 0.6309298, 90), (SPHERE, 0, 0)]
+    ("scatterer", "entropy", "alpha"),
+    [(DIPOLE, 0.9463946, 45), (DIHEDRAL, 0.6309298, 90), (SPHERE, 0, 0)],
 )
 def test_random_orientation(scatterer, entropy, alpha):
     h, a = mixture([turned(scatterer, np.pi * k / 64) for k in range(64)])
@@ -80,7 +83,9 @@ def test_entropy_alpha_is_equation_10_in_a_window_that_shrinks_at_the_border():
     h, a = entropy_alpha(hh, hv, vv, window=(3, 5))
     for y, x in np.ndindex(hh.shape):
         inside = [(v, u) for v, u in np.ndindex(hh.shape) if abs(v - y) <= 1 and abs(u - x) <= 2]
-        want = reference.equation_10_entropy_alpha([[[hh[i], hv[i]], [hv[i], vv[i]]] for i in inside])
+        want = reference.equation_10_entropy_alpha(
+            [[[hh[i], hv[i]], [hv[i], vv[i]]] for i in inside]
+        )
         assert (h[y, x], a[y, x]) == pytest.approx(want, abs=1e-9)
 
 

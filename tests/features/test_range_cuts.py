@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from flgpr.features import clean_pixels, clutter_cuts, cuts_at, quiet_pixels, range_cuts, stack_channels
+from flgpr.features import (
+    clean_pixels,
+    clutter_cuts,
+    cuts_at,
+    quiet_pixels,
+    range_cuts,
+    stack_channels,
+)
 
 
 @pytest.fixture

@@ -28,7 +28,9 @@ def test_correlation_by_fft_is_the_loop_over_shifts(rng):
     moduli = [flsar2004.paragraph_22_correlation(abs(r), abs(template)) for r in regions]
     np.testing.assert_allclose(max_correlation(regions, template), moduli, rtol=1e-12)
     waves = [flsar2004.paragraph_22_correlation(r, template) for r in regions]
-    np.testing.assert_allclose(max_correlation(regions, template, magnitude=False), waves, rtol=1e-12)
+    np.testing.assert_allclose(
+        max_correlation(regions, template, magnitude=False), waves, rtol=1e-12
+    )
 
 
 def test_a_shifted_template_in_an_empty_region_correlates_fully(rng):
@@ -44,8 +46,12 @@ def test_shifts_are_not_circular(rng):
     region = np.zeros((8, 8))
     region[:3] = np.pad(template[3:], ((0, 0), (1, 1)))
     region[-3:] = np.pad(template[:3], ((0, 0), (1, 1)))
-    halves = [np.linalg.norm(template[part]) / np.linalg.norm(template) for part in (slice(0, 3), slice(3, 6))]
-    # A circular shift would join the two halves to a perfect match; each alone is worth its share of the energy.
+    halves = [
+        np.linalg.norm(template[part]) / np.linalg.norm(template)
+        for part in (slice(0, 3), slice(3, 6))
+    ]
+    # A circular shift would join the two halves to a perfect match; each alone is worth its share
+    # of the energy.
     assert max(halves) ** 2 <= max_correlation(region, template) + 1e-9
     assert max_correlation(region, template) < 0.97
 
@@ -55,7 +61,9 @@ def test_strength_and_phase_do_not_matter(rng):
     template = rng.normal(size=(5, 5)) + 0j
     for magnitude in (True, False):
         value = max_correlation(region, template, magnitude)
-        assert max_correlation(region * 1e-6j, template * 30, magnitude) == pytest.approx(value, rel=1e-9)
+        assert max_correlation(region * 1e-6j, template * 30, magnitude) == pytest.approx(
+            value, rel=1e-9
+        )
         assert 0 < value < 1
     assert max_correlation(np.zeros((9, 9)), template) == 0
 
@@ -67,8 +75,15 @@ def test_mean_template_is_the_mean_at_unit_energy(rng):
     expected = sum(chips) / 10
     np.testing.assert_allclose(template[0], expected[0] / np.linalg.norm(expected[0]))
     chips[0] *= 1e6
-    np.testing.assert_allclose(mean_template(chips)[0], chips[0, 0] / np.linalg.norm(chips[0, 0]), atol=1e-4)
-    assert np.abs(mean_template(chips, normalize_each=True)[0] - chips[0, 0] / np.linalg.norm(chips[0, 0])).max() > 0.01
+    np.testing.assert_allclose(
+        mean_template(chips)[0], chips[0, 0] / np.linalg.norm(chips[0, 0]), atol=1e-4
+    )
+    assert (
+        np.abs(
+            mean_template(chips, normalize_each=True)[0] - chips[0, 0] / np.linalg.norm(chips[0, 0])
+        ).max()
+        > 0.01
+    )
 
 
 def test_principal_templates_find_the_signatures(rng):
@@ -78,7 +93,9 @@ def test_principal_templates_find_the_signatures(rng):
     templates, share = principal_templates(chips, 2)
     assert share[:2].sum() == pytest.approx(1)
     assert share[0] > 0.7
-    np.testing.assert_allclose(np.einsum("kyx,lyx->kl", templates, templates), np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(
+        np.einsum("kyx,lyx->kl", templates, templates), np.eye(2), atol=1e-12
+    )
     for template in templates:
         inside = sum((template * b).sum() ** 2 for b in basis)
         assert inside == pytest.approx(1)

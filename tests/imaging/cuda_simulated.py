@@ -30,8 +30,11 @@ def few_threads(monkeypatch):
         monkeypatch.setattr(engine, "_block", lambda size: 3)
         from numba.cuda.simulator.kernel import BlockThread
 
-        # The simulator asks its threads again and again: it shall wait a moment for each, not take their time.
-        monkeypatch.setattr(BlockThread, "is_alive", lambda thread: thread.join(1e-4) or Thread.is_alive(thread))
+        # The simulator asks its threads again and again: it shall wait a moment for each, not take
+        # their time.
+        monkeypatch.setattr(
+            BlockThread, "is_alive", lambda thread: thread.join(1e-4) or Thread.is_alive(thread)
+        )
 
 
 def scene(low=(-1, 7, -0.2), high=(1, 9, 0.1), count=8):
@@ -57,14 +60,23 @@ CASES = {
     "fine": {"tolerance": 1e-5, "subbands": BANDS},
     "ground": {"half_space": 3.4},
     "pattern and offset": {"tx_pattern": beam, "rx_pattern": beam, "path_offset": [0.0, 1.0, 30.0]},
-    "uneven": {"frequency": np.sort(np.random.default_rng(1).uniform(0.5e9, 1.3e9, 20)), "subbands": BANDS},
+    "uneven": {
+        "frequency": np.sort(np.random.default_rng(1).uniform(0.5e9, 1.3e9, 20)),
+        "subbands": BANDS,
+    },
     "wrapping": {"pixels": scene((-20, 7, 0), (20, 30, 1))},
 }
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_both_directions_agree_with_the_direct_sum(name):
-    case = {"frequency": TONES, "tx_position": TX, "rx_position": RX, "pixels": scene(), **CASES[name]}
+    case = {
+        "frequency": TONES,
+        "tx_position": TX,
+        "rx_position": RX,
+        "pixels": scene(),
+        **CASES[name],
+    }
     operator = ImagingOperator(**case, device="cuda")
     exact = ImagingOperator(**case, method="direct")
     data = noise((2, 3, 20))
@@ -110,9 +122,13 @@ def test_more_channels_than_registers():
 
 
 def test_double_precision_is_refused():
-    with pytest.raises(ValueError, match=r"dtype must be complex64 .* with device 'cuda', got complex128"):
+    with pytest.raises(
+        ValueError, match=r"dtype must be complex64 .* with device 'cuda', got complex128"
+    ):
         ImagingOperator(TONES, TX, RX, scene(), tolerance=1e-7, device="cuda")
-    with pytest.raises(ValueError, match=r"method must be 'auto' or 'profile' with device 'cuda', got 'direct'"):
+    with pytest.raises(
+        ValueError, match=r"method must be 'auto' or 'profile' with device 'cuda', got 'direct'"
+    ):
         ImagingOperator(TONES, TX, RX, scene(), device="cuda", method="direct")
 
 
@@ -167,7 +183,9 @@ def test_the_benchmark_counts_batches_the_device_and_its_peer(monkeypatch):
     monkeypatch.setattr(bench_peers, "missing_peers", lambda device: [])
     monkeypatch.setattr(bench_peers, "BIN_SIZES", (512, 2048))
     monkeypatch.setattr(bench, "REPEATS", 1)
-    monkeypatch.setattr(engine, "_block", lambda size: 1)  # waiting for each other takes simulated threads longest
+    monkeypatch.setattr(
+        engine, "_block", lambda size: 1
+    )  # waiting for each other takes simulated threads longest
     scan = bench.Scan(tones, TX[:2], RX[:2], points, noise((3, 2, 11)), noise((3, 1, 3)))
     monkeypatch.setattr(bench, "sri_scan", lambda: scan)
     monkeypatch.setattr(bench, "CHECKED_PIXELS", 3)

@@ -47,7 +47,9 @@ def coarse():
 def test_the_alias_lies_exactly_where_the_steps_say(coarse):
     image, unambiguous = coarse
     path = 2 * np.hypot(AHEAD, HEIGHT - UP)
-    (alias,) = alias_paths(path, unambiguous, 2 * np.hypot(GRID.y[0], HEIGHT), 2 * np.hypot(GRID.y[-1], HEIGHT))
+    (alias,) = alias_paths(
+        path, unambiguous, 2 * np.hypot(GRID.y[0], HEIGHT), 2 * np.hypot(GRID.y[-1], HEIGHT)
+    )
     expected = np.sqrt((alias / 2) ** 2 - HEIGHT**2)
     row, _ = np.unravel_index(image.argmax(), image.shape)
     assert GRID.y[row] == pytest.approx(expected, abs=0.05)

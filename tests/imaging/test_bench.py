@@ -15,7 +15,9 @@ def small(monkeypatch):
 def test_every_case_is_within_its_tolerance_and_counted(small, monkeypatch):
     monkeypatch.setattr(bench_peers.importlib.util, "find_spec", lambda name: None)
     table = bench.bench_imaging(rounds=1)
-    limits = table["work"].map(lambda work: 1e-5 if "1e-5" in work else 5e-4 if "15" in work else 1e-3)
+    limits = table["work"].map(
+        lambda work: 1e-5 if "1e-5" in work else 5e-4 if "15" in work else 1e-3
+    )
     assert (table["error"] < limits).all()
     assert (table["error"] > 1e-7).all()
     images = table["work"].map(lambda work: 15 if "15" in work else 3 if "3" in work else 1)
@@ -26,7 +28,9 @@ def test_every_case_is_within_its_tolerance_and_counted(small, monkeypatch):
     assert text.count("\n") == len(table) + 3
     assert "| 15 images | flgpr cpu |" in text
     table.attrs["missing"] = bench_peers.missing_peers()
-    assert bench.format_bench(table).endswith("Not installed and so not measured: finufft, fastsar (extra bench).")
+    assert bench.format_bench(table).endswith(
+        "Not installed and so not measured: finufft, fastsar (extra bench)."
+    )
 
 
 def test_peers_compute_the_same(small):

@@ -28,7 +28,9 @@ def test_kernels_under_the_simulator():
     tests = Path(__file__).with_name("cuda_simulated.py")
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tests)]
     environment = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600, check=False)
+    done = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=600, check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "passed" in done.stdout
 
@@ -57,7 +59,9 @@ def test_the_compiled_interpolation_wastes_nothing():
         assert ".visible .entry" in ptx
         assert not re.search(r"\.f64\s+%", ptx)
         assert "__local_depot" not in ptx
-        assert len(re.findall(r"ld\.global\.[ub]64", ptx)) == 4 * channels + 4  # two phasors and the pair's antennas
+        assert (
+            len(re.findall(r"ld\.global\.[ub]64", ptx)) == 4 * channels + 4
+        )  # two phasors and the pair's antennas
 
 
 @pytest.mark.skipif(has_device(), reason="a device is here")

@@ -52,11 +52,15 @@ def test_results_do_not_depend_on_the_number_of_threads(kind):
 
 
 @pytest.mark.parametrize("channels", [1, 2, 3])
-@pytest.mark.parametrize("kind", [{}, {"half_space": 3.4}, {"tx_pattern": lambda position, points: points[:, 1]}])
+@pytest.mark.parametrize(
+    "kind", [{}, {"half_space": 3.4}, {"tx_pattern": lambda position, points: points[:, 1]}]
+)
 def test_kept_delays_and_phasors_give_the_bits_of_those_found_anew(kind, channels, monkeypatch):
     def results(kept):
         monkeypatch.setattr("flgpr.imaging.engines.KEPT_BYTES", kept)
-        operator = ImagingOperator(TONES, TX, RX, grid() - [0, 0, 0.1], BANDS[:1], method="profile", **kind)
+        operator = ImagingOperator(
+            TONES, TX, RX, grid() - [0, 0, 0.1], BANDS[:1], method="profile", **kind
+        )
         data = noise((channels, 6, 128))
         image = noise((channels, 1, 33, 21))
         return [(operator.adjoint(data), operator.forward(image)) for _ in range(3)]
@@ -71,8 +75,13 @@ def test_a_channel_alone_agrees_with_the_direct_sums_at_every_width(tolerance):
     data = noise((1, 6, 128))
     image = noise((1, 1, 33, 21))
     direct = ImagingOperator(TONES, TX, RX, grid(), dtype="complex128", method="direct")
-    fast = ImagingOperator(TONES, TX, RX, grid(), tolerance=tolerance, method="profile", dtype="complex64")
-    for exact, found in ((direct.adjoint(data), fast.adjoint(data)), (direct.forward(image), fast.forward(image))):
+    fast = ImagingOperator(
+        TONES, TX, RX, grid(), tolerance=tolerance, method="profile", dtype="complex64"
+    )
+    for exact, found in (
+        (direct.adjoint(data), fast.adjoint(data)),
+        (direct.forward(image), fast.forward(image)),
+    ):
         assert np.linalg.norm(found - exact) < tolerance * np.linalg.norm(exact)
 
 
@@ -93,16 +102,22 @@ def test_images_go_where_they_are_told():
     out = np.empty((1, 2, 33, 21), np.complex64)
     assert operator.adjoint(data, out=out) is out
     assert np.array_equal(out, operator.adjoint(data))
-    with pytest.raises(ValueError, match=r"out must be contiguous complex64 of the shape \(1, 2, 33, 21\)"):
+    with pytest.raises(
+        ValueError, match=r"out must be contiguous complex64 of the shape \(1, 2, 33, 21\)"
+    ):
         operator.adjoint(data, out=out[..., :5])
 
 
-@pytest.mark.parametrize("kind", [{"method": "profile"}, {"method": "direct"}, {"dtype": "complex128"}])
+@pytest.mark.parametrize(
+    "kind", [{"method": "profile"}, {"method": "direct"}, {"dtype": "complex128"}]
+)
 @pytest.mark.parametrize("rows", [1, 20, 33, 40])
 def test_the_nearest_rows_alone_have_the_bits_of_the_whole_image(kind, rows):
     operator = ImagingOperator(TONES, TX, RX, grid(), BANDS, **kind)
     data = noise((2, 3, 6, 128))
-    np.testing.assert_array_equal(operator.adjoint(data, rows=rows), operator.adjoint(data)[..., :rows, :])
+    np.testing.assert_array_equal(
+        operator.adjoint(data, rows=rows), operator.adjoint(data)[..., :rows, :]
+    )
 
 
 def test_no_polarization_gives_no_image():
@@ -127,31 +142,61 @@ def test_named_windows_weigh_every_subband(window):
     ("change", "message"),
     [
         ({"tolerance": 0}, r"tolerance must lie between 1e-12 and 1, got 0"),
-        ({"tolerance": 1e-6, "dtype": "complex64"}, r"tolerance must be at least 1e-05 in complex64, got 1e-06"),
+        (
+            {"tolerance": 1e-6, "dtype": "complex64"},
+            r"tolerance must be at least 1e-05 in complex64, got 1e-06",
+        ),
         ({"dtype": "float32"}, r"dtype must be complex64 or complex128, got float32"),
         ({"device": "tpu"}, r"device must be .*, got 'tpu'"),
         ({"method": "guess"}, r"method must be .*, got 'guess'"),
         ({"permittivity": 0.5}, r"permittivity must be at least 1, got 0.5"),
-        ({"half_space": 0.5}, r"half_space must be a relative permittivity of at least 1, that above, got 0.5"),
-        ({"subbands": ((5e9, 6e9),)}, r"subbands must each hold a tone; 5e\+09 to 6e\+09 Hz holds none"),
+        (
+            {"half_space": 0.5},
+            r"half_space must be a relative permittivity of at least 1, that above, got 0.5",
+        ),
+        (
+            {"subbands": ((5e9, 6e9),)},
+            r"subbands must each hold a tone; 5e\+09 to 6e\+09 Hz holds none",
+        ),
         ({"subbands": ()}, r"subbands must name at least one"),
-        ({"path_offset": [1.0]}, r"path_offset must hold one finite length per pair \(6\), got shape \(1,\)"),
+        (
+            {"path_offset": [1.0]},
+            r"path_offset must hold one finite length per pair \(6\), got shape \(1,\)",
+        ),
         ({"window": "kaiser"}, r"window must be one of .* got 'kaiser'"),
-        ({"window": [1.0, 2.0]}, r"window must hold one finite weight per tone \(128\), got shape \(2,\)"),
-        ({"rx_position": RX[:2]}, r"tx_position and rx_position must both have the shape \(pair, 3\)"),
+        (
+            {"window": [1.0, 2.0]},
+            r"window must hold one finite weight per tone \(128\), got shape \(2,\)",
+        ),
+        (
+            {"rx_position": RX[:2]},
+            r"tx_position and rx_position must both have the shape \(pair, 3\)",
+        ),
         ({"pixels": np.zeros((3, 2))}, r"pixels must have the shape \(..., 3\)"),
-        ({"tx_pattern": lambda position, points: np.ones(3)}, r"tx_pattern must return one finite amplitude per pixel"),
+        (
+            {"tx_pattern": lambda position, points: np.ones(3)},
+            r"tx_pattern must return one finite amplitude per pixel",
+        ),
     ],
 )
 def test_bad_arguments_are_named(change, message):
-    good = {"frequency": TONES, "tx_position": TX, "rx_position": RX, "pixels": grid(), "subbands": BANDS}
+    good = {
+        "frequency": TONES,
+        "tx_position": TX,
+        "rx_position": RX,
+        "pixels": grid(),
+        "subbands": BANDS,
+    }
     with pytest.raises(ValueError, match=message):
         ImagingOperator(**{**good, **change})
 
 
 def test_bad_data_are_named():
     operator = ImagingOperator(TONES, TX, RX, grid(), BANDS)
-    with pytest.raises(ValueError, match=r"data must have the shape \(..., polarization, 6, 128\), got \(1, 128, 6\)"):
+    with pytest.raises(
+        ValueError,
+        match=r"data must have the shape \(..., polarization, 6, 128\), got \(1, 128, 6\)",
+    ):
         operator.adjoint(np.zeros((1, 128, 6)))
     bad = noise((1, 6, 128))
     bad[0, 2, 3] = np.nan
@@ -168,7 +213,9 @@ def test_large_but_finite_data_are_accepted():
 
 
 def test_pixels_of_a_volume_and_a_surface_keep_their_shape():
-    x, y, z = np.meshgrid(np.linspace(-1, 1, 5), np.linspace(8, 10, 7), np.linspace(-0.4, 0.2, 3), indexing="ij")
+    x, y, z = np.meshgrid(
+        np.linspace(-1, 1, 5), np.linspace(8, 10, 7), np.linspace(-0.4, 0.2, 3), indexing="ij"
+    )
     volume = np.stack([x, y, z], axis=-1)
     data = noise((2, 6, 128))
     images = ImagingOperator(TONES, TX, RX, volume, BANDS, tolerance=1e-4).adjoint(data)
@@ -177,7 +224,8 @@ def test_pixels_of_a_volume_and_a_surface_keep_their_shape():
     surface[..., 2] = 0.1 * np.sin(surface[..., 0])
     on_surface = ImagingOperator(TONES, TX, RX, surface, BANDS, tolerance=1e-4).adjoint(data)
     assert on_surface.shape == (2, 2, 5, 7)
-    # At x = 0 the surface passes through z = 0, between two layers of the volume: a third operator knows that line.
+    # At x = 0 the surface passes through z = 0, between two layers of the volume: a third operator
+    # knows that line.
     line = surface[2]
     assert line[:, 2] == pytest.approx(np.zeros(7))
     alone = ImagingOperator(TONES, TX, RX, line, BANDS, method="direct").adjoint(data)

@@ -8,7 +8,9 @@ FREQUENCY = 0.45e9 + 15e6 * np.arange(70)
 TX = np.repeat([[-0.9, 0, 0], [0.9, 0, 0]], 8, axis=0)
 RX = np.tile(np.column_stack([np.linspace(-1.1, 1.1, 8), np.zeros(8), np.full(8, -0.03)]), (2, 1))
 TARGET = np.array([0.35, 4.05, 0.0])
-POSES = np.array([[0, 0.4, 1.5, 0, 0, 0], [0.1, 0.9, 1.5, 0.08, 0, 0], [0.0, 1.4, 1.6, -0.05, 0.03, -0.02]])
+POSES = np.array(
+    [[0, 0.4, 1.5, 0, 0, 0], [0.1, 0.9, 1.5, 0.08, 0, 0], [0.0, 1.4, 1.6, -0.05, 0.03, -0.02]]
+)
 
 
 def run_of(poses):
@@ -27,7 +29,9 @@ GRID = Grid.spanning((-1.0, 1.0), (1.5, 5.0), 0.05)
 def test_a_point_focuses_where_it_stands_whatever_the_pose():
     from flgpr.model import scan_to_lane
 
-    imager = ScanImager(run_of(POSES), GRID, {"all": (0.45e9, 1.5e9)}, window="hann", tolerance=1e-4)
+    imager = ScanImager(
+        run_of(POSES), GRID, {"all": (0.45e9, 1.5e9)}, window="hann", tolerance=1e-4
+    )
     for image, pose in zip(imager, POSES, strict=True):
         row, column = np.unravel_index(np.abs(image.values[0, 0]).argmax(), GRID.shape)
         place = scan_to_lane([GRID.x[column], GRID.y[row], 0.0], pose)

@@ -24,7 +24,10 @@ def test_a_map_projection_does_not_stretch_the_lane(anchor):
     from pyproj import Transformer
 
     lonlat = on_the_ellipsoid(LANE)
-    utm = np.stack(Transformer.from_crs("EPSG:4326", "EPSG:32632", always_xy=True).transform(*lonlat.T), axis=-1)
+    utm = np.stack(
+        Transformer.from_crs("EPSG:4326", "EPSG:32632", always_xy=True).transform(*lonlat.T),
+        axis=-1,
+    )
     mapped = fit_anchor(LANE, utm, "EPSG:32632", 0.02, [0.0] * 4)
     far = np.array([[0.0, 1000.0, 0]])
     assert distance(mapped.to_geodetic(far), anchor.to_geodetic(far)).max() < 1e-6
@@ -34,11 +37,19 @@ def test_a_map_projection_does_not_stretch_the_lane(anchor):
 @given(st.floats(-179, 179), st.floats(-80, 80), st.floats(-math.pi, math.pi), st.floats(-50, 3000))
 def test_there_and_back(lon, lat, azimuth, height):
     anchor = fit_anchor(
-        [[1.0, 2.0, 0.3]], [[lon, lat]], "EPSG:4326", 0.02, [height], azimuth=azimuth, azimuth_accuracy=0.001
+        [[1.0, 2.0, 0.3]],
+        [[lon, lat]],
+        "EPSG:4326",
+        0.02,
+        [height],
+        azimuth=azimuth,
+        azimuth_accuracy=0.001,
     )
     points = np.array([[3.0, -5.0, 0.2], [100.0, 400.0, 1.0]])
     np.testing.assert_allclose(anchor.from_geodetic(anchor.to_geodetic(points)), points, atol=1e-6)
-    np.testing.assert_allclose(anchor.from_geocentric(anchor.to_geocentric(points)), points, atol=1e-8)
+    np.testing.assert_allclose(
+        anchor.from_geocentric(anchor.to_geocentric(points)), points, atol=1e-8
+    )
     np.testing.assert_allclose(anchor.to_geodetic([1.0, 2.0, 0.3])[2], height, atol=1e-6)
 
 
@@ -51,7 +62,9 @@ def test_the_uncertainty_is_that_of_repeated_surveys():
     metre = np.array([1 / (111_320 * math.cos(math.radians(47.9))), 1 / 111_200])
     for _ in range(400):
         noisy = on_the_ellipsoid(LANE) + rng.normal(scale=sigma, size=(4, 2)) * metre
-        found.append(fit_anchor(LANE, noisy, "EPSG:4326", sigma, [0.0] * 4).to_geodetic(place)[:2] / metre)
+        found.append(
+            fit_anchor(LANE, noisy, "EPSG:4326", sigma, [0.0] * 4).to_geodetic(place)[:2] / metre
+        )
     scatter = np.sqrt(np.linalg.eigvalsh(np.cov(np.transpose(found))).max())
     # 400 samples: the standard deviation is known to 3.5 %.
     assert scatter == pytest.approx(float(true.uncertainty(place[0], place[1])), rel=0.1)
@@ -59,7 +72,9 @@ def test_the_uncertainty_is_that_of_repeated_surveys():
 
 
 def test_a_given_direction_widens_with_distance():
-    one = fit_anchor([[0, 0, 0]], [[11.3, 47.9]], "EPSG:4326", 0.05, azimuth=0.0, azimuth_accuracy=0.01)
+    one = fit_anchor(
+        [[0, 0, 0]], [[11.3, 47.9]], "EPSG:4326", 0.05, azimuth=0.0, azimuth_accuracy=0.01
+    )
     assert one.uncertainty(0, 100) == pytest.approx(math.hypot(0.05, 1.0))
 
 

@@ -11,11 +11,18 @@ from flgpr.io.anchor import transform_lonlat
 rasterio = pytest.importorskip("rasterio")
 pytest.importorskip("rasterio.shutil")
 Image = pytest.importorskip("PIL.Image")
-pytestmark = pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # rasterio's own, of affine
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::PendingDeprecationWarning"
+)  # rasterio's own, of affine
 
 TIE = {"latitude": 47.9, "longitude": 11.3, "azimuth": 30.0}
-ANCHOR = fit_anchor([[0, 0, 0]], [[11.3, 47.9]], "EPSG:4326", 1.0, azimuth=np.radians(30.0), azimuth_accuracy=1.0)
-MARKS = {(3.0, 40.0): (255, 0, 0), (-6.0, 10.0): (0, 0, 255)}  # colour of a square of 2 m about a place in the lane
+ANCHOR = fit_anchor(
+    [[0, 0, 0]], [[11.3, 47.9]], "EPSG:4326", 1.0, azimuth=np.radians(30.0), azimuth_accuracy=1.0
+)
+MARKS = {
+    (3.0, 40.0): (255, 0, 0),
+    (-6.0, 10.0): (0, 0, 255),
+}  # colour of a square of 2 m about a place in the lane
 BOX = -20.0, 20.0, -5.0, 60.0
 EAST, NORTH = transform_lonlat([11.3, 47.9], "EPSG:32632")
 
@@ -33,7 +40,14 @@ def write(path, crs="EPSG:32632", kind="rgb", west=-100.0, dtype="uint8", driver
         number[int(row) - 4 : int(row) + 5, int(column) - 4 : int(column) + 5] = index
     colours = np.array([(0, 0, 0), (0, 200, 0), *MARKS.values()], np.uint8)
     bands = colours[number].transpose(2, 0, 1) if kind == "rgb" else number[None]
-    about = {"driver": driver, "width": size, "height": size, "count": len(bands), "dtype": dtype, "crs": crs}
+    about = {
+        "driver": driver,
+        "width": size,
+        "height": size,
+        "count": len(bands),
+        "dtype": dtype,
+        "crs": crs,
+    }
     if kind == "palette":
         about["photometric"] = "palette"
     with rasterio.open(path, "w", transform=transform, **about) as file:
@@ -56,7 +70,9 @@ def test_tiles_are_read_as_well(suffix, driver, tmp_path):
     picture = drawn(tmp_path / f"m{suffix}", most=325).astype(int)
     for (x, y), colour in MARKS.items():
         pixel = picture[int((BOX[3] - y) / 0.2), int((x - BOX[0]) / 0.2), :3]
-        assert np.abs(pixel - colour).max() < 90  # tiles have pixels of their own, and are compressed
+        assert (
+            np.abs(pixel - colour).max() < 90
+        )  # tiles have pixels of their own, and are compressed
 
 
 @pytest.mark.parametrize("kind", ["rgb", "palette"])
@@ -86,13 +102,24 @@ def test_a_long_lane_is_as_sharp_whichever_way_it_lies(tmp_path):
         transform = rasterio.transform.from_origin(EAST - 600, NORTH + 600, 0.5, 0.5)
         east = (np.arange(2400) - 1199.5) * 0.5
         north = (1199.5 - np.arange(2400)[:, None]) * 0.5
-        stripes = (np.floor((east * np.sin(turn) + north * np.cos(turn)) / 8) % 2 * 255).astype(np.uint8)
-        about = {"driver": "GTiff", "width": 2400, "height": 2400, "count": 4, "dtype": "uint8", "crs": "EPSG:32632"}
+        stripes = (np.floor((east * np.sin(turn) + north * np.cos(turn)) / 8) % 2 * 255).astype(
+            np.uint8
+        )
+        about = {
+            "driver": "GTiff",
+            "width": 2400,
+            "height": 2400,
+            "count": 4,
+            "dtype": "uint8",
+            "crs": "EPSG:32632",
+        }
         about |= {"photometric": "rgb", "alpha": "no"}
         with rasterio.open(tmp_path / "s.tif", "w", transform=transform, **about) as file:
             file.write(np.stack([stripes] * 3 + [np.full_like(stripes, 30)]))
         tie = TIE | {"azimuth": azimuth + 1.7}  # the grid's convergence here, about
-        picture = np.asarray(Image.open(io.BytesIO(map_backdrop(tmp_path / "s.tif", tie, (-10.0, 10.0, 0.0, 500.0)))))
+        picture = np.asarray(
+            Image.open(io.BytesIO(map_backdrop(tmp_path / "s.tif", tie, (-10.0, 10.0, 0.0, 500.0))))
+        )
         line = picture[:, picture.shape[1] // 2, 0].astype(int)
         assert np.count_nonzero(np.diff(line > 127)) == pytest.approx(500 / 8, abs=4)
         assert (picture[..., 3] == 255).all()

@@ -63,10 +63,16 @@ def test_another_makers_file_is_read_by_its_geometry(small_run, anchor, tmp_path
     ours = write_cphd(small_run, tmp_path / "a.cphd", anchor)
     with ours.open("rb") as file, skcphd.Reader(file) as reader:
         tree = reader.metadata.xmltree
-        parts = {n: reader.read_channel(n) for n in [e.text for e in tree.findall("{*}Data/{*}Channel/{*}Identifier")]}
+        parts = {
+            n: reader.read_channel(n)
+            for n in [e.text for e in tree.findall("{*}Data/{*}Channel/{*}Identifier")]
+        }
     added = tree.find("{*}Channel/{*}AddedParameters")
     added.getparent().remove(added)
-    with (tmp_path / "b.cphd").open("wb") as file, skcphd.Writer(file, skcphd.Metadata(xmltree=tree)) as writer:
+    with (
+        (tmp_path / "b.cphd").open("wb") as file,
+        skcphd.Writer(file, skcphd.Metadata(xmltree=tree)) as writer,
+    ):
         for name, (signal, pvp) in parts.items():
             writer.write_signal(name, signal)
             writer.write_pvp(name, pvp)
@@ -96,11 +102,15 @@ def test_the_signal_is_referenced_to_the_scene_as_the_standard_has_it(anchor, tm
     pose[:, 1] = [0.0, 1.0, 2.0]
     pose[:, 2] = 1.5
     path = [
-        np.linalg.norm(vehicle_to_lane(tx, p) - target) + np.linalg.norm(vehicle_to_lane(rx, p) - target) for p in pose
+        np.linalg.norm(vehicle_to_lane(tx, p) - target)
+        + np.linalg.norm(vehicle_to_lane(rx, p) - target)
+        for p in pose
     ]
     signal = np.exp(-2j * np.pi * np.outer(path, tones) / 299_792_458.0)[:, None, None]
     run = make_run(signal, tones, ["HH"], tx, rx, pose)
-    file = write_cphd(run, tmp_path / "a.cphd", anchor, Grid.spanning((-4.0, 6.0), (7.0, 17.0), 0.1))
+    file = write_cphd(
+        run, tmp_path / "a.cphd", anchor, Grid.spanning((-4.0, 6.0), (7.0, 17.0), 0.1)
+    )
     with file.open("rb") as handle, skcphd.Reader(handle) as reader:
         held, pvp = reader.read_channel("0_HH")
     np.testing.assert_allclose(held, 1.0, atol=1e-5)

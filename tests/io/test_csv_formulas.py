@@ -50,7 +50,13 @@ def is_formula(cell):
 
 def table(texts):
     return pd.DataFrame(
-        {"alarm_id": texts, "x": -np.arange(len(texts)), "y": 0.5, "confidence": -np.inf, "kind": texts}
+        {
+            "alarm_id": texts,
+            "x": -np.arange(len(texts)),
+            "y": 0.5,
+            "confidence": -np.inf,
+            "kind": texts,
+        }
     )
 
 
@@ -67,7 +73,19 @@ def test_numbers_and_plain_text_are_as_they_are(text):
 
 
 def test_all_of_it_reads_back(tmp_path):
-    texts = [*RUN_BY_SPREADSHEETS, *NUMBERS, *QUOTED_BEFORE, "a", "'a", "mine-3", "a=1", "-nan", "a\rb", 'b"=', "c,=d"]
+    texts = [
+        *RUN_BY_SPREADSHEETS,
+        *NUMBERS,
+        *QUOTED_BEFORE,
+        "a",
+        "'a",
+        "mine-3",
+        "a=1",
+        "-nan",
+        "a\rb",
+        'b"=',
+        "c,=d",
+    ]
     alarms = table(texts).assign(confidence=1.0).rename(columns={"kind": "=kind"})
     write_table(alarms, tmp_path / "alarms.csv")
     back = read_table(tmp_path / "alarms.csv", "alarms")
@@ -77,7 +95,13 @@ def test_all_of_it_reads_back(tmp_path):
 
 
 @FUZZ
-@given(texts=st.lists(st.text(st.sampled_from("=+-@\t\r\n'\"a5., ＝"), min_size=1, max_size=6), min_size=1, max_size=5))
+@given(
+    texts=st.lists(
+        st.text(st.sampled_from("=+-@\t\r\n'\"a5., ＝"), min_size=1, max_size=6),
+        min_size=1,
+        max_size=5,
+    )
+)
 def test_any_text_reads_back_and_is_no_formula(texts):
     text = table_text(pd.DataFrame({"target_id": texts, "x": 1.0}))
     assert not [cell for cell in cells_of(text) if is_formula(cell)]

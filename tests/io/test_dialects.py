@@ -55,10 +55,18 @@ def test_columns_are_known_in_six_languages(head, tmp_path):
     [
         ("x\ty\tconfidence\n0,25\t3,5\t7\n-0,5\t10,25\t9\n", "utf-8", "columns are parted by tabs"),
         ("x\ty\tconfidence\n0.25\t3.5\t7\n-0.5\t10.25\t9\n", "utf-8", "columns are parted by tabs"),
-        ("# made by us\n# twice\nx,y,confidence\n0.25,3.5,7\n#-1,2,3\n-0.5,10.25,9\n", "utf-8", "3 lines that begin"),
+        (
+            "# made by us\n# twice\nx,y,confidence\n0.25,3.5,7\n#-1,2,3\n-0.5,10.25,9\n",
+            "utf-8",
+            "3 lines that begin",
+        ),
         ("# x,y,confidence\n0.25,3.5,7\n-0.5,10.25,9\n", "utf-8", "the header stands behind a #"),
         ("sep=;\nx;y;confidence\n0,25;3,5;7\n-0,5;10,25;9\n", "utf-8", None),
-        ("x;längs;confidence\n0,25;3,5;7\n-0,5;10,25;9\n", "latin-1", "the table is text in Latin-1, which is assumed"),
+        (
+            "x;längs;confidence\n0,25;3,5;7\n-0,5;10,25;9\n",
+            "latin-1",
+            "the table is text in Latin-1, which is assumed",
+        ),
         ("x,längs,confidence\n0.25,3.5,7\n-0.5,10.25,9\n", "utf-16", "the table is text in UTF-16"),
         ("x [cm],y [mm],confidence\n25,3500,7\n-50,10250,9\n", "utf-8", "x taken from cm to m"),
     ],
@@ -107,11 +115,19 @@ def test_longitude_and_latitude_come_to_the_lane_by_the_anchor(tmp_path, anchor)
     rows = "".join(f"{lon:.10f},{lat:.10f},7\n" for lon, lat, _ in earth)
     table = read(tmp_path, f"Longitude,Latitude,score\n{rows}", anchor=anchor)
     np.testing.assert_allclose(table[["x", "y"]].to_numpy(), PLACES, atol=1e-4)
-    assert "2 places taken from longitude and latitude to the lane by the anchor" in table.attrs["notes"]
+    assert (
+        "2 places taken from longitude and latitude to the lane by the anchor"
+        in table.attrs["notes"]
+    )
     with pytest.raises(ValueError, match="longitude and latitude need an anchor"):
         read(tmp_path, f"Longitude,Latitude,score\n{rows}")
     with pytest.raises(ValueError, match="are they swapped"):
-        read(tmp_path, "lat,lon,score\n190,52,7\n", anchor=anchor, columns={"longitude": "lon", "latitude": "lat"})
+        read(
+            tmp_path,
+            "lat,lon,score\n190,52,7\n",
+            anchor=anchor,
+            columns={"longitude": "lon", "latitude": "lat"},
+        )
 
 
 def test_a_tables_own_places_come_before_those_on_the_earth(tmp_path):
@@ -122,7 +138,11 @@ def test_a_tables_own_places_come_before_those_on_the_earth(tmp_path):
 @pytest.mark.parametrize(
     ("text", "columns", "rule"),
     [
-        ("x,y,score,conf\n1,2,3,4\n", {}, "confidence could be the column 'score' or 'conf': say which"),
+        (
+            "x,y,score,conf\n1,2,3,4\n",
+            {},
+            "confidence could be the column 'score' or 'conf': say which",
+        ),
         ("x,y,score\n1,2,3\n", {"z": "y"}, "columns must name one of .*, got 'z'"),
         ("a,y,score\n1,2,3\n", {"x": "b"}, "the file has no column 'b' for x; it has a, y, score"),
         ("x [yd],y,score\n1,2,3\n", {}, r"the unit of 'x \[yd\]' must be one of m, cm"),

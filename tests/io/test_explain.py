@@ -31,7 +31,13 @@ def test_a_full_wave_archive_needs_only_its_guesses_checked(fullwave_archive, tm
 
 def test_guessed_units_stop_an_import(tmp_path):
     tones = np.linspace(500, 3000, 7)
-    np.savez(tmp_path / "a.npz", field=np.ones((7, 2), complex), f=tones, tx=np.zeros((2, 3)), rx=np.zeros((2, 3)))
+    np.savez(
+        tmp_path / "a.npz",
+        field=np.ones((7, 2), complex),
+        f=tones,
+        tx=np.zeros((2, 3)),
+        rx=np.zeros((2, 3)),
+    )
     draft = propose_mapping(tmp_path / "a.npz")
     assert 'unit = "MHz?"' in draft
     assert 'dims = ["frequency", "pair"]' in draft
@@ -59,7 +65,12 @@ def test_impulse_data_and_separate_parts_are_seen(tmp_path):
     draft = propose_mapping(tmp_path / "p.npz")
     assert "[samples]" in draft
     assert 'unit = "ns"' in draft
-    np.savez(tmp_path / "q.npz", s_real=np.ones((5, 64)), s_imag=np.ones((5, 64)), freq_hz=1e9 + np.arange(64.0))
+    np.savez(
+        tmp_path / "q.npz",
+        s_real=np.ones((5, 64)),
+        s_imag=np.ones((5, 64)),
+        freq_hz=1e9 + np.arange(64.0),
+    )
     assert 'imaginary = "s_imag"' in propose_mapping(tmp_path / "q.npz")
 
 
@@ -97,7 +108,9 @@ def drafted(tmp_path, **arrays):
     arrays = {"data": np.ones((5, 7), complex), "freq_hz": TONES} | arrays
     np.savez(tmp_path / "a.npz", **arrays)
     draft = propose_mapping(tmp_path / "a.npz")
-    return import_mapped(put(draft.replace("?", ""), tmp_path / "m.toml"), tmp_path / "a.npz").run["pose"].values, draft
+    return import_mapped(put(draft.replace("?", ""), tmp_path / "m.toml"), tmp_path / "a.npz").run[
+        "pose"
+    ].values, draft
 
 
 WAY = np.column_stack([np.zeros(5), 2.0 * np.arange(5), np.full(5, 1.5)])
@@ -107,15 +120,27 @@ WAY = np.column_stack([np.zeros(5), 2.0 * np.arange(5), np.full(5, 1.5)])
     ("arrays", "lines"),
     [
         ({"pos": WAY}, ['position = {variable = "pos", unit = "m?"}', 'heading = "course?"']),
-        ({"pos_mm": 1e3 * WAY, "t": np.arange(5.0)}, ['{variable = "pos_mm", unit = "mm"}', '["scan", "frequency"]']),
+        (
+            {"pos_mm": 1e3 * WAY, "t": np.arange(5.0)},
+            ['{variable = "pos_mm", unit = "mm"}', '["scan", "frequency"]'],
+        ),
         (
             {"pos_ft": WAY / 0.3048, "yaw_deg": np.zeros(5)},
             ['heading = "yaw_deg?"', 'angle_unit = "deg"', 'unit = "ft"'],
         ),
-        ({"x_m": WAY[:, 0], "da_m": WAY[:, 1], "z_m": WAY[:, 2]}, ['x = "x_m"', 'y = "da_m?"', 'unit = "m"']),
-        ({"x_m": WAY[:, 0], "y_m": WAY[:, 1], "height_m": WAY[:, 2]}, ['y = "y_m"', 'z = "height_m?"', 'unit = "m"']),
+        (
+            {"x_m": WAY[:, 0], "da_m": WAY[:, 1], "z_m": WAY[:, 2]},
+            ['x = "x_m"', 'y = "da_m?"', 'unit = "m"'],
+        ),
+        (
+            {"x_m": WAY[:, 0], "y_m": WAY[:, 1], "height_m": WAY[:, 2]},
+            ['y = "y_m"', 'z = "height_m?"', 'unit = "m"'],
+        ),
         ({"x": WAY[:, 0], "y": WAY[:, 1], "z": WAY[:, 2]}, ['x = "x"', 'y = "y"', 'unit = "m?"']),
-        ({"gps": np.column_stack([WAY, np.zeros((5, 3))])}, ['position = {variable = "gps"', 'angle_unit = "rad?"']),
+        (
+            {"gps": np.column_stack([WAY, np.zeros((5, 3))])},
+            ['position = {variable = "gps"', 'angle_unit = "rad?"'],
+        ),
     ],
 )
 def test_a_plain_file_needs_only_its_guesses_checked(arrays, lines, tmp_path):
@@ -126,12 +151,24 @@ def test_a_plain_file_needs_only_its_guesses_checked(arrays, lines, tmp_path):
 
 
 def test_units_that_differ_are_not_made_one(tmp_path):
-    np.savez(tmp_path / "a.npz", data=np.ones((5, 7), complex), freq_hz=TONES, x_m=WAY[:, 0], y_cm=WAY[:, 1])
+    np.savez(
+        tmp_path / "a.npz",
+        data=np.ones((5, 7), complex),
+        freq_hz=TONES,
+        x_m=WAY[:, 0],
+        y_cm=WAY[:, 1],
+    )
     assert 'z = "0?"\nunit = "?"' in propose_mapping(tmp_path / "a.npz")
 
 
 def test_antennas_are_not_taken_for_the_vehicle(tmp_path):
-    np.savez(tmp_path / "a.npz", data=np.ones((5, 2, 7), complex), freq_hz=TONES, pos=WAY, antenna_pos=np.zeros((2, 3)))
+    np.savez(
+        tmp_path / "a.npz",
+        data=np.ones((5, 2, 7), complex),
+        freq_hz=TONES,
+        pos=WAY,
+        antenna_pos=np.zeros((2, 3)),
+    )
     draft = propose_mapping(tmp_path / "a.npz")
     assert '[antenna_position]\nvariable = "antenna_pos"' in draft
     assert 'position = {variable = "pos"' in draft

@@ -27,7 +27,11 @@ from io_open import way, write_ogpr, write_su
 from io_recordings import gps_lines, two_headers, with_extra_headers
 from take import take_text
 
-ARRAYS = {"field": np.arange(24).reshape(2, 3, 4) * (1 + 2j), "f": np.linspace(1, 2, 4), "tx": np.ones((3, 3))}
+ARRAYS = {
+    "field": np.arange(24).reshape(2, 3, 4) * (1 + 2j),
+    "f": np.linspace(1, 2, 4),
+    "tx": np.ones((3, 3)),
+}
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +48,12 @@ def good(tmp_path_factory):
             file[f"g/{name}"].attrs["units"] = "m"
     (folder / "a.csv").write_text("f;s\n1e9;1+2i\n2e9;-3-4.5i\n")
     (folder / "a.s2p").write_text("# MHz S RI R 50\n500 0.1 0 1 2 3 4 0 0\n600 0.1 0 1 2 3 4 0 0\n")
-    (folder / "down.s2p").write_text("# MHz S RI R 50\n600 0.1 0 1 2 3 4 0 0\n500 0.1 0 1 2 3 4 0 0\n300 1 1 1 1\n")
-    (folder / "vna.csv").write_text("!CSV\nBEGIN CH1\nf,s(REAL),s(IMAG)\n1e9,1,2\n2e9,3,4\nEND\nBEGIN CH2\n1,2\nEND\n")
+    (folder / "down.s2p").write_text(
+        "# MHz S RI R 50\n600 0.1 0 1 2 3 4 0 0\n500 0.1 0 1 2 3 4 0 0\n300 1 1 1 1\n"
+    )
+    (folder / "vna.csv").write_text(
+        "!CSV\nBEGIN CH1\nf,s(REAL),s(IMAG)\n1e9,1,2\n2e9,3,4\nEND\nBEGIN CH2\n1,2\nEND\n"
+    )
     (folder / "wide.csv").write_bytes("fä;s\n1e9;1+2i\n2e9;-3-4,5i\n".encode("utf-16"))
     with h5py.File(folder / "merged.h5", "w") as file:
         file.attrs.update({"Title": "a", "gprMax": "3.1", "Iterations": 6, "dt": 2e-11, "nrx": 1})
@@ -130,7 +138,9 @@ def test_damaged_cphd(small_run, data, tmp_path):
         assert said is None or str(path) in said
 
 
-COR = "".join(f"{k + 1}\t2024-04-04\t12:00:00\t{47.9 + k * 1e-6}\tN\t11.3\tE\t0.0\tM\t1\n" for k in range(6)).encode()
+COR = "".join(
+    f"{k + 1}\t2024-04-04\t12:00:00\t{47.9 + k * 1e-6}\tN\t11.3\tE\t0.0\tM\t1\n" for k in range(6)
+).encode()
 FIX = "Trace #{0} at position 1\n$GSSIS,{0},0\n$GPGGA,120000.00,4754.0{0},N,1118.0,E,4,9,0.9,0.0,M,0.0,M,,*00\n"
 GPS = "".join(FIX.format(k) for k in range(1, 6)).encode()
 GP2 = gps_lines([0, 2, 5], [47.9, 47.90001, 47.90002], [11.3] * 3, "gp2").encode()
@@ -154,7 +164,12 @@ RECORDINGS = {
         None,
         b"",
     ),
-    "dzt": (lambda path, one: write_dzt(path, np.stack([one, one], 1), names=("50400", "")), None, ".dzg", GPS),
+    "dzt": (
+        lambda path, one: write_dzt(path, np.stack([one, one], 1), names=("50400", "")),
+        None,
+        ".dzg",
+        GPS,
+    ),
     "rd3": (write_mala, ".RAD", ".cor", COR),
     "rd7": (write_mala, ".RAD", ".cor", COR),
     "iprb": (write_impulse, ".iprh", ".cor", COR),
@@ -162,7 +177,12 @@ RECORDINGS = {
     "sgy": (write_segy, None, None, b""),
     "segy": (lambda path, counts: write_segy(path, counts, code=1, unit=2), None, None, b""),
     "su": (write_su, None, None, b""),
-    "ogpr": (lambda path, counts: write_ogpr(path, counts[:, None], places=way(len(counts))), None, None, b""),
+    "ogpr": (
+        lambda path, counts: write_ogpr(path, counts[:, None], places=way(len(counts))),
+        None,
+        None,
+        b"",
+    ),
 }
 
 
@@ -187,13 +207,21 @@ def test_damaged_recordings(kind, data, tmp_path):
         raw = (good / name).read_bytes()
         (folder / name).write_bytes(damaged(raw, data.draw) if name == worst else raw)
     anchor = fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02, [0.0] * 4)
-    for call in (explain_file, lambda one: gpr_run(read_gpr(one)), lambda one: gpr_run(read_gpr(one), anchor=anchor)):
+    for call in (
+        explain_file,
+        lambda one: gpr_run(read_gpr(one)),
+        lambda one: gpr_run(read_gpr(one), anchor=anchor),
+    ):
         said = refusal(call, path)
         assert said is None or "\n" not in said
 
 
 TRACK = b"time_s,x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n0,1,2,3,0,0,0\n1,2,3,4,0,0,0\n"
-TAKE = take_text([0.0, 0.5], np.ones((2, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))).replace("Pole", "").encode()
+TAKE = (
+    take_text([0.0, 0.5], np.ones((2, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)))
+    .replace("Pole", "")
+    .encode()
+)
 NMEA = (
     b"$GPGGA,123519.25,4807.0380000,N,01131.0000000,E,4,08,0.9,545.4,M,46.9,M,,*5E\r\n"
     b"$GPHDT,274.07,T*03\r\n$GPGGA,123520.25,4807.0390000,N,01131.0000000,E,4,08,0.9,545.4,M,46.9,M,,*55\r\n"

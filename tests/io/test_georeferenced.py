@@ -19,7 +19,12 @@ from flgpr.io.georeferenced import (
 from io_geodesy import LANE, distance, on_the_ellipsoid
 
 ALARMS = pd.DataFrame(
-    {"alarm_id": ["a", "b", "c"], "x": [0.5, -1.0, 1.5], "y": [3.0, 31.0, 58.0], "confidence": [4.2, 1.5, np.nan]}
+    {
+        "alarm_id": ["a", "b", "c"],
+        "x": [0.5, -1.0, 1.5],
+        "y": [3.0, 31.0, 58.0],
+        "confidence": [4.2, 1.5, np.nan],
+    }
 )
 TRUE = on_the_ellipsoid(np.stack([ALARMS["x"], ALARMS["y"], 0 * ALARMS["x"]], axis=1))
 
@@ -136,7 +141,9 @@ def test_geotiff_pixels_lie_where_the_lane_has_them(anchor, tmp_path):
         assert file.tags()["flgpr_processing_id"] == "run-1"
         row, column = np.argwhere(band == 5.0)[0]
         east, north = file.xy(row, column)
-    lonlat = np.stack(Transformer.from_crs(32632, 4326, always_xy=True).transform([east], [north]), axis=-1)
+    lonlat = np.stack(
+        Transformer.from_crs(32632, 4326, always_xy=True).transform([east], [north]), axis=-1
+    )
     assert distance(lonlat, on_the_ellipsoid(np.array([[x[7], y[310], 0]])))[0] < 0.01
     with pytest.raises(ValueError, match="uniform"):
         write_geotiff(view.isel(x=[0, 1, 5]), tmp_path / "w.tif", anchor, "p")

@@ -21,7 +21,9 @@ def test_every_channel_is_a_pair_as_it_would_be_alone(line):
     assert run["frequency"].values[[0, -1]] == pytest.approx(band, abs=1 / (SAMPLES * INTERVAL))
     for channel in range(2):
         alone = gpr_run(line, channel, band=band, separation=0.2)
-        np.testing.assert_array_equal(run["signal"].values[:, :, channel], alone["signal"].values[:, :, 0])
+        np.testing.assert_array_equal(
+            run["signal"].values[:, :, channel], alone["signal"].values[:, :, 0]
+        )
     np.testing.assert_allclose(run["tx_position"].values, [[-0.4, -0.1, 0], [0.4, -0.1, 0]])
     np.testing.assert_allclose(run["rx_position"].values, [[-0.4, 0.1, 0], [0.4, 0.1, 0]])
     np.testing.assert_array_equal(run["pose"].values, alone["pose"].values)
@@ -33,11 +35,15 @@ def test_notes_tell_the_channels_and_the_places_that_are_assumed(line):
     assert "2 channels put at one place: the file does not tell where their antennas are" in notes
     assert len(notes) == len(set(notes))
     placed = channels_run(line, [0.0, 0.3]).attrs["import_notes"]
-    assert not any("put at one place: the file does not tell where their" in note for note in placed)
+    assert not any(
+        "put at one place: the file does not tell where their" in note for note in placed
+    )
 
 
 def test_places_must_be_one_per_channel(line):
-    with pytest.raises(ValueError, match=r"channel_x must give a finite x, m, for each of 2 channels, got \[0.0\]"):
+    with pytest.raises(
+        ValueError, match=r"channel_x must give a finite x, m, for each of 2 channels, got \[0.0\]"
+    ):
         channels_run(line, [0.0])
 
 

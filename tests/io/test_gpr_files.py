@@ -77,7 +77,9 @@ def test_the_runs_phases_are_those_of_the_echoes(name, tmp_path):
     path = written(name, tmp_path)
     zero = None if name[-3:] in ("DT1", "dzt", "prb") else ZERO * INTERVAL
     run = gpr_run(read_gpr(path), band=(150e6, 1e9), separation=SEPARATION, time_zero=zero)
-    np.testing.assert_allclose(run["rx_position"].values[0] - run["tx_position"].values[0], [0, SEPARATION, 0])
+    np.testing.assert_allclose(
+        run["rx_position"].values[0] - run["tx_position"].values[0], [0, SEPARATION, 0]
+    )
     np.testing.assert_allclose(run["pose"].values[:, 1], ALONG, atol=1e-5)
     tones = run["frequency"].values
     field = run["signal"].values[:, 0, 0]
@@ -96,7 +98,11 @@ def test_traces_come_back_from_the_run(tmp_path):
     start = run.attrs["first_sample_s"]
     time = start + np.arange(count) * run.attrs["time_window_s"] / count
     tones = run["frequency"].values
-    back = 2 / count * (run["signal"].values[:, 0, 0] @ np.exp(2j * np.pi * np.outer(tones, time))).real
+    back = (
+        2
+        / count
+        * (run["signal"].values[:, 0, 0] @ np.exp(2j * np.pi * np.outer(tones, time))).real
+    )
     np.testing.assert_allclose(back, COUNTS, atol=0.01 * COUNTS.max())
     assert run.attrs["sounding"] == "ground-coupled"
 
@@ -119,7 +125,9 @@ def test_eight_bits_and_offsets_of_the_data(tmp_path):
     small = section(scale=40)
     read = read_gpr(write_dzt(tmp_path / "a.dzt", small[:, None], bits=8))
     np.testing.assert_array_equal(read.traces[:, 0, 2:], small[:, 2:])
-    moved = write_dzt(tmp_path / "b.dzt", small[:, None], data=2048)  # no multiple of 1024: channels tell
+    moved = write_dzt(
+        tmp_path / "b.dzt", small[:, None], data=2048
+    )  # no multiple of 1024: channels tell
     np.testing.assert_array_equal(read_gpr(moved).traces[:, 0, 2:], small[:, 2:])
 
 
@@ -142,7 +150,10 @@ def test_what_records_of_ids_say_counts(tmp_path):
     assert np.isnan(read.traces[3]).all()
     assert np.isfinite(np.delete(read.traces, 3, axis=0)).all()
     assert read.marks == (7,)
-    assert any("unsigned" in one for one in read_gpr(write_ids(tmp_path / "u.dt", COUNTS, unsigned=32768)).history)
+    assert any(
+        "unsigned" in one
+        for one in read_gpr(write_ids(tmp_path / "u.dt", COUNTS, unsigned=32768)).history
+    )
     assert read_gpr(write_ids(tmp_path / "w.dt", COUNTS, apart=0)).separation is None
     for entries, said in (
         ({"window": 1e3}, "a time in seconds"),
@@ -160,9 +171,18 @@ def test_what_records_of_ids_say_counts(tmp_path):
 
 def test_what_is_given_stands_in_place_of_the_headers(tmp_path):
     read = read_gpr(written("a.rd3", tmp_path))
-    options = {"step": 0.1, "time_zero": 3e-9, "window": 100e-9, "separation": 0.5, "across": True, "height": 0.4}
+    options = {
+        "step": 0.1,
+        "time_zero": 3e-9,
+        "window": 100e-9,
+        "separation": 0.5,
+        "across": True,
+        "height": 0.4,
+    }
     run = gpr_run(read, **options, polarization="VV")
-    np.testing.assert_allclose(run["pose"].values[:, 1:3], np.stack([2 * ALONG, np.full(40, 0.4)], axis=1))
+    np.testing.assert_allclose(
+        run["pose"].values[:, 1:3], np.stack([2 * ALONG, np.full(40, 0.4)], axis=1)
+    )
     np.testing.assert_allclose(run["rx_position"].values, [[0.25, 0, 0]])
     assert list(run["polarization"].values) == ["VV"]
     attrs = run.attrs
@@ -182,7 +202,9 @@ def test_what_is_given_stands_in_place_of_the_headers(tmp_path):
 def test_positions_and_an_anchor_put_the_traces_in_the_lane(kind, tmp_path):
     """Fixes of every fourth trace from the third on, on the ellipsoid by geodesics, along a line askew in the lane."""
     traces = np.arange(2, 40, 4)
-    lane = np.stack([0.5 + 0.6 * STEP * np.arange(40), 3.0 + 0.8 * STEP * np.arange(40), np.zeros(40)], axis=1)
+    lane = np.stack(
+        [0.5 + 0.6 * STEP * np.arange(40), 3.0 + 0.8 * STEP * np.arange(40), np.zeros(40)], axis=1
+    )
     lon, lat = on_the_ellipsoid(lane).T
     names = {"dt1": "a.DT1", "dzt": "a.dzt", "rd3": "a.rd3", "iprb": "a.iprb"}
     if kind == "sgy":
@@ -193,12 +215,21 @@ def test_positions_and_an_anchor_put_the_traces_in_the_lane(kind, tmp_path):
         path = written(names[kind], tmp_path)
     if kind == "dt1":
         lines = [f"Trace #{k + 1} at position {k * STEP}\n{gga(lat[k], lon[k], 0)}" for k in traces]
-        path.with_suffix(".GPS").write_text("\n".join([*lines, "Trace #9 at", "$GPGGA,,,,,,0,,,,,,,,*66"]))
+        path.with_suffix(".GPS").write_text(
+            "\n".join([*lines, "Trace #9 at", "$GPGGA,,,,,,0,,,,,,,,*66"])
+        )
     elif kind == "dzt":
-        path.with_suffix(".DZG").write_text("\n".join(f"$GSSIS,{k},{k}\n{gga(lat[k], lon[k], 0)}\n" for k in traces))
+        path.with_suffix(".DZG").write_text(
+            "\n".join(f"$GSSIS,{k},{k}\n{gga(lat[k], lon[k], 0)}\n" for k in traces)
+        )
     elif kind != "sgy":
-        rows = [f"{k + 1}\t2024-04-04\t12:00:00\t{lat[k]:.9f}\tN\t{lon[k]:.9f}\tE\t0.0\tM\t1" for k in traces]
-        path.with_suffix(".cor").write_text("\n".join([*rows, "99999\t-\t-\t1\tN\t1\tE\t0\tM\t1", "rubbish"]))
+        rows = [
+            f"{k + 1}\t2024-04-04\t12:00:00\t{lat[k]:.9f}\tN\t{lon[k]:.9f}\tE\t0.0\tM\t1"
+            for k in traces
+        ]
+        path.with_suffix(".cor").write_text(
+            "\n".join([*rows, "99999\t-\t-\t1\tN\t1\tE\t0\tM\t1", "rubbish"])
+        )
     read = read_gpr(path)
     np.testing.assert_array_equal(read.fixes[:, 0], traces)
     anchor = fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02, [0.0] * 4)
@@ -215,7 +246,9 @@ def test_a_line_without_places_needs_a_step(tmp_path):
     read = read_gpr(write_dzt(tmp_path / "a.dzt", COUNTS[:, None], per_metre=0.0))
     assert read.distance is None
     np.testing.assert_allclose(read.time, np.arange(40) / 50)
-    with pytest.raises(ValueError, match=r"a\.dzt: its headers tell no trace spacing: give the step"):
+    with pytest.raises(
+        ValueError, match=r"a\.dzt: its headers tell no trace spacing: give the step"
+    ):
         gpr_run(read)
     assert gpr_run(read, step=0.1)["pose"].values[-1, 1] == pytest.approx(3.9)
     with pytest.raises(ValueError, match="an anchor needs positions of two traces or more, got 0"):
@@ -245,7 +278,10 @@ def test_a_last_trace_that_is_cut_off_is_left_out(name, tmp_path):
 def test_truncation_is_told(tmp_path):
     path = written("a.rd3", tmp_path)
     path.write_bytes(path.read_bytes()[: 20 * 2 * SAMPLES])
-    assert any("truncated: the header tells 40 traces, the file holds 20" in note for note in read_gpr(path).history)
+    assert any(
+        "truncated: the header tells 40 traces, the file holds 20" in note
+        for note in read_gpr(path).history
+    )
 
 
 @pytest.mark.parametrize(
@@ -350,7 +386,18 @@ def test_info_without_the_header_names_it(tmp_path):
 def test_units_of_the_command_line(tmp_path):
     path = written("a.rd3", tmp_path)
     store = tmp_path / "a.zarr"
-    words = ["import", "gpr", str(path), "-o", str(store), "--time-zero", "4", "--step", "0.1", "--quiet"]
+    words = [
+        "import",
+        "gpr",
+        str(path),
+        "-o",
+        str(store),
+        "--time-zero",
+        "4",
+        "--step",
+        "0.1",
+        "--quiet",
+    ]
     done = CliRunner().invoke(app, [*words, "--band", "2e8", "8e8"])
     assert (done.exit_code, done.output) == (0, "")
     run = open_run(store)
@@ -380,11 +427,16 @@ def test_a_fix_that_no_vehicle_reaches_moves_no_trace(tmp_path):
     lane = np.stack([np.zeros(40), STEP * np.arange(40), np.zeros(40)], axis=1)
     lon, lat = on_the_ellipsoid(lane).T
     path = write_dzt(tmp_path / "a.dzt", COUNTS[:, None])
-    lines = [f"$GSSIS,{k},{k}\n{gga(10.5, 0, 0) if k == 18 else gga(lat[k], lon[k], 0)}\n" for k in traces]
+    lines = [
+        f"$GSSIS,{k},{k}\n{gga(10.5, 0, 0) if k == 18 else gga(lat[k], lon[k], 0)}\n"
+        for k in traces
+    ]
     path.with_suffix(".DZG").write_text("\n".join(lines))
     anchor = fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02, [0.0] * 4)
     run = gpr_run(read_gpr(path), anchor=anchor, height=0.1)
     np.testing.assert_allclose(run["pose"].values[:, :2], lane[2:39, :2], atol=1e-3)
     (note,) = [line for line in run.attrs["import_notes"] if "satellite receiver left out" in line]
-    assert note.startswith("1 of 10 positions of the satellite receiver left out, which no vehicle reaches")
+    assert note.startswith(
+        "1 of 10 positions of the satellite receiver left out, which no vehicle reaches"
+    )
     assert "scan 18 after scan 14" in note

@@ -44,7 +44,9 @@ def test_results_become_a_run_with_the_echo_of_the_point(folder, tmp_path):
     assert run["signal"].shape == (1, 3, 2, 15)
     tx, rx = (run[f"{end}_position"].values + run["pose"].values[0, :3] for end in ("tx", "rx"))
     tilted = np.array([0.0, np.sin(0.3), np.cos(0.3)])
-    for row, (send, receive) in enumerate(((np.eye(3)[0], np.eye(3)[0]), (tilted, tilted), (np.eye(3)[0], tilted))):
+    for row, (send, receive) in enumerate(
+        ((np.eye(3)[0], np.eye(3)[0]), (tilted, tilted), (np.eye(3)[0], tilted))
+    ):
         for pair in range(2):
             there = [dipole_field(send, place - tx[pair], c, TONES) for c in range(3)]
             back = [sum(receive[k] * dipole_field(np.eye(3)[c], rx[pair] - place, k, TONES) for k in range(3))

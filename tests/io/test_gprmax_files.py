@@ -36,7 +36,9 @@ def driven():
 def write_scan(path, place, samples=False):
     f, current, moment = driven()
     with h5py.File(path, "w") as file:
-        file.attrs.update({"gprMax": "3.1.7", "Title": "two receivers", "Iterations": STEPS, "dt": STEP})
+        file.attrs.update(
+            {"gprMax": "3.1.7", "Title": "two receivers", "Iterations": STEPS, "dt": STEP}
+        )
         file.attrs["dx_dy_dz"] = (CELL, CELL, CELL)
         source = file.create_group("srcs/src1")
         source.attrs.update({"Type": "HertzianDipole", "Position": place})
@@ -67,7 +69,9 @@ def files(tmp_path):
 
 
 def flgpr(paths, output, *words):
-    return CliRunner().invoke(app, ["import", "gprmax", *map(str, paths), "-o", str(output), *map(str, words)])
+    return CliRunner().invoke(
+        app, ["import", "gprmax", *map(str, paths), "-o", str(output), *map(str, words)]
+    )
 
 
 TOLD = ("--band", 5e8, 1.5e9, "--transmit", "H", "--ground", 0.5)
@@ -96,7 +100,9 @@ def test_the_samples_of_gprmax_4_need_no_waveform(files, tmp_path):
     for k, path in enumerate(files):
         write_scan(path, np.array([1.0, 1.0 + 0.1 * k, 1.5]), samples=True)
     assert flgpr(files, tmp_path / "four.zarr", *TOLD).exit_code == 0
-    three, four = (open_run(tmp_path / name)["signal"].values for name in ("three.zarr", "four.zarr"))
+    three, four = (
+        open_run(tmp_path / name)["signal"].values for name in ("three.zarr", "four.zarr")
+    )
     np.testing.assert_allclose(three, four, rtol=1e-4)
 
 
@@ -105,7 +111,9 @@ def test_waveforms_are_those_of_gprmax():
     for kind, top in (("gaussian", 1.0), ("gaussiandotnorm", 1.0), ("ricker", 1.0)):
         assert np.abs(pulse(kind, 1e9, time)).max() == pytest.approx(top, abs=1e-4)
     slope = np.gradient(pulse("gaussian", 1e9, time), time)
-    np.testing.assert_allclose(pulse("gaussiandot", 1e9, time), slope, atol=2e-3 * np.abs(slope).max())
+    np.testing.assert_allclose(
+        pulse("gaussiandot", 1e9, time), slope, atol=2e-3 * np.abs(slope).max()
+    )
 
 
 def test_faults_are_told(files, tmp_path):
@@ -130,7 +138,10 @@ def test_faults_are_told(files, tmp_path):
             change(file)
         refused(match, files, *TOLD, *PULSE)
 
-    changed(lambda f: f["rxs/rx1"].attrs.update({"Position": (0.0, 0.0, 0.0)}), "receivers must stand about the source")
+    changed(
+        lambda f: f["rxs/rx1"].attrs.update({"Position": (0.0, 0.0, 0.0)}),
+        "receivers must stand about the source",
+    )
     changed(lambda f: f.attrs.update({"dt": 1e-11}), "steps of")
     changed(lambda f: f.pop("srcs"), "must hold one source, got 0")
     changed(lambda f: f.pop("rxs"), "holds no array")

@@ -48,14 +48,23 @@ unit = "ms"
 @pytest.fixture
 def field():
     rng = np.random.default_rng(2)
-    return (rng.normal(size=(4, 3, 2, 2, 5)) + 1j * rng.normal(size=(4, 3, 2, 2, 5))).astype(np.complex64)
+    return (rng.normal(size=(4, 3, 2, 2, 5)) + 1j * rng.normal(size=(4, 3, 2, 2, 5))).astype(
+        np.complex64
+    )
 
 
 @pytest.fixture
 def arrays(field):
     way = np.arange(5.0)
     stamp = 1000.0 * np.arange(5)
-    return {"field": field, "f": FREQUENCY / 1e9, "tx": 100 * TX, "rx": 100 * RX, "way": way, "t": stamp}
+    return {
+        "field": field,
+        "f": FREQUENCY / 1e9,
+        "tx": 100 * TX,
+        "rx": 100 * RX,
+        "way": way,
+        "t": stamp,
+    }
 
 
 def write(arrays, path):
@@ -66,7 +75,9 @@ def write(arrays, path):
             for name, value in arrays.items():
                 value = np.asarray(value).T
                 if np.iscomplexobj(value):
-                    record = np.zeros(value.shape, [("real", value.real.dtype), ("imag", value.real.dtype)])
+                    record = np.zeros(
+                        value.shape, [("real", value.real.dtype), ("imag", value.real.dtype)]
+                    )
                     record["real"] = value.real
                     record["imag"] = value.imag
                     value = record
@@ -102,7 +113,8 @@ def test_one_mapping_reads_every_container(arrays, field, name, tmp_path):
 
 def test_byte_order_of_the_file_does_not_matter(arrays, tmp_path):
     swapped = {
-        name: np.asarray(value).astype(np.asarray(value).dtype.newbyteorder(">")) for name, value in arrays.items()
+        name: np.asarray(value).astype(np.asarray(value).dtype.newbyteorder(">"))
+        for name, value in arrays.items()
     }
     one = import_mapped(put(MAPPING, tmp_path / "m.toml"), write(arrays, tmp_path / "a.npz")).run
     two = import_mapped(tmp_path / "m.toml", write(swapped, tmp_path / "b.npz")).run
@@ -121,7 +133,9 @@ def test_files_continue_one_another(arrays, field, tmp_path):
     for part, scans in (("a", slice(0, 2)), ("b", slice(2, 5))):
         cut = {"field": field[..., scans], "way": arrays["way"][scans], "t": arrays["t"][scans]}
         write(arrays | cut, tmp_path / f"{part}.npz")
-    whole = import_mapped(put(MAPPING, tmp_path / "m.toml"), write(arrays, tmp_path / "whole.npz")).run
+    whole = import_mapped(
+        put(MAPPING, tmp_path / "m.toml"), write(arrays, tmp_path / "whole.npz")
+    ).run
     parts = import_mapped(tmp_path / "m.toml", [tmp_path / "a.npz", tmp_path / "b.npz"]).run
     assert whole.identical(parts)
 
@@ -175,7 +189,9 @@ def test_sweeps_with_nan_are_kept_and_flagged(arrays, field, tmp_path):
 def test_mappings_that_lack_something_are_refused(arrays, old, new, words, tmp_path):
     assert old in MAPPING
     with pytest.raises(ValueError) as error:
-        import_mapped(put(MAPPING.replace(old, new), tmp_path / "m.toml"), write(arrays, tmp_path / "a.npz"))
+        import_mapped(
+            put(MAPPING.replace(old, new), tmp_path / "m.toml"), write(arrays, tmp_path / "a.npz")
+        )
     for word in words:
         assert word in str(error.value)
 
@@ -188,7 +204,9 @@ def test_a_mapping_without_poses_says_what_to_give(arrays, tmp_path):
         import_mapped(tmp_path / "m.toml", file)
     pose = np.zeros((5, 6))
     pose[:, 1] = np.arange(5) + 0.5
-    np.testing.assert_array_equal(import_mapped(tmp_path / "m.toml", file, pose=pose).run["pose"].values, pose)
+    np.testing.assert_array_equal(
+        import_mapped(tmp_path / "m.toml", file, pose=pose).run["pose"].values, pose
+    )
     track = make_track([100.0, 110.0], [[0, 0, 1], [0, 20, 1]])
     run = import_mapped(tmp_path / "m.toml", file, track=track, clock_offset=102.0).run
     np.testing.assert_allclose(run["pose"].values[:, 1], 4 + 2 * np.arange(5))
@@ -199,7 +217,9 @@ def test_a_mapping_without_poses_says_what_to_give(arrays, tmp_path):
 def test_positions_in_the_lane_frame_give_the_poses(arrays, field, tmp_path):
     moves = np.array([[0.1 * k, 2.0 * k, 1.5] for k in range(5)])
     arrays |= {"tx": TX + moves[:, None], "rx": RX + moves[:, None]}
-    text = re.sub(r"\[pose\].*?\n\[time\]", "[time]", MAPPING, flags=re.S).replace('"cm"', '"m"\nframe = "lane"')
+    text = re.sub(r"\[pose\].*?\n\[time\]", "[time]", MAPPING, flags=re.S).replace(
+        '"cm"', '"m"\nframe = "lane"'
+    )
     run = import_mapped(put(text, tmp_path / "m.toml"), write(arrays, tmp_path / "a.npz")).run
     world = run["pose"].values[:, None, :3] + run["rx_position"].values
     np.testing.assert_allclose(world[:, :3], RX + moves[:, None], atol=1e-12)
@@ -249,16 +269,26 @@ def test_an_impulse_at_a_delay_has_the_phase_of_its_path(tmp_path):
     assert 0.8e9 <= tones[0] <= tones[-1] <= 2.4e9
     expected = np.exp(-2j * np.pi * tones * delays[:, None])
     got = run["signal"].values[:, 0, 0]
-    # The Ricker pulse is even, so its spectrum is real and positive: only the delay turns the phase.
+    # The Ricker pulse is even, so its spectrum is real and positive: only the delay turns the
+    # phase.
     np.testing.assert_allclose(got / np.abs(got), expected, atol=2e-3)
 
 
 def test_conjugated_recorders_and_path_offsets(tmp_path):
     path = 12.3
     offset = 8.0
-    np.savez(tmp_path / "p.npz", s=np.exp(2j * np.pi * FREQUENCY * (path - offset) / 299_792_458.0)[None], f=FREQUENCY)
+    np.savez(
+        tmp_path / "p.npz",
+        s=np.exp(2j * np.pi * FREQUENCY * (path - offset) / 299_792_458.0)[None],
+        f=FREQUENCY,
+    )
     text = IMPULSE.replace('"trace"', '"s"\nconjugate = true').replace('"sample"', '"frequency"')
-    text = re.sub(r"\[samples\].*?\[antenna", '[frequency]\nvariable = "f"\nunit = "Hz"\n[antenna', text, flags=re.S)
+    text = re.sub(
+        r"\[samples\].*?\[antenna",
+        '[frequency]\nvariable = "f"\nunit = "Hz"\n[antenna',
+        text,
+        flags=re.S,
+    )
     text += '[path_offset]\nvalues = 4.0\nunit = "m"\nmeaning = "range"\n'
     run = import_mapped(put(text, tmp_path / "m.toml"), tmp_path / "p.npz").run
     expected = np.exp(-2j * np.pi * FREQUENCY * path / 299_792_458.0)
@@ -316,9 +346,14 @@ def test_files_beside_the_mapping_are_found_too(arrays, tmp_path):
 @pytest.mark.parametrize(("name", "library"), [("a.h5", "HDF5"), ("a.mat", "MATLAB")])
 @pytest.mark.parametrize(
     ("code", "words"),
-    [("while True: pass", "did not come to an end"), ("import os; os.abort()", "the {} library crashes")],
+    [
+        ("while True: pass", "did not come to an end"),
+        ("import os; os.abort()", "the {} library crashes"),
+    ],
 )
-def test_files_that_hang_or_crash_a_library_are_refused(arrays, name, library, code, words, tmp_path, monkeypatch):
+def test_files_that_hang_or_crash_a_library_are_refused(
+    arrays, name, library, code, words, tmp_path, monkeypatch
+):
     monkeypatch.setattr("flgpr.io.arrays._CHILD", put(code, tmp_path / "child.py"))
     monkeypatch.setattr("flgpr.io.arrays._PATIENCE", 0.5)
     with pytest.raises(ValueError, match=words.format(library)):

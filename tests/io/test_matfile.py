@@ -57,11 +57,27 @@ def test_structures_cells_and_text(tmp_path):
     pair = np.zeros((1, 2), [("x", object)])
     pair["x"][0] = 1.0, 2.0
     data = {"fp": np.ones((2, 2)), "af": {"r": np.arange(4.0)}}
-    savemat(tmp_path / "a.mat", {"data": data, "c": cell, "many": pair, "on": np.array([[True, False]])})
+    savemat(
+        tmp_path / "a.mat", {"data": data, "c": cell, "many": pair, "on": np.array([[True, False]])}
+    )
     got = read(tmp_path / "a.mat")
-    assert set(got) == {"data.fp", "data.af.r", "c[0]", "c[1]", "c[2].in", "c[3]", "many[0].x", "many[1].x", "on"}
+    assert set(got) == {
+        "data.fp",
+        "data.af.r",
+        "c[0]",
+        "c[1]",
+        "c[2].in",
+        "c[3]",
+        "many[0].x",
+        "many[1].x",
+        "on",
+    }
     np.testing.assert_array_equal(got["data.af.r"], [np.arange(4.0)])
-    assert (str(got["c[1]"]), list(got["c[3]"]), float(got["many[1].x"].squeeze())) == ("word", ["ab ", "cde"], 2.0)
+    assert (str(got["c[1]"]), list(got["c[3]"]), float(got["many[1].x"].squeeze())) == (
+        "word",
+        ["ab ", "cde"],
+        2.0,
+    )
     assert got["on"].dtype == np.uint8  # numbers, as in v7.3 files
     np.testing.assert_array_equal(got["on"], [[1, 0]])
 
@@ -71,7 +87,9 @@ def element(order, kind, data):
 
 
 def header(order="<"):
-    return b"hand made".ljust(124) + struct.pack(f"{order}H", 0x0100) + {">": b"MI", "<": b"IM"}[order]
+    return (
+        b"hand made".ljust(124) + struct.pack(f"{order}H", 0x0100) + {">": b"MI", "<": b"IM"}[order]
+    )
 
 
 def variable(order, name, number_class, *parts):
@@ -85,7 +103,9 @@ def variable(order, name, number_class, *parts):
 def test_whole_numbers_stored_in_bytes_have_the_class_they_had(order, tmp_path):
     classes = {"f8": 6, "f4": 7, "i2": 10}
     real = [variable(order, name, number, (1, 2)) for name, number in classes.items()]
-    complex_ = [variable(order, name, number, (1, 2), (3, 4)) for name, number in (("c16", 6), ("c8", 7))]
+    complex_ = [
+        variable(order, name, number, (1, 2), (3, 4)) for name, number in (("c16", 6), ("c8", 7))
+    ]
     (tmp_path / "a.mat").write_bytes(header(order) + b"".join(real + complex_))
     got = read(tmp_path / "a.mat")
     assert list(got) == ["f8", "f4", "i2", "c16", "c8"]
@@ -101,7 +121,9 @@ def test_damage_is_told(tmp_path):
     whole = path.read_bytes()
     for damaged in (whole[:100], whole[:132], whole[:-9], whole[:500] + b"????" + whole[504:]):
         path.write_bytes(damaged)
-        with pytest.raises(ValueError, match=r"a\.mat: cannot be read as a MATLAB file: it is damaged"):
+        with pytest.raises(
+            ValueError, match=r"a\.mat: cannot be read as a MATLAB file: it is damaged"
+        ):
             open_arrays(path)
     path.write_bytes(whole[:128])
     with pytest.raises(ValueError, match="holds no array"):
@@ -123,11 +145,18 @@ def test_what_would_fill_the_memory_is_refused_before_it_does(tmp_path):
     work = zlib.compressobj(1)
     start = variable("<", "x", 9, b"")[8:-8] + struct.pack("<II", 2, size)
     packed = [work.compress(struct.pack("<II", 14, len(start) + size) + start)]
-    packed += [work.flush(zlib.Z_FULL_FLUSH), work.compress(bytes(2**20)) + work.flush(zlib.Z_FULL_FLUSH)]
-    packed += packed[-1:] * ((size >> 20) - 1) + [work.flush()]  # with a checksum to which nobody comes
+    packed += [
+        work.flush(zlib.Z_FULL_FLUSH),
+        work.compress(bytes(2**20)) + work.flush(zlib.Z_FULL_FLUSH),
+    ]
+    packed += packed[-1:] * ((size >> 20) - 1) + [
+        work.flush()
+    ]  # with a checksum to which nobody comes
     data = b"".join(packed)
     (tmp_path / "a.mat").write_bytes(header() + struct.pack("<II", 15, len(data)) + data)
     command = [sys.executable, "-c", MEASURED, str(tmp_path / "a.mat")]
-    said, taken = subprocess.run(command, capture_output=True, check=True, text=True).stdout.splitlines()
+    said, taken = subprocess.run(
+        command, capture_output=True, check=True, text=True
+    ).stdout.splitlines()
     assert "unpacks to more than 0.0156 GiB" in said
     assert int(taken) < 600 * 2**10

@@ -14,7 +14,9 @@ TIME = np.arange(0, 3, 0.25)
 PLACE = np.column_stack([0.1 * TIME, 2.0 * TIME, np.full(TIME.size, 1.5)])  # lane
 ANGLES = np.column_stack([0.1 * TIME, np.full(TIME.size, 0.05), np.full(TIME.size, -0.02)])
 LANE = [heading_matrix(h) @ attitude_matrix(p, r) for h, p, r in ANGLES]
-ROOM = Rotation.from_matrix(UP.T @ np.array(LANE) @ UP)  # the body was made with its axes along the room's
+ROOM = Rotation.from_matrix(
+    UP.T @ np.array(LANE) @ UP
+)  # the body was made with its axes along the room's
 
 
 @pytest.fixture
@@ -46,7 +48,10 @@ def test_a_take_is_a_track_of_its_body(take):
         ({"body": "Cat", "axes": ("x", "-z", "y")}, "body must be one of Cart, Pole, got 'Cat'"),
         ({"body": "Cart"}, "axes must say which"),
         ({"body": "Cart", "axes": ("x", "z", "y")}, "right-handed"),
-        ({"body": "Cart", "axes": ("x", "-z", "y"), "max_gap": 0.5}, "max_gap = 0.5 s, got none for 0.75 s"),
+        (
+            {"body": "Cart", "axes": ("x", "-z", "y"), "max_gap": 0.5},
+            "max_gap = 0.5 s, got none for 0.75 s",
+        ),
     ):
         with pytest.raises(ValueError, match=words) as error:
             read_track(take, **options)
@@ -74,13 +79,19 @@ def test_a_take_in_a_mapping(take):
     np.save(take.parent / "data.npy", np.ones((5, 3), complex))
     (take.parent / "m.toml").write_text(MAPPING.replace('"data"', '"array"'))
     arrived = import_mapped(take.parent / "m.toml", take.parent / "data.npy")
-    np.testing.assert_allclose(arrived.run["pose"].values[:, 1], 2 * np.linspace(0.5, 2.5, 5), atol=1e-6)
-    np.testing.assert_allclose(arrived.run["pose"].values[:, 3], 0.1 * np.linspace(0.5, 2.5, 5), atol=1e-5)
+    np.testing.assert_allclose(
+        arrived.run["pose"].values[:, 1], 2 * np.linspace(0.5, 2.5, 5), atol=1e-6
+    )
+    np.testing.assert_allclose(
+        arrived.run["pose"].values[:, 3], 0.1 * np.linspace(0.5, 2.5, 5), atol=1e-5
+    )
     euler = take_text(TIME, 1000 * PLACE @ UP, ROOM.as_euler("YXZ", degrees=True), spin="YXZ")
     take.write_text(euler)
     with pytest.raises(ValueError, match="quaternions instead"):
         read_track(take, body="Cart", axes=("x", "-z", "y"))
-    text = MAPPING.replace('"data"', '"array"').replace('rotation", ', 'rotation", euler = "YXZ", unit = "deg", ')
+    text = MAPPING.replace('"data"', '"array"').replace(
+        'rotation", ', 'rotation", euler = "YXZ", unit = "deg", '
+    )
     (take.parent / "m.toml").write_text(text)
     again = import_mapped(take.parent / "m.toml", take.parent / "data.npy")
     np.testing.assert_allclose(again.run["pose"].values, arrived.run["pose"].values, atol=1e-5)

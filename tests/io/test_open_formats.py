@@ -35,7 +35,9 @@ def test_places_of_an_ogpr_file_give_distances_and_fixes(form, tmp_path):
     }[form]
     line = read_gpr(write_ogpr(tmp_path / "a.ogpr", places=places))
     np.testing.assert_allclose(line.distance, 0.5 * np.arange(SLICES), atol=1e-6)
-    lon, lat = Transformer.from_crs("EPSG:32632", "EPSG:4326", always_xy=True).transform(*per_slice[:, :2].T)
+    lon, lat = Transformer.from_crs("EPSG:32632", "EPSG:4326", always_xy=True).transform(
+        *per_slice[:, :2].T
+    )
     np.testing.assert_allclose(line.fixes[:, 1:3], np.stack([lon, lat], axis=-1), atol=1e-9)
     assert "heights are taken as ellipsoidal: EPSG:32632 does not tell" in line.history
 
@@ -45,7 +47,9 @@ def test_places_that_are_not_understood_are_told(tmp_path):
     assert any("found, not understood: positions are not read" in note for note in line.history)
     assert "traces are put at equal steps of 0.05 m, by samplingStep_m" in line.history
     line = read_gpr(write_ogpr(tmp_path / "a.ogpr", places=way(), srs=None))
-    assert "Sample Geolocations name no reference system: they give the distance alone" in line.history
+    assert (
+        "Sample Geolocations name no reference system: they give the distance alone" in line.history
+    )
     assert len(line.fixes) == 0
     line = read_gpr(write_ogpr(tmp_path / "a.ogpr", places=np.ones((SLICES, 3))))
     assert any("all at one place: positions are not read" in note for note in line.history)
@@ -100,7 +104,9 @@ POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:" + b"a" * 64
 @pytest.mark.parametrize("name", ["a.DZT", "a.mcap", "a.npz", "a.csv", "a.h5", "a.nobody"])
 def test_a_pointer_of_git_lfs_is_called_what_it_is(name, tmp_path):
     (tmp_path / name).write_bytes(POINTER)
-    with pytest.raises(ValueError, match="is a pointer of Git LFS to a file of 12345 bytes that was not fetched"):
+    with pytest.raises(
+        ValueError, match="is a pointer of Git LFS to a file of 12345 bytes that was not fetched"
+    ):
         explain_file(tmp_path / name)
 
 
@@ -117,7 +123,17 @@ def test_an_unknown_ending_lists_what_is_read(tmp_path):
     (tmp_path / "a.gpr").write_bytes(b"what")
     done = CliRunner().invoke(app, ["info", str(tmp_path / "a.gpr")])
     assert done.exit_code == 2
-    for one in ("HDF5", "MCAP", ".dt1", ".dzt", ".rd3", ".sgy", ".su", ".ogpr", "got the ending '.gpr'"):
+    for one in (
+        "HDF5",
+        "MCAP",
+        ".dt1",
+        ".dzt",
+        ".rd3",
+        ".sgy",
+        ".su",
+        ".ogpr",
+        "got the ending '.gpr'",
+    ):
         assert one in done.output
 
 

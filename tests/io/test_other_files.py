@@ -30,11 +30,15 @@ def odd_hdf5(tmp_path):
         file["radar/data"] = np.arange(12.0).reshape(3, 4)
         file["radar/names"] = np.array(["left", "right"], dtype=h5py.string_dtype())
         file["radar/short"] = np.array([b"HH", b"VV"])
-        file["radar/ragged"] = np.array([np.arange(2), np.arange(3)], dtype=h5py.vlen_dtype(np.int32))
+        file["radar/ragged"] = np.array(
+            [np.arange(2), np.arange(3)], dtype=h5py.vlen_dtype(np.int32)
+        )
         file["radar/table"] = np.zeros(3, dtype=[("time", "f8"), ("x", "f4")])
         file["radar/links"] = np.array([file["radar"].ref], dtype=h5py.ref_dtype)
         file["radar/pair"] = np.zeros(3, dtype=[("re", "f4"), ("im", "f4")])
-        file.create_dataset("radar/damaged", data=np.arange(1000.0), fletcher32=True, chunks=(1000,))
+        file.create_dataset(
+            "radar/damaged", data=np.arange(1000.0), fletcher32=True, chunks=(1000,)
+        )
     raw = path.read_bytes()
     at = raw.index(np.arange(1000.0).tobytes())
     path.write_bytes(raw[:at] + b"\x01" + raw[at + 1 :])
@@ -110,7 +114,9 @@ def test_an_import_keeps_the_notes_of_its_files(tmp_path):
     (tmp_path / "m.toml").write_text(MAPPING)
     arrived = import_mapped(tmp_path / "m.toml", path)
     assert arrived.run.sizes["scan"] == 4
-    assert any("/radar: 1 of 5 messages are damaged" in note for note in arrived.run.attrs["import_notes"])
+    assert any(
+        "/radar: 1 of 5 messages are damaged" in note for note in arrived.run.attrs["import_notes"]
+    )
 
 
 # --- encodings and dialects of text
@@ -120,12 +126,20 @@ def test_an_import_keeps_the_notes_of_its_files(tmp_path):
     ("data", "text", "note"),
     [
         ("Länge".encode("utf-16"), "Länge", "a is text in UTF-16"),
-        ("Länge;x".encode("utf-16-le") + b"\n\0", "Länge;x\n", "a is text in UTF-16 without a mark"),
+        (
+            "Länge;x".encode("utf-16-le") + b"\n\0",
+            "Länge;x\n",
+            "a is text in UTF-16 without a mark",
+        ),
         ("\nLänge;x".encode("utf-16-be"), "\nLänge;x", "a is text in UTF-16 without a mark"),
         ("Länge".encode("utf-32"), "Länge", "a is text in UTF-32"),
         ("Länge".encode("utf-8-sig"), "Länge", None),
         ("Länge".encode(), "Länge", None),
-        ("Länge".encode("latin-1"), "Länge", "a is text in Latin-1, which is assumed because it is no UTF-8"),
+        (
+            "Länge".encode("latin-1"),
+            "Länge",
+            "a is text in Latin-1, which is assumed because it is no UTF-8",
+        ),
         (b"", "", None),
     ],
 )
@@ -222,7 +236,9 @@ def test_version_2_says_itself_where_noise_begins(tmp_path):
     path.write_text(keywords)
     np.testing.assert_allclose(open_arrays(path).read("frequency"), [1e9, 2e9, 3e9])
     path.write_text(keywords.replace("Frequencies] 3", "Frequencies] 4"))
-    with pytest.raises(ValueError, match="it holds 4 tones, of which the scikit-rf library reads 3"):
+    with pytest.raises(
+        ValueError, match="it holds 4 tones, of which the scikit-rf library reads 3"
+    ):
         open_arrays(path)
 
 
@@ -234,7 +250,9 @@ def merged(tmp_path):
     """A B-scan laid out as gprMax's tools/outputfiles_merge.py writes it: 200 steps of 0.02 ns, 20 traces."""
     path = tmp_path / "model_merged.out"
     with h5py.File(path, "w") as file:
-        file.attrs.update({"Title": "lane", "gprMax": "3.1.7", "Iterations": 200, "dt": 2e-11, "nrx": 1})
+        file.attrs.update(
+            {"Title": "lane", "gprMax": "3.1.7", "Iterations": 200, "dt": 2e-11, "nrx": 1}
+        )
         group = file.create_group("rxs/rx1")
         group.attrs["Name"] = "Rx(50,50,0)"
         for name in ("Ez", "Hx", "Hy"):
@@ -246,11 +264,14 @@ def test_a_merged_b_scan_is_told_and_imported_by_its_draft(merged, tmp_path):
     told = explain_file(merged)
     assert "merged B-scan of 20 traces x 200 steps of 0.02 ns" in told.lines
     assert 'variable = "rxs/rx1/Ez"\ndims = ["sample", "scan"]  # of 200 x 20' in told.mapping
-    draft = told.mapping.replace("band = []", "band = [1.0, 5.0]").replace('unit = "m?"', 'unit = "m"')
+    draft = told.mapping.replace("band = []", "band = [1.0, 5.0]").replace(
+        'unit = "m?"', 'unit = "m"'
+    )
     checked = re.sub(r'"([^"]*)\?"', lambda found: json.dumps(found[1] or "0"), draft)
     (tmp_path / "m.toml").write_text(checked)
     (tmp_path / "s.csv").write_text(
-        "x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n" + "".join(f"0,{0.05 * k},0,0,0,0\n" for k in range(20))
+        "x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n"
+        + "".join(f"0,{0.05 * k},0,0,0,0\n" for k in range(20))
     )
     words = ["import", "mapped", str(tmp_path / "m.toml"), "-o", str(tmp_path / "a.zarr")]
     done = CliRunner().invoke(app, [*words, "--survey", str(tmp_path / "s.csv")])

@@ -26,7 +26,9 @@ def test_a_new_file_stays_if_it_is_the_same_and_is_never_written_over(tmp_path, 
     with caplog.at_level("INFO", "flgpr.outputs"):
         write_new(tmp_path / "a", b"one")
     assert "a is there already" in caplog.text
-    with pytest.raises(FileExistsError, match=r"must not exist yet, got .*a, which holds something else"):
+    with pytest.raises(
+        FileExistsError, match=r"must not exist yet, got .*a, which holds something else"
+    ):
         write_new(tmp_path / "a", "two")
     assert (tmp_path / "a").stat() == before
     (tmp_path / "link").symlink_to(tmp_path / "a")
@@ -38,7 +40,9 @@ def test_a_new_file_stays_if_it_is_the_same_and_is_never_written_over(tmp_path, 
 @pytest.mark.parametrize("links", [True, False])
 def test_one_that_appears_meanwhile_is_not_written_over(links, tmp_path, monkeypatch):
     if not links:
-        monkeypatch.setattr(os, "link", lambda *_: (_ for _ in ()).throw(PermissionError(1, "not permitted")))
+        monkeypatch.setattr(
+            os, "link", lambda *_: (_ for _ in ()).throw(PermissionError(1, "not permitted"))
+        )
 
     def late():
         with whole_output(tmp_path / "a") as made:
@@ -158,7 +162,9 @@ while own == 0:
 
 
 def test_processes_that_race_for_a_file_never_mix(tmp_path):
-    said = subprocess.run([sys.executable, "-c", RACE, str(tmp_path)], capture_output=True, text=True, check=True)
+    said = subprocess.run(
+        [sys.executable, "-c", RACE, str(tmp_path)], capture_output=True, text=True, check=True
+    )
     for path in tmp_path.iterdir():
         content = path.read_text()
         assert len(content) == 400_000
@@ -169,7 +175,10 @@ def test_processes_that_race_for_a_file_never_mix(tmp_path):
 
 def add(folder, number):
     for trial in range(10):
-        add_files(folder, {f"page-{number}.html": f"{number} {trial}" * 1000, "report.html": f"{number}" * 5000})
+        add_files(
+            folder,
+            {f"page-{number}.html": f"{number} {trial}" * 1000, "report.html": f"{number}" * 5000},
+        )
 
 
 def test_two_that_add_files_to_a_result_at_once_both_end_well(tmp_path):

@@ -43,7 +43,17 @@ def anchor(tmp_path):
 def unpacked(demo, anchor, tmp_path):
     """A demo's map, exported by the command and unpacked."""
     ran = CliRunner().invoke(
-        app, ["export", str(demo[0].folder), "--to", "qgis", "--anchor", str(anchor), "-o", str(tmp_path / "map.zip")]
+        app,
+        [
+            "export",
+            str(demo[0].folder),
+            "--to",
+            "qgis",
+            "--anchor",
+            str(anchor),
+            "-o",
+            str(tmp_path / "map.zip"),
+        ],
     )
     assert ran.exit_code == 0, ran.output
     with zipfile.ZipFile(tmp_path / "map.zip") as bundle:
@@ -65,7 +75,9 @@ def test_the_project_names_layers_that_lie_beside_it(demo, unpacked):
         file, _, name = layer.findtext("datasource").partition("|layername=")
         assert file.startswith("./")
         path = unpacked / file
-        assert CRS(layer.findtext("srs/spatialrefsys/wkt")) == CRS(layer.findtext("srs/spatialrefsys/authid"))
+        assert CRS(layer.findtext("srs/spatialrefsys/wkt")) == CRS(
+            layer.findtext("srs/spatialrefsys/authid")
+        )
         if layer.get("type") == "vector":
             [(held, geometry)] = pyogrio.list_layers(path).tolist()
             assert (held, geometry) == (name, layer.get("geometry"))
@@ -77,7 +89,10 @@ def test_the_project_names_layers_that_lie_beside_it(demo, unpacked):
                 index = json.loads((demo[0].folder / "view" / "index.json").read_text())
                 assert raster.descriptions[band - 1] == " ".join(index["channel"])
     assert root.findtext("projectCrs/spatialrefsys/authid") == "EPSG:32632"
-    box = [float(root.findtext(f"mapcanvas/extent/{name}")) for name in ("xmin", "ymin", "xmax", "ymax")]
+    box = [
+        float(root.findtext(f"mapcanvas/extent/{name}"))
+        for name in ("xmin", "ymin", "xmax", "ymax")
+    ]
     with rasterio.open(unpacked / "run-view.tif") as raster:
         x, y = raster.transform @ (raster.width / 2, raster.height / 2)
     assert box[0] < x < box[2]
@@ -90,7 +105,10 @@ def test_every_alarm_falls_into_a_class_and_every_kind_has_a_symbol(demo, unpack
     graduated = root.find("projectlayers/maplayer/renderer-v2[@type='graduatedSymbol']")
     confidence = pyogrio.read_dataframe(unpacked / "alarms.gpkg")[graduated.get("attr")].to_numpy()
     assert sorted(confidence) == sorted(demo[0].detections[0].alarms["confidence"])
-    ranges = [(float(one.get("lower")), float(one.get("upper"))) for one in graduated.findall("ranges/range")]
+    ranges = [
+        (float(one.get("lower")), float(one.get("upper")))
+        for one in graduated.findall("ranges/range")
+    ]
     assert all(any(low <= value <= high for low, high in ranges) for value in confidence)
     assert all(a[1] == b[0] for a, b in itertools.pairwise(ranges))
     for renderer in root.findall("projectlayers/maplayer/renderer-v2"):
@@ -101,7 +119,9 @@ def test_every_alarm_falls_into_a_class_and_every_kind_has_a_symbol(demo, unpack
             options = {one.get("name"): one.get("value") for one in layer.findall("Option/Option")}
             assert options == {one.get("k"): one.get("v") for one in layer.findall("prop")} != {}
     kinds = set(pyogrio.read_dataframe(unpacked / "truth.gpkg")["kind"])
-    categories = root.find("projectlayers/maplayer/renderer-v2[@type='categorizedSymbol']/categories")
+    categories = root.find(
+        "projectlayers/maplayer/renderer-v2[@type='categorizedSymbol']/categories"
+    )
     assert {one.get("value") for one in categories} == kinds
 
 
@@ -109,7 +129,9 @@ def test_the_outline_is_that_of_the_lane(demo, unpacked, anchor):
     [polygon] = pyogrio.read_dataframe(unpacked / "lane.gpkg").geometry
     lane = demo[0].lane
     ring = np.array(polygon.exterior.coords)
-    want = read_anchor(anchor).to_geodetic([[lane.x_min, lane.y_min, 0], [lane.x_max, lane.y_max, 0]])
+    want = read_anchor(anchor).to_geodetic(
+        [[lane.x_min, lane.y_min, 0], [lane.x_max, lane.y_max, 0]]
+    )
     assert distance(ring[[0, 2]], want[:, :2]).max() < 0.01
 
 
@@ -125,7 +147,9 @@ def test_few_or_no_confidences_are_drawn_too(values):
 def test_words_that_xml_does_not_allow_do_not_break_the_project():
     style = qgis.by_kind(["a\x00b", "<&\"'>"], "#102030")
     layer = qgis.Layer("truth", "truth.gpkg", "EPSG:4326", "Point", style)
-    root = ElementTree.fromstring(qgis.project("lane \x07 \ud800 & <x>", "", "EPSG:32632", (0, 0, 1, 1), [layer]))
+    root = ElementTree.fromstring(
+        qgis.project("lane \x07 \ud800 & <x>", "", "EPSG:32632", (0, 0, 1, 1), [layer])
+    )
     assert root.findtext("title") == "lane ? ? & <x>"
     assert [one.get("value") for one in root.iter("category")] == ["<&\"'>", "a?b"]
 
@@ -136,8 +160,14 @@ def test_a_run_that_knows_its_place_needs_no_anchor(demo, anchor):
     there, here = (one.to_geodetic(point) for one in (read_anchor(anchor), own_anchor(reference)))
     assert distance(there[:, :2], here[:, :2]).max() < 1e-3
     assert np.isnan(own_anchor(reference).uncertainty(1.0, 5.0))
-    for wrong in ({}, {"latitude": 48.0, "longitude": "east", "azimuth": 0.0}, {"latitude": np.nan}):
-        with pytest.raises(ValueError, match="georeference must have longitude, latitude and azimuth"):
+    for wrong in (
+        {},
+        {"latitude": 48.0, "longitude": "east", "azimuth": 0.0},
+        {"latitude": np.nan},
+    ):
+        with pytest.raises(
+            ValueError, match="georeference must have longitude, latitude and azimuth"
+        ):
             own_anchor(wrong)
     with pytest.raises(ValueError, match="does not tell where its lane lies; an anchor is needed"):
         map_bytes(demo[0].folder, None, None)
@@ -176,7 +206,16 @@ def test_the_command_reads_the_truth_of_a_score_in_another_folder(demo, anchor, 
     shutil.copy(demo[0].folder / "view" / "score.json", score)
 
     def export(to):
-        words = ["--anchor", str(anchor), "--score", str(tmp_path / "score"), "--to", to, "-o", str(tmp_path / "a.zip")]
+        words = [
+            "--anchor",
+            str(anchor),
+            "--score",
+            str(tmp_path / "score"),
+            "--to",
+            to,
+            "-o",
+            str(tmp_path / "a.zip"),
+        ]
         return CliRunner().invoke(app, ["export", str(demo[0].folder), *words])
 
     ran = export("qgis")

@@ -36,11 +36,14 @@ def test_fields_are_stacked_over_the_messages(compression, tmp_path):
     opened = open_arrays(path)
     assert opened.kind == "MCAP recording"
     step = np.arange(40)
-    np.testing.assert_allclose(opened.read("/pose/header.stamp"), EPOCH + 0.1 * step, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(
+        opened.read("/pose/header.stamp"), EPOCH + 0.1 * step, rtol=0, atol=1e-6
+    )
     np.testing.assert_allclose(opened.read("/pose@log_time"), EPOCH + 0.1 * step, rtol=0, atol=1e-6)
     np.testing.assert_allclose(opened.read("/pose/pose.position.x"), 0.2 * step)
     np.testing.assert_allclose(
-        opened.read("/pose/pose.position"), np.stack([0.2 * step, 0 * step - 0.1, 0 * step + 1.5], 1)
+        opened.read("/pose/pose.position"),
+        np.stack([0.2 * step, 0 * step - 0.1, 0 * step + 1.5], 1),
     )
     assert opened.read("/pose/pose.orientation").shape == (40, 4)
     np.testing.assert_allclose(opened.read("/tf/map>mast/transform.translation.y"), 0.9)
@@ -52,13 +55,17 @@ def test_fields_are_stacked_over_the_messages(compression, tmp_path):
     np.testing.assert_array_equal(opened.read("/radar/found.cell"), np.arange(5)[:, None] * [1, -1])
     np.testing.assert_array_equal(opened.read("/level/level"), [[1, 0.5], [1, 1.5], [1, 2.5]])
     np.testing.assert_array_equal(opened.read("/level/list"), [[1, 2, np.nan]] * 3)
-    assert not [name for name in opened.arrays if "label" in name or "name" in name or "note" in name]
+    assert not [
+        name for name in opened.arrays if "label" in name or "name" in name or "note" in name
+    ]
 
 
 def test_a_recording_is_told_by_topic(path):
     told = explain_file(path)
     lines = {line.split(":")[0]: line for line in told.lines}
-    assert lines["/pose"].startswith("/pose: 40 geometry_msgs/msg/PoseStamped over 3.9 s; header.stamp")
+    assert lines["/pose"].startswith(
+        "/pose: 40 geometry_msgs/msg/PoseStamped over 3.9 s; header.stamp"
+    )
     assert "pose.position 3" in lines["/pose"]
     assert lines["/tf/map>base"].startswith("/tf/map>base: 40 transforms")
     assert "not read: protobuf" in lines["/proto"]
@@ -80,7 +87,9 @@ def test_a_drive_becomes_a_run(path):
     np.testing.assert_array_equal(run["signal"].values[0, 0, 0], want.astype(np.complex64))
     pose = run["pose"].values
     np.testing.assert_allclose(pose[:, :3], [[0.1, 1.0 + k, 1.5] for k in range(5)], atol=1e-5)
-    np.testing.assert_allclose(pose[:, 3], 0.05 * (0.5 + 0.5 * np.arange(5)), atol=1e-6)  # it turns to the right
+    np.testing.assert_allclose(
+        pose[:, 3], 0.05 * (0.5 + 0.5 * np.arange(5)), atol=1e-6
+    )  # it turns to the right
     other = MAPPING.replace("/pose/pose.position", "/tf/map>base/transform.translation")
     (path.parent / "n.toml").write_text(other.replace("/pose/pose.orient", "/tf/map>base/transform.rot").replace(
         "transform.rotation", "transform.rotation"
@@ -95,12 +104,17 @@ def test_messages_of_several_lengths_are_refused_when_they_are_asked_for(tmp_pat
     opened = open_arrays(path)
     assert opened.read("/radar/antennas").tolist() == [2] * 5
     with pytest.raises(
-        ValueError, match=r"/radar: iq must have the shape \(12,\) in all messages, got .*\(10,\) in message 3"
+        ValueError,
+        match=r"/radar: iq must have the shape \(12,\) in all messages, got .*\(10,\) in message 3",
     ):
         opened.read("/radar/iq")
     path.write_bytes(drive(poses=80))
-    small = open_arrays(path, limit=4000)  # less than a topic takes, so that a field is read at a time
-    np.testing.assert_allclose(small.read("/pose/pose.position"), open_arrays(path).read("/pose/pose.position"))
+    small = open_arrays(
+        path, limit=4000
+    )  # less than a topic takes, so that a field is read at a time
+    np.testing.assert_allclose(
+        small.read("/pose/pose.position"), open_arrays(path).read("/pose/pose.position")
+    )
     with pytest.raises(ValueError, match="at most"):
         small.read("/fix/position_covariance")
 
@@ -131,7 +145,11 @@ def test_chunks_that_expand_beyond_reason_are_refused(path):
         return b"\x89MCAP0\r\n" + b"\x06" + struct.pack("<Q", len(chunk)) + chunk
 
     bomb = zstandard.compress(bytes(2**27))
-    for declared, words in ((2**27, "would expand"), (2**40, "at most 2 GB"), (1000, "1000 bytes that it declares")):
+    for declared, words in (
+        (2**27, "would expand"),
+        (2**40, "at most 2 GB"),
+        (1000, "1000 bytes that it declares"),
+    ):
         path.write_bytes(bag(declared, bomb))
         with pytest.raises(ValueError, match=words):
             open_arrays(path)
@@ -164,7 +182,8 @@ def test_content_is_checked_before_memory_is_taken():
 
 def test_big_endian_and_alignment():
     decode = message_decoder(
-        "made/msg/Own", "uint8 a\nfloat64 b\nstring c\nint16[<=3] d\nint16[2] e\nEmpty f\n===\nMSG: made/Empty\n"
+        "made/msg/Own",
+        "uint8 a\nfloat64 b\nstring c\nint16[<=3] d\nint16[2] e\nEmpty f\n===\nMSG: made/Empty\n",
     )
     for order, mark in ((">", 0), ("<", 1)):
         body = (
@@ -207,13 +226,18 @@ def test_a_drive_focuses_to_a_reflector_at_its_place(tmp_path, monkeypatch):
         time = 0.5 + 0.5 * k
         heading = 0.05 * time
         side = np.array([[-0.4], [0.4]]) * [np.cos(heading), -np.sin(heading)]
-        away = np.linalg.norm(np.column_stack([side + [0.1, 2 * time], [1.5, 1.5]]) - reflector, axis=1)
+        away = np.linalg.norm(
+            np.column_stack([side + [0.1, 2 * time], [1.5, 1.5]]) - reflector, axis=1
+        )
         field = 9000 * np.exp(-4j * np.pi * away[:, None] * tones / 299_792_458.0)
         return np.round(np.stack([field.real, field.imag], axis=-1)).astype(np.int16).ravel()
 
     Path("drive.mcap").write_bytes(drive(6, 60, iq=iq))
     Path("drive.toml").write_text(MAPPING_OF_A_DRIVE)
-    for command in ("import mapped drive.toml -o drive.zarr", "image drive.zarr --json -o drive.png"):
+    for command in (
+        "import mapped drive.toml -o drive.zarr",
+        "image drive.zarr --json -o drive.png",
+    ):
         done = CliRunner().invoke(app, command.split())
         assert done.exit_code == 0, done.output
     first = json.loads(done.stdout)["peaks"][0]

@@ -97,11 +97,24 @@ def test_a_cart_that_turned_round_went_the_whole_way(tmp_path):
 
 @pytest.mark.parametrize(
     ("unit", "metre"),
-    [("cm", 0.01), ("mm", 1e-3), ("in", 0.0254), ("Feet", 0.3048), ("metres", 1.0), ("yards", 0.9144)],
+    [
+        ("cm", 0.01),
+        ("mm", 1e-3),
+        ("in", 0.0254),
+        ("Feet", 0.3048),
+        ("metres", 1.0),
+        ("yards", 0.9144),
+    ],
 )
 def test_positions_are_in_the_unit_that_the_header_tells(unit, metre, tmp_path):
     read = read_gpr(
-        dt1_at(tmp_path / "a.dt1", COUNTS, ALONG / metre, POSITION_UNITS=unit, ANTENNA_SEPARATION=0.2 / metre)
+        dt1_at(
+            tmp_path / "a.dt1",
+            COUNTS,
+            ALONG / metre,
+            POSITION_UNITS=unit,
+            ANTENNA_SEPARATION=0.2 / metre,
+        )
     )
     np.testing.assert_allclose(read.distance, ALONG, rtol=1e-5)
     assert read.separation == pytest.approx(0.2)
@@ -111,7 +124,9 @@ def test_a_unit_that_is_not_known_places_nothing(tmp_path):
     read = read_gpr(write_dt1(tmp_path / "a.dt1", COUNTS, POSITION_UNITS="paces"))
     assert (read.distance, read.separation) == (None, None)
     assert notes_with(read, "POSITION UNITS are 'paces', which is no unit that is known")
-    told = read_gpr(write_dt1(tmp_path / "b.dt1", COUNTS, POSITION_UNITS="cm", ANTENNA_SEPARATION=0.2))
+    told = read_gpr(
+        write_dt1(tmp_path / "b.dt1", COUNTS, POSITION_UNITS="cm", ANTENNA_SEPARATION=0.2)
+    )
     assert told.separation == 0.2
     assert notes_with(told, "ANTENNA SEPARATION 0.2 is taken as metres")
 
@@ -157,9 +172,14 @@ def test_every_channel_has_its_own_window_and_zero(tmp_path):
     read = read_gpr(two_headers(tmp_path / "a.dzt", COUNTS))
     first = (np.arange(SAMPLES) - ZERO) * INTERVAL
     np.testing.assert_allclose(read.delay_of(0), first, atol=1e-16)
-    np.testing.assert_allclose(read.delay_of(1), (np.arange(SAMPLES) - ZERO / 2) * INTERVAL / 2, atol=1e-16)
+    np.testing.assert_allclose(
+        read.delay_of(1), (np.arange(SAMPLES) - ZERO / 2) * INTERVAL / 2, atol=1e-16
+    )
     assert read.frequencies == (300e6, 800e6)
-    assert notes_with(read, "channel 1 has a header of its own: time window 25.6 ns, time zero 1 ns after its start")
+    assert notes_with(
+        read,
+        "channel 1 has a header of its own: time window 25.6 ns, time zero 1 ns after its start",
+    )
     run = gpr_run(read, 1, band=(1e8, 1e9))
     assert run.attrs["time_window_s"] == pytest.approx(SAMPLES * INTERVAL / 2)
     assert run.attrs["first_sample_s"] == pytest.approx(-ZERO * INTERVAL / 4)
@@ -174,17 +194,23 @@ def test_headers_of_old_files_and_of_no_channel(tmp_path):
     old = read_gpr(path)
     np.testing.assert_array_equal(old.traces[:, 0, 2:], COUNTS[:, 2:])
     assert notes_with(old, "its header has 512 bytes")
-    none = read_gpr(patched(write_dzt(tmp_path / "b.dzt", COUNTS[:, None]), (52, "<H", 0), (2, "<H", 1024)))
+    none = read_gpr(
+        patched(write_dzt(tmp_path / "b.dzt", COUNTS[:, None]), (52, "<H", 0), (2, "<H", 1024))
+    )
     np.testing.assert_array_equal(none.traces[:, 0, 2:], COUNTS[:, 2:])
     assert notes_with(none, "the header tells 0 channels")
 
 
 def test_a_channel_without_a_header_is_told(tmp_path):
-    path = write_dzt(tmp_path / "a.dzt", np.stack([COUNTS, COUNTS], axis=1), names=("400MHz", "400MHz"))
+    path = write_dzt(
+        tmp_path / "a.dzt", np.stack([COUNTS, COUNTS], axis=1), names=("400MHz", "400MHz")
+    )
     read = read_gpr(patched(path, (1024 + 26, "<f", 0.0)))
     assert notes_with(read, "the header of channel 1 tells no time window")
     other = patched(path, (1024 + 26, "<f", 50.0), (1024 + 4, "<H", SAMPLES // 2))
-    with pytest.raises(ValueError, match=f"channel 1 must have {SAMPLES} samples of 16 bits as the first"):
+    with pytest.raises(
+        ValueError, match=f"channel 1 must have {SAMPLES} samples of 16 bits as the first"
+    ):
         read_gpr(other)
 
 
@@ -193,7 +219,9 @@ def test_a_gather_is_no_line(mode, tmp_path):
     path = write_dt1(tmp_path / "a.dt1", COUNTS, SURVEY_MODE=mode)
     with pytest.raises(ValueError, match=f"its antennas move apart .{mode}"):
         gpr_run(read_gpr(path))
-    assert f"its antennas move apart ({mode}): it is no line of one offset" in explain_file(path).lines
+    assert (
+        f"its antennas move apart ({mode}): it is no line of one offset" in explain_file(path).lines
+    )
     assert explain_file(path).lines[-1].startswith("flgpr import gpr refuses it")
 
 
@@ -203,15 +231,21 @@ def test_places_of_the_antennas_tell_a_gather_too(tmp_path):
     assert read_gpr(path).gather == "antennas 0.5 to 3.4 apart"
     set_dt1_words(path, "receiver", [0.5 + k % 3 for k in range(TRACES)])
     assert not read_gpr(path).gather
-    assert notes_with(read_gpr(path), "the trace headers put the antennas 0.5 to 2.5 apart, which is not used")
+    assert notes_with(
+        read_gpr(path), "the trace headers put the antennas 0.5 to 2.5 apart, which is not used"
+    )
     assert not read_gpr(write_dt1(tmp_path / "b.dt1", COUNTS, SURVEY_MODE="Reflection")).gather
-    assert notes_with(read_gpr(write_dt1(tmp_path / "c.dt1", COUNTS, SURVEY_MODE="walking")), "is not known")
+    assert notes_with(
+        read_gpr(write_dt1(tmp_path / "c.dt1", COUNTS, SURVEY_MODE="walking")), "is not known"
+    )
 
 
 def test_the_size_of_the_samples_tells_their_type(tmp_path):
     real = write_dt1(tmp_path / "a.dt1", COUNTS + 0.25, real=True, DATA_TYPE="")
     np.testing.assert_array_equal(read_gpr(real).traces[:, 0], COUNTS + np.float32(0.25))
-    assert notes_with(read_gpr(real), "read as 32 bit floating point, by their size (no DATA TYPE is told)")
+    assert notes_with(
+        read_gpr(real), "read as 32 bit floating point, by their size (no DATA TYPE is told)"
+    )
     wrong = write_dt1(tmp_path / "b.dt1", COUNTS, DATA_TYPE="F*4")
     np.testing.assert_array_equal(read_gpr(wrong).traces[:, 0], COUNTS)
     assert notes_with(read_gpr(wrong), "read as 16 bit, by their size (DATA TYPE is F*4)")
@@ -262,7 +296,11 @@ def test_how_an_antenna_is_known_is_told(tmp_path):
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-8-sig", "latin-1"])
 @pytest.mark.parametrize("kind", ["dt1", "rd3", "iprb"])
 def test_headers_in_other_encodings(kind, encoding, tmp_path):
-    write, suffix = {"dt1": (write_dt1, ".hd"), "rd3": (write_mala, ".RAD"), "iprb": (write_impulse, ".iprh")}[kind]
+    write, suffix = {
+        "dt1": (write_dt1, ".hd"),
+        "rd3": (write_mala, ".RAD"),
+        "iprb": (write_impulse, ".iprh"),
+    }[kind]
     path = write(tmp_path / f"a.{kind}", COUNTS, SITE="Grünfläche", OPERATOR="Öster")
     head = path.with_suffix(suffix)
     plain = head.read_text(encoding="utf-8")
@@ -278,7 +316,8 @@ def test_headers_in_other_encodings(kind, encoding, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("revision", "count", "form"), [(b"\2\0", 1, ">i"), (b"\2\0", 1, ">h"), (b"\2\1", 2, ">h"), (b"\2\1", 1, ">i")]
+    ("revision", "count", "form"),
+    [(b"\2\0", 1, ">i"), (b"\2\0", 1, ">h"), (b"\2\1", 2, ">h"), (b"\2\1", 1, ">i")],
 )
 def test_extra_headers_of_revision_2_are_passed_over(revision, count, form, tmp_path):
     path = with_extra_headers(write_segy(tmp_path / "a.sgy", COUNTS), TRACES, revision, count, form)
@@ -289,7 +328,12 @@ def test_extra_headers_of_revision_2_are_passed_over(revision, count, form, tmp_
 
 
 def test_a_revision_that_does_not_exist_stays_readable(tmp_path):
-    path = patched(write_segy(tmp_path / "a.sgy", COUNTS), (3500, ">H", 0x2425), (3504, ">h", 3), (3506, ">i", 77))
+    path = patched(
+        write_segy(tmp_path / "a.sgy", COUNTS),
+        (3500, ">H", 0x2425),
+        (3504, ">h", 3),
+        (3506, ">i", 77),
+    )
     read = read_gpr(path)
     np.testing.assert_array_equal(read.traces[:, 0], COUNTS)
     assert notes_with(read, "its revision word is 36.37, which does not exist")
@@ -316,7 +360,12 @@ def test_samples_and_interval_of_the_trace_headers(tmp_path):
 @pytest.mark.parametrize(("name", "offset"), [("source", 72), ("group", 80), ("CDP", 180)])
 def test_coordinates_wherever_they_stand(name, offset, tmp_path):
     path = write_segy(tmp_path / "a.sgy", COUNTS, place=[(0, 0)] * TRACES)
-    segy_words(path, TRACES, x=(offset, ">i", lambda k: 50_000_000 + round(100 * STEP * k)), y=(offset + 4, ">i", 5))
+    segy_words(
+        path,
+        TRACES,
+        x=(offset, ">i", lambda k: 50_000_000 + round(100 * STEP * k)),
+        y=(offset + 4, ">i", 5),
+    )
     read = read_gpr(path)
     np.testing.assert_allclose(read.distance, ALONG, atol=1e-6)
     assert notes_with(read, f"{name} coordinates (bytes {offset + 1}-{offset + 8})")
@@ -332,10 +381,14 @@ def test_source_and_group_tell_the_separation(tmp_path):
 
 def test_words_that_change_the_meaning_of_a_trace_are_told(tmp_path):
     path = write_segy(tmp_path / "a.sgy", COUNTS)
-    segy_words(path, TRACES, dead=(28, ">h", lambda k: 2 if k == 3 else 1), offset=(36, ">i", lambda k: k))
+    segy_words(
+        path, TRACES, dead=(28, ">h", lambda k: 2 if k == 3 else 1), offset=(36, ">i", lambda k: k)
+    )
     read = read_gpr(path)
     assert np.isnan(read.traces[3]).all()
-    np.testing.assert_array_equal(np.delete(read.traces[:, 0], 3, axis=0), np.delete(COUNTS, 3, axis=0))
+    np.testing.assert_array_equal(
+        np.delete(read.traces[:, 0], 3, axis=0), np.delete(COUNTS, 3, axis=0)
+    )
     assert notes_with(read, "1 traces without data")
     assert notes_with(read, "the distance from source to receiver (bytes 37-40) goes from 0 to 29")
     odd = patched(write_segy(tmp_path / "b.sgy", COUNTS), (3254, ">H", 9), (3600 + 88, ">h", 1))
@@ -349,7 +402,11 @@ def test_positions_of_segy_in_every_angular_unit(unit, scalar, tmp_path):
     if unit == 4:  # 47 degrees, 30 minutes and 45 seconds are 473045
         whole = np.floor(degrees)
         minutes = degrees % 1 * 60
-        values = whole * 10_000 + np.floor(minutes + 1e-9) * 100 + (minutes - np.floor(minutes + 1e-9)) * 60
+        values = (
+            whole * 10_000
+            + np.floor(minutes + 1e-9) * 100
+            + (minutes - np.floor(minutes + 1e-9)) * 60
+        )
     place = np.round(values * scalar).astype(int)
     read = read_gpr(write_segy(tmp_path / "a.sgy", COUNTS, unit=unit, scalar=-scalar, place=place))
     np.testing.assert_allclose(read.fixes[:, 1:3], degrees, atol=1e-4 if unit == 3 else 1e-6)
@@ -359,20 +416,26 @@ def test_positions_of_segy_in_every_angular_unit(unit, scalar, tmp_path):
 def test_coordinates_that_never_change_are_told(tmp_path):
     read = read_gpr(write_segy(tmp_path / "a.sgy", COUNTS, place=[(7, 9)] * TRACES))
     assert read.distance is None
-    assert notes_with(read, "source coordinates (bytes 73-80) are the same in all traces: they are not used")
+    assert notes_with(
+        read, "source coordinates (bytes 73-80) are the same in all traces: they are not used"
+    )
 
 
 def test_segyio_reads_the_same_of_every_variant(tmp_path):
     segyio = pytest.importorskip("segyio")
     for name, path in {
-        "extra headers": with_extra_headers(write_segy(tmp_path / "a.sgy", COUNTS), TRACES, b"\2\1", 1, ">h"),
+        "extra headers": with_extra_headers(
+            write_segy(tmp_path / "a.sgy", COUNTS), TRACES, b"\2\1", 1, ">h"
+        ),
         "big": write_segy(tmp_path / "b.sgy", COUNTS, code=5),
         "little": write_segy(tmp_path / "c.sgy", COUNTS, code=2, order="<"),
     }.items():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             try:
-                opened = segyio.open(path, ignore_geometry=True, endian="little" if name == "little" else "big")
+                opened = segyio.open(
+                    path, ignore_geometry=True, endian="little" if name == "little" else "big"
+                )
             except RuntimeError:  # versions before 2.0 know no extra headers
                 continue
             with opened:
@@ -383,13 +446,22 @@ def test_segyio_reads_the_same_of_every_variant(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("mark", "comma"), [("\t", "."), ("\t", ","), (";", ","), (";", "."), (" ", "."), (", ", "."), (",", ".")]
+    ("mark", "comma"),
+    [("\t", "."), ("\t", ","), (";", ","), (";", "."), (" ", "."), (", ", "."), (",", ".")],
 )
 @pytest.mark.parametrize("height", ["{:.3f}{m}M", "{:.3f}M"])
 def test_every_dialect_of_a_cor(mark, comma, height, tmp_path):
     rows = ["Trace\tDate\tTime\tLatitude\tN\tLongitude\tE"] if mark == "\t" else []
     for k in range(0, TRACES, 5):
-        cells = [str(k + 1), "2020-01-02", f"12:00:{k:02d}", f"{LATITUDE[k]:.9f}", "N", f"{LONGITUDE[k]:.9f}", "E"]
+        cells = [
+            str(k + 1),
+            "2020-01-02",
+            f"12:00:{k:02d}",
+            f"{LATITUDE[k]:.9f}",
+            "N",
+            f"{LONGITUDE[k]:.9f}",
+            "E",
+        ]
         text = mark.join([*cells, height.format(400.5, m=mark), "1.0"])
         rows.append(text.replace(".", ",") if comma == "," else text)
     path = tmp_path / "a.cor"
@@ -424,7 +496,9 @@ def test_a_gp2_is_read_and_the_first_of_many_positions_is_used(tmp_path):
     np.testing.assert_array_equal(read.fixes[:, 0], traces)
     np.testing.assert_allclose(read.fixes[:, 1], LONGITUDE[traces], atol=1e-8)
     assert notes_with(read, "1 positions are further ones of the same trace")
-    path.with_suffix(".gps").write_text(gps_lines(traces[:4], LATITUDE[traces[:4]], LONGITUDE[traces[:4]]))
+    path.with_suffix(".gps").write_text(
+        gps_lines(traces[:4], LATITUDE[traces[:4]], LONGITUDE[traces[:4]])
+    )
     assert len(read_gpr(path).fixes) == 4
     assert notes_with(read_gpr(path), "a.GP2 lies beside it and is not read, because a.gps is")
 
@@ -439,14 +513,18 @@ DZX = """<?xml version="1.0" encoding="UTF-8"?>
 
 def dzx(path, unit="m", per_scan=STEP, group=False, first="", second=""):
     wrapped = ("<ProfileGroup>", "</ProfileGroup>") if group else ("", "")
-    text = DZX.format(unit=unit, per_scan=per_scan, group=wrapped[0], end=wrapped[1], first=first, second=second)
+    text = DZX.format(
+        unit=unit, per_scan=per_scan, group=wrapped[0], end=wrapped[1], first=first, second=second
+    )
     path.with_suffix(".DZX").write_text(text)
     return path
 
 
 @pytest.mark.parametrize("group", [False, True])
 def test_marks_and_spacing_of_a_dzx(group, tmp_path):
-    path = dzx(write_dzt(tmp_path / "a.dzt", COUNTS[:, None], per_metre=0.0), "cm", 100 * STEP, group)
+    path = dzx(
+        write_dzt(tmp_path / "a.dzt", COUNTS[:, None], per_metre=0.0), "cm", 100 * STEP, group
+    )
     read = read_gpr(path)
     assert read.marks == (5, 7)  # that of the samples, too
     np.testing.assert_allclose(read.distance, ALONG)
@@ -461,10 +539,14 @@ def test_distances_of_a_dzx_and_one_that_contradicts_itself(tmp_path):
     assert notes_with(read, "2 distances of the DZX are used")
     dzx(path, first="<localCoords>0,0,0</localCoords>", second="<localCoords>0,5,0</localCoords>")
     assert read_gpr(path).distance is None
-    assert notes_with(read_gpr(path), "contradicts itself: its scans are 0.05 m apart by unitsPerScan and 0.5 m")
+    assert notes_with(
+        read_gpr(path), "contradicts itself: its scans are 0.05 m apart by unitsPerScan and 0.5 m"
+    )
 
 
-@pytest.mark.parametrize("text", ["<DZX>", "<!DOCTYPE x [<!ENTITY a 'b'>]><DZX>&a;</DZX>", "\x00\x00"])
+@pytest.mark.parametrize(
+    "text", ["<DZX>", "<!DOCTYPE x [<!ENTITY a 'b'>]><DZX>&a;</DZX>", "\x00\x00"]
+)
 def test_a_companion_that_is_damaged_keeps_no_recording_from_being_read(text, tmp_path):
     path = write_dzt(tmp_path / "a.dzt", COUNTS[:, None])
     path.with_suffix(".DZX").write_text(text)
@@ -502,7 +584,9 @@ def test_zero_north_zero_east_is_no_place(tmp_path):
 
 def test_rmc_serves_where_there_is_no_gga(tmp_path):
     path = tmp_path / "a.dzg"
-    path.write_text("$GSSIS,3,-1\n$GPRMC,120000.00,A,4700.0000,N,01100.0000,E,0.0,0.0,010120,,*00\n")
+    path.write_text(
+        "$GSSIS,3,-1\n$GPRMC,120000.00,A,4700.0000,N,01100.0000,E,0.0,0.0,010120,,*00\n"
+    )
     notes = []
     found = nmea_fixes(path, TRACES, notes)
     np.testing.assert_allclose(found.table, [[3, 11, 47, 0]])
@@ -515,7 +599,9 @@ def test_positions_of_merged_lines_stand_on_their_own_traces(tmp_path):
     path = write_dt1(tmp_path / "a.dt1", COUNTS)
     set_dt1_words(path, "number", [1 + k % 15 for k in range(TRACES)])
     own = np.arange(0, 15, 7)
-    lines = gps_lines(own, LATITUDE[own], LONGITUDE[own]) + gps_lines(own, LATITUDE[15 + own], LONGITUDE[15 + own])
+    lines = gps_lines(own, LATITUDE[own], LONGITUDE[own]) + gps_lines(
+        own, LATITUDE[15 + own], LONGITUDE[15 + own]
+    )
     path.with_suffix(".gps").write_text(lines)
     read = read_gpr(path)
     traces = np.concatenate([own, 15 + own])
@@ -531,7 +617,13 @@ def test_positions_of_merged_lines_stand_on_their_own_traces(tmp_path):
 def test_a_position_out_of_order_is_no_merged_line():
     notes = []
     found = [(trace, 11.0, 47.0, 1.0) for trace in (0, 4, 2, 6, 8)]
-    assert settle_fixes([(*one, np.nan) for one in found], 9, notes, "a").table[:, 0].tolist() == [0, 2, 4, 6, 8]
+    assert settle_fixes([(*one, np.nan) for one in found], 9, notes, "a").table[:, 0].tolist() == [
+        0,
+        2,
+        4,
+        6,
+        8,
+    ]
     assert not notes
 
 
@@ -545,18 +637,27 @@ def test_a_jump_that_no_vehicle_makes_is_told_by_info_and_left_out_of_a_run(evid
     for k, trace in enumerate(traces):
         lat = LATITUDE[trace] + (114 / 111_000 if k == 4 else 0)
         second = k if evidence == "receiver" else 0
-        lines += [f"$GSSIS,{trace},-1", gga(lat, LONGITUDE[trace], 0).replace("120000", f"1200{second:02d}")]
+        lines += [
+            f"$GSSIS,{trace},-1",
+            gga(lat, LONGITUDE[trace], 0).replace("120000", f"1200{second:02d}"),
+        ]
     path.with_suffix(".dzg").write_text("\n".join(lines))
     told = "\n".join(explain_file(path).lines)
     assert "1 of 10 positions of the satellite receiver an import with an anchor leaves out" in told
     anchor = fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02, [0.0] * 4)
     run = gpr_run(read_gpr(path), anchor=anchor)
     np.testing.assert_allclose(run["pose"].values[:, 1], ALONG[: len(run["pose"])], atol=1e-3)
-    assert any("1 of 10 positions of the satellite receiver left out" in note for note in run.attrs["import_notes"])
+    assert any(
+        "1 of 10 positions of the satellite receiver left out" in note
+        for note in run.attrs["import_notes"]
+    )
 
 
 def test_a_receivers_clock_that_goes_back_is_told(tmp_path):
-    rows = [f"{k + 1}\td\t12:00:{50 - k:02d}\t{LATITUDE[k]:.9f}\tN\t{LONGITUDE[k]:.9f}\tE\t0" for k in range(5)]
+    rows = [
+        f"{k + 1}\td\t12:00:{50 - k:02d}\t{LATITUDE[k]:.9f}\tN\t{LONGITUDE[k]:.9f}\tE\t0"
+        for k in range(5)
+    ]
     (tmp_path / "a.cor").write_text("\n".join(rows))
     notes = []
     assert len(cor_fixes(tmp_path / "a.cor", TRACES, notes).table) == 5
@@ -573,7 +674,9 @@ def test_a_line_that_was_triggered_by_time_has_a_clock(tmp_path):
 def test_a_spacing_that_the_receiver_contradicts_is_told(tmp_path):
     path = write_dt1(tmp_path / "a.dt1", COUNTS, step=1.0)
     lat = LATITUDE[0] + np.arange(TRACES) * 20 / 111_000
-    path.with_suffix(".gps").write_text(gps_lines(range(TRACES), lat, np.full(TRACES, LONGITUDE[0])))
+    path.with_suffix(".gps").write_text(
+        gps_lines(range(TRACES), lat, np.full(TRACES, LONGITUDE[0]))
+    )
     told = "\n".join(explain_file(path).lines)
     assert "where the traces' own distance is 29 m: is their spacing right?" in told
 
@@ -589,13 +692,20 @@ ENTRIES = {
 
 @pytest.mark.parametrize("kind", ENTRIES)
 def test_every_entry_that_is_missing_is_told(kind, tmp_path):
-    write, suffix = {"dt1": (write_dt1, ".hd"), "rd3": (write_mala, ".RAD"), "iprb": (write_impulse, ".iprh")}[kind]
+    write, suffix = {
+        "dt1": (write_dt1, ".hd"),
+        "rd3": (write_mala, ".RAD"),
+        "iprb": (write_impulse, ".iprh"),
+    }[kind]
     path = write(tmp_path / f"a.{kind}", COUNTS)
     head = path.with_suffix(suffix)
     whole = head.read_text(encoding="utf-8")
     usual = read_gpr(path)
     for entry in ENTRIES[kind]:
-        head.write_text("\n".join(line for line in whole.splitlines() if not line.startswith(entry)), encoding="utf-8")
+        head.write_text(
+            "\n".join(line for line in whole.splitlines() if not line.startswith(entry)),
+            encoding="utf-8",
+        )
         read = read_gpr(path)
         same = read.distance is not None and np.array_equal(read.distance, usual.distance)
         assert set(read.history) - set(usual.history) or not same or entry == "DATA TYPE"
@@ -611,7 +721,9 @@ def test_every_entry_that_is_missing_is_told(kind, tmp_path):
     zero=st.booleans(),
     midnight=st.booleans(),
 )
-def test_what_differs_from_the_file_is_in_the_notes(step, still, back, lost, unit, zero, midnight, tmp_path):
+def test_what_differs_from_the_file_is_in_the_notes(
+    step, still, back, lost, unit, zero, midnight, tmp_path
+):
     """Every place that is given differs from the words in the file only where a note says so."""
     places = step * np.arange(TRACES)
     places[12] = places[11] if still else places[12]
@@ -628,9 +740,19 @@ def test_what_differs_from_the_file_is_in_the_notes(step, still, back, lost, uni
     if metre is None:
         assert read.distance is None
         assert "POSITION UNITS" in said
-    elif read.distance is None or not np.array_equal(read.distance, np.float32(places) * np.float64(metre)):
-        assert any(word in said for word in ("no numbers", "no places", "fall from trace", "equal steps")) or step == 0
-    assert ("stand where the one before was" in said) == (metre is not None and step != 0 and (still or back))
+    elif read.distance is None or not np.array_equal(
+        read.distance, np.float32(places) * np.float64(metre)
+    ):
+        assert (
+            any(
+                word in said
+                for word in ("no numbers", "no places", "fall from trace", "equal steps")
+            )
+            or step == 0
+        )
+    assert ("stand where the one before was" in said) == (
+        metre is not None and step != 0 and (still or back)
+    )
     assert ("POSITION UNITS are not told" in said) == (unit == "")
     assert ("no time zero" in said) == (not zero)
     assert ("midnight" in said) == midnight
@@ -651,7 +773,9 @@ def test_notes_are_in_info_in_the_run_and_on_the_screen(tmp_path):
 
 def test_positions_and_marks_that_a_run_does_not_keep_are_told(tmp_path):
     path = write_dzt(tmp_path / "a.dzt", COUNTS[:, None])
-    path.with_suffix(".dzg").write_text(gps_lines([0, 9, 20], LATITUDE[[0, 9, 20]], LONGITUDE[[0, 9, 20]], "dzt"))
+    path.with_suffix(".dzg").write_text(
+        gps_lines([0, 9, 20], LATITUDE[[0, 9, 20]], LONGITUDE[[0, 9, 20]], "dzt")
+    )
     notes = gpr_run(read_gpr(path)).attrs["import_notes"]
     assert "3 positions of the satellite receiver are not used: they need an anchor" in notes
     assert "1 marks of the operator are not kept in the run" in notes
@@ -659,7 +783,9 @@ def test_positions_and_marks_that_a_run_does_not_keep_are_told(tmp_path):
 
 def test_what_is_given_in_place_of_the_file_is_in_the_notes(tmp_path):
     read = read_gpr(write_dt1(tmp_path / "a.dt1", COUNTS))
-    notes = gpr_run(read, step=0.1, separation=0.5, time_zero=3e-9, window=100e-9).attrs["import_notes"]
+    notes = gpr_run(read, step=0.1, separation=0.5, time_zero=3e-9, window=100e-9).attrs[
+        "import_notes"
+    ]
     for words in (
         "equal steps of 0.1 m are given",
         "separation 0.5 m is given",
@@ -683,7 +809,9 @@ def test_traces_beyond_those_that_a_header_tells_are_read_and_counted(kind, tmp_
     }[kind]
     read = read_gpr(write(tmp_path / f"a.{kind}"))
     assert len(read.traces) == TRACES
-    told = notes_with(read, f"the header tells 10 traces, the file holds {TRACES}, all of which are read")
+    told = notes_with(
+        read, f"the header tells 10 traces, the file holds {TRACES}, all of which are read"
+    )
     assert bool(told) == (kind not in ("dzt", "sgy"))
 
 

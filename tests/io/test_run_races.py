@@ -36,7 +36,9 @@ def at_the_next(monkeypatch, owner, name, act):
     monkeypatch.setattr(owner, name, late)
 
 
-@pytest.mark.parametrize("step", [(Path, "mkdir"), (os, "open"), (fcntl, "flock")], ids=lambda step: step[1])
+@pytest.mark.parametrize(
+    "step", [(Path, "mkdir"), (os, "open"), (fcntl, "flock")], ids=lambda step: step[1]
+)
 def test_a_writer_that_begins_while_another_commits_is_refused(tmp_path, monkeypatch, step):
     first = begin(tmp_path / "a.zarr", resume=True)
     at_the_next(monkeypatch, *step, lambda: write(first))
@@ -92,6 +94,9 @@ def test_of_processes_that_race_one_writes_and_the_others_are_refused(tmp_path):
     for trial in range(12):
         words = [text for number, text in told if int(number) == trial]
         assert words.count("wrote") == 1, words
-        assert sum("another process is writing" in w or "path must not exist yet" in w for w in words) == 2, words
+        assert (
+            sum("another process is writing" in w or "path must not exist yet" in w for w in words)
+            == 2
+        ), words
         assert open_run(tmp_path / f"{trial}.zarr").load().sizes["scan"] == 3
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(f"{t}.zarr" for t in range(12))

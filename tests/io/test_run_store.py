@@ -7,7 +7,15 @@ import pytest
 import xarray as xr
 import zarr
 
-from flgpr.io import RunStoreError, RunWriter, import_fullwave, open_run, read_table, sample_lane, save_run
+from flgpr.io import (
+    RunStoreError,
+    RunWriter,
+    import_fullwave,
+    open_run,
+    read_table,
+    sample_lane,
+    save_run,
+)
 from flgpr.io.files import replaced_by
 from flgpr.io.journal import JOURNAL
 
@@ -77,7 +85,9 @@ def test_every_file_missing_truncated_or_altered_is_an_error(small_run, tmp_path
 
 
 def test_an_interrupted_write_leaves_no_run(small_run, tmp_path):
-    fixed = [small_run[n].values for n in ("frequency", "polarization", "tx_position", "rx_position")]
+    fixed = [
+        small_run[n].values for n in ("frequency", "polarization", "tx_position", "rx_position")
+    ]
 
     def write_one_scan_and_stop():
         with RunWriter(tmp_path / "a.zarr", *fixed) as writer:
@@ -109,10 +119,14 @@ def append(writer, run, scans):
 
 
 def bytes_of(path):
-    return {str(f.relative_to(path)): f.read_bytes() for f in sorted(path.rglob("*")) if f.is_file()}
+    return {
+        str(f.relative_to(path)): f.read_bytes() for f in sorted(path.rglob("*")) if f.is_file()
+    }
 
 
-@pytest.mark.parametrize("damage", ["none", "torn journal line", "altered chunk", "missing chunk", "stray file"])
+@pytest.mark.parametrize(
+    "damage", ["none", "torn journal line", "altered chunk", "missing chunk", "stray file"]
+)
 def test_a_stopped_writer_goes_on_and_the_bytes_are_the_same(small_run, tmp_path, damage):
     stop_after(small_run, tmp_path / "a.zarr", 3)
     left = tmp_path / "a.zarr.partial"
@@ -136,12 +150,16 @@ def test_a_stopped_writer_goes_on_and_the_bytes_are_the_same(small_run, tmp_path
 
 
 @pytest.mark.parametrize("ahead", [1, 3, 4, 64])
-def test_bytes_do_not_hang_on_how_far_ahead_the_array_grows(ahead, small_run, tmp_path, monkeypatch):
+def test_bytes_do_not_hang_on_how_far_ahead_the_array_grows(
+    ahead, small_run, tmp_path, monkeypatch
+):
     want = bytes_of(save_run(small_run, tmp_path / "a.zarr", resume=True))
     monkeypatch.setattr("flgpr.io.run_store._AHEAD", ahead)
     stop_after(small_run, tmp_path / "b.zarr", 2)
     assert bytes_of(save_run(small_run, tmp_path / "b.zarr", resume=True)) == want
-    assert zarr.open_group(tmp_path / "b.zarr", mode="r")["signal"].shape[0] == small_run.sizes["scan"]
+    assert (
+        zarr.open_group(tmp_path / "b.zarr", mode="r")["signal"].shape[0] == small_run.sizes["scan"]
+    )
 
 
 def test_another_run_is_not_gone_on_with(small_run, tmp_path):
@@ -150,7 +168,11 @@ def test_another_run_is_not_gone_on_with(small_run, tmp_path):
     with pytest.raises(RunStoreError, match=r'its inputs.scene is "one", this one\'s "two"'):
         RunWriter(*same, resume=True, inputs={"scene": "two"})
     with RunWriter(
-        tmp_path / "a.zarr", *parts(small_run), small_run.attrs, resume=True, inputs={"scene": "one"}
+        tmp_path / "a.zarr",
+        *parts(small_run),
+        small_run.attrs,
+        resume=True,
+        inputs={"scene": "one"},
     ) as two:
         assert len(two) == 2
         with pytest.raises(RunStoreError, match="another process is writing"):
@@ -211,7 +233,9 @@ def test_a_whole_store_with_the_journal_of_a_killed_writer_reads_well_and_the_ne
     assert sorted(p.name for p in tmp_path.iterdir()) == ["b.zarr", "b.zarr.old", "w.zarr"]
 
 
-def test_a_store_of_the_same_run_is_left_as_it_is_and_one_of_another_is_refused(small_run, tmp_path, caplog):
+def test_a_store_of_the_same_run_is_left_as_it_is_and_one_of_another_is_refused(
+    small_run, tmp_path, caplog
+):
     path = save_run(small_run, tmp_path / "a.zarr", resume=True)
     times = {p: p.stat().st_mtime_ns for p in files_of(path)}
     with caplog.at_level("INFO", "flgpr.outputs"):
@@ -287,14 +311,18 @@ def test_damaged_archives_are_refused(fullwave_archive, tmp_path):
         import_fullwave(rewrite(fullwave_archive, tmp_path / "b.npz", rx_xyz_m=None))
     arrays = np.load(fullwave_archive)
     with pytest.raises(ValueError, match="hertz"):
-        import_fullwave(rewrite(fullwave_archive, tmp_path / "c.npz", frequency_hz=arrays["frequency_hz"] / 1e9))
+        import_fullwave(
+            rewrite(fullwave_archive, tmp_path / "c.npz", frequency_hz=arrays["frequency_hz"] / 1e9)
+        )
     moved = arrays["tx_xyz_m"].copy()
     moved[1, 0, 0] += 0.01
     with pytest.raises(ValueError, match="keep its form"):
         import_fullwave(rewrite(fullwave_archive, tmp_path / "d.npz", tx_xyz_m=moved))
 
 
-def test_a_stopped_save_goes_on_with_the_same_run_and_throws_away_another(small_run, tmp_path, monkeypatch):
+def test_a_stopped_save_goes_on_with_the_same_run_and_throws_away_another(
+    small_run, tmp_path, monkeypatch
+):
     want = bytes_of(save_run(small_run, tmp_path / "w", resume=True))
     append = RunWriter.append
     seen = []
@@ -327,22 +355,34 @@ def test_zarr_itself_does_not_make_zeros_of_a_scan_that_is_gone(small_run, tmp_p
     assert np.isnan(signal[2]).all()
     assert np.isfinite(signal[1]).all()
     if "read_missing_chunks" in zarr.config.get("array"):
-        with zarr.config.set({"array.read_missing_chunks": False}), pytest.raises(Exception, match="chunk"):
+        with (
+            zarr.config.set({"array.read_missing_chunks": False}),
+            pytest.raises(Exception, match="chunk"),
+        ):
             zarr.open_group(store, mode="r")["signal"][2]
 
 
 def test_what_could_not_be_committed_is_refused_when_it_comes(small_run, tmp_path):
-    fixed = [small_run[name].values for name in ("frequency", "polarization", "tx_position", "rx_position")]
+    fixed = [
+        small_run[name].values
+        for name in ("frequency", "polarization", "tx_position", "rx_position")
+    ]
     with pytest.raises(ValueError, match="must increase strictly"):
         RunWriter(tmp_path / "run.zarr", fixed[0][::-1], *fixed[1:])
     assert not list(tmp_path.iterdir())
     with RunWriter(tmp_path / "run.zarr", *fixed) as writer:
         signal = small_run["signal"].values
-        for pose, match in (([0, 0, 1.5, 90.0, 0, 0], "in degrees"), ([0, 0, 1.5], "shape"), ([np.nan] * 6, "finite")):
+        for pose, match in (
+            ([0, 0, 1.5, 90.0, 0, 0], "in degrees"),
+            ([0, 0, 1.5], "shape"),
+            ([np.nan] * 6, "finite"),
+        ):
             with pytest.raises(ValueError, match=match):
                 writer.append(signal[0], pose, 5.0)
         writer.append(signal[0], np.zeros(6), 5.0)
-        with pytest.raises(ValueError, match=r"time must .* not decrease from scan to scan, got 4 after 5"):
+        with pytest.raises(
+            ValueError, match=r"time must .* not decrease from scan to scan, got 4 after 5"
+        ):
             writer.append(signal[0], np.zeros(6), 4.0)
         writer.append(signal[1], np.zeros(6))
     assert open_run(tmp_path / "run.zarr").sizes["scan"] == 2
@@ -350,7 +390,9 @@ def test_what_could_not_be_committed_is_refused_when_it_comes(small_run, tmp_pat
 
 def test_committing_takes_no_memory_for_the_signal(tmp_path):
     tones = 1e9 + 1e5 * np.arange(5000)
-    with RunWriter(tmp_path / "run.zarr", tones, ["VV"], np.zeros((4, 3)), np.zeros((4, 3))) as writer:
+    with RunWriter(
+        tmp_path / "run.zarr", tones, ["VV"], np.zeros((4, 3)), np.zeros((4, 3))
+    ) as writer:
         for scan in range(50):
             signal = np.full((1, 4, 5000), np.nan if scan == 7 else 1j)
             writer.append(signal, [0.0, scan, 2.0, 0.0, 0.0, 0.0], float(scan))

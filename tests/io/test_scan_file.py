@@ -104,7 +104,16 @@ def test_what_a_scan_must_hold(small_run, description, header, payload, words):
 
 
 @pytest.mark.parametrize(
-    "pose", [None, "north", [1, 2], [1, 2, 3, 99, 0, 0], [0, 0, 0, 0, 2.0, 0], [1e9, 0, 0, 0, 0, 0], [None] * 6]
+    "pose",
+    [
+        None,
+        "north",
+        [1, 2],
+        [1, 2, 3, 99, 0, 0],
+        [0, 0, 0, 0, 2.0, 0],
+        [1e9, 0, 0, 0, 0, 0],
+        [None] * 6,
+    ],
 )
 def test_a_pose_that_makes_no_sense_is_none(small_run, description, pose):
     samples = small_run["signal"].values[0].astype("<c8").tobytes()

@@ -77,7 +77,12 @@ class JournalMachine(RuleBasedStateMachine):
     def make(self):
         self.count += 1
         time = math.nan if self.count % 3 == 0 else self.count / 7
-        return WrittenScan(f"{self.count:064d}", np.arange(6.0) + self.count, time, np.array([[True, self.count > 4]]))
+        return WrittenScan(
+            f"{self.count:064d}",
+            np.arange(6.0) + self.count,
+            time,
+            np.array([[True, self.count > 4]]),
+        )
 
     @precondition(lambda self: self.journal)
     @rule()
@@ -127,7 +132,9 @@ class JournalMachine(RuleBasedStateMachine):
         """What a kill in the middle of a write leaves, or the beginning of a line that stands already."""
         last = self.lines[-1][1] if again and self.lines else None
         with self.path.open("ab") as file:
-            file.write(last[: max(1, len(data) * 5) % len(last)] if last else data.replace(b"\n", b" "))
+            file.write(
+                last[: max(1, len(data) * 5) % len(last)] if last else data.replace(b"\n", b" ")
+            )
 
     @precondition(lambda self: not self.journal)
     @rule(share=st.floats(0, 1))
@@ -143,7 +150,11 @@ class JournalMachine(RuleBasedStateMachine):
         self.lines = kept
 
     @precondition(lambda self: not self.journal and self.lines)
-    @rule(share=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7), where=st.floats(0, 1, exclude_max=True))
+    @rule(
+        share=st.floats(0, 1, exclude_max=True),
+        bit=st.integers(0, 7),
+        where=st.floats(0, 1, exclude_max=True),
+    )
     def flip(self, share, bit, where):
         which = int(share * len(self.lines))
         at = len(self.head) + sum(len(line) for _, line in self.lines[:which])
@@ -222,13 +233,19 @@ class StoreMachine(RuleBasedStateMachine):
         signal = (rng.normal(size=(1, 2, 3)) + 1j * rng.normal(size=(1, 2, 3))).astype(np.complex64)
         if self.count % 5 == 0:
             signal[0, 1, 1] = np.nan
-        return signal, np.append(rng.normal(size=3), np.zeros(3)), math.nan if self.count % 4 == 0 else self.count / 3
+        return (
+            signal,
+            np.append(rng.normal(size=3), np.zeros(3)),
+            math.nan if self.count % 4 == 0 else self.count / 3,
+        )
 
     @precondition(lambda self: self.writer is None)
     @rule(resume=st.sampled_from([True, True, True, False]))
     def open(self, resume):
         self.begun = self.begun if resume else []
-        self.writer = RunWriter(self.path, *self.fixed, overwrite=True, resume=resume, inputs=self.inputs)
+        self.writer = RunWriter(
+            self.path, *self.fixed, overwrite=True, resume=resume, inputs=self.inputs
+        )
         assert len(self.writer) == len(self.begun)
 
     @precondition(lambda self: self.writer is None)
@@ -237,7 +254,9 @@ class StoreMachine(RuleBasedStateMachine):
         """Refused while something stands, and nothing is lost by it."""
         if self.begun:
             with pytest.raises(RunStoreError, match=r"another unfinished run: its inputs.digest"):
-                RunWriter(self.path, *self.fixed, overwrite=True, resume=True, inputs={"digest": "aa"})
+                RunWriter(
+                    self.path, *self.fixed, overwrite=True, resume=True, inputs={"digest": "aa"}
+                )
 
     @precondition(lambda self: self.writer is not None)
     @rule()
@@ -337,7 +356,10 @@ class StoreMachine(RuleBasedStateMachine):
             RunWriter(self.path, *self.fixed)
 
     @precondition(lambda self: self.stored)
-    @rule(what=st.sampled_from(["cut", "gone", "flip", "more"]), share=st.floats(0, 1, exclude_max=True))
+    @rule(
+        what=st.sampled_from(["cut", "gone", "flip", "more"]),
+        share=st.floats(0, 1, exclude_max=True),
+    )
     def read_what_was_altered(self, what, share):
         which = int(share * len(self.stored))
         chunk = self.path / "signal" / "c" / str(which) / "0" / "0" / "0"
@@ -353,7 +375,9 @@ class StoreMachine(RuleBasedStateMachine):
             assert not self.path.exists()
             return
         run = open_run(self.path)
-        for name, want in zip(("signal", "pose", "time"), zip(*self.stored, strict=True), strict=True):
+        for name, want in zip(
+            ("signal", "pose", "time"), zip(*self.stored, strict=True), strict=True
+        ):
             np.testing.assert_array_equal(run[name].values, np.stack(want))
 
 
@@ -363,7 +387,11 @@ def _hurt(path, what):
         path.unlink()
     else:
         path.write_bytes(
-            {"cut": data[:-3], "flip": data[:5] + bytes([data[5] ^ 4]) + data[6:], "more": data + b"\0"}[what]
+            {
+                "cut": data[:-3],
+                "flip": data[:5] + bytes([data[5] ^ 4]) + data[6:],
+                "more": data + b"\0",
+            }[what]
         )
 
 

@@ -37,7 +37,9 @@ def test_the_first_fix_is_the_origin_and_the_course_is_y(azimuth):
     np.testing.assert_allclose(lane[:, 0], 0, atol=2e-3)
     np.testing.assert_allclose(lane[:, 1], np.linspace(0, 60, 25), rtol=2e-3)
     assert anchor.georeference()["azimuth"] % 360 == pytest.approx(azimuth, abs=0.1)
-    assert notes[0].startswith("the lane follows from the track: its origin is the first fix, 50.0000000 N 8.0000000 E")
+    assert notes[0].startswith(
+        "the lane follows from the track: its origin is the first fix, 50.0000000 N 8.0000000 E"
+    )
     assert np.isnan(anchor.uncertainty(0.0, 0.0))  # nobody surveyed it
 
 
@@ -77,7 +79,9 @@ def timed_line(folder, traces=40, every=5):
     lines = []
     for k in range(0, traces, every):
         lon, lat, height = fixes_along(25.0, [0.1 * k])[0]
-        lines.append(f"{k + 1}\t2020-01-02\t12:00:{k:02d}\t{lat:.9f}\tN\t{lon:.9f}\tE\t{height:.3f}\tM\t1.0")
+        lines.append(
+            f"{k + 1}\t2020-01-02\t12:00:{k:02d}\t{lat:.9f}\tN\t{lon:.9f}\tE\t{height:.3f}\tM\t1.0"
+        )
     path.with_suffix(".cor").write_text("\n".join(lines) + "\n")
     return path
 
@@ -89,13 +93,18 @@ def test_a_line_without_a_wheel_gets_its_distances_from_its_fixes(tmp_path):
     done = run("import", "gpr", path, "-o", tmp_path / "a.zarr", "--anchor-from-track")
     assert done.exit_code == 0, done.output
     assert "note: the lane follows from the track: its origin is the first fix" in done.output
-    assert "36 of 40 traces lie between positions of the satellite receiver and are kept" in done.output
+    assert (
+        "36 of 40 traces lie between positions of the satellite receiver and are kept"
+        in done.output
+    )
     held = open_run(tmp_path / "a.zarr")
     np.testing.assert_allclose(held["pose"].values[:, 1], 0.1 * np.arange(36), atol=2e-3)
     np.testing.assert_allclose(held["pose"].values[:, [0, 3]], 0, atol=2e-3)
     assert held.attrs["georeference"]["latitude"] == pytest.approx(50.0)
     assert held.attrs["georeference"]["azimuth"] == pytest.approx(25.0, abs=0.1)
-    assert any(note.startswith("the lane follows from the track") for note in held.attrs["import_notes"])
+    assert any(
+        note.startswith("the lane follows from the track") for note in held.attrs["import_notes"]
+    )
 
 
 def test_two_anchors_and_a_line_without_fixes_are_refused(tmp_path):
@@ -137,37 +146,64 @@ def write_drive(folder, more=""):
     fixes = fixes_along(70.0, 0.5 * np.arange(12))
     rng = np.random.default_rng(2)
     signal = rng.normal(size=(12, 9)) + 1j
-    np.savez(folder / "drive.npz", s=signal, lon=fixes[:, 0], lat=fixes[:, 1], h=fixes[:, 2], t=np.arange(12.0))
+    np.savez(
+        folder / "drive.npz",
+        s=signal,
+        lon=fixes[:, 0],
+        lat=fixes[:, 1],
+        h=fixes[:, 2],
+        t=np.arange(12.0),
+    )
     (folder / "drive.toml").write_text(MAPPING + more)
     return fixes
 
 
 def test_a_vehicles_run_lies_in_a_lane_of_its_own_track(tmp_path):
     write_drive(tmp_path, POSE)
-    done = run("import", "mapped", tmp_path / "drive.toml", "-o", tmp_path / "a.zarr", "--anchor-from-track")
+    done = run(
+        "import",
+        "mapped",
+        tmp_path / "drive.toml",
+        "-o",
+        tmp_path / "a.zarr",
+        "--anchor-from-track",
+    )
     assert done.exit_code == 0, done.output
     assert "the lane follows from the track" in done.output
     held = open_run(tmp_path / "a.zarr")
     np.testing.assert_allclose(held["pose"].values[:, 1], 0.5 * np.arange(12), rtol=2e-3, atol=1e-6)
     np.testing.assert_allclose(held["pose"].values[:, [0, 2, 3]], 0, atol=3e-3)
     assert held.attrs["georeference"]["azimuth"] == pytest.approx(70.0, abs=0.1)
-    assert any(note.startswith("the lane follows from the track") for note in held.attrs["import_notes"])
+    assert any(
+        note.startswith("the lane follows from the track") for note in held.attrs["import_notes"]
+    )
 
 
 def test_a_receivers_log_places_a_run_without_an_anchor(tmp_path):
     pytest.importorskip("pynmeagps")
     fixes = write_drive(tmp_path, '[time]\nvariable = "t"\nunit = "s"\n')
     lines = [
-        gga(lat, lon, height).replace("120000.00", f"0000{k:02d}.00") for k, (lon, lat, height) in enumerate(fixes)
+        gga(lat, lon, height).replace("120000.00", f"0000{k:02d}.00")
+        for k, (lon, lat, height) in enumerate(fixes)
     ]
     lines = [line.split("*")[0] for line in lines]
     sums = [0] * len(lines)
     for k, line in enumerate(lines):
         for one in line[1:]:
             sums[k] ^= ord(one)
-    (tmp_path / "t.nmea").write_text("".join(f"{a}*{b:02X}\r\n" for a, b in zip(lines, sums, strict=True)))
+    (tmp_path / "t.nmea").write_text(
+        "".join(f"{a}*{b:02X}\r\n" for a, b in zip(lines, sums, strict=True))
+    )
     np.testing.assert_allclose(nmea_places(tmp_path / "t.nmea"), fixes, atol=1e-3)
-    words = ("import", "mapped", tmp_path / "drive.toml", "-o", tmp_path / "a.zarr", "--track", tmp_path / "t.nmea")
+    words = (
+        "import",
+        "mapped",
+        tmp_path / "drive.toml",
+        "-o",
+        tmp_path / "a.zarr",
+        "--track",
+        tmp_path / "t.nmea",
+    )
     assert "needs an anchor" in run(*words).output
     done = run(*words, "--anchor-from-track")
     assert done.exit_code == 0, done.output
@@ -181,8 +217,16 @@ def test_a_receivers_log_places_a_run_without_an_anchor(tmp_path):
 
 def test_positions_that_are_no_fixes_make_no_anchor(tmp_path):
     write_drive(
-        tmp_path, '[pose]\nx = 0\ny = "t"\nz = 0\nunit = "m"\nheading = 0\npitch = 0\nroll = 0\nangle_unit = "deg"\n'
+        tmp_path,
+        '[pose]\nx = 0\ny = "t"\nz = 0\nunit = "m"\nheading = 0\npitch = 0\nroll = 0\nangle_unit = "deg"\n',
     )
-    done = run("import", "mapped", tmp_path / "drive.toml", "-o", tmp_path / "a.zarr", "--anchor-from-track")
+    done = run(
+        "import",
+        "mapped",
+        tmp_path / "drive.toml",
+        "-o",
+        tmp_path / "a.zarr",
+        "--anchor-from-track",
+    )
     assert done.exit_code == 2
     assert "anchor-from-track needs fixes by longitude and latitude" in done.output

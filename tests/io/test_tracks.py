@@ -19,7 +19,9 @@ def put(text, path):
 
 
 def test_a_track_by_columns(tmp_path):
-    text = "time_s,x_m,y_m,z_m,heading_deg,pitch_rad,roll_deg\n0,1,2,3,90,0.1,-5\n1,2,2,3,95,0.1,-5\n"
+    text = (
+        "time_s,x_m,y_m,z_m,heading_deg,pitch_rad,roll_deg\n0,1,2,3,90,0.1,-5\n1,2,2,3,95,0.1,-5\n"
+    )
     track = read_track(put(text, tmp_path / "t.csv"))
     np.testing.assert_allclose(track.iloc[0], [0, 1, 2, 3, np.pi / 2, 0.1, np.radians(-5)])
     bare = put("time_s,x_m,y_m,z_m\n0,0,0,1\n1,1,0,1\n2,2,0,1\n", tmp_path / "u.csv")
@@ -40,26 +42,42 @@ def test_a_track_by_columns(tmp_path):
 
 
 def test_missing_fixes_of_a_table_are_counted(tmp_path):
-    rows = [f"{0.4 * k:.1f};{'' if k in (0, 3, 4) else k};{'nan' if k == 7 else 0};1" for k in range(9)]
-    track = read_track(put("\n".join(["time_s;x_m;y_m;z_m", *rows]) + "\n", tmp_path / "t.csv"), "course", max_gap=1.2)
+    rows = [
+        f"{0.4 * k:.1f};{'' if k in (0, 3, 4) else k};{'nan' if k == 7 else 0};1" for k in range(9)
+    ]
+    track = read_track(
+        put("\n".join(["time_s;x_m;y_m;z_m", *rows]) + "\n", tmp_path / "t.csv"),
+        "course",
+        max_gap=1.2,
+    )
     np.testing.assert_allclose(track["x"], [1, 2, 5, 6, 8])
     assert track.attrs["notes"] == ["4 of 9 fixes of the track not finite, bridged"]
 
 
 def test_a_track_that_was_written_is_read_again(tmp_path):
-    track = make_track([0.1, 0.2, 1 / 3], np.random.default_rng(0).normal(size=(3, 3)), 0.1, [0.2, 0.3, 1 / 7], -0.3)
+    track = make_track(
+        [0.1, 0.2, 1 / 3],
+        np.random.default_rng(0).normal(size=(3, 3)),
+        0.1,
+        [0.2, 0.3, 1 / 7],
+        -0.3,
+    )
     write_table(track, tmp_path / "run-track.csv")
     np.testing.assert_array_equal(read_track(tmp_path / "run-track.csv"), track)
 
 
 def test_two_marks_on_the_array_give_its_pose(tmp_path):
     pose = np.array([[1.0, 5.0, 1.8, 0.3, 0.05, -0.08], [1.1, 7.0, 1.9, -2.5, -0.1, 0.02]])
-    marks = [np.concatenate([vehicle_to_lane([side, 0, 0], p) for side in (-1.2, 1.2)]) for p in pose]
+    marks = [
+        np.concatenate([vehicle_to_lane([side, 0, 0], p) for side in (-1.2, 1.2)]) for p in pose
+    ]
     lines = [",".join(map(repr, map(float, [*m, p[4]]))) for m, p in zip(marks, pose, strict=True)]
     head = ",".join([f"{s}_{a}_m" for s in ("left", "right") for a in "xyz"] + ["pitch_rad"])
     got = read_survey(put("\n".join([head, *lines]) + "\n", tmp_path / "s.csv"))
     for one, want in zip(got, pose, strict=True):
-        np.testing.assert_allclose(vehicle_to_lane([1.2, 0, 0], one), vehicle_to_lane([1.2, 0, 0], want), atol=1e-12)
+        np.testing.assert_allclose(
+            vehicle_to_lane([1.2, 0, 0], one), vehicle_to_lane([1.2, 0, 0], want), atol=1e-12
+        )
     np.testing.assert_allclose(got, pose, atol=1e-9)
     coincide = put(head + "\n1,1,1,1,1,1,0\n", tmp_path / "c.csv")
     with pytest.raises(ValueError, match="coincide at scan 0"):
@@ -84,7 +102,9 @@ def sentence(body):
 def gga(seconds, lon, lat, quality=4, height=301.5):
     clock = f"{int(seconds // 3600) % 24:02d}{int(seconds // 60) % 60:02d}{seconds % 60:05.2f}"
     parts = [f"{int(lat):02d}{(lat % 1) * 60:010.7f},N", f"{int(lon):03d}{(lon % 1) * 60:010.7f},E"]
-    return sentence(f"GPGGA,{clock},{parts[0]},{parts[1]},{quality},12,0.7,{height - 47:.3f},M,47.000,M,,")
+    return sentence(
+        f"GPGGA,{clock},{parts[0]},{parts[1]},{quality},12,0.7,{height - 47:.3f},M,47.000,M,,"
+    )
 
 
 @pytest.fixture
@@ -109,7 +129,10 @@ def test_nmea_positions_over_midnight(anchor, tmp_path):
 def test_nmea_heading_of_a_dual_antenna_is_turned_to_the_lane(anchor, tmp_path):
     pytest.importorskip("pynmeagps")
     north = math.degrees(AZIMUTH) + 20
-    log = "".join(gga(k, *place) + sentence(f"GPHDT,{north:.3f},T") for k, place in enumerate(on_the_ellipsoid(WAY)))
+    log = "".join(
+        gga(k, *place) + sentence(f"GPHDT,{north:.3f},T")
+        for k, place in enumerate(on_the_ellipsoid(WAY))
+    )
     track = read_nmea(put(log, tmp_path / "n.nmea"), anchor)
     np.testing.assert_allclose(np.degrees(track["heading"]), 20, atol=0.01)
 
@@ -117,7 +140,9 @@ def test_nmea_heading_of_a_dual_antenna_is_turned_to_the_lane(anchor, tmp_path):
 def test_nmea_of_poor_quality_or_damaged(anchor, tmp_path):
     pytest.importorskip("pynmeagps")
     places = on_the_ellipsoid(WAY)
-    poor = put("".join(gga(k, *place, quality=1) for k, place in enumerate(places)), tmp_path / "n.nmea")
+    poor = put(
+        "".join(gga(k, *place, quality=1) for k, place in enumerate(places)), tmp_path / "n.nmea"
+    )
     with pytest.raises(ValueError, match=r"quality \(4,\).*\{1: 4\}"):
         read_nmea(poor, anchor)
     assert len(read_nmea(poor, anchor, quality=(1,))) == 4
@@ -176,7 +201,10 @@ def test_touchstone_one_file_per_pair(tmp_path):
 def test_touchstone_of_many_ports(tmp_path):
     pytest.importorskip("skrf")
     s = np.arange(9).reshape(3, 3) + 0.5
-    rows = [f"500 {' '.join(f'{v} 0' for v in s[0])}", *(" ".join(f"{v} 0" for v in r) for r in s[1:])]
+    rows = [
+        f"500 {' '.join(f'{v} 0' for v in s[0])}",
+        *(" ".join(f"{v} 0" for v in r) for r in s[1:]),
+    ]
     opened = open_arrays(put("# MHz S RI R 50\n" + "\n".join(rows) + "\n", tmp_path / "a.s3p"))
     assert opened.read("s32")[0] == s[2, 1]
     assert opened.read("s").shape == (1, 3, 3)

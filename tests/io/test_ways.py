@@ -58,7 +58,9 @@ WAY = np.column_stack([np.linspace(0, 1, 5), 2.0 * np.arange(5), np.full(5, 1.5)
 )  # fmt: skip
 def test_positions_in_one_table(table, pos, tmp_path):
     got = poses(tmp_path, f"[pose]\n{table}\n{LEVEL}", pos=pos)
-    np.testing.assert_allclose(got, np.column_stack([WAY, np.full(5, np.pi / 2), np.zeros((5, 2))]), atol=1e-12)
+    np.testing.assert_allclose(
+        got, np.column_stack([WAY, np.full(5, np.pi / 2), np.zeros((5, 2))]), atol=1e-12
+    )
 
 
 def test_six_columns_hold_the_angles_too(tmp_path):
@@ -89,8 +91,12 @@ def slow_course(points, least=0.05):
 
 def test_a_course_with_stops_is_that_of_the_slow_twin():
     rng = np.random.default_rng(5)
-    points = np.cumsum(rng.normal(0.03, 0.03, (300, 2)) * np.repeat(rng.integers(0, 2, 15), 20)[:, None], axis=0)
-    np.testing.assert_allclose(np.exp(1j * course(points)), np.exp(1j * slow_course(points)), atol=1e-9)
+    points = np.cumsum(
+        rng.normal(0.03, 0.03, (300, 2)) * np.repeat(rng.integers(0, 2, 15), 20)[:, None], axis=0
+    )
+    np.testing.assert_allclose(
+        np.exp(1j * course(points)), np.exp(1j * slow_course(points)), atol=1e-9
+    )
 
 
 RASTER = HEAD.replace('["scan", "frequency"]', '["frequency", "scan", "scan"]') + ANTENNA
@@ -101,13 +107,20 @@ def test_a_raster_is_flattened_in_c_order(rows, tmp_path):
     data = np.arange(9.0 * rows).reshape(3, rows, 3) + 1j
     x = np.array([0.0, 10.0, 20.0])
     y = np.arange(1.0, rows + 1)
-    table = '[pose]\nx = {variable = "x", axis = 1}\ny = {variable = "y", axis = 0}\nz = "z"\nunit = "mm"\n' + LEVEL
+    table = (
+        '[pose]\nx = {variable = "x", axis = 1}\ny = {variable = "y", axis = 0}\nz = "z"\nunit = "mm"\n'
+        + LEVEL
+    )
     height = np.arange(3.0 * rows).reshape(rows, 3)
     run = arrived(tmp_path, table, RASTER, data=data, x=x, y=y, z=height).run
     scan = 1 * 3 + 2  # row 1, column 2
-    np.testing.assert_array_equal(run["signal"].values[scan, 0, 0], data[:, 1, 2].astype(np.complex64))
+    np.testing.assert_array_equal(
+        run["signal"].values[scan, 0, 0], data[:, 1, 2].astype(np.complex64)
+    )
     np.testing.assert_allclose(run["pose"].values[scan, :3], [0.020, 0.002, 0.005])
-    plain = table.replace('{variable = "x", axis = 1}', '"x"').replace('{variable = "y", axis = 0}', '"y"')
+    plain = table.replace('{variable = "x", axis = 1}', '"x"').replace(
+        '{variable = "y", axis = 0}', '"y"'
+    )
     if rows == 3:
         with pytest.raises(ValueError, match=r"a\.npz: pose\.x fits scan axes .* axis"):
             arrived(tmp_path, plain, RASTER, data=data, x=x, y=y, z=height)
@@ -117,9 +130,13 @@ def test_a_raster_is_flattened_in_c_order(rows, tmp_path):
             arrived(tmp_path, plain, RASTER, data=data, x=x, y=y, z=height.T)
     grid = np.stack([*np.meshgrid(x, y), height], axis=-1)
     timed = table + '[time]\nvariable = "z"\nunit = "s"\n'
-    np.testing.assert_array_equal(arrived(tmp_path, timed, RASTER, data=data, x=x, y=y, z=height).run["time"][scan], 5)
+    np.testing.assert_array_equal(
+        arrived(tmp_path, timed, RASTER, data=data, x=x, y=y, z=height).run["time"][scan], 5
+    )
     whole = '[pose]\nposition = {variable = "p", unit = "mm"}\n' + LEVEL
-    np.testing.assert_array_equal(arrived(tmp_path, whole, RASTER, data=data, p=grid).run["pose"], run["pose"])
+    np.testing.assert_array_equal(
+        arrived(tmp_path, whole, RASTER, data=data, p=grid).run["pose"], run["pose"]
+    )
 
 
 def test_numbers_and_columns_place_antennas(tmp_path):
@@ -127,21 +144,28 @@ def test_numbers_and_columns_place_antennas(tmp_path):
     text += '[antenna_position]\nx = {variable = "ant", column = 1}\ny = 0\nz = 0.3\nunit = "in"\n'
     data = np.ones((5, 2, 3), complex)
     table = ORIENTED + LEVEL
-    run = arrived(tmp_path, table, text, data=data, ant=np.array([[9.0, -1.0], [9.0, 1.0]]), pos=WAY).run
+    run = arrived(
+        tmp_path, table, text, data=data, ant=np.array([[9.0, -1.0], [9.0, 1.0]]), pos=WAY
+    ).run
     np.testing.assert_allclose(run["tx_position"], 0.0254 * np.array([[-1, 0, 0.3], [1, 0, 0.3]]))
-    single = arrived(tmp_path, table, HEAD + '[antenna_position]\nx = 0\ny = 0.1\nz = 0\nunit = "ft"\n', pos=WAY).run
+    single = arrived(
+        tmp_path, table, HEAD + '[antenna_position]\nx = 0\ny = 0.1\nz = 0\nunit = "ft"\n', pos=WAY
+    ).run
     np.testing.assert_allclose(single["rx_position"], [[0, 0.03048, 0]])
 
 
 def test_positions_of_one_antenna_in_the_lane_frame(tmp_path):
     text = '[antenna_position]\nvariable = "pos"\nunit = "m"\nframe = "lane"\n'
-    np.testing.assert_allclose(arrived(tmp_path, text, HEAD, pos=WAY).run["pose"].values[:, :3], WAY)
+    np.testing.assert_allclose(
+        arrived(tmp_path, text, HEAD, pos=WAY).run["pose"].values[:, :3], WAY
+    )
 
 
 def test_interleaved_samples_in_a_flat_record(tmp_path):
     data = np.random.default_rng(1).integers(-99, 99, (5, 2, 3, 2)).astype(np.int16)
     text = HEAD.replace(
-        'dims = ["scan", "frequency"]', 'dims = ["scan", "pair", "frequency"]\ninterleaved = true\nshape = [-1, 2, 3]'
+        'dims = ["scan", "frequency"]',
+        'dims = ["scan", "pair", "frequency"]\ninterleaved = true\nshape = [-1, 2, 3]',
     )
     text += '[antenna_position]\nvalues = [[0, 0, 0], [1, 0, 0]]\nunit = "m"\n'
     table = ORIENTED + LEVEL
@@ -154,7 +178,10 @@ def test_interleaved_samples_in_a_flat_record(tmp_path):
 
 
 def test_axes_written_as_a_span(tmp_path):
-    text = HEAD.replace('variable = "f"', "span = [1.0, 1.2]").replace('unit = "Hz"', 'unit = "GHz"') + ANTENNA
+    text = (
+        HEAD.replace('variable = "f"', "span = [1.0, 1.2]").replace('unit = "Hz"', 'unit = "GHz"')
+        + ANTENNA
+    )
     table = ORIENTED + LEVEL + '[time]\nspan = [0, 8]\nunit = "s"\n'
     run = arrived(tmp_path, table, text, pos=WAY).run
     np.testing.assert_allclose(run["frequency"], TONES)
@@ -164,9 +191,16 @@ def test_axes_written_as_a_span(tmp_path):
 def test_files_of_a_scan_each_with_positions_elsewhere(tmp_path):
     data = np.random.default_rng(0).normal(size=(12, 3)) + 0j
     for k, scan in enumerate(data):
-        np.save(tmp_path / f"scan_{k}.npy", scan)  # scan_10 must come after scan_9, not after scan_1
-    np.savetxt(tmp_path / "where.csv", np.column_stack([np.arange(12.0), np.zeros((12, 2))]), delimiter=";")
-    text = HEAD.replace('"made up"', '"made up"\njoin = "new scan"\nfiles = {data = "scan_*.npy", where = "where.csv"}')
+        np.save(
+            tmp_path / f"scan_{k}.npy", scan
+        )  # scan_10 must come after scan_9, not after scan_1
+    np.savetxt(
+        tmp_path / "where.csv", np.column_stack([np.arange(12.0), np.zeros((12, 2))]), delimiter=";"
+    )
+    text = HEAD.replace(
+        '"made up"',
+        '"made up"\njoin = "new scan"\nfiles = {data = "scan_*.npy", where = "where.csv"}',
+    )
     text = text.replace('"data"\ndims = ["scan", ', '"array"\ndims = [').replace(
         'variable = "f"', "span = [1e9, 1.2e9]"
     )
@@ -206,7 +240,13 @@ def test_missing_fixes_are_bridged_and_counted(tmp_path):
     with pytest.raises(ValueError, match=r"no gap over 1 s, got 1\.75 s"):
         arrived(tmp_path, TRACK, t=time, clock=clock, fix=fix)
     with pytest.raises(ValueError, match=r"a\.npz: track.* two finite fixes, got 1 of 40"):
-        arrived(tmp_path, TRACK, t=time, clock=clock, fix=np.where(np.arange(40)[:, None] == 3, fix, np.nan))
+        arrived(
+            tmp_path,
+            TRACK,
+            t=time,
+            clock=clock,
+            fix=np.where(np.arange(40)[:, None] == 3, fix, np.nan),
+        )
     with pytest.raises(ValueError, match=r"a\.npz: track\.time must increase"):
         arrived(tmp_path, TRACK, t=time, clock=clock[::-1], fix=np.nan_to_num(fix))
 
@@ -223,12 +263,20 @@ def test_robots_quaternions_become_heading_pitch_and_roll():
     yaw = np.radians([90.0, 0.0, 45.0])
     quaternion = Rotation.from_euler("z", yaw[:, None]).as_quat()
     angles = attitude_of(quaternion, ("x", "y", "z"), ("-y", "x", "z"))
-    np.testing.assert_allclose(angles, [[0, 0, 0], [np.pi / 2, 0, 0], [np.pi / 4, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(
+        angles, [[0, 0, 0], [np.pi / 2, 0, 0], [np.pi / 4, 0, 0]], atol=1e-12
+    )
     # Nose up about the body's y, whose positive turn is nose down for x forward and z up.
     up = Rotation.from_euler("ZY", [[np.pi / 2, -0.1]]).as_quat()
-    np.testing.assert_allclose(attitude_of(up, ("x", "y", "z"), ("-y", "x", "z")), [[0, 0.1, 0]], atol=1e-12)
-    right = Rotation.from_euler("ZX", [[np.pi / 2, 0.2]]).as_quat()  # about the way forward: the left side goes up
-    np.testing.assert_allclose(attitude_of(right, ("x", "y", "z"), ("-y", "x", "z")), [[0, 0, 0.2]], atol=1e-12)
+    np.testing.assert_allclose(
+        attitude_of(up, ("x", "y", "z"), ("-y", "x", "z")), [[0, 0.1, 0]], atol=1e-12
+    )
+    right = Rotation.from_euler(
+        "ZX", [[np.pi / 2, 0.2]]
+    ).as_quat()  # about the way forward: the left side goes up
+    np.testing.assert_allclose(
+        attitude_of(right, ("x", "y", "z"), ("-y", "x", "z")), [[0, 0, 0.2]], atol=1e-12
+    )
     assert np.isnan(attitude_of(np.zeros((1, 4)), ("x", "y", "z"), ("x", "y", "z"))).all()
 
 
@@ -248,9 +296,18 @@ def test_orientations_in_a_mapping(tmp_path):
         np.testing.assert_allclose(got, np.column_stack([WAY, angles]), atol=1e-9)
     for text, words in (
         (f'orientation = {{variable = "e", {body}}}', "pose.orientation must have 4 columns"),
-        ('orientation = {variable = "q", body = ["x", "y", "-z"]}', "pose.orientation.body must be .* right-handed"),
-        (f'orientation = {{variable = "e", euler = "ZxY", unit = "deg", {body}}}', "euler must be x, y and z"),
-        (f'orientation = {{variable = "q", {body}}}\naxes = ["up", "y", "z"]', "pose.axes must be three of"),
+        (
+            'orientation = {variable = "q", body = ["x", "y", "-z"]}',
+            "pose.orientation.body must be .* right-handed",
+        ),
+        (
+            f'orientation = {{variable = "e", euler = "ZxY", unit = "deg", {body}}}',
+            "euler must be x, y and z",
+        ),
+        (
+            f'orientation = {{variable = "q", {body}}}\naxes = ["up", "y", "z"]',
+            "pose.axes must be three of",
+        ),
     ):
         with pytest.raises(ValueError, match=words):
             poses(tmp_path, ORIENTED + text + "\n", pos=WAY, q=q, e=e)
@@ -280,15 +337,33 @@ def test_longitude_and_latitude_need_the_anchor(tmp_path):
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ('[pose]\nx = 0\ny = 0\nz = 0\nunit = "m"\n' + LEVEL.replace("pitch = 0\n", ""), "pose: pitch is missing"),
+        (
+            '[pose]\nx = 0\ny = 0\nz = 0\nunit = "m"\n' + LEVEL.replace("pitch = 0\n", ""),
+            "pose: pitch is missing",
+        ),
         ("[pose]\nx = 0\ny = 0\nz = 0\n" + LEVEL, "pose: unit is missing"),
-        ('[pose]\nx = 0\nposition = {variable = "p", unit = "m"}\n' + LEVEL, "pose: give one of position"),
+        (
+            '[pose]\nx = 0\nposition = {variable = "p", unit = "m"}\n' + LEVEL,
+            "pose: give one of position",
+        ),
         (ORIENTED + LEVEL.replace("angle_unit = 'deg'", ""), "pose: angle_unit is missing"),
-        (ORIENTED + LEVEL + 'orientation = {variable = "q", body = ["x", "y", "z"]}\n', "either orientation"),
+        (
+            ORIENTED + LEVEL + 'orientation = {variable = "q", body = ["x", "y", "z"]}\n',
+            "either orientation",
+        ),
         (ORIENTED + 'orientation = {variable = "q"}\n', "body: is missing"),
-        ('[pose]\nx = {variable_ = "p"}\ny = 0\nz = 0\n' + LEVEL, r"pose\.x\.variable_: .*mean variable"),
-        ('[pose]\nposition = {variable = "p", x = 0, unit = "m"}\n' + LEVEL, "give one of: variable"),
-        ('[pose]\nx = "0?"\ny = 0\nz = 0\nunit = "m?"\n' + LEVEL, r"pose.x is still a guess, got '0\?' .*pose.unit"),
+        (
+            '[pose]\nx = {variable_ = "p"}\ny = 0\nz = 0\n' + LEVEL,
+            r"pose\.x\.variable_: .*mean variable",
+        ),
+        (
+            '[pose]\nposition = {variable = "p", x = 0, unit = "m"}\n' + LEVEL,
+            "give one of: variable",
+        ),
+        (
+            '[pose]\nx = "0?"\ny = 0\nz = 0\nunit = "m?"\n' + LEVEL,
+            r"pose.x is still a guess, got '0\?' .*pose.unit",
+        ),
     ],
 )
 def test_tables_that_contradict_themselves(table, words):

@@ -7,7 +7,11 @@ from flgpr.kernels.profiles import polynomial_degree
 
 def kaiser_bessel(width, beta, distance):
     inside = np.abs(distance) <= width / 2
-    return inside * np.i0(beta * np.sqrt(np.clip(1 - (2 * distance / width) ** 2, 0, None))) / np.i0(beta)
+    return (
+        inside
+        * np.i0(beta * np.sqrt(np.clip(1 - (2 * distance / width) ** 2, 0, None)))
+        / np.i0(beta)
+    )
 
 
 @pytest.mark.parametrize("width", [2, 3, 4, 5, 8, 13])
@@ -16,7 +20,9 @@ def test_transform_is_the_fourier_integral_of_the_window(width):
     frequency = np.linspace(0, 1.7, 12)
     distance = np.linspace(-width / 2, width / 2, 20001)
     value = kaiser_bessel(width, beta, distance)
-    integral = np.trapezoid(value * np.cos(2 * np.pi * frequency[:, None] * distance), distance, axis=1)
+    integral = np.trapezoid(
+        value * np.cos(2 * np.pi * frequency[:, None] * distance), distance, axis=1
+    )
     assert transform(width, beta, frequency) == pytest.approx(integral, rel=1e-6, abs=1e-8)
 
 
@@ -27,7 +33,9 @@ def test_polynomials_are_the_window_to_single_precision(width):
     taps = np.arange(window.width)[:, None] + 1 - window.width / 2 - fraction
     powers = (fraction - 0.5) ** np.arange(polynomial_degree(window.width) + 1)[:, None]
     weights = polynomials(window, polynomial_degree(window.width)) @ powers
-    exact = kaiser_bessel(window.width, window.beta, np.clip(taps, -window.width / 2, window.width / 2))
+    exact = kaiser_bessel(
+        window.width, window.beta, np.clip(taps, -window.width / 2, window.width / 2)
+    )
     assert np.abs(weights - exact).max() < 0.2 * window.error
     assert weights == pytest.approx(weights[::-1, ::-1], abs=1e-9)
 
@@ -42,7 +50,9 @@ def test_interpolating_a_tone_errs_as_predicted():
     bins = first[:, None] + np.arange(width)
     weights = kaiser_bessel(width, window.beta, bins - t[:, None])
     samples = np.exp(2j * np.pi * place * bins) / transform(width, window.beta, np.array([place]))
-    error = np.sqrt(np.mean(np.abs((weights * samples).sum(axis=1) - np.exp(2j * np.pi * place * t)) ** 2))
+    error = np.sqrt(
+        np.mean(np.abs((weights * samples).sum(axis=1) - np.exp(2j * np.pi * place * t)) ** 2)
+    )
     assert error == pytest.approx(tone_errors(width, window.beta, np.array([place]))[0], rel=0.1)
     assert error <= window.error <= 1e-3
 

@@ -39,13 +39,22 @@ print(*(hashlib.sha256(np.ascontiguousarray(one).tobytes()).hexdigest() for one 
 
 def test_a_copy_of_the_sources_loads_what_was_compiled_and_gives_the_same_bits(tmp_path):
     package = Path(flgpr.__file__).parent
-    copy = shutil.copytree(package, tmp_path / "copy" / "flgpr", ignore=shutil.ignore_patterns("static", "__pycache__"))
+    copy = shutil.copytree(
+        package, tmp_path / "copy" / "flgpr", ignore=shutil.ignore_patterns("static", "__pycache__")
+    )
     told = []
     kept = []
     for source in (package, copy):
-        environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kernels"), "PYTHONPATH": str(source.parent)}
+        environment = os.environ | {
+            "NUMBA_CACHE_DIR": str(tmp_path / "kernels"),
+            "PYTHONPATH": str(source.parent),
+        }
         ran = subprocess.run(
-            [sys.executable, "-c", PROGRAM], env=environment, text=True, check=True, capture_output=True
+            [sys.executable, "-c", PROGRAM],
+            env=environment,
+            text=True,
+            check=True,
+            capture_output=True,
         )
         told.append(ran.stdout.split())
         kept.append({path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb[ci]")})
@@ -57,11 +66,17 @@ def test_a_copy_of_the_sources_loads_what_was_compiled_and_gives_the_same_bits(t
 
 def test_what_was_compiled_is_named_by_what_the_module_and_those_behind_it_say(tmp_path):
     folders = []
-    for home, inlined, other in (("here", "a = 1", ""), ("there", "a = 1", "b = 2"), ("later", "a = 2", "")):
+    for home, inlined, other in (
+        ("here", "a = 1", ""),
+        ("there", "a = 1", "b = 2"),
+        ("later", "a = 2", ""),
+    ):
         folder = tmp_path / home / "kernels"
         folder.mkdir(parents=True)
         (folder / "loop.py").write_text("from flgpr.kernels.between import a\n")
-        (folder / "between.py").write_text("from flgpr.kernels.inlined import a\nfrom flgpr.kernels.loop import b\n")
+        (folder / "between.py").write_text(
+            "from flgpr.kernels.inlined import a\nfrom flgpr.kernels.loop import b\n"
+        )
         (folder / "inlined.py").write_text(inlined)
         (folder / "other.py").write_text(other)
         folders.append(compiled.cache_folder(folder / "loop.py"))
@@ -84,7 +99,9 @@ def test_one_process_compiles_and_the_others_wait_but_not_for_ever(tmp_path, mon
     path = tmp_path / "kernel.lock"
     order = []
     compile_once = compiled._once(order.append, path)
-    with path.open("w") as other:  # a lock belongs to an opened file, so that this stands for another process
+    with path.open(
+        "w"
+    ) as other:  # a lock belongs to an opened file, so that this stands for another process
         fcntl.flock(other, fcntl.LOCK_EX)
         waiting = threading.Thread(target=compile_once, args=("waited",))
         waiting.start()
@@ -139,7 +156,9 @@ def test_imaging_to_other_tolerances_calls_what_was_compiled_ahead(monkeypatch):
     operator.forward(operator.adjoint(np.zeros((1, 4, 24), np.complex64)))
     for kernel, given in named.items():
         assert len(set(given)) == 24
-        called = {one for one in kernel.signatures if (len(one[4]), len(one[6])) == (operator.width, 1)}
+        called = {
+            one for one in kernel.signatures if (len(one[4]), len(one[6])) == (operator.width, 1)
+        }
         assert called
         assert called <= set(given)
 
@@ -159,7 +178,9 @@ def test_who_compiles_ahead_ends_with_the_process_that_asked_for_it(tmp_path, mo
         assert started[0].poll() is None
         raise KeyboardInterrupt
     assert started[0].returncode is not None
-    with subprocess.Popen(started[0].args, stdin=subprocess.PIPE) as other:  # as if the process had been killed
+    with subprocess.Popen(
+        started[0].args, stdin=subprocess.PIPE
+    ) as other:  # as if the process had been killed
         other.stdin.close()
         assert other.wait(timeout=300) == 0
     assert not list(tmp_path.rglob("*.nbc")), "it ended before it had compiled anything"
@@ -210,8 +231,12 @@ def test_two_processes_never_write_one_file_of_code(tmp_path, monkeypatch):
     spec.loader.exec_module(module := importlib.util.module_from_spec(spec))
     kernel = compiled.njit(cache=True)(module.twice)
     for value in (3, 3.5):
-        if not (child := os.fork()):  # as workers are forked, with kernels that nothing has called yet
+        if not (
+            child := os.fork()
+        ):  # as workers are forked, with kernels that nothing has called yet
             os._exit(kernel(value) != 2 * value)
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
-        (tmp_path / "kernels" / kernel._cache._cache_file._index_name).unlink()  # neither saw the other's entry
+        (
+            tmp_path / "kernels" / kernel._cache._cache_file._index_name
+        ).unlink()  # neither saw the other's entry
     assert len(list((tmp_path / "kernels").glob("*.nbc"))) == 2

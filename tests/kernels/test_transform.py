@@ -15,7 +15,9 @@ def test_transform_of_lane_rows_is_the_inverse_fourier_sum(size, channels):
     values = rng.normal(size=(size, channels)) + 1j * rng.normal(size=(size, channels))
     rows = np.concatenate([values.real, values.imag], axis=1).astype(np.float32).reshape(-1)
     twiddle = np.exp(2j * np.pi * np.arange(size) / size).astype(np.complex64)
-    result = fourier(rows, np.empty_like(rows), size, twiddle, (0,) * channels).reshape(size, 2, channels)
+    result = fourier(rows, np.empty_like(rows), size, twiddle, (0,) * channels).reshape(
+        size, 2, channels
+    )
     exact = np.fft.ifft(values, axis=0, norm="forward")
     found = result[:, 0] + 1j * result[:, 1]
     assert np.linalg.norm(found - exact) < 5e-7 * np.linalg.norm(exact)

@@ -29,7 +29,10 @@ class Clock:
 
 
 STEPS = st.lists(
-    st.tuples(st.sampled_from(["bad sum of 3", "bad length 7", "lost", "counts", "scan", "look"]), st.floats(0.0, 0.6)),
+    st.tuples(
+        st.sampled_from(["bad sum of 3", "bad length 7", "lost", "counts", "scan", "look"]),
+        st.floats(0.0, 0.6),
+    ),
     max_size=200,
 )
 
@@ -45,12 +48,16 @@ def test_all_problems_are_counted_whatever_their_order(steps):
         if what == "look":
             written += rate.due()
             continue
-        event = {"event": what, "n": number} if what in ("counts", "scan") else problem(what, number)
+        event = (
+            {"event": what, "n": number} if what in ("counts", "scan") else problem(what, number)
+        )
         given_events.append(event)
         written += rate.admit([event])
     written += rate.admit([{"event": "end"}])
     assert told(written) == told(given_events)
-    assert [one for one in written if one["event"] == "scan"] == [one for one in given_events if one["event"] == "scan"]
+    assert [one for one in written if one["event"] == "scan"] == [
+        one for one in given_events if one["event"] == "scan"
+    ]
     assert [one for one in written if one["event"] == "counts"][-1:] == [
         one for one in given_events if one["event"] == "counts"
     ][-1:]
@@ -64,14 +71,18 @@ def test_a_flood_is_told_once_a_second():
     written = []
     for number in range(10_000):
         clock.now = number / 1000
-        written += rate.admit([problem(f"frame must have {number} bytes", number), {"event": "counts", "n": number}])
+        written += rate.admit(
+            [problem(f"frame must have {number} bytes", number), {"event": "counts", "n": number}]
+        )
     written += rate.rest()
     problems = [event for event in written if event["event"] == "problem"]
     assert BURST + 9 <= len(problems) <= BURST + 11
     assert told(problems) == 10_000
     assert problems[-1]["words"].endswith(" more problems like this: frame must have 9999 bytes")
     assert [event["n"] for event in written if event["event"] == "counts"][-1] == 9999
-    assert len(written) - len(problems) <= BURST + 41  # the page misses a radar that it does not hear of for 0.75 s
+    assert (
+        len(written) - len(problems) <= BURST + 41
+    )  # the page misses a radar that it does not hear of for 0.75 s
 
 
 def test_faults_now_and_then_are_told_one_by_one():
@@ -95,7 +106,9 @@ def test_a_flood_of_one_kind_hides_no_other():
 
 def test_kinds_without_end_are_bounded_too():
     rate = EventRate(clock=Clock())
-    written = rate.admit([problem(f"{chr(97 + n % 26)}{chr(97 + n // 26)}") for n in range(26 * 26)])
+    written = rate.admit(
+        [problem(f"{chr(97 + n % 26)}{chr(97 + n // 26)}") for n in range(26 * 26)]
+    )
     assert len(written) < 60
     assert told(written + rate.rest()) == 26 * 26
 

@@ -16,7 +16,17 @@ from flgpr.chain.recipe import DetectorTable, parse_recipe
 from flgpr.io import describe_for_live, save_run
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.feeding import feed
-from flgpr.live.forecast import NAME, Followed, Forecast, _scans, follow, forecast_of, foresees, learn, told
+from flgpr.live.forecast import (
+    NAME,
+    Followed,
+    Forecast,
+    _scans,
+    follow,
+    forecast_of,
+    foresees,
+    learn,
+    told,
+)
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.vehicle import Vehicle
 from live_lane import LANE, make_lane_run, small_recipe
@@ -32,7 +42,9 @@ def trained(features=("magnitude",), table=LOGISTIC):
     rng = np.random.default_rng(2)
     label = np.repeat([0, 1], 40)
     values = pd.DataFrame({name: rng.normal(3.0 + 2.0 * label, 1.5) for name in features})
-    return train_estimator(TrainingSet(values, label, np.ones(80, int), np.repeat("a", 80)), table, features)
+    return train_estimator(
+        TrainingSet(values, label, np.ones(80, int), np.repeat("a", 80)), table, features
+    )
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +58,9 @@ def model():
 
 
 def started(run, model, **settings):
-    return LiveDetector(describe_for_live(run), parse_recipe(RECIPE), LANE, model, LiveSettings(**settings))
+    return LiveDetector(
+        describe_for_live(run), parse_recipe(RECIPE), LANE, model, LiveSettings(**settings)
+    )
 
 
 def drawn(count, seed, looks=2):
@@ -71,7 +85,12 @@ def test_log_odds_after_further_looks_are_the_weighed_mean_with_them():
     mean, deviation = KNOWN.after(z, 0.03, weights)
     p = 1 / (1 + math.exp(-z))
     alike = np.linalg.cholesky(0.6 + 0.4 * np.eye(3))
-    values = z - 1.2 + (-0.35 + 0.4 * p) * z + math.exp(-0.2 + p) * (rng.normal(size=(200_000, 3)) @ alike.T)
+    values = (
+        z
+        - 1.2
+        + (-0.35 + 0.4 * p) * z
+        + math.exp(-0.2 + p) * (rng.normal(size=(200_000, 3)) @ alike.T)
+    )
     later = (0.03 * z + values @ weights) / (0.03 + weights.sum())
     assert mean == pytest.approx(later.mean(), abs=5 * deviation / 200_000**0.5)
     assert deviation == pytest.approx(later.std(), rel=0.01)
@@ -96,9 +115,13 @@ def test_looks_to_come_weigh_as_they_then_do(run, model):
         detector.add(scan)
         for name, (alarm, looks) in before.items():
             if alarm.y > detector.closed and looks:
-                np.testing.assert_allclose(np.diff([0.0] + [way for way, _ in looks]), 0.4, atol=0.05)
+                np.testing.assert_allclose(
+                    np.diff([0.0] + [way for way, _ in looks]), 0.4, atol=0.05
+                )
                 came = detector.looked(alarm)[1] - seen[name]
-                assert came == pytest.approx(looks[0][1], rel=0.1) or came == pytest.approx(0.0, abs=1e-12)
+                assert came == pytest.approx(looks[0][1], rel=0.1) or came == pytest.approx(
+                    0.0, abs=1e-12
+                )
                 checked += came > 0
     assert checked > 100
 
@@ -160,7 +183,9 @@ def test_no_look_comes_to_who_stands_or_drives_back(run, model):
     history = detector.history
     newest = detector.history[-1].pose
     for step in (0.0, 1e-9, -0.4):
-        detector.history = [replace(one, pose=newest + [0, step * k, 0, 0, 0, 0]) for k, one in enumerate(history)]
+        detector.history = [
+            replace(one, pose=newest + [0, step * k, 0, 0, 0, 0]) for k, one in enumerate(history)
+        ]
         assert detector.coming(alarm) == []
         assert told(KNOWN, detector, alarm, 9.0, 0.0, 0.1)["wait"] is False
 
@@ -180,7 +205,9 @@ def test_odds_beyond_all_bounds_end_no_training():
 
 def test_events_tell_it_where_the_model_does(run, model, tmp_path):
     (tmp_path / "recipe.toml").write_text(RECIPE)
-    (tmp_path / "lane.toml").write_text(f"x_min = {LANE.x_min}\nx_max = {LANE.x_max}\ny_min = 2.0\ny_max = 20.0\n")
+    (tmp_path / "lane.toml").write_text(
+        f"x_min = {LANE.x_min}\nx_max = {LANE.x_max}\ny_min = 2.0\ny_max = 20.0\n"
+    )
     save_run(run, tmp_path / "run.zarr")
     feed(tmp_path / "run.zarr", tmp_path / "incoming", math.inf)
 
@@ -191,7 +218,9 @@ def test_events_tell_it_where_the_model_does(run, model, tmp_path):
             lane=tmp_path / "lane.toml", **more,
         )  # fmt: skip
         LiveRun(options).run()
-        lines = [json.loads(line) for line in (tmp_path / name / "live.jsonl").read_text().splitlines()]
+        lines = [
+            json.loads(line) for line in (tmp_path / name / "live.jsonl").read_text().splitlines()
+        ]
         return [line for line in lines if line["event"] == "alarm"]
 
     lines = played(model, "new", vehicle=Vehicle(1.0))
@@ -215,7 +244,9 @@ def test_events_tell_it_where_the_model_does(run, model, tmp_path):
 
 def test_who_was_told_to_wait_is_told_when_no_look_came(run, model, tmp_path, monkeypatch):
     (tmp_path / "recipe.toml").write_text(RECIPE)
-    (tmp_path / "lane.toml").write_text(f"x_min = {LANE.x_min}\nx_max = {LANE.x_max}\ny_min = 2.0\ny_max = 20.0\n")
+    (tmp_path / "lane.toml").write_text(
+        f"x_min = {LANE.x_min}\nx_max = {LANE.x_max}\ny_min = 2.0\ny_max = 20.0\n"
+    )
     run = run.copy()
     run["signal"] = run["signal"].where(run["scan"] % 5 != 4)  # every fifth comes without values
     save_run(run, tmp_path / "run.zarr")
@@ -232,10 +263,14 @@ def test_who_was_told_to_wait_is_told_when_no_look_came(run, model, tmp_path, mo
 
     def taken(arrival, events):
         whole = take(arrival, events)
-        lines = [json.loads(line) for line in (tmp_path / "out" / "live.jsonl").read_text().splitlines()]
+        lines = [
+            json.loads(line) for line in (tmp_path / "out" / "live.jsonl").read_text().splitlines()
+        ]
         last = {line["alarm_id"]: line for line in lines if line["event"] == "alarm"}
         waiting = [line for line in last.values() if line.get("wait")]
-        assert all(live._detector.coming(live._detector.alarms[line["alarm_id"]]) for line in waiting)
+        assert all(
+            live._detector.coming(live._detector.alarms[line["alarm_id"]]) for line in waiting
+        )
         waited.append(len(waiting))
         return whole
 
@@ -250,7 +285,9 @@ def test_a_model_keeps_it_and_one_of_other_shapes_is_refused(model, tmp_path):
     assert forecast_of(recipe, kept) == KNOWN
     for name, value in (("mean", np.zeros(2)), ("spread", np.array([0.0, np.nan]))):
         wrong = replace(model, stages={NAME: KNOWN.arrays() | {name: value}})
-        with pytest.raises(ValueError, match=r"model must hold finite live\.forecast of shapes .* train it again"):
+        with pytest.raises(
+            ValueError, match=r"model must hold finite live\.forecast of shapes .* train it again"
+        ):
             forecast_of(recipe, wrong)
     with pytest.warns(UserWarning, match="its lanes gave too few"):
         assert forecast_of(recipe, Model(model.detector, {}, {NAME: {"looks": 3}})) is None
@@ -261,6 +298,8 @@ def test_it_is_told_of_means_whose_confidence_is_their_log_odds_alone(model):
     assert foresees(recipe, model)
     assert not foresees(parse_recipe(small_recipe()), model)
     assert not foresees(recipe, Model())
-    assert not foresees(recipe, Model(trained(table=DetectorTable(estimator="lda", features=("magnitude",)))))
+    assert not foresees(
+        recipe, Model(trained(table=DetectorTable(estimator="lda", features=("magnitude",))))
+    )
     assert not foresees(recipe, Model(trained(("magnitude", "scans"), LOGISTIC)))
     assert forecast_of(parse_recipe(small_recipe()), model) is None

@@ -172,7 +172,9 @@ def test_late_and_standing_scans_are_told_and_change_nothing(run, recipe, scans)
     assert detector.add(scans[2]).outcome == "late"
     again = Scan(30, 9.0, scans[29].pose + [0.0, 0.1, 0, 0, 0, 0], scans[29].signal)
     assert detector.add(again).outcome == "still"
-    after = take_snapshot(detector, Intake(detector.description), set(), "")[0] | {"gate": None}  # it knows the poses
+    after = take_snapshot(detector, Intake(detector.description), set(), "")[0] | {
+        "gate": None
+    }  # it knows the poses
     assert after == before
 
 
@@ -182,7 +184,10 @@ def test_after_a_long_gap_the_passed_alarms_are_final(run, recipe, scans):
         detector.add(scan)
     still_open = set(detector.alarms)
     assert still_open
-    far = [Scan(100 + k, 0.0, one.pose + [0, 200.0, 0, 0, 0, 0], one.signal) for k, one in enumerate(scans[20:26])]
+    far = [
+        Scan(100 + k, 0.0, one.pose + [0, 200.0, 0, 0, 0, 0], one.signal)
+        for k, one in enumerate(scans[20:26])
+    ]
     updates = [detector.add(one) for one in far]
     assert {a.alarm_id for a in updates[0].alarms if a.state == "final"} == still_open
     assert max(update.view.shape[0] for update in updates) < 700
@@ -195,7 +200,9 @@ def test_a_classifier_gives_the_confidence_that_batch_gives(run, recipe, scans):
     values = rng.normal(size=(80, 3)) + 2 * (np.arange(80) < 30)[:, None] + [3, 3, 1]
     label = (np.arange(80) < 30).astype(int)
     normalizer = HistogramNormalizer().fit(values)
-    model = Classifier(names, normalizer, FisherDiscriminant().fit(normalizer.transform(values), label))
+    model = Classifier(
+        names, normalizer, FisherDiscriminant().fit(normalizer.transform(values), label)
+    )
     detector = start(run, recipe, model=model)
     assert detector.reads.subbands == ["F1"]
     play(detector, scans)
@@ -219,7 +226,9 @@ def test_features_taken_in_scan_by_scan_are_those_of_all_scans_at_once(run, reci
     pd.testing.assert_frame_equal(detector.table(), plain.table(), check_exact=True)
 
 
-def test_a_scan_at_which_the_features_fail_does_not_spoil_those_after_it(run, recipe, scans, monkeypatch):
+def test_a_scan_at_which_the_features_fail_does_not_spoil_those_after_it(
+    run, recipe, scans, monkeypatch
+):
     broken = start(run, recipe)
     plain = start(run, recipe)
     for number, scan in enumerate(scans[:40]):
@@ -230,10 +239,15 @@ def test_a_scan_at_which_the_features_fail_does_not_spoil_those_after_it(run, re
             assert number < 20 or {one.scans for one in found} == {one.scans for one in expected}
             continue
         with monkeypatch.context() as patch:
-            patch.setattr("flgpr.chain.gathering.AlarmSums.add", lambda *_: (_ for _ in ()).throw(ValueError("no")))
+            patch.setattr(
+                "flgpr.chain.gathering.AlarmSums.add",
+                lambda *_: (_ for _ in ()).throw(ValueError("no")),
+            )
             with pytest.raises(ValueError, match="no"):
                 broken.add(scan)
-    assert [one.scans for one in broken.alarms.values()] == [one.scans for one in plain.alarms.values()]
+    assert [one.scans for one in broken.alarms.values()] == [
+        one.scans for one in plain.alarms.values()
+    ]
 
 
 PLUGIN = Path(__file__).parents[1] / "plugin"
@@ -247,13 +261,17 @@ def sharp(run, tmp_path_factory):
     about = tmp_path_factory.mktemp("site") / "flgpr_sharpness-1.0.dist-info"
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: flgpr-sharpness\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text("[flgpr.stages]\nsharpness = flgpr_sharpness:Sharpness\n")
+    (about / "entry_points.txt").write_text(
+        "[flgpr.stages]\nsharpness = flgpr_sharpness:Sharpness\n"
+    )
     with pytest.MonkeyPatch.context() as patch:
         for folder in (PLUGIN, about.parent):
             patch.syspath_prepend(str(folder))
         recipe = parse_recipe(small_recipe() + STAGE + DETECTOR)
     found = detect(run, recipe, LANE)[0]
-    truth = pd.DataFrame(TARGETS, columns=["x", "y"]).assign(kind="metal", depth=0.05, target_id=list("abcde"))
+    truth = pd.DataFrame(TARGETS, columns=["x", "y"]).assign(
+        kind="metal", depth=0.05, target_id=list("abcde")
+    )
     truth = truth.assign(radius=0.15, height=0.1, lane="one")
     examples = make_training_set([("one", found.alarms, found.features, truth, LANE)], 0.5)
     return recipe, train_estimator(examples, recipe.detector, recipe.detector.features)
@@ -269,7 +287,9 @@ def test_named_features_and_an_estimator_run_live(run, scans, sharp, sharp_playe
     recipe, model = sharp
     detector, _ = sharp_played
     assert detector.reads.subbands == list(recipe.image.subbands)  # a stage sees the whole image
-    live, whole = (seen(t, scans) for t in (detector.table(), detect(run, recipe, LANE, model=model)[0].alarms))
+    live, whole = (
+        seen(t, scans) for t in (detector.table(), detect(run, recipe, LANE, model=model)[0].alarms)
+    )
     top = whole.head(5)
     assert near(top, live).all()
     _, at = cKDTree(live[["x", "y"]]).query(top[["x", "y"]])
@@ -292,7 +312,9 @@ def test_a_named_feature_is_the_mean_over_the_scans_so_far(run, scans, sharp):
     some = np.isfinite(each).any(axis=0)
     assert some.sum() > 3
     np.testing.assert_allclose(
-        sums.table()["sharp_VV"][some], np.nanmean(np.array(each, float)[:, some], axis=0), rtol=1e-12
+        sums.table()["sharp_VV"][some],
+        np.nanmean(np.array(each, float)[:, some], axis=0),
+        rtol=1e-12,
     )
 
 
@@ -317,11 +339,23 @@ class Quiet(ClutterStage):
 @pytest.mark.parametrize(
     ("kind", "stage", "table", "reason"),
     [
-        ("features", OfTheView, "columns", r"features\.own: columns of the run-view .* only when a place is passed"),
-        ("clutter", Quiet, "clutter", r"clutter\.own: a stage of the kind clutter is not run on scans as they come"),
+        (
+            "features",
+            OfTheView,
+            "columns",
+            r"features\.own: columns of the run-view .* only when a place is passed",
+        ),
+        (
+            "clutter",
+            Quiet,
+            "clutter",
+            r"clutter\.own: a stage of the kind clutter is not run on scans as they come",
+        ),
     ],
 )
-def test_a_stage_that_cannot_be_causal_is_refused_with_its_reason(run, monkeypatch, kind, stage, table, reason):
+def test_a_stage_that_cannot_be_causal_is_refused_with_its_reason(
+    run, monkeypatch, kind, stage, table, reason
+):
     monkeypatch.setattr("flgpr.chain.stages.find_stage", lambda *_: stage)
     recipe = parse_recipe(small_recipe() + f'\n[[{table}]]\nstage = "own"\n')
     with pytest.raises(ValueError, match=f"cannot run live: {reason}"):
@@ -346,7 +380,9 @@ def test_a_snapshot_goes_on_bit_by_bit(run, recipe, scans, request, tmp_path, ho
         first.add(scan)
     write_snapshot(tmp_path / "s.npz", take_snapshot(first, intake, {"scan-000022.scan"}, "mark"))
     second = start(run, recipe, model=model)
-    assert restore_snapshot(read_snapshot(tmp_path / "s.npz"), second, intake, "mark") == {"scan-000022.scan"}
+    assert restore_snapshot(read_snapshot(tmp_path / "s.npz"), second, intake, "mark") == {
+        "scan-000022.scan"
+    }
     for scan, update in zip(scans[23:], expected[23:], strict=True):
         mine = second.add(scan)
         assert mine.alarms == update.alarms
@@ -397,7 +433,11 @@ def test_only_the_sub_bands_that_decide_are_imaged(run, recipe):
     model = Classifier(names, HistogramNormalizer(), FisherDiscriminant())
     assert start(run, recipe, model=model).reads.subbands == ["F1", "F2"]
     with pytest.raises(ValueError, match=r"paper\.P_H_F1"):
-        start(run, recipe, model=Classifier(("paper.P_H_F1",), HistogramNormalizer(), FisherDiscriminant()))
+        start(
+            run,
+            recipe,
+            model=Classifier(("paper.P_H_F1",), HistogramNormalizer(), FisherDiscriminant()),
+        )
 
 
 def test_recipes_that_cannot_run_live_are_refused(run, recipe, scans):

@@ -24,7 +24,24 @@ from live_lane import make_lane_run, small_recipe
 RUN = make_lane_run(scans=2)
 DESCRIPTION = describe_for_live(RUN)
 SIGNAL = np.asarray(RUN["signal"].values)
-ODD = [0, -1, 1e9, 1e300, 1e308, math.inf, math.nan, 10**400, None, "x", [], {}, True, [[1e308] * 3], "\ud800", [[[]]]]
+ODD = [
+    0,
+    -1,
+    1e9,
+    1e300,
+    1e308,
+    math.inf,
+    math.nan,
+    10**400,
+    None,
+    "x",
+    [],
+    {},
+    True,
+    [[1e308] * 3],
+    "\ud800",
+    [[[]]],
+]
 
 
 def run_frame(**change):
@@ -40,7 +57,11 @@ def raw_frame(kind, header, payload=b""):
 
 def scan_frame(number, **change):
     pose = [0.0, 0.4 * number, 2.0, 0.0, 0.0, 0.0]
-    return raw_frame("scan", {"scan": number, "time": None, "pose": pose} | change, SIGNAL[0].astype("<c8").tobytes())
+    return raw_frame(
+        "scan",
+        {"scan": number, "time": None, "pose": pose} | change,
+        SIGNAL[0].astype("<c8").tobytes(),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +84,9 @@ def given_to(live, data, over=True, stream=None):
     before = path.stat().st_size
     kinds = []
     for arrival in (stream or FrameStream()).take(data, over):
-        kinds.append("bad" if arrival.kind == "frame" and arrival.value is not None else arrival.kind)
+        kinds.append(
+            "bad" if arrival.kind == "frame" and arrival.value is not None else arrival.kind
+        )
         if arrival.kind == "run":
             run._announced(arrival, events)
         elif arrival.kind == "frame":
@@ -80,7 +103,11 @@ def problems(lines):
 @FUZZ
 @given(st.data())
 def test_damaged_frames_are_told_and_the_next_is_taken(live, data):
-    which = data.draw(st.sampled_from([run_frame(), scan_frame(0), scan_frame(1, pose=None), encode_frame("end", {})]))
+    which = data.draw(
+        st.sampled_from(
+            [run_frame(), scan_frame(0), scan_frame(1, pose=None), encode_frame("end", {})]
+        )
+    )
     bad = damaged(which, data.draw)
     lines, kinds = given_to(live, bad + scan_frame(3))
     assert "frame" in kinds
@@ -96,11 +123,17 @@ def test_a_flipped_bit_is_one_problem(live, where, bit):
     raw[where % len(raw)] ^= 1 << bit
     lines, kinds = given_to(live, scan_frame(4) + bytes(raw) + scan_frame(6))
     assert kinds == ["frame", "bad", "frame"]
-    assert [words.startswith("frame") for words in problems(lines)].count(True) == 1  # no word on the others' format
+    assert [words.startswith("frame") for words in problems(lines)].count(
+        True
+    ) == 1  # no word on the others' format
 
 
 @FUZZ
-@given(st.sampled_from(["scan", "time", "pose", "run", "kind"]), st.sampled_from(ODD), st.integers(0, 5))
+@given(
+    st.sampled_from(["scan", "time", "pose", "run", "kind"]),
+    st.sampled_from(ODD),
+    st.integers(0, 5),
+)
 def test_odd_headers_of_scans_are_survived(live, entry, value, at):
     pose = [0.0, 1.0, 2.0, 0.0, 0.0, 0.0]
     pose[at] = value
@@ -134,7 +167,11 @@ def test_a_first_description_that_cannot_be_used_is_told(tmp_path):
         {"rx_m": [[0, math.nan, 0], *one["rx_m"][1:]]},
         {"frequency_hz": [1e300, 2e300, 3e300]},
         {"frequency_hz": one["frequency_hz"][:1]},
-        {"frequency_hz": list(range(10**6, 10**6 + 40_000)), "tx_m": one["tx_m"] * 500, "rx_m": one["rx_m"] * 500},
+        {
+            "frequency_hz": list(range(10**6, 10**6 + 40_000)),
+            "tx_m": one["tx_m"] * 500,
+            "rx_m": one["rx_m"] * 500,
+        },
         {"polarization": ["VH"]},
         {"tx_m": [[10**400, 0, 0]]},
         {"tx_m": [], "rx_m": []},
@@ -159,7 +196,9 @@ def test_the_socket_answers_every_bad_frame_on_one_connection(tmp_path):
     path = tmp_path / "out" / "live.jsonl"
 
     def told():
-        lines = [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
+        lines = (
+            [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
+        )
         return [line["words"] for line in lines if line["event"] == "problem"]
 
     def wait(condition):
@@ -173,7 +212,14 @@ def test_the_socket_answers_every_bad_frame_on_one_connection(tmp_path):
     good = scan_frame(0)
     long = bytearray(good)
     long[12] ^= 64  # states more bytes than come
-    bad = [b"GET / HTTP/1.1\r\n\r\n", good[:9], good[:-1], bytes(long), good[:-1] + b"\0", MAGIC + b"\xff" * 12]
+    bad = [
+        b"GET / HTTP/1.1\r\n\r\n",
+        good[:9],
+        good[:-1],
+        bytes(long),
+        good[:-1] + b"\0",
+        MAGIC + b"\xff" * 12,
+    ]
     words = ["begin with", "at least", "must have", "must have", "checksum", "which no scan has"]
     with socket.socket(socket.AF_UNIX) as sender:
         sender.connect(str(tmp_path / "s"))

@@ -48,7 +48,11 @@ class IntakeMachine(RuleBasedStateMachine):
         where = [np.sin(number), 0.4 * number, 2.0, 0.02 * number, 0, 0] if pose else None
         return encode_scan(number, signal, where, run_id=run), where
 
-    @rule(number=NUMBERS, pose=st.sampled_from([True, True, True, False]), whole=st.sampled_from([True, True, False]))
+    @rule(
+        number=NUMBERS,
+        pose=st.sampled_from([True, True, True, False]),
+        whole=st.sampled_from([True, True, False]),
+    )
     def give(self, number, pose, whole):
         data, where = self.frame(number, pose, whole)
         scan = self.intake.admit(data)
@@ -71,10 +75,16 @@ class IntakeMachine(RuleBasedStateMachine):
             self.intake.judged(number, "taken", None)
 
     def check_filled(self, number, scan):
-        near = [known for known in sorted(self.poses)[-8:] if known != number]  # its own came with a bad signal
+        near = [
+            known for known in sorted(self.poses)[-8:] if known != number
+        ]  # its own came with a bad signal
         before = ([n for n in near if n < number] or [None])[-1]
         after = ([n for n in near if n > number] or [None])[0]
-        pair = (before, after) if None not in (before, after) else tuple(near[-2:] if after is None else near[:2])
+        pair = (
+            (before, after)
+            if None not in (before, after)
+            else tuple(near[-2:] if after is None else near[:2])
+        )
         if len(near) < 2 or min(abs(number - n) for n in pair) > 3:
             assert scan is None
             return
@@ -307,18 +317,28 @@ class SessionMachine(RuleBasedStateMachine):
         twin = self.options("twin").run()
         self.quick.stop()
         assert report.counts == twin.counts
-        assert (self.home / "out" / "alarms.csv").read_bytes() == (self.home / "twin" / "alarms.csv").read_bytes()
+        assert (self.home / "out" / "alarms.csv").read_bytes() == (
+            self.home / "twin" / "alarms.csv"
+        ).read_bytes()
         mine, undisturbed = (self.told(name) for name in ("out", "twin"))
         assert {key: mine[key] for key in undisturbed} == undisturbed
         shutil.rmtree(self.home)
 
     def told(self, name):
         """What was told last of every scan, without the times it took."""
-        lines = [json.loads(line) for line in (self.home / name / "live.jsonl").read_text().splitlines()]
-        return {line["scan"]: (line["pose"], line["outcome"]) for line in lines if line["event"] == "scan"}
+        lines = [
+            json.loads(line) for line in (self.home / name / "live.jsonl").read_text().splitlines()
+        ]
+        return {
+            line["scan"]: (line["pose"], line["outcome"])
+            for line in lines
+            if line["event"] == "scan"
+        }
 
     def options(self, output, **more):
-        return LiveRun(LiveOptions(self.home / "recipe.toml", self.home / output, self.home / "in", **more))
+        return LiveRun(
+            LiveOptions(self.home / "recipe.toml", self.home / output, self.home / "in", **more)
+        )
 
     def write(self, data):
         name = f"{self.files:04d}.scan"
@@ -331,14 +351,19 @@ class SessionMachine(RuleBasedStateMachine):
         pose = RUN["pose"].values[number].copy()
         pose[1] += self.datum + (45.0 if fault == "wrong" else 0.0)
         data = encode_scan(
-            number, signal * (np.nan if fault == "masked" else 1), None if fault == "pose" else pose, number / 4.2
+            number,
+            signal * (np.nan if fault == "masked" else 1),
+            None if fault == "pose" else pose,
+            number / 4.2,
         )
         return data[:-1] + bytes([data[-1] ^ 1]) if fault == "corrupt" else data
 
     @precondition(lambda self: self.number < 20)
     @rule(
         scans=st.integers(1, 6),
-        fault=st.sampled_from(["", "", "lost", "late", "twice", "masked", "pose", "corrupt", "wrong", "moved"]),
+        fault=st.sampled_from(
+            ["", "", "lost", "late", "twice", "masked", "pose", "corrupt", "wrong", "moved"]
+        ),
     )
     def drive(self, scans, fault):
         """Go on by some scans, of which the second has a fault."""
@@ -398,4 +423,6 @@ class SessionMachine(RuleBasedStateMachine):
 
 
 TestSession = SessionMachine.TestCase
-TestSession.settings = settings(MACHINE, max_examples=max(MACHINE.max_examples // 5, 1), stateful_step_count=8)
+TestSession.settings = settings(
+    MACHINE, max_examples=max(MACHINE.max_examples // 5, 1), stateful_step_count=8
+)

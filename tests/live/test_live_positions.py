@@ -68,7 +68,9 @@ def test_one_wrong_pose_costs_its_scan_alone(component, by, lane):
 def test_the_first_pose_and_several_may_be_wrong(wrong, lane):
     scans = scans_of()
     without, _ = played([scan for scan in scans if scan.number not in wrong], lane)
-    detector, _ = played([shifted(one, 1, 45.0) if one.number in wrong else one for one in scans], lane)
+    detector, _ = played(
+        [shifted(one, 1, 45.0) if one.number in wrong else one for one in scans], lane
+    )
     assert same_alarms(detector, without)
     assert detector.left_out == len(wrong)
 
@@ -97,7 +99,9 @@ def test_a_pose_that_is_wrong_by_less_than_the_limits_closes_no_ground(by):
 def test_a_clock_that_jumps_costs_nothing(jump):
     scans = scans_of()
     undisturbed, _ = played(scans)
-    detector, updates = played([shifted(one, 1, 0.0, jump if one.number >= 6 else 0.0) for one in scans])
+    detector, updates = played(
+        [shifted(one, 1, 0.0, jump if one.number >= 6 else 0.0) for one in scans]
+    )
     assert same_alarms(detector, undisturbed)
     told = [update.clock for update in updates if update.clock is not None]
     assert [step.scan for step in told] == ([] if jump == 3600 else [6])  # an hour may be a pause
@@ -124,7 +128,10 @@ def test_positions_that_moved_for_good_are_followed_and_nothing_is_lost():
     assert [update.outcome for update in updates[at : at + 3]] == ["held", "held", "taken"]
     anew = updates[at + 2]
     assert anew.anew
-    assert [(scan.number, update.outcome) for scan, update in anew.released] == [(at, "taken"), (at + 1, "taken")]
+    assert [(scan.number, update.outcome) for scan, update in anew.released] == [
+        (at, "taken"),
+        (at + 1, "taken"),
+    ]
     before, _ = played(scans[:at], None)
     table = detector.table()
     kept = table[table["y"] < 250]
@@ -147,7 +154,10 @@ def test_positions_that_moved_for_good_are_followed_and_nothing_is_lost():
 def test_a_wrong_pose_after_a_pause_does_not_blind_for_good():
     """A pause widens what is allowed, so that the jump is believed; the next scans tell against it."""
     scans = scans_of(LONG)
-    late = [shifted(one, 1, 45.0 if one.number == 10 else 0.0, 10.0 if one.number >= 10 else 0.0) for one in scans]
+    late = [
+        shifted(one, 1, 45.0 if one.number == 10 else 0.0, 10.0 if one.number >= 10 else 0.0)
+        for one in scans
+    ]
     detector, updates = played(late)
     assert updates[10].step is None
     assert [update.anew for update in updates].index(True) == 13
@@ -190,7 +200,10 @@ def test_what_is_held_back_is_in_the_snapshot():
 
 def test_a_held_scan_that_cannot_be_imaged_is_refused_with_its_words():
     scans = scans_of()
-    dark = [Scan(one.number, one.time, one.pose, 0 * one.signal) if one.number == 7 else one for one in scans]
+    dark = [
+        Scan(one.number, one.time, one.pose, 0 * one.signal) if one.number == 7 else one
+        for one in scans
+    ]
     detector, updates = played([shifted(one, 1, 500.0) if one.number >= 6 else one for one in dark])
     released = {scan.number: update for scan, update in updates[8].released}
     assert released[6].outcome == "taken"
@@ -240,8 +253,18 @@ def test_an_implausible_pose_is_an_event_with_its_numbers(home):
     assert problem["seconds"] == pytest.approx(1 / 4.2, rel=1e-3)
     assert "190.7 m/s, at most 30 m/s" in problem["words"]
     assert 6 not in [line["scan"] for line in lines if line["event"] == "scan"]
-    counts = {name: report.counts[name] for name in ("implausible", "held", "restarts", "late", "missing", "clock")}
-    assert counts == {"implausible": 1, "held": 0, "restarts": 0, "late": 0, "missing": 0, "clock": 0}
+    counts = {
+        name: report.counts[name]
+        for name in ("implausible", "held", "restarts", "late", "missing", "clock")
+    }
+    assert counts == {
+        "implausible": 1,
+        "held": 0,
+        "restarts": 0,
+        "late": 0,
+        "missing": 0,
+        "clock": 0,
+    }
 
 
 def test_a_new_beginning_is_an_event_and_a_new_lattice_without_a_lane(home):
@@ -260,7 +283,11 @@ def test_a_new_beginning_is_an_event_and_a_new_lattice_without_a_lane(home):
     rows = [line["row"] for line in lines[kinds.index("anew") :] if line["event"] == "view"]
     assert rows
     assert max(rows) < 200
-    assert (report.counts["restarts"], report.counts["implausible"], report.counts["held"]) == (1, 0, 0)
+    assert (report.counts["restarts"], report.counts["implausible"], report.counts["held"]) == (
+        1,
+        0,
+        0,
+    )
 
 
 def test_a_wrong_first_pose_is_forgotten(home):
@@ -317,7 +344,9 @@ def spoilt(scan, fault):
     return encode_frame("scan", header | changes[fault], frame.payload)
 
 
-@pytest.mark.parametrize("faults", [("nan", "nan"), ("pose", "pose"), ("nan", "pose"), ("run", "nan")])
+@pytest.mark.parametrize(
+    "faults", [("nan", "nan"), ("pose", "pose"), ("nan", "pose"), ("run", "nan")]
+)
 def test_a_bad_frames_number_does_not_count(home, faults):
     """Two bad frames numbered 8 and 9 come before the true ones, which are taken."""
     scans = scans_of()
@@ -339,7 +368,11 @@ def test_a_scan_that_was_refused_may_come_again(home):
     report, _, alarms = live(home, "dark", [*good[:8], dark, *good[8:]])
     _, _, undisturbed = live(home, "good", good)
     assert alarms == undisturbed
-    assert (report.counts["refused"], report.counts["duplicate"], report.counts["still"]) == (1, 0, 0)
+    assert (report.counts["refused"], report.counts["duplicate"], report.counts["still"]) == (
+        1,
+        0,
+        0,
+    )
 
 
 def test_a_number_far_ahead_takes_no_other_away(home):

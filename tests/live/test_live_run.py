@@ -18,7 +18,14 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.cli import app
-from flgpr.io import decode_frame, describe_for_live, encode_frame, encode_scan, read_table, save_run
+from flgpr.io import (
+    decode_frame,
+    describe_for_live,
+    encode_frame,
+    encode_scan,
+    read_table,
+    save_run,
+)
 from flgpr.io.scan_file import scan_name
 from flgpr.live.events import EventFile
 from flgpr.live.feeding import feed
@@ -54,7 +61,8 @@ def events(folder, kind=None):
 
 def without_times(lines):
     return [
-        {k: v for k, v in line.items() if k not in ("arrived", "latency_ms", "latency", "margin_m")} for line in lines
+        {k: v for k, v in line.items() if k not in ("arrived", "latency_ms", "latency", "margin_m")}
+        for line in lines
     ]
 
 
@@ -62,17 +70,30 @@ def without_times(lines):
 def whole(home):
     """An undisturbed live run."""
     told = []
-    report = LiveRun(options(home, home / "whole", vehicle=Vehicle(15 / 3.6, front=0.4)), told.append).run()
+    report = LiveRun(
+        options(home, home / "whole", vehicle=Vehicle(15 / 3.6, front=0.4)), told.append
+    ).run()
     return home / "whole", report, told
 
 
 def test_a_run_is_played_to_its_end(whole, home):
     folder, report, told = whole
-    assert report.counts == {**dict.fromkeys(report.counts, 0), "received": SCANS, "taken": SCANS - 4, "warm_up": 4}
+    assert report.counts == {
+        **dict.fromkeys(report.counts, 0),
+        "received": SCANS,
+        "taken": SCANS - 4,
+        "warm_up": 4,
+    }
     assert report.latency_ms["scans"] == SCANS - 4
     lines = events(folder)
     assert [lines[0]["event"], lines[-1]["event"]] == ["start", "end"]
-    assert lines[0]["grid"] == {"x": -1.2, "y": pytest.approx(1.5, abs=1e-6), "nx": 25, "dx": 0.1, "dy": 0.1}
+    assert lines[0]["grid"] == {
+        "x": -1.2,
+        "y": pytest.approx(1.5, abs=1e-6),
+        "nx": 25,
+        "dx": 0.1,
+        "dy": 0.1,
+    }
     assert [line["scan"] for line in events(folder, "scan")] == list(range(SCANS))
     assert [json.loads(line) for line in told] == events(folder, "alarm")
     table = read_table(folder / "alarms.csv", "alarms")
@@ -149,16 +170,29 @@ def test_what_a_radar_gets_wrong_is_counted_and_survived(home, whole, tmp_path):
     (incoming / "end.json").write_text("{}")
     report = LiveRun(options(home, tmp_path / "out", incoming)).run()
     counts = report.counts
-    expected = {"corrupt": 2, "masked": 1, "duplicate": 2, "out_of_order": 1, "missing": 2, "refused": 0, "late": 0}
+    expected = {
+        "corrupt": 2,
+        "masked": 1,
+        "duplicate": 2,
+        "out_of_order": 1,
+        "missing": 2,
+        "refused": 0,
+        "late": 0,
+    }
     assert {name: counts[name] for name in expected} == expected
     assert counts["pose_filled"] + counts["pose_missing"] == 7
     assert counts["pose_missing"] == 2
     assert counts["received"] == len(sent) - 1
     problems = events(tmp_path / "out", "problem")
-    assert [("checksum" in p["words"], "another run" in p["words"]) for p in problems] == [(True, False), (False, True)]
+    assert [("checksum" in p["words"], "another run" in p["words"]) for p in problems] == [
+        (True, False),
+        (False, True),
+    ]
     usual, mine = (read_table(f / "alarms.csv", "alarms") for f in (whole[0], tmp_path / "out"))
     best = usual[usual["y"] > 10.5].head(4)  # before that three of the six scans of a mine are lost
-    away = np.hypot(*(best[["x", "y"]].to_numpy()[:, None] - mine[["x", "y"]].to_numpy()).transpose(2, 0, 1))
+    away = np.hypot(
+        *(best[["x", "y"]].to_numpy()[:, None] - mine[["x", "y"]].to_numpy()).transpose(2, 0, 1)
+    )
     assert (away.min(axis=1) < 0.25).all()
 
 
@@ -217,7 +251,16 @@ def test_a_live_process_that_is_killed_again_and_again_ends_alike(home, whole, t
     incoming = tmp_path / "in"
     output = tmp_path / "out"
     feed(home / "run.zarr", incoming, FAST, count=SCANS - 3)  # it waits for the rest
-    words = ["live", str(incoming), "--recipe", str(home / "recipe.toml"), "-o", str(output), "--snapshot", "3"]
+    words = [
+        "live",
+        str(incoming),
+        "--recipe",
+        str(home / "recipe.toml"),
+        "-o",
+        str(output),
+        "--snapshot",
+        "3",
+    ]
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["flgpr.execution.ready"])
     for line in (12, 45, 70):
@@ -248,7 +291,9 @@ def test_files_that_were_taken_away_are_forgotten(home, whole, tmp_path):
     feed(home / "run.zarr", incoming, FAST, first=SCANS - 3)
     report = LiveRun(options(home, output, incoming)).run()
     assert report.counts == whole[1].counts
-    assert read_snapshot(output / "snapshot.bundle")[0]["names"] == [scan_name(k) for k in range(SCANS - 5, SCANS)]
+    assert read_snapshot(output / "snapshot.bundle")[0]["names"] == [
+        scan_name(k) for k in range(SCANS - 5, SCANS)
+    ]
     assert (output / "alarms.csv").read_bytes() == (whole[0] / "alarms.csv").read_bytes()
 
 
@@ -265,7 +310,9 @@ def test_going_on_needs_the_same_recipe_unless_fresh(home, whole, tmp_path):
     other = LiveOptions(tmp_path / "other.toml", output, home / "incoming", vehicle=vehicle)
     with pytest.raises(ValueError, match=r"another run, recipe, model or setting; --fresh"):
         LiveRun(other).run()
-    fresh = LiveOptions(tmp_path / "other.toml", output, home / "incoming", vehicle=vehicle, fresh=True)
+    fresh = LiveOptions(
+        tmp_path / "other.toml", output, home / "incoming", vehicle=vehicle, fresh=True
+    )
     assert LiveRun(fresh).run().counts["taken"] == SCANS - 4
     assert events(output)[0]["event"] == "start"
 
@@ -375,10 +422,15 @@ def test_a_file_that_is_still_written_is_waited_for(home, tmp_path):
 
 def test_feed_keeps_its_rate_and_announces_the_end_only_at_the_end(home, tmp_path, monkeypatch):
     waits = []
-    monkeypatch.setattr("flgpr.live.feeding.time", SimpleNamespace(monotonic=lambda: 7.0))  # reading takes no time
+    monkeypatch.setattr(
+        "flgpr.live.feeding.time", SimpleNamespace(monotonic=lambda: 7.0)
+    )  # reading takes no time
     folder = tmp_path / "in"
     assert feed(home / "run.zarr", folder, 4.0, first=2, count=3, lead=1.5, wait=waits.append) == 3
-    assert sorted(p.name for p in folder.iterdir()) == ["run.json", *(scan_name(k) for k in (2, 3, 4))]
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "run.json",
+        *(scan_name(k) for k in (2, 3, 4)),
+    ]
     assert waits[0] == 1.5
     assert waits[1:] == pytest.approx([0.25, 0.5])  # nothing really waited
     feed(home / "run.zarr", folder, FAST)
@@ -396,7 +448,9 @@ def test_a_feed_rehearses_what_a_radar_gets_wrong(home, tmp_path):
     faults = ["lost:10:3", "late:20:2", "twice:25", "nan:30:2"]
     assert feed(home / "run.zarr", tmp_path / "in", FAST, faults=faults) == SCANS - 3 + 1
     names = {p.name for p in (tmp_path / "in").glob("*.scan")}
-    assert names == {scan_name(k) for k in range(SCANS) if k not in (10, 11, 12)} | {"scan-000025-again.scan"}
+    assert names == {scan_name(k) for k in range(SCANS) if k not in (10, 11, 12)} | {
+        "scan-000025-again.scan"
+    }
     whole = home / "incoming" / scan_name(25)
     assert (tmp_path / "in" / "scan-000025-again.scan").read_bytes() == whole.read_bytes()
     report = LiveRun(options(home, tmp_path / "out", tmp_path / "in")).run()
@@ -409,18 +463,30 @@ def test_a_feed_rehearses_what_a_radar_gets_wrong(home, tmp_path):
         "duplicate": 1,
         "masked": 2,
     }
-    assert events(tmp_path / "out", "counts")[0]["missing"] == 3  # a loss is told when it is seen, not at the end
+    assert (
+        events(tmp_path / "out", "counts")[0]["missing"] == 3
+    )  # a loss is told when it is seen, not at the end
     for text in ("stolen:1", "lost", "lost:x", "lost:1:2:3", "late:-1"):
         with pytest.raises(ValueError, match="fault must be lost, late, twice, nan, jump with"):
             feed(home / "run.zarr", tmp_path / "other", FAST, faults=[text])
-    with pytest.raises(ValueError, match=rf"a scan that is played \(0 to {SCANS - 1}\), got {SCANS}"):
+    with pytest.raises(
+        ValueError, match=rf"a scan that is played \(0 to {SCANS - 1}\), got {SCANS}"
+    ):
         feed(home / "run.zarr", tmp_path / "other", FAST, faults=[f"nan:{SCANS}"])
     assert not (tmp_path / "other").exists()
 
 
 def test_a_late_scan_is_played_after_those_that_overtake_it(home, tmp_path):
     waits = []
-    feed(home / "run.zarr", tmp_path / "in", 1e9, first=4, count=4, wait=waits.append, faults=["late:5:2"])
+    feed(
+        home / "run.zarr",
+        tmp_path / "in",
+        1e9,
+        first=4,
+        count=4,
+        wait=waits.append,
+        faults=["late:5:2"],
+    )
     times = {p.name: p.stat().st_mtime_ns for p in (tmp_path / "in").glob("*.scan")}
     assert sorted(times, key=times.__getitem__) == [scan_name(k) for k in (4, 6, 7, 5)]
 
@@ -492,17 +558,32 @@ def test_the_command_line_ends_on_a_signal_and_keeps_what_it_has(home, tmp_path)
     """A process of its own, stopped by SIGTERM while it waits for more."""
     incoming = tmp_path / "in"
     feed(home / "run.zarr", incoming, FAST, count=12)
-    command = [sys.executable, "-m", "flgpr", "live", str(incoming), "--recipe", str(home / "recipe.toml")]
+    command = [
+        sys.executable,
+        "-m",
+        "flgpr",
+        "live",
+        str(incoming),
+        "--recipe",
+        str(home / "recipe.toml"),
+    ]
     with subprocess.Popen(
         [*command, "-o", str(tmp_path / "out")], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env=os.environ | {"NUMBA_NUM_THREADS": "1"},
     ) as process:  # fmt: skip
         file = tmp_path / "out" / "live.jsonl"
-        wait_for(lambda: process.poll() is not None or (file.is_file() and '"scan":11,"pose"' in file.read_text()))
+        wait_for(
+            lambda: (
+                process.poll() is not None
+                or (file.is_file() and '"scan":11,"pose"' in file.read_text())
+            )
+        )
         process.terminate()
         out, err = process.communicate(timeout=60)
     assert process.returncode == 0, err
     assert "12 frames that came" in err
-    assert [json.loads(line)["event"] for line in out.splitlines()] == ["alarm"] * len(out.splitlines())
+    assert [json.loads(line)["event"] for line in out.splitlines()] == ["alarm"] * len(
+        out.splitlines()
+    )
     assert (tmp_path / "out" / "alarms.csv").is_file()
     assert (tmp_path / "out" / "snapshot.bundle").is_file()

@@ -181,7 +181,9 @@ def stated(size):
     return struct.pack("<8sIQ", MAGIC, 0, size - 24)
 
 
-@pytest.mark.parametrize(("described", "most"), [(False, 2**22 + 2**10), (True, largest_frame(DESCRIPTION))])
+@pytest.mark.parametrize(
+    ("described", "most"), [(False, 2**22 + 2**10), (True, largest_frame(DESCRIPTION))]
+)
 def test_a_frame_that_is_larger_than_any_of_the_run_is_not_waited_for(described, most):
     stream = FrameStream(most if described else None)
     assert list(stream.take(stated(most), False)) == []
@@ -205,7 +207,9 @@ def test_scans_may_be_as_large_as_their_own_description_makes_them():
 def test_a_frame_full_of_beginnings_costs_little(monkeypatch):
     """Each could be that of the next good frame; they are not all tried again with every part that comes."""
     tried = []
-    monkeypatch.setattr("flgpr.live.stream.decode_frame", lambda data: tried.append(1) or _no_frame())
+    monkeypatch.setattr(
+        "flgpr.live.stream.decode_frame", lambda data: tried.append(1) or _no_frame()
+    )
     stream = FrameStream(2**20)
     stream._usual = 100
     beginnings = struct.pack("<8sIQ", MAGIC, 10, 50_000) * 100
@@ -278,7 +282,9 @@ def test_refused_senders_are_told_and_counted_at_the_end(live):
         wait_for(lambda: len(select.select(others, [], [], 0)[0]) == 30 - 7)
         radar.sendall(encode_frame("end", {}))
         counts, lines, _ = ended()
-    assert counts["senders_refused"] + counts["senders_ended"] == 30 - 7  # ended for one that came a second later
+    assert (
+        counts["senders_refused"] + counts["senders_ended"] == 30 - 7
+    )  # ended for one that came a second later
     words = [line["words"] for line in lines if line["event"] == "problem"]
     assert f"{counts['senders_refused']} in all; as many as may be are connected" in words[-1]
 
@@ -295,11 +301,17 @@ def test_a_connection_goes_on_at_the_next_frame_after_a_bad_one(live):
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("no/such/folder", "its folder does not exist"), ("file/socket", "its folder is none"), ("s" * 200, "too long")],
+    [
+        ("no/such/folder", "its folder does not exist"),
+        ("file/socket", "its folder is none"),
+        ("s" * 200, "too long"),
+    ],
 )
 def test_a_socket_that_cannot_be_made_is_told_in_words(tmp_path, name, words):
     (tmp_path / "file").write_text("")
-    with pytest.raises(ValueError, match=f"socket must be a path that can be made, got .*{words}") as told:
+    with pytest.raises(
+        ValueError, match=f"socket must be a path that can be made, got .*{words}"
+    ) as told:
         SocketWatch(tmp_path / name, Inbox())
     assert "Errno" not in str(told.value)
 
@@ -319,6 +331,8 @@ def test_the_socket_of_another_program_stays(tmp_path, kind):
 def test_a_feed_without_a_listener_is_told_in_words(tmp_path):
     run = tmp_path / "run.zarr"
     save_run(RUN, run)
-    with pytest.raises(ValueError, match=r"socket must be one that .*, got .*: No such file") as told:
+    with pytest.raises(
+        ValueError, match=r"socket must be one that .*, got .*: No such file"
+    ) as told:
         feed(run, socket_path=tmp_path / "nobody")
     assert "Errno" not in str(told.value)

@@ -93,7 +93,10 @@ def test_what_is_called_aliased_is_where_an_echo_of_some_path_before_the_image_a
     tones = 300e6 + step * np.arange(int(1.4e9 / step))
     paths = image_paths(tones, ANTENNAS, ANTENNAS + [0.3, 0.0, 0.0], x, y)
     before = np.linspace(paths.direct, paths.nearest, 4000)
-    inside = any(alias_paths(p, paths.unambiguous, paths.nearest, paths.farthest + paths.cell).size for p in before)
+    inside = any(
+        alias_paths(p, paths.unambiguous, paths.nearest, paths.farthest + paths.cell).size
+        for p in before
+    )
     assert paths.aliased == inside
     assert paths.direct == pytest.approx(0.3)
     if paths.repeats:
@@ -118,7 +121,8 @@ def test_an_image_may_end_where_the_error_says_and_not_behind():
 
     check_tones(on(6e6), x, y)
     words = (
-        r"tones\.step must be at most 6\.\d+ MHz .* up to 23\.25 m .* got 8 MHz: echoes repeat after 37\.47 m .* end"
+        r"tones\.step must be at most 6\.\d+ MHz .* up to 23\.25 m .* "
+        r"got 8 MHz: echoes repeat after 37\.47 m .* end"
     )
     with pytest.raises(ValueError, match=words) as error:
         check_tones(on(8e6), x, y)

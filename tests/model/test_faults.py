@@ -20,12 +20,24 @@ def told(load, *arguments):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[[targets]]\nkind = 'metal'\nx = 0\ny = 2\ndept = 0.1", "targets.0.dept: no such entry; did you mean depth?"),
+        (
+            "[[targets]]\nkind = 'metal'\nx = 0\ny = 2\ndept = 0.1",
+            "targets.0.dept: no such entry; did you mean depth?",
+        ),
         ("length_m = 60.0", "length_m: no such entry; did you mean length?"),
-        ("[soil]\nlayers = [{thickness = 1, moist = 0.2}]", "soil.layers.0.moist: no such entry; did you mean"),
-        ("[clutter]\nzzz = 1", "clutter.zzz: no such entry; there are bushes, patches, posts, roadside, rocks"),
+        (
+            "[soil]\nlayers = [{thickness = 1, moist = 0.2}]",
+            "soil.layers.0.moist: no such entry; did you mean",
+        ),
+        (
+            "[clutter]\nzzz = 1",
+            "clutter.zzz: no such entry; there are bushes, patches, posts, roadside, rocks",
+        ),
         ("[[targets]]\nkind = 'metal'\ny = 2.0\ndepth = 0.1", "targets.0.x: is missing"),
-        ("length = 'long'", "length: input should be a valid number, unable to parse string as a number, got 'long'"),
+        (
+            "length = 'long'",
+            "length: input should be a valid number, unable to parse string as a number, got 'long'",
+        ),
         ("site = 'moon'", "scene: site must be one of arid-sand"),
         ("x_min = 2.0\nx_max = -2.0", "scene: x_max must be greater than x_min, got 2.0 and -2.0"),
     ],
@@ -50,6 +62,10 @@ def test_faults_of_a_sensor_a_recipe_and_a_mapping(tmp_path):
     preset = (resources.files("flgpr.model") / "presets" / "sri-array.toml").read_text()
     assert "step" in tomllib.loads(preset)["tones"]
     (tmp_path / "mine.toml").write_text(preset.replace("\nstep", "\nsteps"))
-    assert "tones.steps: no such entry; did you mean step?" in told(load_sensor, tmp_path / "mine.toml")
-    assert "image.spacing_m: no such entry; did you mean spacing?" in told(parse_recipe, "[image]\nspacing_m = 1")
+    assert "tones.steps: no such entry; did you mean step?" in told(
+        load_sensor, tmp_path / "mine.toml"
+    )
+    assert "image.spacing_m: no such entry; did you mean spacing?" in told(
+        parse_recipe, "[image]\nspacing_m = 1"
+    )
     assert told(parse_mapping, "titles = 'a'").startswith("mapping: ")

@@ -41,7 +41,10 @@ def paused():
 
 def stamped_late():
     """Stamps of a recorder that wrote pairs of scans at once."""
-    return np.repeat(2 * clock(SCANS // 2 + 1), 2)[:SCANS] + np.tile([0.0, 1e-3], SCANS // 2 + 1)[:SCANS]
+    return (
+        np.repeat(2 * clock(SCANS // 2 + 1), 2)[:SCANS]
+        + np.tile([0.0, 1e-3], SCANS // 2 + 1)[:SCANS]
+    )
 
 
 def noisy(deviation):
@@ -117,7 +120,9 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize(("limit", "component", "by"), [(name, *one) for name, some in FAULTS.items() for one in some])
+@pytest.mark.parametrize(
+    ("limit", "component", "by"), [(name, *one) for name, some in FAULTS.items() for one in some]
+)
 @pytest.mark.parametrize("at", [6, SCANS - 1])
 def test_one_wrong_pose_is_found_and_no_other(limit, component, by, at):
     pose = straight()
@@ -131,7 +136,12 @@ def test_one_wrong_pose_is_found_and_no_other(limit, component, by, at):
 
 
 def test_without_times_steps_and_turns_are_limited():
-    for component, by, limit in [(1, 45.0, "speed"), (3, 2.0, "turn"), (2, 10.0, "climb"), (4, 0.8, "tilt")]:
+    for component, by, limit in [
+        (1, 45.0, "speed"),
+        (3, 2.0, "turn"),
+        (2, 10.0, "climb"),
+        (4, 0.8, "tilt"),
+    ]:
         pose = straight()
         pose[6, component] += by
         motion = judge_poses(pose)
@@ -147,7 +157,9 @@ def test_the_numbers_of_a_step_are_those_of_the_drive():
     assert step.value == pytest.approx(46)  # the step of a metre and the fault
     assert step.seconds == pytest.approx(1 / RATE)
     assert step.most == pytest.approx(30 / RATE)
-    assert step.words == "scan 6 after scan 5: 46 m away in 0.238 s, 193.2 m/s, at most 30 m/s (speed)"
+    assert (
+        step.words == "scan 6 after scan 5: 46 m away in 0.238 s, 193.2 m/s, at most 30 m/s (speed)"
+    )
 
 
 @pytest.mark.parametrize("wrong", [[0], [0, 1], [6, 7], [0, 6], [6, 8], [5, 6, 9], [11, 12]])
@@ -184,7 +196,9 @@ def test_positions_that_moved_for_good_are_followed(by):
     motion = judge_poses(pose, clock())
     assert motion.left_out == []
     assert [step.scan for step in motion.restarts] == [6]
-    assert motion.notes()[0].startswith("positions jump once and go on from there: scan 6 after scan 5")
+    assert motion.notes()[0].startswith(
+        "positions jump once and go on from there: scan 6 after scan 5"
+    )
 
 
 def test_a_move_with_a_fault_in_it_costs_that_scan_alone():
@@ -201,12 +215,16 @@ def test_a_clock_that_jumps_is_told_and_poses_are_not_blamed(jump):
     motion = judge_poses(straight(), time)
     assert motion.left_out == []
     assert [(step.scan, step.limit) for step in motion.clock] == [(6, "pause")]
-    assert motion.notes()[0].startswith("the clock jumps once, positions do not: clock at scan 6 after scan 5")
+    assert motion.notes()[0].startswith(
+        "the clock jumps once, positions do not: clock at scan 6 after scan 5"
+    )
     time = clock()
     time[6] += jump  # one stamp alone
     motion = judge_poses(straight(), time)
     assert motion.left_out == []
-    assert [step.scan for step in motion.clock] == ([6, 7] if jump > 0 else [6])  # ahead again is a pause
+    assert [step.scan for step in motion.clock] == (
+        [6, 7] if jump > 0 else [6]
+    )  # ahead again is a pause
 
 
 def test_a_wrong_pose_is_found_while_the_clock_jumps():
@@ -262,7 +280,9 @@ def drives(draw):
     time = clock(30)
     for at in draw(st.lists(st.integers(0, 29), max_size=6)):
         stop = at + draw(st.sampled_from([1, 2, 4, 30]))
-        component, by = draw(st.sampled_from([(0, 45.0), (1, -60.0), (1, 5.0), (3, 1.5), (2, 30.0), (1, np.nan)]))
+        component, by = draw(
+            st.sampled_from([(0, 45.0), (1, -60.0), (1, 5.0), (3, 1.5), (2, 30.0), (1, np.nan)])
+        )
         pose[at:stop, component] += by
     if draw(st.booleans()):
         time[draw(st.integers(1, 29)) :] += draw(st.sampled_from([1e6, -30.0, 20.0, np.nan]))
@@ -284,7 +304,9 @@ def test_passing_over_what_is_in_order_changes_nothing(drive):
 @settings(MACHINE)
 def test_a_gate_goes_on_from_its_state(drive, at):
     pose, time = drive
-    sightings = [Sighting(k, float(time[k]), pose[k]) for k in range(30) if np.isfinite(pose[k]).all()]
+    sightings = [
+        Sighting(k, float(time[k]), pose[k]) for k in range(30) if np.isfinite(pose[k]).all()
+    ]
     first = PoseGate(MotionLimits())
     second = PoseGate(MotionLimits())
     for one in sightings[:at]:

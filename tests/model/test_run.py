@@ -41,7 +41,10 @@ def test_run_has_the_documented_dimensions_and_types():
         ({"polarization": ["HH"]}, ["polarization", "2"]),
         ({"pose": None}, ["pose", "none"]),
         ({"pose": np.zeros((2, 6))}, ["pose", "(3, 6)"]),
-        ({"pose": np.where(np.arange(18).reshape(3, 6) == 7, np.nan, 0)}, ["pose", "missing", "scan 1"]),
+        (
+            {"pose": np.where(np.arange(18).reshape(3, 6) == 7, np.nan, 0)},
+            ["pose", "missing", "scan 1"],
+        ),
         ({"pose": np.full((3, 6), 90.0)}, ["pose", "degrees"]),
         ({"tx_position": np.zeros((3, 3))}, ["tx_position", "(4, 3)"]),
         ({"rx_position": np.full((4, 3), np.inf)}, ["rx_position", "finite"]),

@@ -4,7 +4,9 @@ import pytest
 
 from flgpr.model import ALARM_COLUMNS, Lane, as_lane, check_alarms, check_truth, empty_table
 
-TRUTH = pd.DataFrame({"target_id": ["a", "b"], "x": [0.0, 1], "y": [2.0, 3], "kind": "metal", "depth": 0.1})
+TRUTH = pd.DataFrame(
+    {"target_id": ["a", "b"], "x": [0.0, 1], "y": [2.0, 3], "kind": "metal", "depth": 0.1}
+)
 
 
 def test_an_empty_alarm_table_is_valid():
@@ -35,7 +37,13 @@ def test_lane_takes_every_form_and_refuses_an_empty_one():
     borders = {"x_min": -1.0, "x_max": 1.0, "y_min": 2.0, "y_max": 6.2}
     want = Lane(**borders)
     assert want.area == pytest.approx(8.4)
-    assert as_lane(borders) == as_lane(pd.DataFrame([borders])) == as_lane(pd.Series(borders)) == as_lane(want) == want
+    assert (
+        as_lane(borders)
+        == as_lane(pd.DataFrame([borders]))
+        == as_lane(pd.Series(borders))
+        == as_lane(want)
+        == want
+    )
     assert want.contains([0, 1.0, 1.1], [3, 2.0, 3]).tolist() == [True, True, False]
     with pytest.raises(ValueError, match="empty lane"):
         as_lane(borders | {"y_max": 2.0})

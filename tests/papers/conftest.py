@@ -17,7 +17,9 @@ def coarse_figures():
 
 
 def _coarse(figure, _dpi):
-    figure.set_layout_engine("none")  # fitting axes about their labels takes longer than drawing them
+    figure.set_layout_engine(
+        "none"
+    )  # fitting axes about their labels takes longer than drawing them
     for axis in (one for axes in figure.axes for one in (axes.xaxis, axes.yaxis)):
         if type(axis.get_major_locator()) is AutoLocator:
             axis.set_major_locator(NullLocator())

@@ -22,7 +22,13 @@ from flgpr_papers.cosgrove2004.detect import (
     learn,
     score_looks,
 )
-from flgpr_papers.cosgrove2004.findings import case_curve, contrast_table, findings, interval, pd_table
+from flgpr_papers.cosgrove2004.findings import (
+    case_curve,
+    contrast_table,
+    findings,
+    interval,
+    pd_table,
+)
 from flgpr_papers.cosgrove2004.images import (
     _direction,
     _scene,
@@ -122,7 +128,8 @@ def test_every_mine_is_seen_twice_at_the_studys_range(recipe, looks):
     forth = looks["open"][: depths.size]
     back = looks["open"][depths.size :][::-1]
     for one, other in zip(forth, back, strict=True):
-        # Seen from the other end, left is right and far is near; heading and position have errors of a few cm.
+        # Seen from the other end, left is right and far is near; heading and position have errors
+        # of a few cm.
         assert one.depth == other.depth
         assert one.place[0] == pytest.approx(-other.place[0], abs=0.2)
         assert one.place[1] - 15 == pytest.approx(15 - other.place[1], abs=0.1)
@@ -131,7 +138,10 @@ def test_every_mine_is_seen_twice_at_the_studys_range(recipe, looks):
 def test_lanes_are_the_same_again_and_the_roadside_is_what_the_worlds_differ_in(recipe, looks):
     again = lane_looks(recipe, "sand", 3, 0.1)
     for world in looks:
-        assert all(np.array_equal(a.image, b.image) for a, b in zip(looks[world], again[world], strict=True))
+        assert all(
+            np.array_equal(a.image, b.image)
+            for a, b in zip(looks[world], again[world], strict=True)
+        )
     assert not np.array_equal(looks["open"][0].image, looks["roadside"][0].image)
     assert np.array_equal(looks["open"][0].place, looks["roadside"][0].place)
 
@@ -199,7 +209,9 @@ def test_peaks_are_taken_at_and_off_the_mine(recipe, looks):
     assert peaks.target[0] == pytest.approx(power[near].max(), rel=1e-3)
     assert len(peaks.rock) == len(peaks.clutter) == len(peaks.clutter_quantile) > 0
     assert (np.array(peaks.clutter_quantile) < np.array(peaks.clutter)).all()
-    empty, _ = box_values(np.zeros((4, 4), np.float32), np.arange(4.0), np.arange(4.0), np.array([[9.0, 9.0]]), 1, 0.9)
+    empty, _ = box_values(
+        np.zeros((4, 4), np.float32), np.arange(4.0), np.arange(4.0), np.array([[9.0, 9.0]]), 1, 0.9
+    )
     assert np.isnan(empty).all()
 
 
@@ -232,7 +244,11 @@ def premises(seed):
         "visible": [True, True, True],
         "point_width": 0.4,
         "premises": {
-            "mine": {"HH": [2, 2, 2, 2 + some], "VV": [1, 1, 4, 4], "correlation": [0.5, 0.5 + 0.01 * some]},
+            "mine": {
+                "HH": [2, 2, 2, 2 + some],
+                "VV": [1, 1, 4, 4],
+                "correlation": [0.5, 0.5 + 0.01 * some],
+            },
             "clutter": {"HH": [1, 3, 4, 2], "VV": [2, 2, 2, 2 + some], "correlation": [0.51, 0.5]},
             "across": {"humps": [1, 1, 1 + some], "width": [0.4, float("nan"), 0.5 + 0.01 * some]},
             "fourth_moment_ratio": 3.0 + 0.1 * some,
@@ -244,21 +260,36 @@ def test_verdicts_follow_the_interval_over_seeds():
     recipe = study_recipe()
     rng = np.random.default_rng(0)
     sites = ("sand", "gravel", "clay")
-    cases = {s: [case(k, rng.normal(1, 1, 40), rng.normal(0, 1, 500)) for k in range(6)] for s in sites}
+    cases = {
+        s: [case(k, rng.normal(1, 1, 40), rng.normal(0, 1, 500)) for k in range(6)] for s in sites
+    }
     recipe = recipe.model_copy(update={"sites": {site: recipe.sites[site] for site in sites}})
     table = pd_table(recipe, cases)
     found = {one.claim: one for one in findings(recipe, cases, table)}
     assert found["The deflection detector outperforms PWF: site one, dry sand"].verdict == "agrees"
-    assert found["The first eigenvector alone is an excellent candidate: site two, gravel"].verdict == "agrees"
+    assert (
+        found["The first eigenvector alone is an excellent candidate: site two, gravel"].verdict
+        == "agrees"
+    )
     assert found["Eigenvalue 2 is 0.089 of the first (dry sand)"].verdict == "agrees"
     assert found["Eigenvalue 3 is 0.075 of the first (dry sand)"].verdict == "disagrees"
     premise = {one.claim: one.verdict for one in findings(recipe, cases, table)}
-    assert premise["A simulated mine has a double hump along range, HH"] == "cannot say"  # 4 mines: 1.5 to 3
+    assert (
+        premise["A simulated mine has a double hump along range, HH"] == "cannot say"
+    )  # 4 mines: 1.5 to 3
     assert premise["A simulated mine has a double hump along range, VV"] == "disagrees"
     assert premise["The double hump is evident in the data, HH"] == "agrees"
-    assert premise["The double hump appears to be the distinguishing feature of a mine, HH"] == "agrees"
-    assert premise["The double hump appears to be the distinguishing feature of a mine, VV"] == "disagrees"
-    assert premise["Three mines are readily visible at 15, 20 and 25 m (HH)"] == "cannot say"  # 6 of 6 seeds: 0.54 to 1
+    assert (
+        premise["The double hump appears to be the distinguishing feature of a mine, HH"]
+        == "agrees"
+    )
+    assert (
+        premise["The double hump appears to be the distinguishing feature of a mine, VV"]
+        == "disagrees"
+    )
+    assert (
+        premise["Three mines are readily visible at 15, 20 and 25 m (HH)"] == "cannot say"
+    )  # 6 of 6 seeds: 0.54 to 1
     assert premise["A mine is better correlated between HH and VV than clutter"] == "cannot say"
     assert premise["Clutter may be modelled as complex Gaussian after whitening"] == "disagrees"
     assert premise["There is little observable cross-range structure"] == "agrees"
@@ -266,9 +297,13 @@ def test_verdicts_follow_the_interval_over_seeds():
     worst = [one for statement, one in found.items() if statement.startswith("Wet clay")]
     assert worst
     assert {one.verdict for one in worst} <= {"cannot say", "disagrees"}
-    blind = {s: [case(k, rng.normal(-50, 1, 40), rng.normal(0, 1, 500)) for k in range(6)] for s in sites}
+    blind = {
+        s: [case(k, rng.normal(-50, 1, 40), rng.normal(0, 1, 500)) for k in range(6)] for s in sites
+    }
     for one in findings(recipe, blind, pd_table(recipe, blind)):
-        found_by_detectors = one.quantity.startswith("Pd at") and not one.claim.startswith("Pd is about")
+        found_by_detectors = one.quantity.startswith("Pd at") and not one.claim.startswith(
+            "Pd is about"
+        )
         assert not found_by_detectors or one.verdict in ("cannot say", "open")
     for row in table.itertuples():
         curve = case_curve(cases[row.site][row.seed], row.detector, 1.0)
@@ -295,7 +330,8 @@ def test_equal_seeds_are_no_interval_of_width_zero():
     assert interval([0.3, 0.3])[1:] == (-np.inf, np.inf)
     mean, low, high = interval([1.0] * 12, bounds=(0, 1))
     assert (mean, high) == (1, 1)
-    # All of 12 are equal with a chance of 2.5 % where a share 1 - 0.025^(1/12) differ, each by 1 at the most.
+    # All of 12 are equal with a chance of 2.5 % where a share 1 - 0.025^(1/12) differ, each by 1 at
+    # the most.
     assert low == pytest.approx(0.025 ** (1 / 12))
     assert interval([0.0, 0.0], bounds=(-1, 1))[1:] == pytest.approx((-0.842, 0.842), abs=1e-3)
 
@@ -321,7 +357,9 @@ def test_humps_are_what_stands_out():
 
 def test_correlation_does_not_hang_on_level_or_phase(rng):
     signature = rng.normal(size=28) + 1j * rng.normal(size=28)
-    assert polarization_correlation(np.concatenate([signature, 0.2j * signature])) == pytest.approx(1)
+    assert polarization_correlation(np.concatenate([signature, 0.2j * signature])) == pytest.approx(
+        1
+    )
     apart = rng.normal(size=(400, 56)) + 1j * rng.normal(size=(400, 56))
     # Of independent halves of n samples the squared correlation has the mean 1/n.
     mean_square = np.mean([polarization_correlation(one) ** 2 for one in apart])
@@ -351,7 +389,9 @@ def test_visible_mines_stand_out_of_the_boxes_at_their_range():
     rng = np.random.default_rng(3)
     values = rng.normal(size=(1, y.size, x.size)) + 1j * rng.normal(size=(1, y.size, x.size))
     values[0, np.abs(y - 20).argmin(), np.abs(x - 0.5).argmin()] = 50
-    image = xr.DataArray(values, dims=("polarization", "y", "x"), coords={"polarization": ["HH"], "y": y, "x": x})
+    image = xr.DataArray(
+        values, dims=("polarization", "y", "x"), coords={"polarization": ["HH"], "y": y, "x": x}
+    )
     assert visible_mines(recipe, image) == [False, True, False]
 
 
@@ -361,7 +401,10 @@ def test_quick_study_writes_its_page_and_goes_on_where_it_stopped(recipe, tmp_pa
     def run_once(study, seed, *rest):
         """The lanes of the first seed stand for those of the second."""
         first.update(first or run_seed(study, seed, *rest))
-        return {world: {site: case | {"seed": seed} for site, case in of.items()} for world, of in first.items()}
+        return {
+            world: {site: case | {"seed": seed} for site, case in of.items()}
+            for world, of in first.items()
+        }
 
     run_seed = cosgrove2004.run_seed
     monkeypatch.setattr(cosgrove2004, "run_seed", run_once)
@@ -376,7 +419,9 @@ def test_quick_study_writes_its_page_and_goes_on_where_it_stopped(recipe, tmp_pa
     for number in range(1, 8):
         assert list(tmp_path.glob(f"figure-{number}*.png"))
     model = load_model(tmp_path / "models" / "sand-open")
-    assert model.stages["map.deflection"]["linear-0"].shape == (2 * 28,)  # as the recipe cosgrove2004 takes it
+    assert model.stages["map.deflection"]["linear-0"].shape == (
+        2 * 28,
+    )  # as the recipe cosgrove2004 takes it
     assert model.notes["detector"].startswith("DeflectionDetector")
     assert set(pd.read_csv(tmp_path / "pd.csv")["seed"]) == {1, 2}
     before = (tmp_path / "pd.csv").read_bytes()

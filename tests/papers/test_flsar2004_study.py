@@ -49,13 +49,19 @@ def a_pass(settings, direction, seed, site="arid"):
     m, (dx, dy) = settings.margin, settings.spacing
     nx = round((settings.lane[1] - settings.lane[0] + 2 * m) / dx) + 1
     grid = Grid(settings.lane[0] - m, -m, nx, round((settings.length + 2 * m) / dy) + 1, dx, dy)
-    rows = [(k, mines.depth) for mines in settings.mines for k in ["metal"] * mines.metal + ["plastic"] * mines.plastic]
+    rows = [
+        (k, mines.depth)
+        for mines in settings.mines
+        for k in ["metal"] * mines.metal + ["plastic"] * mines.plastic
+    ]
     place = np.random.default_rng(0)
     truth = pd.DataFrame(rows, columns=["kind", "depth"])
     truth["x"] = place.uniform(-1, 1, len(rows))
     truth["y"] = (np.arange(len(rows)) + 0.5) * settings.pitch
     truth["target_id"] = [f"T{i:03d}" for i in range(len(rows))]
-    fiducials = pd.DataFrame({"x": np.tile([-2.2, 2.2], 4), "y": np.repeat(np.linspace(5, 60, 4), 2), "height": 0.0})
+    fiducials = pd.DataFrame(
+        {"x": np.tile([-2.2, 2.2], 4), "y": np.repeat(np.linspace(5, 60, 4), 2), "height": 0.0}
+    )
     image = rng.rayleigh(0.4, (2, 3, *grid.shape))
     x, y = np.meshgrid(grid.x, grid.y)
     for mine in truth.itertuples():
@@ -64,7 +70,15 @@ def a_pass(settings, direction, seed, site="arid"):
     for post in fiducials.itertuples():
         image += 30 * np.exp(-(((x - post.x) / 0.15) ** 2) - ((y - post.y - 0.1) / 0.08) ** 2)
     wave = np.exp(2j * np.pi * rng.random())  # the phase of a drive tells nothing
-    return Pass(site, direction, (image * wave).astype(np.complex64), grid, truth, fiducials, f"{site}-{direction}")
+    return Pass(
+        site,
+        direction,
+        (image * wave).astype(np.complex64),
+        grid,
+        truth,
+        fiducials,
+        f"{site}-{direction}",
+    )
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +87,9 @@ def site(small):
 
 
 def test_settings_are_the_papers(settings):
-    metal, plastic = (sum(getattr(m, kind) for m in settings.mines) for kind in ("metal", "plastic"))
+    metal, plastic = (
+        sum(getattr(m, kind) for m in settings.mines) for kind in ("metal", "plastic")
+    )
     shallow = sum(m.metal + m.plastic for m in settings.mines if m.depth <= 0.05)
     assert (metal, plastic) == (60, 30)
     assert shallow / 90 == pytest.approx(0.7, abs=0.02)
@@ -83,7 +99,9 @@ def test_settings_are_the_papers(settings):
 
 def test_the_way_back_sees_the_same_mines_turned(small):
     sensor = load_sensor(small.sensor)
-    sensor = sensor.model_copy(update={"tones": sensor.tones.model_copy(update={"step": 8e7, "count": 30})})
+    sensor = sensor.model_copy(
+        update={"tones": sensor.tones.model_copy(update={"step": 8e7, "count": 30})}
+    )
     out = Simulator(_scene(small, "arid"), sensor, 3)
     back = Simulator(turned(_scene(small, "arid"), 3), sensor, 4)
     np.testing.assert_allclose(back.truth["x"], -out.truth["x"])
@@ -94,7 +112,9 @@ def test_the_way_back_sees_the_same_mines_turned(small):
 
 
 def test_lane_images_show_a_mine_where_it_is():
-    settings = load_settings().model_copy(update={"mines": (Mines(depth=-0.15, metal=1, plastic=0),), "pitch": 8.0})
+    settings = load_settings().model_copy(
+        update={"mines": (Mines(depth=-0.15, metal=1, plastic=0),), "pitch": 8.0}
+    )
     sensor = load_sensor("sri-van")
     tones = sensor.tones.model_copy(update={"start": 5e8, "step": 1e7, "count": 81})
     sensor = sensor.model_copy(update={"tones": tones, "footprint": (-3.0, 3.0, 6.5, 24.5)})
@@ -104,7 +124,9 @@ def test_lane_images_show_a_mine_where_it_is():
     scene = scene.model_copy(update={"surface": quiet, "clutter": none, "objects": ()})
     simulator = Simulator(scene, sensor, 0, errors=False)
     grid = Grid(-2.0, -1.0, 51, 251, 0.08, 0.04)
-    image = np.abs(lane_images(settings, simulator, sensor, grid, range(len(simulator.reported_pose()))))
+    image = np.abs(
+        lane_images(settings, simulator, sensor, grid, range(len(simulator.reported_pose())))
+    )
     mine = simulator.truth.iloc[0]
     for p, r in np.ndindex(2, 3):
         row, column = np.unravel_index(image[p, r].argmax(), grid.shape)
@@ -128,7 +150,9 @@ def test_open_examples_leave_out_the_subset_and_give_mines_higher_features(small
     table, X = ex.open_examples(small, site, templates)
     assert X.shape == (len(table), 6)
     assert not set(site.mines[site.mines["subset"]]["target"]) & set(table["target"])
-    assert (table["kind"] == "metal").sum() + (table["kind"] == "plastic").sum() == (~site.mines["subset"]).sum()
+    assert (table["kind"] == "metal").sum() + (table["kind"] == "plastic").sum() == (
+        ~site.mines["subset"]
+    ).sum()
     metal = X[table["kind"] == "metal"].mean()
     clutter = X[table["kind"] == "clutter"].mean()
     assert metal > clutter + 0.05
@@ -143,7 +167,9 @@ def test_prescreen_loses_weak_mines_and_labels_the_rest(small, site):
     mines = table[table["kind"] != "clutter"]
     assert not mines.duplicated(["target", "direction"]).any()
     for row in mines.itertuples():
-        known = site.mines[(site.mines["target"] == row.target) & (site.mines["direction"] == row.direction)]
+        known = site.mines[
+            (site.mines["target"] == row.target) & (site.mines["direction"] == row.direction)
+        ]
         assert np.hypot(known["x"] - row.x, known["y"] - row.y).iloc[0] <= small.prescreen.halo
 
 
@@ -158,7 +184,10 @@ def scores_of(mine, clutter, target=None):
 def test_held_out_scores_come_from_the_others(small):
     rng = np.random.default_rng(0)
     table = pd.DataFrame(
-        {"kind": ["metal"] * 20 + ["clutter"] * 30, "target": [f"{i // 2}" for i in range(20)] + [""] * 30}
+        {
+            "kind": ["metal"] * 20 + ["clutter"] * 30,
+            "target": [f"{i // 2}" for i in range(20)] + [""] * 30,
+        }
     )
     X = rng.normal(size=(50, 2)) + 2 * (table["kind"] == "metal").to_numpy()[:, None]
     seen = []
@@ -223,7 +252,9 @@ def test_the_width_of_a_novelty_detector_is_that_of_the_median_pair():
 def test_training_anew_in_every_draw_holds_copies_out_together():
     table, X = some_examples()
 
-    def memory(train, y):  # remembers every example: it would give itself away if a copy were tested
+    def memory(
+        train, y
+    ):  # remembers every example: it would give itself away if a copy were tested
         known = {tuple(row): float(label) for row, label in zip(train, y, strict=True)}
         return (lambda new: np.array([known.get(tuple(row), 0.5) for row in new])), 1.0
 
@@ -241,7 +272,9 @@ def test_area_is_scikit_learns_and_its_interval_covers():
     rng = np.random.default_rng(1)
     one = scores_of(rng.normal(1, 1, 40), rng.normal(0, 1, 90))
     label = np.repeat([1, 0], [40, 90])
-    assert fi.auc(one) == pytest.approx(roc_auc_score(label, np.concatenate([one.mine, one.clutter.ravel()])))
+    assert fi.auc(one) == pytest.approx(
+        roc_auc_score(label, np.concatenate([one.mine, one.clutter.ravel()]))
+    )
     # Φ(1/√2)
     truth = 0.7602
     hits = 0
@@ -257,7 +290,9 @@ def test_looks_at_one_mine_widen_the_interval():
     mine = rng.normal(1, 1, 30)
     clutter = rng.normal(0, 1, 300)
     alone = fi.auc_interval(scores_of(mine, clutter), 500)
-    twice = fi.auc_interval(scores_of(np.repeat(mine, 2), clutter, np.repeat(np.arange(30), 2)), 500)
+    twice = fi.auc_interval(
+        scores_of(np.repeat(mine, 2), clutter, np.repeat(np.arange(30), 2)), 500
+    )
     wrong = fi.auc_interval(scores_of(np.repeat(mine, 2), clutter), 500)
     assert twice[2] - twice[1] == pytest.approx(alone[2] - alone[1], rel=0.15)
     assert wrong[2] - wrong[1] < 0.9 * (twice[2] - twice[1])
@@ -287,23 +322,30 @@ def test_partial_area_and_pd_are_those_of_the_curve():
         for limit in (0.04, 0.07, 0.3):
             grid = (np.arange(20_000) + 0.5) / 20_000 * limit
             step = pd_of[np.searchsorted(far, grid, side="right") - 1]
-            # Each output of clutter stands for the mines above it: the curve's value before it falls due.
+            # Each output of clutter stands for the mines above it: the curve's value before it
+            # falls due.
             assert fi.Measure(area, limit).value(one) == pytest.approx(step.mean(), abs=0.02)
             at = pd_of[np.searchsorted(far, limit, side="right") - 1]
             assert fi.Measure(area, limit, at=True).value(one) == pytest.approx(at, abs=1 / 30)
     whole = scores_of(rng.normal(1, 1, 30), rng.normal(0, 1, 80))
-    assert fi.Measure(160.0, 0.5).value(whole) == pytest.approx(fi.auc(whole))  # 80 in 160 m²: the whole ROC
+    assert fi.Measure(160.0, 0.5).value(whole) == pytest.approx(
+        fi.auc(whole)
+    )  # 80 in 160 m²: the whole ROC
 
 
 def test_partial_area_by_chance_is_what_random_scores_give():
     rng = np.random.default_rng(6)
     measure = fi.Measure(160.0, 0.07)
-    values = [measure.value(scores_of(rng.normal(size=30), rng.normal(size=80))) for _ in range(200)]
+    values = [
+        measure.value(scores_of(rng.normal(size=30), rng.normal(size=80))) for _ in range(200)
+    ]
     one = scores_of(rng.normal(size=30), rng.normal(size=80))
     assert np.mean(values) == pytest.approx(measure.chance(one), abs=0.015)
     values = [dataclasses.replace(measure, at=True).value(scores_of(rng.normal(size=30), rng.normal(size=80)))
               for _ in range(200)]  # fmt: skip
-    assert np.mean(values) == pytest.approx(dataclasses.replace(measure, at=True).chance(one), abs=0.02)
+    assert np.mean(values) == pytest.approx(
+        dataclasses.replace(measure, at=True).chance(one), abs=0.02
+    )
 
 
 def test_mines_that_the_prescreener_lost_are_found_at_no_threshold():
@@ -313,13 +355,17 @@ def test_mines_that_the_prescreener_lost_are_found_at_no_threshold():
     every = ma.with_lost(one, seen, offered)
     assert every.mine.tolist() == [3.0, -np.inf, -np.inf, 2.0]
     assert fi.Measure(1.0, 0.0 + 1e-9, at=True).value(every) == 0.5
-    assert fi.Measure(1.0, 100.0, at=True).value(every) == 0.5  # however many false alarms are allowed
+    assert (
+        fi.Measure(1.0, 100.0, at=True).value(every) == 0.5
+    )  # however many false alarms are allowed
     assert fi.Measure(1.0, 100.0).value(every) == pytest.approx(0.5)
 
 
 def test_strength_is_compared_at_the_same_depth_alone():
     a = pd.DataFrame({"peak": [1.0, 9.0], "depth": [0.0, 0.1], "target": ["s", "t"]})
-    b = pd.DataFrame({"peak": [2.0, 8.0, 100.0], "depth": [0.0, 0.1, 0.15], "target": ["u", "v", "w"]})
+    b = pd.DataFrame(
+        {"peak": [2.0, 8.0, 100.0], "depth": [0.0, 0.1, 0.15], "target": ["u", "v", "w"]}
+    )
     assert fi.stronger_interval(a, b, 20)[0] == 0.5
 
 
@@ -367,7 +413,10 @@ def test_difference_of_proportions_matches_newcombes_example():
 
 def test_pd_at_a_false_alarm_rate():
     one = scores_of([5, 4, 3, 2, 1, 0.5], [4.5, 2.5, 0.7, 0.1])
-    assert fi.pd_count(one, 100.0, 0.01, np.ones(6, bool)) == (3, 6)  # one false alarm: everything above 2.5
+    assert fi.pd_count(one, 100.0, 0.01, np.ones(6, bool)) == (
+        3,
+        6,
+    )  # one false alarm: everything above 2.5
     assert fi.pd_count(one, 100.0, 0.0, np.array([1, 1, 0, 0, 0, 0], bool)) == (1, 2)
 
 
@@ -389,7 +438,10 @@ def reproduced(tmp_path_factory):
     folder = tmp_path_factory.mktemp("flsar")
 
     def drive(settings, site, images, track):
-        return [a_pass(settings, "out", len(site), site), a_pass(settings, "back", len(site) + 1, site)]
+        return [
+            a_pass(settings, "out", len(site), site),
+            a_pass(settings, "back", len(site) + 1, site),
+        ]
 
     def few_references(**options):
         return OneClassRelevanceVectorMachine(**options | {"n_reference": 40})
@@ -404,7 +456,9 @@ def reproduced(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flsar2004, "load_settings", lambda quick, world: few)
         patch.setattr(flsar2004, "drive", drive)
-        patch.setattr(flsar2004, "PARTS", {k: part for k, part in flsar2004.PARTS.items() if k != "screened"})
+        patch.setattr(
+            flsar2004, "PARTS", {k: part for k, part in flsar2004.PARTS.items() if k != "screened"}
+        )
         patch.setattr(figures, "OneClassRelevanceVectorMachine", few_references)
         page = flsar2004.reproduce(folder, quick=True)
         text = page.read_text(encoding="utf-8")
@@ -437,8 +491,12 @@ def test_the_page_holds_every_figure_and_finding(reproduced):
 
 
 def test_variants_have_intervals_and_the_main_one_no_difference_to_itself(reproduced):
-    told = json.loads((reproduced[0] / "results.json").read_text(encoding="utf-8"))["notes"]["templates"]
-    assert set(told) == {f"{site}, {kind}" for site in ("arid", "temperate") for kind in ("metal", "plastic")}
+    told = json.loads((reproduced[0] / "results.json").read_text(encoding="utf-8"))["notes"][
+        "templates"
+    ]
+    assert set(told) == {
+        f"{site}, {kind}" for site in ("arid", "temperate") for kind in ("metal", "plastic")
+    }
     for case in told.values():
         assert case["mean template, magnitudes"]["less the main one"] == [0.0, 0.0, 0.0]
         for one in case.values():
@@ -446,7 +504,9 @@ def test_variants_have_intervals_and_the_main_one_no_difference_to_itself(reprod
 
 
 def test_complex_templates_do_not_depend_on_the_phase_of_each_signature(small, site):
-    rows = np.exp(2j * np.pi * np.random.default_rng(5).random(400))  # another phase every few metres of the strip
+    rows = np.exp(
+        2j * np.pi * np.random.default_rng(5).random(400)
+    )  # another phase every few metres of the strip
     phase = np.repeat(rows, -(-site.wave.shape[2] // 400))[: site.wave.shape[2]]
     # Magnitudes as they are; and every mine of the subset whole within one phase.
     for y in site.mines["y"][site.mines["subset"]]:

@@ -31,10 +31,25 @@ from flgpr_papers.fuse2018.findings import (
     strongest_boxes,
 )
 from flgpr_papers.fuse2018.fullwave import fullwave_study
-from flgpr_papers.fuse2018.lanes import Frames, band_sensor, fuse_recipe, lane_scene, local, masks_stage, trained
+from flgpr_papers.fuse2018.lanes import (
+    Frames,
+    band_sensor,
+    fuse_recipe,
+    lane_scene,
+    local,
+    masks_stage,
+    trained,
+)
 from flgpr_papers.fuse2018.page import page_html
 from flgpr_papers.fuse2018.poses import pose_study
-from flgpr_papers.fuse2018.process import VARIANTS, calibrate, clean, process_lane, stage_forms, suppressed_alone
+from flgpr_papers.fuse2018.process import (
+    VARIANTS,
+    calibrate,
+    clean,
+    process_lane,
+    stage_forms,
+    suppressed_alone,
+)
 from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS, clustered, without_paper
 from flgpr_papers.kit.study_worlds import OtherWorld, study_world
 
@@ -62,7 +77,9 @@ def make_runs(seed, count):
     bushes = BUSHES + rng.uniform(-0.3, 0.3, BUSHES.shape)
     points = np.zeros((len(mines) + 12 * len(bushes), 3))
     points[: len(mines), :2] = mines
-    points[len(mines) :, :2] = np.repeat(bushes, 12, axis=0) + rng.normal(0, 0.25, (12 * len(bushes), 2))
+    points[len(mines) :, :2] = np.repeat(bushes, 12, axis=0) + rng.normal(
+        0, 0.25, (12 * len(bushes), 2)
+    )
     mine = np.arange(len(points)) < len(mines)
     phase = np.exp(2j * np.pi * rng.random(len(points)))
     level = {"l": [(1.0, 5.0), (0.03, 2.0)], "x": [(0.02, 3.0)]}
@@ -74,18 +91,25 @@ def make_runs(seed, count):
         own = pose + np.array([0, 0, 3.0 if band == "l" else 3.4, 0, 0, 0])
         strength = np.stack([np.where(mine, a, b) * phase for a, b in level[band]])[:, None]
         made = [
-            ImagingOperator(tones, vehicle_to_lane(TX, p), vehicle_to_lane(RX, p), points, tolerance=1e-2).forward(
-                strength
-            )
+            ImagingOperator(
+                tones, vehicle_to_lane(TX, p), vehicle_to_lane(RX, p), points, tolerance=1e-2
+            ).forward(strength)
             for p in own
         ]
         if band == "l":
             views = [vehicle_to_lane(side, p) for p in own for side in (TX, RX)]
-            makes = [ImagingOperator(tones, *views[k : k + 2], points[mine]) for k in range(0, len(views), 2)]
-            alone = np.array([make.forward((level["l"][0][0] * phase[mine])[None, None]) for make in makes])
+            makes = [
+                ImagingOperator(tones, *views[k : k + 2], points[mine])
+                for k in range(0, len(views), 2)
+            ]
+            alone = np.array(
+                [make.forward((level["l"][0][0] * phase[mine])[None, None]) for make in makes]
+            )
         noise = rng.normal(size=(*np.shape(made), 2)).view(complex)[..., 0]
         labels = ["VV", "VH"] if band == "l" else ["VV"]
-        runs[band] = make_run((np.array(made) + 0.3 * noise).astype(np.complex64), tones, labels, TX, RX, own)
+        runs[band] = make_run(
+            (np.array(made) + 0.3 * noise).astype(np.complex64), tones, labels, TX, RX, own
+        )
     ids = {"target_id": [f"T{i}" for i in range(len(mines))], "kind": "metal", "depth": 0.05}
     truth = pd.DataFrame({"x": mines[:, 0], "y": mines[:, 1], **ids})
     objects = pd.DataFrame({"object_id": [f"O{i}" for i in range(len(bushes))], "kind": "bush"})
@@ -116,7 +140,11 @@ def lanes(calibration, tmp_path_factory):
 
         records = process_lane(frames, calibration, RECIPE, silent, every=2, example=keep)
         fuse2018_results.write_records(folder / f"{name}.json", frames, records)
-        results[name] = fuse2018_results.read_records(folder / f"{name}.json", frames), frames, shown
+        results[name] = (
+            fuse2018_results.read_records(folder / f"{name}.json", frames),
+            frames,
+            shown,
+        )
     return results
 
 
@@ -168,7 +196,9 @@ def test_an_aperture_is_the_coherent_sum_of_its_frames():
     one = stage.aperture(2)
     assert len(one.data) == len(one.looks) == 2
     np.testing.assert_allclose(one.looks.sum(axis=0), one.vv, rtol=1e-5)
-    np.testing.assert_allclose(one.stack_on(stage.points).adjoint(one.data)[0, 0], one.vv, atol=1e-3)
+    np.testing.assert_allclose(
+        one.stack_on(stage.points).adjoint(one.data)[0, 0], one.vv, atol=1e-3
+    )
     assert np.unique(stage.region).tolist() == [0, 1, 2, 3]
     np.testing.assert_allclose((*stage.grid.extent(), stage.grid.dy), (-10.1, 10.1, 4.9, 15.1, 0.2))
 
@@ -180,7 +210,9 @@ def test_masks_hold_the_bushes_and_leave_the_mines(lanes):
         mask = shown["fundamental"] | shown["extended"]
         assert len(shown["boxes"])
         for x, y in shown["boxes"]:
-            assert mask[(np.abs(shown["x_axis"] - x) < 0.5) & (np.abs(shown["y_axis"] - y)[:, None] < 0.5)].any()
+            assert mask[
+                (np.abs(shown["x_axis"] - x) < 0.5) & (np.abs(shown["y_axis"] - y)[:, None] < 0.5)
+            ].any()
 
 
 def test_every_variant_lowers_the_boxes_and_the_papers_keeps_the_mines(lanes):
@@ -201,22 +233,31 @@ def test_the_loss_of_a_mine_is_that_of_its_own_data(lanes, calibration):
     result, frames, _ = lanes["A"]
     assert {"iteration", "least squares", "least squares spared"} == set(result.own["variant"])
     plain, spared = (
-        np.abs(own_changes(both(lanes), name)[0]).mean() for name in ("least squares", "least squares spared")
+        np.abs(own_changes(both(lanes), name)[0]).mean()
+        for name in ("least squares", "least squares spared")
     )
     assert spared < plain / 2
     change, mine = own_changes(both(lanes), "iteration")
     assert len(change) == len(mine) > 8
     clear = result.own[(result.own["variant"] == "iteration") & ~result.own["masked"]]
     assert (clear["change_db"] < 0.5).all()
-    assert clear["change_db"].median() > -3.0  # nothing lies over them, but the frame's own fit takes a part
+    assert (
+        clear["change_db"].median() > -3.0
+    )  # nothing lies over them, but the frame's own fit takes a part
     one = clean(stage_forms(frames, calibration), 1, ("original", "iteration"))
     data = one.data["original"]
-    made = [suppressed_alone(one, part) for part in (frames.mines[:2], data - frames.mines[:2], data)]
-    np.testing.assert_allclose(made[0] + made[1], made[2], atol=2e-4 * np.abs(made[2]).max())  # linear ...
+    made = [
+        suppressed_alone(one, part) for part in (frames.mines[:2], data - frames.mines[:2], data)
+    ]
+    np.testing.assert_allclose(
+        made[0] + made[1], made[2], atol=2e-4 * np.abs(made[2]).max()
+    )  # linear ...
     whole = one.aperture.stack_on(one.stage.points)
     mine = np.abs(whole.adjoint(made[2])[0, 0])
     said = np.abs(one.images["iteration"])
-    np.testing.assert_allclose(mine, said, atol=2e-3 * said.max())  # ... and what the iteration did to all of it
+    np.testing.assert_allclose(
+        mine, said, atol=2e-3 * said.max()
+    )  # ... and what the iteration did to all of it
 
 
 def test_one_frame_of_the_paper_is_compared_with_frames_of_ours():
@@ -234,7 +275,9 @@ def test_one_frame_of_the_paper_is_compared_with_frames_of_ours():
 
 def test_what_stays_from_frame_to_frame_is_followed_and_what_does_not_is_dropped():
     rng = np.random.default_rng(4)
-    still = pd.DataFrame({"frame": np.repeat(range(4), 2), "x": [0.0, 1.2] * 4, "y": [5.0] * 8, "magnitude": 3.0})
+    still = pd.DataFrame(
+        {"frame": np.repeat(range(4), 2), "x": [0.0, 1.2] * 4, "y": [5.0] * 8, "magnitude": 3.0}
+    )
     still[["x", "y"]] += rng.normal(0, 0.05, (8, 2))
     still.loc[0, "magnitude"] = 9.0  # one bright frame does not make a track bright
     stray = pd.DataFrame({"frame": np.repeat(range(4), 10), "magnitude": 5.0})
@@ -252,7 +295,8 @@ def test_truth_does_not_reach_masks_suppression_or_alarms(calibration):
     frames = make_frames("A", 2, 4)
     blind = replace(frames, truth=frames.truth.iloc[:0], objects=frames.objects.iloc[:0])
     with_truth, without = (
-        process_lane(one, calibration, RECIPE, silent, ("original", "iteration"), 2) for one in (frames, blind)
+        process_lane(one, calibration, RECIPE, silent, ("original", "iteration"), 2)
+        for one in (frames, blind)
     )
     assert with_truth.alarms == without.alarms
     assert not without.mines
@@ -262,7 +306,9 @@ def test_truth_does_not_reach_masks_suppression_or_alarms(calibration):
 def test_a_single_band_run_is_masked_by_vv_and_vh(calibration):
     frames = make_frames("A", 2, 3, bands=("l",))
     only = {name: value for name, value in calibration.learnt.items() if name != "second"}
-    cleaned = clean(stage_forms(frames, replace(calibration, learnt=only)), 2, ("original", "iteration"))
+    cleaned = clean(
+        stage_forms(frames, replace(calibration, learnt=only)), 2, ("original", "iteration")
+    )
     assert cleaned.aperture.second is None
     assert np.array_equal(cleaned.masks["pixel"], cleaned.masks["L"])
     assert cleaned.masks["pixel"].any()
@@ -284,7 +330,9 @@ def test_scores_count_every_frame_or_every_place(lanes):
     lane, frames, _ = lanes["A"]
     looks = frame_match(lane, "original", RECIPE)
     used = np.flatnonzero(np.isfinite(lane.poses[:, 0]))
-    wanted = sum(5 <= y <= 10 and abs(x) <= 7 for k in used for x, y in local(frames.truth, lane.poses[k]))
+    wanted = sum(
+        5 <= y <= 10 and abs(x) <= 7 for k in used for x, y in local(frames.truth, lane.poses[k])
+    )
     assert looks.truth["inside"].sum() == wanted
     assert set(looks.truth["mine"]) <= set(frames.truth["target_id"])
     matched, curve, options = scored(lane, "original", RECIPE, "frames")
@@ -294,7 +342,9 @@ def test_scores_count_every_frame_or_every_place(lanes):
     assert matched.halo == 0.5
     place = lane_match(lane, "original", RECIPE)
     assert len(place.truth) == len(frames.truth)
-    better = [pd_mean(scored(lane, name, RECIPE, "frames")[1]) for name in ("iteration", "original")]
+    better = [
+        pd_mean(scored(lane, name, RECIPE, "frames")[1]) for name in ("iteration", "original")
+    ]
     assert better[0] >= better[1]
 
 
@@ -303,12 +353,18 @@ def test_intervals_and_verdicts():
     held = 0
     for seed in range(100):
         centre = np.repeat(rng.normal(0, 1, 30), 4)
-        mean, low, high = clustered(centre + rng.normal(0, 0.1, 120), np.repeat(np.arange(30), 4), 300, seed)
+        mean, low, high = clustered(
+            centre + rng.normal(0, 0.1, 120), np.repeat(np.arange(30), 4), 300, seed
+        )
         assert low <= mean <= high
         held += low <= 0 <= high
     assert 86 <= held <= 99
     assert np.isnan(clustered([], [], 10)).all()
-    assert [peaks_kept(-0.5, 0.5), peaks_kept(-3, -2), peaks_kept(-2, 0)] == ["agrees", "disagrees", "cannot say"]
+    assert [peaks_kept(-0.5, 0.5), peaks_kept(-3, -2), peaks_kept(-2, 0)] == [
+        "agrees",
+        "disagrees",
+        "cannot say",
+    ]
 
 
 def test_what_is_on_disk_is_not_made_again(lanes, calibration, tmp_path):
@@ -318,7 +374,10 @@ def test_what_is_on_disk_is_not_made_again(lanes, calibration, tmp_path):
     np.testing.assert_array_equal(first.learnt["vh"], again.learnt["vh"])
     np.testing.assert_array_equal(first.background, calibration.background)
     keys = {fuse2018_results.result_key(RECIPE, quick) for quick in (False, True)}
-    keys |= {fuse2018_results.result_key(fuse_recipe(), False), fuse2018_results.result_key(RECIPE, True, calibration)}
+    keys |= {
+        fuse2018_results.result_key(fuse_recipe(), False),
+        fuse2018_results.result_key(RECIPE, True, calibration),
+    }
     assert len(keys) == 4
     lane, frames, _ = lanes["A"]
     assert lane.frames == 3
@@ -330,14 +389,18 @@ def test_loosened_poses_are_wrong_alike_in_both_bands():
     frames = make_frames("A", 2, 60)
     runs, wrong = (one.stage.setup for one in (frames, fuse2018.loosened(frames, RECIPE)))
     shift = wrong.run["pose"].values - runs.run["pose"].values
-    np.testing.assert_allclose(wrong.others["x"]["pose"].values - runs.others["x"]["pose"].values, shift, atol=1e-12)
+    np.testing.assert_allclose(
+        wrong.others["x"]["pose"].values - runs.others["x"]["pose"].values, shift, atol=1e-12
+    )
     total = np.hypot(shift[:, :3].std(), RECIPE.radar.position)
     assert total == pytest.approx(RECIPE.study.loose_position, rel=0.15)
     assert not shift[:, 3:].any()
 
 
 def test_reflectors_lose_what_the_formula_says():
-    study = pose_study(RECIPE.model_copy(update={"image": RECIPE.image.model_copy(update={"frames": 5})}), draws=12)
+    study = pose_study(
+        RECIPE.model_copy(update={"image": RECIPE.image.model_copy(update={"frames": 5})}), draws=12
+    )
     measured = np.median(study.measured, axis=1)
     assert measured[0] < 0.1
     near = np.asarray(study.errors) <= 0.005
@@ -421,7 +484,9 @@ def test_the_extended_masks_threshold_is_that_of_the_frame(calibration):
 def test_a_course_that_fell_back_is_told(calibration):
     frames = make_frames("A", 2, 3)
     stage = trained(frames.stage, calibration.learnt)
-    stage.setup = replace(stage.setup, known={"masks-000000": {"fallen": np.array([True, False, True])}})
+    stage.setup = replace(
+        stage.setup, known={"masks-000000": {"fallen": np.array([True, False, True])}}
+    )
     assert stage.notes() == {"suppressions_fallen_back": 2}
     stage.setup = replace(stage.setup, known={"masks-000000": {"fallen": np.array([False])}})
     assert stage.notes() == {}
@@ -431,13 +496,17 @@ def made_up_boxes(powers):
     """Clutter boxes of many objects whose power falls so much, dB, by stage, with a little spread."""
     rng = np.random.default_rng(7)
     count = 40
-    boxes = pd.DataFrame({"cluster": [f"O{k}" for k in range(count)], "frame": np.arange(count), "lane": "A"})
+    boxes = pd.DataFrame(
+        {"cluster": [f"O{k}" for k in range(count)], "frame": np.arange(count), "lane": "A"}
+    )
     for stage, fall in powers.items():
         boxes[stage] = 10 ** ((-fall + rng.normal(0, 0.3, count)) / 10)
     return boxes.assign(**{"#0": 1.0})
 
 
-@pytest.mark.parametrize(("third", "verdict"), [(12.0, "agrees"), (25.0, "disagrees"), (20.0, "cannot say")])
+@pytest.mark.parametrize(
+    ("third", "verdict"), [(12.0, "agrees"), (25.0, "disagrees"), (20.0, "cannot say")]
+)
 def test_the_best_combination_is_better_than_each_of_the_others(third, verdict):
     """#6 over #5 does not suffice: here #3 is worse, better, or alike."""
     falls = {f"#{k}": 3.0 * k for k in range(1, 6)} | {"#3": third, "#6": 20.0}

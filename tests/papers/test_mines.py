@@ -30,10 +30,14 @@ FILLED = (0.75, 0.8, 0.9, 0.95)  # of the cylinder or box
 
 def make_body(*layers):
     """Body of (thickness, zones) layers."""
-    return Body(name="mine", layers=[{"thickness": thickness, "zones": zones} for thickness, zones in layers])
+    return Body(
+        name="mine",
+        layers=[{"thickness": thickness, "zones": zones} for thickness, zones in layers],
+    )
 
 
-# Mines without a table of their own, which stand in the mixes as other bodies; m, as the page describes them.
+# Mines without a table of their own, which stand in the mixes as other bodies; m, as the page
+# describes them.
 M15 = make_body((0.025, ((0.11, "metal"),)), (0.125, ((0.1685, "metal"),)))
 PLASTIC_FUZE = make_body((0.09, ((0.04, 1.8), (0.16, 2.9))), (0.038, ((0.16, 2.9),)))
 HOLLOW_VS_1_6 = make_body((0.025, ((0.098, 1.0), (0.111, 2.9))), (0.067, ((0.111, 2.9),)))
@@ -94,7 +98,11 @@ def test_mines_are_dealt_by_the_largest_remainder_and_the_first_wins_a_tie():
     assert mix_counts("metal", 3) == {"tm-62m": 2, "metal-at": 1}
     assert mix_counts("metal", 2) == {"tm-62m": 1, "metal-at": 1}
     assert mix_counts("metal", 1) == {"tm-62m": 1}
-    assert mix_counts("plastic-large-gap", 5) == {"plastic-at": 2, "plastic-at-cavity": 2, "vs-2.2-hollow": 1}
+    assert mix_counts("plastic-large-gap", 5) == {
+        "plastic-at": 2,
+        "plastic-at-cavity": 2,
+        "vs-2.2-hollow": 1,
+    }
     assert mix_counts("plastic", 0) == {}
 
 
@@ -112,7 +120,9 @@ def test_draws_make_a_scene_with_the_kind_and_entries_asked_for():
     assert draws == mix_draws("plastic", 0.075, 10, tilt=0.02)
     scene = Scene(length=100.0, draws=draws)
     assert sum(draw.count for draw in scene.draws) == 10
-    assert {(draw.kind, draw.depth, draw.tilt) for draw in scene.draws} == {("plastic", 0.075, 0.02)}
+    assert {(draw.kind, draw.depth, draw.tilt) for draw in scene.draws} == {
+        ("plastic", 0.075, 0.02)
+    }
     assert {draw.body: draw.count for draw in scene.draws} == mix_counts("plastic", 10)
 
 
@@ -136,15 +146,24 @@ def test_over_depths_the_whole_lane_has_the_mix_and_no_depth_only_its_first_bodi
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: find_mix("plastics"), r"mix must be one of metal, plastic, .*simulant, got 'plastics'"),
+        (
+            lambda: find_mix("plastics"),
+            r"mix must be one of metal, plastic, .*simulant, got 'plastics'",
+        ),
         (lambda: mix_draws("wood", 0.1, 0), r"mix must be one of .*, got 'wood'"),
         (lambda: mix_draws("metal", 0.1, -1), r"count must not be negative, got -1"),
         (
             lambda: mix_draws_at_depths("metal", {0.1: 2, 0.2: -1}),
             r"counts must not be negative, got \{0.1: 2, ",
         ),
-        (lambda: Mix("none", "metal", "nothing", {}), r"mix none: parts must be whole numbers above 0, at least one"),
-        (lambda: Mix("half", "metal", "", {"m19": 0.5}), r"mix half: parts must be whole numbers above 0.*0\.5"),
+        (
+            lambda: Mix("none", "metal", "nothing", {}),
+            r"mix none: parts must be whole numbers above 0, at least one",
+        ),
+        (
+            lambda: Mix("half", "metal", "", {"m19": 0.5}),
+            r"mix half: parts must be whole numbers above 0.*0\.5",
+        ),
     ],
 )
 def test_bad_input_is_told(call, message):
@@ -169,24 +188,34 @@ def test_the_page_s_air_is_what_the_masses_leave():
         filled = [float(value) for value in row[3].split(", ")]
         assert filled == pytest.approx([charge / density, (mass - charge) / PLASTIC], abs=0.006)
         left = [0.0 if value == "none" else float(value) for value in row[4].split(", ")]
-        assert left == pytest.approx([max(air_by_mass(name, part), 0.0) for part in FILLED], abs=0.006)
+        assert left == pytest.approx(
+            [max(air_by_mass(name, part), 0.0) for part in FILLED], abs=0.006
+        )
         for body, air in re.findall(r"`([\w.-]+)` ([\d.]+|none)", row[5]):
-            assert volume(load_body(body), 1.0) == pytest.approx(0.0 if air == "none" else float(air), abs=0.006)
+            assert volume(load_body(body), 1.0) == pytest.approx(
+                0.0 if air == "none" else float(air), abs=0.006
+            )
 
 
 def test_the_page_s_levels_are_those_of_the_tables():
     """Mean power of HH and VV, in the soils of the columns; a box has no surface and many aspects."""
     rows = rows_of_page("How much air", 1)
-    assert {row[0].strip("`") for row in rows} == set().union(*(mix.parts for mix in MIXES.values()))
+    assert {row[0].strip("`") for row in rows} == set().union(
+        *(mix.parts for mix in MIXES.values())
+    )
     for row in rows:
         values = packaged_table(row[0].strip("`")).values
         for cell, soil in zip(row[1:], (2, 5), strict=True):
             part = values[soil, 6:15, min(4, values.shape[2] - 1), :, 2:5, 0, :2]
             level = 10 * np.log10(np.mean(np.abs(part) ** 2, axis=(0, 1, 2)))
-            assert [float(value) for value in cell.split(", ")] == pytest.approx(level.tolist(), abs=0.06)
+            assert [float(value) for value in cell.split(", ")] == pytest.approx(
+                level.tolist(), abs=0.06
+            )
 
 
-@pytest.mark.parametrize(("name", "hollow"), [("vs-1.6", HOLLOW_VS_1_6), ("vs-2.2", load_body("vs-2.2-hollow"))])
+@pytest.mark.parametrize(
+    ("name", "hollow"), [("vs-1.6", HOLLOW_VS_1_6), ("vs-2.2", load_body("vs-2.2-hollow"))]
+)
 def test_hollow_bodies_have_the_size_of_the_mine_and_the_air_its_mass_leaves(name, hollow):
     body = load_body(name)
     assert (hollow.radius, hollow.height) == pytest.approx((body.radius, body.height))

@@ -11,7 +11,15 @@ from typer.testing import CliRunner
 from flgpr.cli import app
 from flgpr.cli.tools import PAPERS
 from flgpr_papers import overview
-from flgpr_papers.kit.findings import NO_VERDICT, Finding, judge, larger, measured, read_findings, write_findings
+from flgpr_papers.kit.findings import (
+    NO_VERDICT,
+    Finding,
+    judge,
+    larger,
+    measured,
+    read_findings,
+    write_findings,
+)
 
 MADE_UP = {
     "cosgrove2004": [
@@ -20,7 +28,11 @@ MADE_UP = {
         measured("one seed", "", "Pd", (0.2, float("-inf"), float("inf")), verdict="cannot say"),
     ],
     "flsar2004": [measured("n", "p", "q", (0.1, 0.06, 0.2), (-0.05, 0.05))],
-    "fuse2018": [Finding("less clutter", "26.5 dB", "20 dB (19 to 21)", "disagrees", interval=(20.0, 19.0, 21.0))],
+    "fuse2018": [
+        Finding(
+            "less clutter", "26.5 dB", "20 dB (19 to 21)", "disagrees", interval=(20.0, 19.0, 21.0)
+        )
+    ],
     "wang2007": [Finding("F1 < F2", "0.9 & more", "0.8, 9 of 10", "cannot say")],
 }
 
@@ -49,7 +61,12 @@ def test_parts_of_the_studies_are_made_beforehand():
 
 def test_all_papers_are_run_and_their_verdicts_counted(made_up, tmp_path):
     page = overview.reproduce("all", tmp_path / "all")
-    assert made_up == [("wang2007", False), ("fuse2018", False), ("flsar2004", False), ("cosgrove2004", False)]
+    assert made_up == [
+        ("wang2007", False),
+        ("fuse2018", False),
+        ("flsar2004", False),
+        ("cosgrove2004", False),
+    ]
     with (tmp_path / "all" / "verdicts.csv").open(newline="") as lines:
         rows = list(csv.DictReader(lines))
     assert [(row["paper"], row["verdict"]) for row in rows] == [
@@ -63,7 +80,12 @@ def test_all_papers_are_run_and_their_verdicts_counted(made_up, tmp_path):
     assert "no interval" in rows[1]["ours"]
     html = page.read_text("utf-8")
     assert (rows[3]["claim"], rows[3]["stated"]) == ("less clutter", "26.5 dB")
-    for text in ("<td>26.5 dB</td>", 'href="wang2007/wang2007.html"', "0.9 &amp; more", "F1 &lt; F2"):
+    for text in (
+        "<td>26.5 dB</td>",
+        'href="wang2007/wang2007.html"',
+        "0.9 &amp; more",
+        "F1 &lt; F2",
+    ):
         assert text in html
     assert "://" not in html
     counts = html[html.index(">cosgrove2004</a>") :].split("</tr>")[0]
@@ -78,7 +100,9 @@ def test_a_quick_run_of_all_papers_has_no_verdicts(made_up, tmp_path):
         assert {row["verdict"] for row in csv.DictReader(lines)} == {NO_VERDICT}
 
 
-def test_a_paper_that_fails_leaves_what_is_done_and_says_what_is_missing(made_up, tmp_path, monkeypatch):
+def test_a_paper_that_fails_leaves_what_is_done_and_says_what_is_missing(
+    made_up, tmp_path, monkeypatch
+):
     run = overview.run_study
 
     def fails_at_last(paper, *rest):
@@ -87,7 +111,9 @@ def test_a_paper_that_fails_leaves_what_is_done_and_says_what_is_missing(made_up
         return run(paper, *rest)
 
     monkeypatch.setattr(overview, "run_study", fails_at_last)
-    told = CliRunner().invoke(app, ["reproduce", "all", "-o", str(tmp_path / "all"), "--quick", "--quiet"])
+    told = CliRunner().invoke(
+        app, ["reproduce", "all", "-o", str(tmp_path / "all"), "--quick", "--quiet"]
+    )
     assert told.exit_code == 2
     assert "no room" in told.stderr
     html = (tmp_path / "all" / "index.html").read_text("utf-8")
@@ -98,7 +124,11 @@ def test_a_paper_that_fails_leaves_what_is_done_and_says_what_is_missing(made_up
 
 @pytest.mark.parametrize(
     ("interval", "verdict"),
-    [((0.0, -0.02, 0.03), "agrees"), ((0.1, 0.06, 0.2), "disagrees"), ((0.04, 0.01, 0.08), "cannot say")],
+    [
+        ((0.0, -0.02, 0.03), "agrees"),
+        ((0.1, 0.06, 0.2), "disagrees"),
+        ((0.04, 0.01, 0.08), "cannot say"),
+    ],
 )
 def test_verdicts_follow_the_rule(interval, verdict):
     assert judge(*interval[1:], (-0.05, 0.05)) == verdict
@@ -154,18 +184,25 @@ def test_a_study_that_is_there_is_told_and_its_other_form_is_refused(tmp_path, m
     assert (tmp_path / "w" / "index.html").read_text() == "quick"
     as_found = CliRunner().invoke(app, [*words, "--quick", "--world", "as-found"])
     assert as_found.exit_code == 0
-    assert json.loads((tmp_path / "w" / "as-found" / "findings.json").read_text())["world"] == "as-found"
+    assert (
+        json.loads((tmp_path / "w" / "as-found" / "findings.json").read_text())["world"]
+        == "as-found"
+    )
     assert json.loads((tmp_path / "w" / "findings.json").read_text())["world"] == "own"
 
 
 def test_results_of_another_world_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(overview, "study_of", lambda _: pytest.fail("ran"))
     write_findings(tmp_path, MADE_UP["wang2007"], False)  # as before there were two worlds
-    with pytest.raises(FileExistsError, match="lanes of the world 'as-found': choose another output"):
+    with pytest.raises(
+        FileExistsError, match="lanes of the world 'as-found': choose another output"
+    ):
         overview.reproduce("wang2007", tmp_path)
     with pytest.raises(ValueError, match="world must be one of own, as-found, got 'mars'"):
         overview.reproduce("wang2007", tmp_path, world="mars")
-    told = CliRunner().invoke(app, ["reproduce", "worlds", "--world", "as-found", "-o", str(tmp_path / "x")])
+    told = CliRunner().invoke(
+        app, ["reproduce", "worlds", "--world", "as-found", "-o", str(tmp_path / "x")]
+    )
     assert told.exit_code == 2
     assert "worlds has worlds of its own" in told.stderr
 

@@ -55,7 +55,9 @@ def test_two_samples_of_one_share_rarely_disagree():
     rng = np.random.default_rng(0)
     for share, n, m in ((0.7, 47, 47), (0.95, 48, 20), (0.45, 16, 16)):
         pairs = zip(rng.binomial(n, share, 2000), rng.binomial(m, share, 2000), strict=True)
-        wrong = np.mean([alike(*difference_of_shares((a, n), (b, m))[1:]) == DISAGREES for a, b in pairs])
+        wrong = np.mean(
+            [alike(*difference_of_shares((a, n), (b, m))[1:]) == DISAGREES for a, b in pairs]
+        )
         assert wrong < 0.065
 
 
@@ -76,7 +78,9 @@ def test_parts_that_hold_together_disagree_no_more_often_than_one():
         for name in "abc":
             sample = rng.normal(0.0, 1.0, 40)
             parts[name] = spread(
-                sample.mean(), [sample[rng.integers(0, 40, 40)].mean() for _ in range(50)], together(3)
+                sample.mean(),
+                [sample[rng.integers(0, 40, 40)].mean() for _ in range(50)],
+                together(3),
             )
         wrong += parts_larger("all above", "", parts).verdict == DISAGREES
     assert wrong / 1000 < 0.05
@@ -117,10 +121,17 @@ def test_no_share_lies_beyond_nought_and_one():
 def test_a_verdict_is_the_one_that_the_stated_margin_gives():
     wide = (1.0, -5.0, 7.0)  # dB
     with pytest.raises(ValueError, match="must be 'cannot say' by its rule"):
-        Finding("26.5 dB", "26.5 dB", "", AGREES, interval=wide, asks=("alike", 6.0, 0.0), unit="dB")
-    alike_within = Finding("26.5 dB", "26.5 dB", "", AGREES, interval=wide, asks=("alike", 7.0, 0.0), unit="dB")
+        Finding(
+            "26.5 dB", "26.5 dB", "", AGREES, interval=wide, asks=("alike", 6.0, 0.0), unit="dB"
+        )
+    alike_within = Finding(
+        "26.5 dB", "26.5 dB", "", AGREES, interval=wide, asks=("alike", 7.0, 0.0), unit="dB"
+    )
     assert alike_within.criterion == "within 7 dB of the paper's"
-    assert Finding("more", "", "", AGREES, interval=wide, asks=("larger", -6.0, 0.0)).criterion == "above -6"
+    assert (
+        Finding("more", "", "", AGREES, interval=wide, asks=("larger", -6.0, 0.0)).criterion
+        == "above -6"
+    )
     assert measured("a", "b", "c", (0.1, 0.06, 0.2), (-0.05, 0.05)).criterion == "-0.05 to 0.05"
     assert Finding("?", "", "", OPEN).criterion == ""
 
@@ -138,7 +149,11 @@ def test_a_quick_run_has_numbers_and_no_verdicts(tmp_path):
     environment = kit._environment("flgpr_papers")
     for is_quick in (True, False):
         text = environment.from_string(macro).render(
-            found=found, quick=is_quick, verdicts=VERDICTS, no_verdict=NO_VERDICT, open_question=OPEN
+            found=found,
+            quick=is_quick,
+            verdicts=VERDICTS,
+            no_verdict=NO_VERDICT,
+            open_question=OPEN,
         )
         assert (f"<b>{NO_VERDICT}</b>" in text, "<b>agrees</b>" in text) == (is_quick, not is_quick)
         assert "<b>open</b>" in text
@@ -152,7 +167,10 @@ def test_claims_that_do_not_say_what_the_paper_has_are_listed():
 @pytest.mark.parametrize(
     ("interval", "text"),
     [
-        ((0.0140002, 0.0140001, 0.0140003), "0.0140 (0.0140 to 0.0140)"),  # no more than four decimals
+        (
+            (0.0140002, 0.0140001, 0.0140003),
+            "0.0140 (0.0140 to 0.0140)",
+        ),  # no more than four decimals
         ((26.51234, 26.5, 26.52), "26.5 (26.5 to 26.5)"),  # no more than three digits
         ((23456.7, 23456.6, 23456.8), "23457 (23457 to 23457)"),
         ((-1e-9, -0.1, 0.1), "0.00 (-0.10 to 0.10)"),
@@ -165,7 +183,13 @@ def test_pages_have_no_more_digits_than_mean_something(interval, text):
 
 
 def test_a_figure_of_the_paper_stands_beside_its_numbers():
-    one = Twin("Fig. 8", "Clutter & iterations", b"png", "two boxes", [("clutter falls by", "26.5 dB", "23 dB")])
+    one = Twin(
+        "Fig. 8",
+        "Clutter & iterations",
+        b"png",
+        "two boxes",
+        [("clutter falls by", "26.5 dB", "23 dB")],
+    )
     macro = '{% import "study.html" as study with context %}{{ study.twin(one) }}'
     text = kit._environment("flgpr_papers").from_string(macro).render(one=one, quick=True)
     assert "Fig. 8. Clutter &amp; iterations" in text

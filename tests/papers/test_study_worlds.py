@@ -18,7 +18,14 @@ from flgpr_papers.kit.cache import key_of
 from flgpr_papers.kit.findings import measured, write_findings
 from flgpr_papers.kit.mines import MIXES, mix_counts
 from flgpr_papers.kit.settings import PAPERS
-from flgpr_papers.kit.study_worlds import AS_FOUND, OWN, STUDY_WORLDS, other_world, study_world, world_folder
+from flgpr_papers.kit.study_worlds import (
+    AS_FOUND,
+    OWN,
+    STUDY_WORLDS,
+    other_world,
+    study_world,
+    world_folder,
+)
 from flgpr_papers.wang2007 import lanes as wang
 
 FROZEN = {
@@ -54,13 +61,22 @@ def fuse_scenes(quick, world):
 
 
 def wang_scenes(quick, world):
-    parts = wang.quick_scenes(world=world) if quick else (wang.calibration_scenes(world), wang.blind_scenes(world))
+    parts = (
+        wang.quick_scenes(world=world)
+        if quick
+        else (wang.calibration_scenes(world), wang.blind_scenes(world))
+    )
     for lanes in parts:
         for scene, _ in lanes.values():
             yield scene
 
 
-SCENES = {"cosgrove2004": cosgrove_scenes, "flsar2004": flsar_scenes, "fuse2018": fuse_scenes, "wang2007": wang_scenes}
+SCENES = {
+    "cosgrove2004": cosgrove_scenes,
+    "flsar2004": flsar_scenes,
+    "fuse2018": fuse_scenes,
+    "wang2007": wang_scenes,
+}
 
 
 def digest(scenes):
@@ -74,7 +90,10 @@ def digest(scenes):
         return f"{value:.9g}" if isinstance(value, float) else value
 
     # The name is a label: nothing is drawn by it.
-    dumps = [rounded(scene.model_dump(mode="json", exclude_unset=True, exclude={"name"})) for scene in scenes]
+    dumps = [
+        rounded(scene.model_dump(mode="json", exclude_unset=True, exclude={"name"}))
+        for scene in scenes
+    ]
     return sha256(json.dumps(dumps, sort_keys=True).encode())[:16]
 
 
@@ -141,7 +160,9 @@ def test_a_road_as_found_stands_beside_if_it_is_there_in_the_same_form(tmp_path)
     beside = world_folder(tmp_path, AS_FOUND)
     assert other_world(tmp_path, "page.html", OWN, quick=False).page == ""
     beside.mkdir()
-    write_findings(beside, [measured("a", "p", "q", (0.1, 0.06, 0.2), (-0.05, 0.05))], False, world=AS_FOUND)
+    write_findings(
+        beside, [measured("a", "p", "q", (0.1, 0.06, 0.2), (-0.05, 0.05))], False, world=AS_FOUND
+    )
     (beside / "page.html").write_text("")
     there = other_world(tmp_path, "page.html", OWN, quick=False)
     assert there.page == "as-found/page.html"

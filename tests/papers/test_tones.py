@@ -31,7 +31,9 @@ def test_flsar2004(quick):
 def test_cosgrove2004(quick):
     recipe = study_recipe(quick)
     check_tones(study_sensor(recipe), (-4.0, 4.0), (11.0, 28.0))  # its Fig. 2
-    coarse = recipe.model_copy(update={"radar": recipe.radar.model_copy(update={"tone_step": 10e6})})
+    coarse = recipe.model_copy(
+        update={"radar": recipe.radar.model_copy(update={"tone_step": 10e6})}
+    )
     with pytest.raises(ValueError, match=TOO_WIDE):
         study_sensor(coarse)
 
@@ -59,7 +61,9 @@ def test_wang2007(tmp_path):
     for band in (None, image.subbands["F1"]):
         check_tones(sensor(band), image.x, image.y)
     radar = sensor()
-    coarse = radar.model_copy(update={"tones": radar.tones.model_copy(update={"step": 7.5e6, "count": 342})})
+    coarse = radar.model_copy(
+        update={"tones": radar.tones.model_copy(update={"step": 7.5e6, "count": 342})}
+    )
     scene, seed = quick_scenes()[0]["c1"]
     with pytest.raises(ValueError, match=TOO_WIDE):
         wang.lane_result(tmp_path, scene, seed, coarse, text, wang.silent)

@@ -43,7 +43,17 @@ BANDS = ("F0", *SUBBANDS)
 def fake_lane(name, seed):
     rng = np.random.default_rng(seed)
     lane = Lane(-1.5, 1.5, 0.0, 60.0)
-    kinds = ["metal", "metal", "metal", "plastic", "plastic", "plastic", "plastic", "simulant", "simulant"]
+    kinds = [
+        "metal",
+        "metal",
+        "metal",
+        "plastic",
+        "plastic",
+        "plastic",
+        "plastic",
+        "simulant",
+        "simulant",
+    ]
     truth = pd.DataFrame(
         {
             "target_id": [f"T{i}" for i in range(9)],
@@ -66,12 +76,18 @@ def fake_lane(name, seed):
     columns = [f"{p}{f}_{b}" for p in ("", "swapped.") for b in BANDS for f in FEATURES]
     columns += [f"shared.{f}_{b}" for b in BANDS for f in POLARIMETRIC]
     columns += [f"{gain}.P_psi_{b}" for gain in ("circular", "shared.linear") for b in BANDS]
-    table = rng.gamma(2, size=(len(places), len(columns))) + 1.5 * mine[:, None] * rng.random(len(columns))
+    table = rng.gamma(2, size=(len(places), len(columns))) + 1.5 * mine[:, None] * rng.random(
+        len(columns)
+    )
     features = pd.DataFrame(table, columns=columns).assign(scans=3)
     features["C_HH_F1"] += 3 * mine
     features.loc[20, "P_H_F1"] = np.nan
-    alarms = pd.DataFrame(places, columns=["x", "y"]).assign(magnitude=rng.gamma(3, size=len(places)) + mine)
-    return LaneResult(name, lane, truth, alarms.assign(confidence=features["C_HH_F1"]), features, view, view[0, 1])
+    alarms = pd.DataFrame(places, columns=["x", "y"]).assign(
+        magnitude=rng.gamma(3, size=len(places)) + mine
+    )
+    return LaneResult(
+        name, lane, truth, alarms.assign(confidence=features["C_HH_F1"]), features, view, view[0, 1]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +107,9 @@ def test_the_scorer_is_pd_mean_of_the_curve(results, pool):
         confidence[rng.random(confidence.size) < 0.1] = -np.inf
         for area in ("union", "paper"):
             want = pd_mean(roc_of(pool.match_of(confidence), MINES, area=area))
-            assert Rescorer(pool.reference, MINES, area=area)(confidence) == pytest.approx(want, abs=1e-12)
+            assert Rescorer(pool.reference, MINES, area=area)(confidence) == pytest.approx(
+                want, abs=1e-12
+            )
 
 
 def test_the_scorers_curve_is_that_of_the_bootstrap(pool):
@@ -101,7 +119,8 @@ def test_the_scorers_curve_is_that_of_the_bootstrap(pool):
     want = make_scores(pool.match_of(confidence), design, MINES)
     ones = np.ones(len(want.target)), np.ones(len(design.block_lane))
     np.testing.assert_allclose(
-        Rescorer(pool.reference, MINES, area="paper").pd_at(confidence, far), want.pd_at(far, *ones, pool.scorer.area)
+        Rescorer(pool.reference, MINES, area="paper").pd_at(confidence, far),
+        want.pd_at(far, *ones, pool.scorer.area),
     )
 
 
@@ -130,8 +149,19 @@ def test_a_draw_weighs_what_hits_a_target_as_the_target_and_trains_on_it(pool):
     hit = pool.labels["target"].to_numpy()
     for draw in draws:
         np.testing.assert_array_equal(draw.alarm[hit >= 0], draw.target[hit[hit >= 0]])
-        assert len({name for name, weight in zip(pool.labels["lane"], draw.alarm, strict=True) if weight}) > 1
-    changed = [pool.folds(["C_HH_F1", "M_VV_F1"], False, True, draw=draw)[0].scatter for draw in draws]
+        assert (
+            len(
+                {
+                    name
+                    for name, weight in zip(pool.labels["lane"], draw.alarm, strict=True)
+                    if weight
+                }
+            )
+            > 1
+        )
+    changed = [
+        pool.folds(["C_HH_F1", "M_VV_F1"], False, True, draw=draw)[0].scatter for draw in draws
+    ]
     assert not any(np.allclose(changed[0], one) for one in changed[1:])
     spread = pool.retrained(["C_HH_F1", "M_VV_F1"], "C", 30).std()
     low, high = pool.interval(pool.confidence(["C_HH_F1", "M_VV_F1"], "C"), 100)
@@ -176,9 +206,17 @@ def test_table_one_holds_what_scoring_says_of_each_confidence(pool):
     table = table_one(pool)
     for method in "ABCD":
         for name in ("C_HH", "P_H", "M_VV"):
-            curve = roc_of(pool.match_of(pool.confidence([f"{name}_F1"], method)), MINES, area="paper")
-            assert table.loc[method, name] == pytest.approx(pd_mean(curve), abs=0.03)  # P_H lacks one alarm
-    strong = ["C_HH", "M_HH", "C_VV"]  # a weak feature's sign may turn with the weights, a strong one's ROC may not
+            curve = roc_of(
+                pool.match_of(pool.confidence([f"{name}_F1"], method)), MINES, area="paper"
+            )
+            assert table.loc[method, name] == pytest.approx(
+                pd_mean(curve), abs=0.03
+            )  # P_H lacks one alarm
+    strong = [
+        "C_HH",
+        "M_HH",
+        "C_VV",
+    ]  # a weak feature's sign may turn with the weights, a strong one's ROC may not
     np.testing.assert_allclose(table.loc["A", strong], table.loc["B", strong], atol=1e-12)
     assert table.loc["A"].idxmax() == "C_HH"
 
@@ -212,11 +250,21 @@ def test_a_claim_of_several_parts_holds_if_all_do():
 def fake_examples(path):
     rng = np.random.default_rng(0)
     arrays = {"polarization": np.array(["HH", "VV", "HV"]), "subband": np.array(BANDS)}
-    arrays |= {"x": np.linspace(-6, 6, 25), "y": np.linspace(7, 26, 39), "titles": np.array(list("abcde"))}
+    arrays |= {
+        "x": np.linspace(-6, 6, 25),
+        "y": np.linspace(7, 26, 39),
+        "titles": np.array(list("abcde")),
+    }
     arrays["names"] = np.array(["surface", "metal", "shallow", "plastic", "false"])
     for name in arrays["names"]:
-        arrays |= {f"raw_{name}": rng.random((3, 5, 39, 25)), f"clean_{name}": rng.random((3, 5, 39, 25))}
-        arrays |= {f"place_{name}": np.array([0.0, 11.0]), f"patches_{name}": rng.random((3, 3, 5, 25, 25))}
+        arrays |= {
+            f"raw_{name}": rng.random((3, 5, 39, 25)),
+            f"clean_{name}": rng.random((3, 5, 39, 25)),
+        }
+        arrays |= {
+            f"place_{name}": np.array([0.0, 11.0]),
+            f"patches_{name}": rng.random((3, 3, 5, 25, 25)),
+        }
         arrays[f"distances_{name}"] = np.array([9.0, 11.0, 13.0])
     arrays |= {"series": rng.random((5, 39, 25)), "series_place": np.zeros((5, 2))}
     arrays |= {"signature": rng.random((39, 25)), "gain": rng.random((39, 25))}
@@ -226,15 +274,24 @@ def fake_examples(path):
 
 def test_the_page_holds_every_table_figure_and_finding(tmp_path, results, pool, monkeypatch):
     draws = Pool.draws
-    monkeypatch.setattr(Pool, "draws", lambda pool, count, **rest: draws(pool, min(count, 3), **rest))
+    monkeypatch.setattr(
+        Pool, "draws", lambda pool, count, **rest: draws(pool, min(count, 3), **rest)
+    )
     fake_examples(tmp_path / "results" / "examples.bundle")
     blind = [fake_lane("b1", 5)]
-    blind = [replace(blind[0], truth=blind[0].truth[blind[0].truth["kind"] != "simulant"].reset_index(drop=True))]
+    blind = [
+        replace(
+            blind[0],
+            truth=blind[0].truth[blind[0].truth["kind"] != "simulant"].reset_index(drop=True),
+        )
+    ]
     recipe = load_recipe("wang2007-printed")
     costs = cost_table(Lanes(results, blind), Lanes(results, blind), 5)
     beside = {("C_HH is the best single feature", "", ""): ("no", "disagrees")}
     worlds = study_world("wang2007"), OtherWorld("as-found/wang2007.html", beside)
-    page, judged = page_html(tmp_path, results, blind, recipe, lanes.sensor(), True, silent, costs, *worlds)
+    page, judged = page_html(
+        tmp_path, results, blind, recipe, lanes.sensor(), True, silent, costs, *worlds
+    )
     assert "The world of this page: prepared test lanes" in page
     assert "<code>prepared-earth</code>" in page
     assert page.count("<td>no</td>") == 1  # no verdicts in a quick run
@@ -249,9 +306,13 @@ def test_the_page_holds_every_table_figure_and_finding(tmp_path, results, pool, 
     assert f"PD_mean of C_HH {best:.2f}." in page
     assert "Pd at 0.05 per m², 95 %, chance" in page
     assert all(one.interval is not None for one in judged)
-    shares = [one for one in judged if not re.search("level of clutter|part as features grow", one.claim)]
+    shares = [
+        one for one in judged if not re.search("level of clutter|part as features grow", one.claim)
+    ]
     assert len(shares) == len(judged) - 2
-    assert all(abs(end) <= 1 + 0.15 for one in shares for end in one.interval)  # a limit less a share may pass 1 by it
+    assert all(
+        abs(end) <= 1 + 0.15 for one in shares for end in one.interval
+    )  # a limit less a share may pass 1 by it
     assert page.count("<section class=twin>") == page.count("<th>paper</th><th>here</th>") == 14
     assert not re.search(r"\bnan\b", re.sub(r'src="data:[^"]*"', "", page))
     assert "http" not in re.sub(r'src="data:[^"]*"', "", page)
@@ -269,10 +330,18 @@ def test_blind_lanes_are_scored_by_a_classifier_trained_elsewhere(results):
 def test_a_difference_reads_the_columns_that_it_changes():
     _, gain, psi, area, everything = DIFFERENCES
     names = ["C_HH_F1", "P_alpha_F1", "P_psi_F1"]
-    assert [gain.column(name) for name in names] == ["C_HH_F1", "shared.P_alpha_F1", "shared.linear.P_psi_F1"]
+    assert [gain.column(name) for name in names] == [
+        "C_HH_F1",
+        "shared.P_alpha_F1",
+        "shared.linear.P_psi_F1",
+    ]
     assert [psi.column(name) for name in names] == ["C_HH_F1", "P_alpha_F1", "circular.P_psi_F1"]
     assert [area.column(name) for name in names] == names
-    assert [everything.column(name) for name in names] == ["C_HH_F1", "shared.P_alpha_F1", "shared.P_psi_F1"]
+    assert [everything.column(name) for name in names] == [
+        "C_HH_F1",
+        "shared.P_alpha_F1",
+        "shared.P_psi_F1",
+    ]
 
 
 def test_the_differences_are_those_of_the_two_recipes():
@@ -281,20 +350,25 @@ def test_the_differences_are_those_of_the_two_recipes():
     told = {one.entry: (one.printed, one.changed) for one in DIFFERENCES}
     for entry in ("background.median_step", "features.gain", "features.psi", "score.area"):
         table, name = entry.split(".")
-        assert told[entry] == tuple(str(getattr(getattr(one, table), name)) for one in (printed, changed))
+        assert told[entry] == tuple(
+            str(getattr(getattr(one, table), name)) for one in (printed, changed)
+        )
 
 
 def one_lane(places, confidence):
     """Two mines 20 m apart on a lane of 100 m², and alarms."""
     lane = Lane(-1.0, 1.0, 0.0, 50.0)
-    truth = pd.DataFrame({"target_id": ["T0", "T1"], "x": 0.0, "y": [10.0, 30.0], "kind": "metal", "depth": 0.1})
+    truth = pd.DataFrame(
+        {"target_id": ["T0", "T1"], "x": 0.0, "y": [10.0, 30.0], "kind": "metal", "depth": 0.1}
+    )
     alarms = pd.DataFrame({"x": 0.0, "y": places, "magnitude": 1.0, "confidence": confidence})
     one = LaneResult("c1", lane, truth, alarms, pd.DataFrame(), None, None)
     return matched([one], [alarms])
 
 
 def test_the_cost_is_the_difference_of_pd_mean_with_either_area():
-    # Both mines before the false alarm: PD_mean is 1. One behind it: the false alarm takes its share of the 0.1 per m².
+    # Both mines before the false alarm: PD_mean is 1. One behind it: the false alarm takes its
+    # share of the 0.1 per m².
     first = one_lane([10.0, 30.0, 45.0], [3.0, 2.0, 1.0])
     second = one_lane([10.0, 30.0, 45.0], [3.0, 1.0, 2.0])
     assert pd_mean_of(first, MINES, "paper") == 1
@@ -305,7 +379,8 @@ def test_the_cost_is_the_difference_of_pd_mean_with_either_area():
     assert value == pytest.approx((1 - behind) / 2)
     assert 0 <= low <= value <= high <= 1
     assert paired_cost(first, first, MINES, "paper", "paper", 50) == (0, 0, 0)
-    # Mines on the edge: the paper counts halos whole, the union what of them lies in the lane: its area is larger.
+    # Mines on the edge: the paper counts halos whole, the union what of them lies in the lane: its
+    # area is larger.
     edge = second.truth.assign(x=1.0)
     placed = replace(second, truth=edge)
     value, *_ = paired_cost(placed, placed, MINES, "paper", "union", 50)
@@ -318,14 +393,23 @@ def test_the_costs_of_what_nobody_reads_are_zero(results):
     table = cost_table(lanes_of, lanes_of, 20).set_index(["difference", "detector", "lanes"])
     assert len(table) == 5 * 4 * 2
     untouched = {
-        "background.median_step": ("C_HH", "A", "B", "all ten"),  # the very same lanes stand for the coarse ones
+        "background.median_step": (
+            "C_HH",
+            "A",
+            "B",
+            "all ten",
+        ),  # the very same lanes stand for the coarse ones
         "features.gain": ("C_HH", "A"),
         "features.psi": ("C_HH", "A", "B"),
     }
     for entry, names in untouched.items():
         for detector in names:
             for where in ("calibration", "blind"):
-                assert table.loc[(entry, detector, where), ["cost", "low", "high"]].tolist() == [0, 0, 0]
+                assert table.loc[(entry, detector, where), ["cost", "low", "high"]].tolist() == [
+                    0,
+                    0,
+                    0,
+                ]
     assert table.loc[("features.gain", "B", "calibration"), "cost"] != 0
     assert table.loc[("features.psi", "all ten", "calibration"), "cost"] != 0
     both = table.loc[("score.area", "C_HH", "blind")]
@@ -356,8 +440,11 @@ def test_a_blind_lane_in_one_sub_band_gives_what_it_gives_in_all(tmp_path, monke
     table = parse_recipe(packaged_text("wang2007")).image
     few = sensor((0.75e9, 1.35e9))
     wide = sensor()
-    # The same recording with its other tones left out: both images are right to the imaging tolerance.
-    scene = scene.model_copy(update={"track": scene.track.model_copy(update={"positions": (0.0, 2.8)})})
+    # The same recording with its other tones left out: both images are right to the imaging
+    # tolerance.
+    scene = scene.model_copy(
+        update={"track": scene.track.model_copy(update={"positions": (0.0, 2.8)})}
+    )
     run = open_run(store_lane(tmp_path / "all", scene, seed, wide, silent)[0])
     part = run.sel(frequency=few.tones.axis())
     assert part.sizes["frequency"] == few.tones.count < wide.tones.count / 4
@@ -367,7 +454,9 @@ def test_a_blind_lane_in_one_sub_band_gives_what_it_gives_in_all(tmp_path, monke
     )
     for full, narrow in zip(all_bands, alone, strict=True):
         image = full.sel(subband="F1")
-        np.testing.assert_allclose(narrow.sel(subband="F1"), image, atol=2e-3 * float(abs(image).max()))
+        np.testing.assert_allclose(
+            narrow.sel(subband="F1"), image, atol=2e-3 * float(abs(image).max())
+        )
 
 
 def test_the_lanes_hold_what_the_paper_says():
@@ -388,15 +477,22 @@ def test_the_lanes_hold_what_the_paper_says():
 
 def test_a_stored_lane_is_not_made_again_unless_it_changed(tmp_path, monkeypatch):
     scene, seed = lanes.quick_scenes()[1]["b1"]
-    data = scene.model_dump(exclude_unset=True) | {"length": 6.0, "track": {"step": (9.0, 9.0), "start": -12.0}}
+    data = scene.model_dump(exclude_unset=True) | {
+        "length": 6.0,
+        "track": {"step": (9.0, 9.0), "start": -12.0},
+    }
     small = type(scene).model_validate(data)
     sensor = lanes.sensor()
     few = sensor.model_copy(
-        update={"tones": sensor.tones.model_copy(update={"start": 0.75e9, "step": 5e6, "count": 16})}
+        update={
+            "tones": sensor.tones.model_copy(update={"start": 0.75e9, "step": 5e6, "count": 16})
+        }
     )
     calls = []
     plain = Simulator.scan
-    monkeypatch.setattr(Simulator, "scan", lambda self, index: calls.append(index) or plain(self, index))
+    monkeypatch.setattr(
+        Simulator, "scan", lambda self, index: calls.append(index) or plain(self, index)
+    )
     path, truth, lane = store_lane(tmp_path, small, seed, few, silent)
     made = len(calls)
     assert made > 0

@@ -27,7 +27,9 @@ from flgpr_papers.worlds.page import declared_hashes
 
 def larger(*values, asks=("larger", 0.0, 0.0), claim="A beats B"):
     parts = values if len(values) > 1 else ()
-    return Finding(claim, "", "", UNDECIDED, interval=(min(values), -9.0, 9.0), asks=asks, parts=parts)
+    return Finding(
+        claim, "", "", UNDECIDED, interval=(min(values), -9.0, 9.0), asks=asks, parts=parts
+    )
 
 
 def test_another_interval_is_judged_by_what_the_claim_asks():
@@ -38,7 +40,9 @@ def test_another_interval_is_judged_by_what_the_claim_asks():
     alike = larger(0.0, asks=("alike", 0.15, 0.0))
     assert judge_again(alike, 0.05, -0.01, 0.1) == AGREES
     assert judge_again(alike, 0.05, 0.01, 0.1) == DISAGREES
-    assert judge_again(larger(0.0, asks=("alike", 0.15, 0.1)), 0.05, 0.01, 0.1) == UNDECIDED  # the paper's own error
+    assert (
+        judge_again(larger(0.0, asks=("alike", 0.15, 0.1)), 0.05, 0.01, 0.1) == UNDECIDED
+    )  # the paper's own error
 
 
 def test_a_region_is_judged_by_the_mean_over_its_worlds():
@@ -46,7 +50,9 @@ def test_a_region_is_judged_by_the_mean_over_its_worlds():
     count, (mean, low, high), verdict = statements.pooled([larger(value) for value in values], 13)
     half = student.ppf(1 - 0.025 / 13, 11) * values.std(ddof=1) / math.sqrt(12)
     assert (count, verdict) == (12, AGREES)
-    assert (mean, low, high) == pytest.approx((values.mean(), values.mean() - half, values.mean() + half))
+    assert (mean, low, high) == pytest.approx(
+        (values.mean(), values.mean() - half, values.mean() + half)
+    )
     two = [larger(value, -value) for value in values]
     assert statements.pooled(two, 13)[2] == DISAGREES  # one part of the claim is on the wrong side
     assert statements.pooled(two[: statements.FEWEST - 1], 13)[2] == UNDECIDED
@@ -75,7 +81,11 @@ def write_lane(job, folder, rng):
     """Write a record as a lane does: targets that are found the better, the more they stand above the clutter."""
     rough = job.site["surface"]["rms_height"] * 1000
     bodies = []
-    for kind, mix, level in (("metal", "metal", 14), ("plastic", job.mines, 2), ("simulant", "simulant", -2)):
+    for kind, mix, level in (
+        ("metal", "metal", 14),
+        ("plastic", job.mines, 2),
+        ("simulant", "simulant", -2),
+    ):
         for body, count in mix_counts(mix, job.count).items():
             bodies += [(kind, body, level)] * count
     targets = []
@@ -89,10 +99,18 @@ def write_lane(job, folder, rng):
         ratios.append(ratio)
         far.append(float(0.3 * expit(-(ratio + luck - 3) / 2)) if ratio > -10 else None)
     grounds = job.ground or (None,)
-    found = [{"ground": ground, "far": far, "chance": [0.06, 0.2], "alarms": 99} for ground in grounds]
+    found = [
+        {"ground": ground, "far": far, "chance": [0.06, 0.2], "alarms": 99} for ground in grounds
+    ]
     path = job.path(folder)
     path.parent.mkdir(parents=True, exist_ok=True)
-    record = {"about": job.about, "seconds": 1.0, "targets": targets, "ratio_db": ratios, "found": found}
+    record = {
+        "about": job.about,
+        "seconds": 1.0,
+        "targets": targets,
+        "ratio_db": ratios,
+        "found": found,
+    }
     path.write_text(json.dumps(record))
 
 
@@ -100,14 +118,24 @@ def write_study(paper, world, folder, rng):
     """Write a record as a study does: A beats B where the soil is dry, C nowhere; one world's lanes are too small."""
     gap = rng.normal(0.5 if world.permittivity < 5 else -0.5, 0.1)
     corner = 3.0 if (world.loss, world.roadside) == ("low", "none") else -0.5
-    findings = [larger(gap), larger(rng.normal(-1, 0.1), claim="C"), larger(rng.normal(0, 1), claim="D")]
+    findings = [
+        larger(gap),
+        larger(rng.normal(-1, 0.1), claim="C"),
+        larger(rng.normal(0, 1), claim="D"),
+    ]
     findings.append(larger(rng.normal(corner, 0.1), claim="E"))
     pd_of_soil = (
-        1 / world.permittivity + rng.normal(0, 1e-3) - 0.01 * (world.loss == "mironov") - 0.02 * world.roughness
+        1 / world.permittivity
+        + rng.normal(0, 1e-3)
+        - 0.01 * (world.loss == "mironov")
+        - 0.02 * world.roughness
     )
     findings.append(Finding("Pd of the detector", "", "", "open", interval=(pd_of_soil, -9.0, 9.0)))
     failed = paper == "fuse2018" and world.number == 3
-    record = {"failed": "lane too short" * failed, "findings": [] if failed else list(map(row_of, findings))}
+    record = {
+        "failed": "lane too short" * failed,
+        "findings": [] if failed else list(map(row_of, findings)),
+    }
     path = statements.path_of(folder, paper, world)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps({"world": asdict(world), **record, "seconds": 1.0}))
@@ -132,7 +160,13 @@ def test_every_part_has_its_tables_figures_and_section(made):
     for part in maps.PARTS[:-1]:
         assert (folder / f"{part}.csv").is_file()
         assert f'id="{part}"' in page
-    for name in ("detection", "signatures", "ablation", "geometry", *(f"statements-{p}" for p in flgpr_papers.PAPERS)):
+    for name in (
+        "detection",
+        "signatures",
+        "ablation",
+        "geometry",
+        *(f"statements-{p}" for p in flgpr_papers.PAPERS),
+    ):
         assert (folder / f"{name}.png").stat().st_size > 2_000
     assert page.count("<img ") == 8
     assert all(value in page for value in declared_hashes().values())
@@ -151,9 +185,15 @@ def test_effects_tell_what_the_axes_do(made):
     assert rough["p"].iloc[0] < 1e-6
     assert rough["dispersion"].iloc[0] > 1.2  # mines of a world share their luck
     assert plastic.loc[plastic["axis"] == "loss", "p"].iloc[0] > 1e-3
-    level = effects[(effects["response"] == "plastic ratio_db") & (effects["axis"] == "roughness")].set_index("level")
+    level = effects[
+        (effects["response"] == "plastic ratio_db") & (effects["axis"] == "roughness")
+    ].set_index("level")
     assert level.loc["4.0", "difference"] == pytest.approx(-20 * math.log10(4), abs=0.5)
-    assert level.loc["4.0", "difference_low"] < -20 * math.log10(4) < level.loc["4.0", "difference_high"]
+    assert (
+        level.loc["4.0", "difference_low"]
+        < -20 * math.log10(4)
+        < level.loc["4.0", "difference_high"]
+    )
     cells = plastic[plastic["axis"] == "roughness x permittivity"]
     assert len(cells) == 16
     assert set(cells["worlds"]) == {4}
@@ -168,10 +208,18 @@ def test_decibels_that_are_missing_bring_the_papers_pd(chance):
         ratio = rng.normal(level, 2.0, 3000)
         share = chance + (1 - chance) * expit(ratio - 3.0)
         far = np.where(rng.random(3000) < share, 0.01, 0.5)
-        cell = {"kind": "plastic", "roughness": roughness, "permittivity": 4.5, "ratio_db": ratio, "far": far}
+        cell = {
+            "kind": "plastic",
+            "roughness": roughness,
+            "permittivity": 4.5,
+            "ratio_db": ratio,
+            "far": far,
+        }
         cell |= {"chance_0.02": chance, "chance_0.07": chance}
         tables.append(pd.DataFrame(cell))
-    missing = detection.missing_decibels(pd.concat(tables)).set_index(["far", "roughness"])["missing_db"]
+    missing = detection.missing_decibels(pd.concat(tables)).set_index(["far", "roughness"])[
+        "missing_db"
+    ]
     assert missing[0.02, 2.0] - missing[0.02, 1.0] == pytest.approx(6.0, abs=0.3)
     spread = rng.normal(0.0, 2.0, 100_000)
     raised = chance + (1 - chance) * expit(missing[0.02, 2.0] + spread - 3.0)
@@ -198,7 +246,11 @@ def test_geometries_are_averaged_over_lanes(made):
     assert set(means["lanes"]) == {4}
     lanes = pd.read_csv(folder / "geometry.csv")
     here = lanes[(lanes["height"] == 2.0) & (lanes["farthest"] == 10.0)]
-    row = means[(means["height"] == 2.0) & (means["farthest"] == 10.0) & (means["response"] == "plastic 0.07")].iloc[0]
+    row = means[
+        (means["height"] == 2.0)
+        & (means["farthest"] == 10.0)
+        & (means["response"] == "plastic 0.07")
+    ].iloc[0]
     values = here["plastic_0.07"] / here["plastic_targets"]
     half = student.ppf(0.975, 3) * values.std(ddof=1) / 2
     exact = clopper_pearson(here["plastic_0.07"].sum(), here["plastic_targets"].sum())[1]
@@ -210,7 +262,11 @@ def test_geometries_are_averaged_over_lanes(made):
 
 
 def test_lanes_that_agree_do_not_make_a_geometry_certain():
-    counts = {f"{kind}_{far:g}": [5, 5] for kind in ("metal", "plastic", "simulant") for far in (0.02, 0.07)}
+    counts = {
+        f"{kind}_{far:g}": [5, 5]
+        for kind in ("metal", "plastic", "simulant")
+        for far in (0.02, 0.07)
+    }
     targets = {f"{kind}_targets": [14, 14] for kind in ("metal", "plastic", "simulant")}
     ratios = {f"{kind}_ratio_db": [1.0, 2.0] for kind in ("metal", "plastic", "simulant")}
     place = {"height": [2.0, 2.0], "nearest": [7.0, 7.0], "farthest": [16.0, 16.0]}
@@ -231,7 +287,9 @@ def test_the_map_tells_where_a_statement_holds(made):
             assert holds[paper]["E"] == "in a corner"
         assert page.count(f'id="{paper}"') == 1
     assert set(table[table["statement"] == "E"]["corners"].dropna()) >= {"loss low, roadside none"}
-    dry = table[(table["paper"] == "wang2007") & (table["statement"] == "A beats B")].set_index("region")
+    dry = table[(table["paper"] == "wang2007") & (table["statement"] == "A beats B")].set_index(
+        "region"
+    )
     assert dry.loc["permittivity 3.0", "verdict"] == AGREES
     assert dry.loc["permittivity 9.0", "verdict"] == DISAGREES
     assert (dry.loc["all", "worlds"], dry.loc["permittivity 3.0", "worlds"]) == (48, 12)
@@ -239,7 +297,9 @@ def test_the_map_tells_where_a_statement_holds(made):
     assert fuse["worlds"].max() == 47
     soils = holds["cosgrove2004"]
     assert {soils[claim] for claim, *_ in statements.SOILS} == {"everywhere"}
-    assert not any(name.startswith("loss") for name in table[table["paper"] == statements.TWO_SITES]["region"])
+    assert not any(
+        name.startswith("loss") for name in table[table["paper"] == statements.TWO_SITES]["region"]
+    )
     short = pd.read_csv(folder / "statements-wang2007.csv").set_index("statement")
     assert short.loc["A beats B", "permittivity: 3.0, 4.5, 6.0, 9.0"] == "✓ ✓ ✗ ✗"
 
@@ -261,8 +321,12 @@ def test_what_is_there_is_not_run_again(made, monkeypatch):
     record = path.read_bytes()
     path.unlink()
     done = []
-    monkeypatch.setattr(statements, "judge_in_world", lambda *job: done.append((job[0], job[1]["number"])))
-    monkeypatch.setattr("flgpr_papers.worlds.lanes.run_job", lambda *_: pytest.fail("a lane is run again"))
+    monkeypatch.setattr(
+        statements, "judge_in_world", lambda *job: done.append((job[0], job[1]["number"]))
+    )
+    monkeypatch.setattr(
+        "flgpr_papers.worlds.lanes.run_job", lambda *_: pytest.fail("a lane is run again")
+    )
     statements.run(folder, Here())
     detection.run(folder, Here())
     assert done == [(paper, world.number)]
@@ -303,11 +367,15 @@ def test_lanes_too_small_for_a_study_are_told(tmp_path, monkeypatch):
 def test_a_cluster_does_what_is_left(tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
     for paper in flgpr_papers.PAPERS:
-        monkeypatch.setattr(f"flgpr_papers.{paper}.study.findings_in", lambda world, _: [larger(world.permittivity)])
+        monkeypatch.setattr(
+            f"flgpr_papers.{paper}.study.findings_in", lambda world, _: [larger(world.permittivity)]
+        )
     with distributed.LocalCluster(
         n_workers=1, processes=False, dashboard_address="127.0.0.1:0", host="tcp://127.0.0.1"
     ) as cluster:
-        page = maps.map_worlds(tmp_path, ["statements"], quick=True, how=How(scheduler=cluster.scheduler_address))
+        page = maps.map_worlds(
+            tmp_path, ["statements"], quick=True, how=How(scheduler=cluster.scheduler_address)
+        )
     assert page == tmp_path / "index.html"
     assert "quick run" in page.read_text(encoding="utf-8")
     asked = [statements.path_of(tmp_path, *study) for study in statements.studies(quick=True)]
@@ -316,10 +384,17 @@ def test_a_cluster_does_what_is_left(tmp_path, monkeypatch):
 
 def test_what_cannot_be_run_is_refused(tmp_path):
     runner = CliRunner()
-    found = runner.invoke(app, ["reproduce", "worlds", "--part", "depth", "-o", str(tmp_path / "x")])
+    found = runner.invoke(
+        app, ["reproduce", "worlds", "--part", "depth", "-o", str(tmp_path / "x")]
+    )
     assert found.exit_code == 2
-    assert "part must be one of detection, ablation, geometry, statements, figures, got 'depth'" in found.stderr
-    found = runner.invoke(app, ["reproduce", "wang2007", "--part", "detection", "-o", str(tmp_path / "x")])
+    assert (
+        "part must be one of detection, ablation, geometry, statements, figures, got 'depth'"
+        in found.stderr
+    )
+    found = runner.invoke(
+        app, ["reproduce", "wang2007", "--part", "detection", "-o", str(tmp_path / "x")]
+    )
     assert "part must be left out for wang2007: only worlds has parts" in found.stderr
     assert not (tmp_path / "x").exists()
     (tmp_path / "worlds.json").write_text('{"quick": true}\n')

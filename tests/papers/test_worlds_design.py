@@ -24,7 +24,10 @@ SMALL = {"a": [1, 2], "b": ["x", "y"], "c": [0.5, 1.5]}
 
 @pytest.fixture(scope="module")
 def table():
-    rows = [{axis: getattr(world, axis) for axis in AXES} | {"replicate": world.replicate} for world in design_worlds()]
+    rows = [
+        {axis: getattr(world, axis) for axis in AXES} | {"replicate": world.replicate}
+        for world in design_worlds()
+    ]
     return pd.DataFrame(rows)
 
 
@@ -48,7 +51,9 @@ def test_a_table_that_can_be_orthogonal_is():
 
 
 def test_aliased_effects_have_no_efficiency():
-    aliased = pd.DataFrame({"a": [1, 1, 2, 2] * 2, "b": ["x", "y"] * 4, "c": [0.5, 0.5, 1.5, 1.5] * 2})  # c is a
+    aliased = pd.DataFrame(
+        {"a": [1, 1, 2, 2] * 2, "b": ["x", "y"] * 4, "c": [0.5, 0.5, 1.5, 1.5] * 2}
+    )  # c is a
     assert efficiency(model_matrix(aliased, SMALL, [("a", "b")])) == 0.0
 
 
@@ -87,7 +92,9 @@ def test_marginal_rows_average_over_the_other_axes():
     space = pd.MultiIndex.from_product(SMALL.values(), names=SMALL).to_frame(index=False)
     matrix = model_matrix(space, SMALL, [("a", "b")])
     np.testing.assert_allclose(
-        marginal_row({"a": 2}, SMALL, [("a", "b")]), matrix[space["a"] == 2].mean(axis=0), atol=1e-12
+        marginal_row({"a": 2}, SMALL, [("a", "b")]),
+        matrix[space["a"] == 2].mean(axis=0),
+        atol=1e-12,
     )
     inside = (space["a"] == 1) & (space["b"] == "y")
     both = marginal_row({"a": 1, "b": "y"}, SMALL, [("a", "b")])
@@ -100,6 +107,11 @@ def test_the_page_names_the_declared_files_and_what_they_can_decide(table):
     page = (root / "docs" / "evidence" / "worlds.md").read_text(encoding="utf-8")
     for name in ("worlds.toml", "worlds.csv"):
         content = (root / "src" / "flgpr_papers" / "worlds" / name).read_bytes()
-        assert hashlib.sha256(content).hexdigest() in page, f"{name} was declared anew: state its SHA-256 on the page"
+        assert hashlib.sha256(content).hexdigest() in page, (
+            f"{name} was declared anew: state its SHA-256 on the page"
+        )
     for _, row in decidable(table, AXES, CROSSED).iterrows():
-        assert f"| {row['term']} | {row['effects']} | {row['error']:.2f} | {row['inflation']:.2f} |" in page
+        assert (
+            f"| {row['term']} | {row['effects']} | {row['error']:.2f} | {row['inflation']:.2f} |"
+            in page
+        )

@@ -41,7 +41,9 @@ def test_intervals_cover_though_mines_of_a_world_share_their_ground():
         _, low, high = fit.linear([0, 1.0])
         middle = (low + high) / 2
         narrow = (high - low) / 2 / np.sqrt(fit.dispersion)
-        expected = 0.5 * 0.87  # what is left of a slope when it is averaged over worlds of 1 logit spread
+        expected = (
+            0.5 * 0.87
+        )  # what is left of a slope when it is averaged over worlds of 1 logit spread
         covered += low <= expected <= high
         binomial += abs(middle - expected) <= narrow
     assert covered >= 273  # 95 % of 300 less three standard errors
@@ -56,7 +58,9 @@ def test_means_are_least_squares_and_worlds_without_a_number_are_left_out():
     other = linregress(x, y)
     slope, low, high = fit.linear([0.0, 1.0])
     assert slope == pytest.approx(other.slope)
-    assert (high - low) / 2 == pytest.approx(2.4469 * other.stderr, rel=1e-3)  # Student's t, six degrees of freedom
+    assert (high - low) / 2 == pytest.approx(
+        2.4469 * other.stderr, rel=1e-3
+    )  # Student's t, six degrees of freedom
     assert fit.difference([1, 3], [1, 1]) == pytest.approx(fit.linear([0, 2]))
 
 
@@ -87,12 +91,19 @@ def test_intervals_of_many_roads_share_their_error_and_clear_ones_hold_together(
     assert np.ptp(found["high"] - found["low"]) == pytest.approx(0, abs=1e-12)
     wrong = 0
     for _ in range(300):
-        wrong += block_differences(pd.DataFrame(rng.normal(0, 1, (4, 9))).rename(columns={0: "a"}), "a")["clear"].any()
+        wrong += block_differences(
+            pd.DataFrame(rng.normal(0, 1, (4, 9))).rename(columns={0: "a"}), "a"
+        )["clear"].any()
     assert wrong <= 27  # 5 % of 300 and three standard errors
 
 
 def test_one_replicate_has_no_interval():
     row = block_differences(pd.DataFrame({"a": [1.0], "b": [2.0]}), "a").iloc[0]
-    assert (row["difference"], row["low"], row["high"], row["clear"]) == (1.0, -np.inf, np.inf, False)
+    assert (row["difference"], row["low"], row["high"], row["clear"]) == (
+        1.0,
+        -np.inf,
+        np.inf,
+        False,
+    )
     with pytest.raises(ValueError, match="values must hold 'c' and another column, got a, b"):
         block_differences(pd.DataFrame({"a": [1.0], "b": [2.0]}), "c")

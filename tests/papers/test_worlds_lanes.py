@@ -13,7 +13,15 @@ from flgpr.simulate import Scene
 from flgpr.simulate.scene import site_tables
 from flgpr_papers.kit.worlds import AXES, DECLARED, World, design_worlds, worlds
 from flgpr_papers.worlds import ablation, detection, geometry
-from flgpr_papers.worlds.lanes import FAR, LaneJob, lane_recipe, lane_table, radar, read_targets, run_jobs
+from flgpr_papers.worlds.lanes import (
+    FAR,
+    LaneJob,
+    lane_recipe,
+    lane_table,
+    radar,
+    read_targets,
+    run_jobs,
+)
 from flgpr_papers.worlds.signature import signal_to_clutter
 
 WORLD = World(1, 4.0, 4.5, "mironov", "natural", "posts", "plastic")
@@ -55,10 +63,17 @@ def test_contents_are_those_of_the_sites(tmp_path):
         return Scene(site=world.site(tmp_path), length=30.0)
 
     nothing, prepared, natural = map(scene, AXES["contents"])
-    assert not any(getattr(nothing, part).on for part in ("stones", "roots", "lenses", "heterogeneity", "holes"))
+    assert not any(
+        getattr(nothing, part).on
+        for part in ("stones", "roots", "lenses", "heterogeneity", "holes")
+    )
     assert (nothing.clutter.rocks, nothing.clutter.patches) == (0.0, 0.0)
     assert natural.stones.density == site_tables("temperate")["stones"]["density"]
-    assert prepared.stones.density == site_tables("prepared-earth")["stones"]["density"] < natural.stones.density
+    assert (
+        prepared.stones.density
+        == site_tables("prepared-earth")["stones"]["density"]
+        < natural.stones.density
+    )
     assert natural.clutter.rocks == site_tables("temperate")["clutter"]["rocks"]
     ratio = natural.heterogeneity.deviation / site_tables("temperate")["heterogeneity"]["deviation"]
     own = Scene(site="temperate").soil.media([1e9])[-1][0].real
@@ -85,7 +100,9 @@ def test_a_part_changes_nothing_but_itself():
     before = scene_of(smooth).model_dump()
     after = scene_of(ablation.replaced(smooth, natural, ["roughness"])).model_dump()
     assert after["surface"]["rms_height"] == 0.005
-    different = [name for name in after["surface"] if after["surface"][name] != before["surface"][name]]
+    different = [
+        name for name in after["surface"] if after["surface"][name] != before["surface"][name]
+    ]
     assert set(different) <= {"rms_height", "correlation_length"}
     assert [name for name in after if after[name] != before[name]] == ["surface"]
 
@@ -114,7 +131,17 @@ def lane(tmp_path_factory):
     folder = tmp_path_factory.mktemp("lanes")
     tables = ablation.smooth_road()
     tables["surface"] = tables["surface"] | {"rms_height": 0.001}
-    job = LaneJob("detection", "short", {"number": 7}, tables, "plastic", 12.0, 1, 3, ground=((7.0, 10.0), (7.0, 16.0)))
+    job = LaneJob(
+        "detection",
+        "short",
+        {"number": 7},
+        tables,
+        "plastic",
+        12.0,
+        1,
+        3,
+        ground=((7.0, 10.0), (7.0, 16.0)),
+    )
     run_jobs(folder, [job], Here())
     return folder, job
 

@@ -131,7 +131,9 @@ def test_the_radii_are_the_published_ones(echo):
     centre = SIDE.size // 2
     column = int(np.abs(SIDE - APART).argmin())
     across = echo[:, column]
-    assert (edge(across, centre, 1) - edge(across, centre, -1)) / 2 == pytest.approx(PLASTIC, abs=0.003)
+    assert (edge(across, centre, 1) - edge(across, centre, -1)) / 2 == pytest.approx(
+        PLASTIC, abs=0.003
+    )
     assert -edge(echo[centre], centre, -1) == pytest.approx(FOAM, abs=0.006)
 
 

@@ -22,7 +22,12 @@ def gotcha():
     parts = [loadmat(path)["data"][0, 0] for path in sorted(folder.glob("*.mat"))]
     position = np.concatenate([np.stack([p[n].ravel() for n in "xyz"], 1) for p in parts])
     phase = np.concatenate([p["fp"].T for p in parts])
-    return parts[0]["freq"].ravel(), position, phase, np.concatenate([p["r0"].ravel() for p in parts])
+    return (
+        parts[0]["freq"].ravel(),
+        position,
+        phase,
+        np.concatenate([p["r0"].ravel() for p in parts]),
+    )
 
 
 def hann(count):
@@ -67,5 +72,9 @@ def test_point_targets_stand_where_they_should_and_are_as_wide(gotcha, target):
     peak = centre + offsets[row] * along + offsets[column] * across
     step = 0.02
     line = np.arange(-0.8, 0.8, step)[:, None]
-    assert width_at_half_power(image(peak + line * along), step) == pytest.approx(WIDTH_RANGE, rel=0.05)
-    assert width_at_half_power(image(peak + line * across), step) == pytest.approx(WIDTH_CROSS, rel=0.05)
+    assert width_at_half_power(image(peak + line * along), step) == pytest.approx(
+        WIDTH_RANGE, rel=0.05
+    )
+    assert width_at_half_power(image(peak + line * across), step) == pytest.approx(
+        WIDTH_CROSS, rel=0.05
+    )

@@ -47,7 +47,10 @@ def test_paths_above_ground_are_straight():
 
 def buried_echo(point, permittivity):
     """Field of one buried point: exp(-j2πfL/c) with L by Fermat's principle."""
-    length = [fermat(t, point, permittivity) + fermat(r, point, permittivity) for t, r in zip(TX, RX, strict=True)]
+    length = [
+        fermat(t, point, permittivity) + fermat(r, point, permittivity)
+        for t, r in zip(TX, RX, strict=True)
+    ]
     return np.exp(-2j * np.pi * TONES * np.array(length)[:, None] / SPEED_OF_LIGHT)
 
 
@@ -58,7 +61,9 @@ def test_a_buried_point_focuses_where_it_is_and_not_beyond(y):
     data = buried_echo(np.array([0.0, y, -depth]), permittivity)[None]
     ahead = y + np.arange(-0.3, 0.5, 0.01)
     line = np.stack([np.zeros_like(ahead), ahead, np.full_like(ahead, -depth)], axis=1)
-    refracted = ImagingOperator(TONES, TX, RX, line, half_space=permittivity, method="profile").adjoint(data)
+    refracted = ImagingOperator(
+        TONES, TX, RX, line, half_space=permittivity, method="profile"
+    ).adjoint(data)
     assert ahead[np.abs(refracted[0, 0]).argmax()] == pytest.approx(y, abs=0.011)
     assert np.abs(refracted).max() == pytest.approx(16 * 241, rel=2e-3)
     surface = ImagingOperator(TONES, TX, RX, line * [1, 1, 0], method="profile").adjoint(data)
@@ -69,7 +74,8 @@ def test_a_buried_point_focuses_where_it_is_and_not_beyond(y):
 
 
 def test_depth_is_found_where_the_view_is_steep_and_wide():
-    # Depth and distance trade off along a line seen from afar; close to the array the pair of them is resolved.
+    # Depth and distance trade off along a line seen from afar; close to the array the pair of them
+    # is resolved.
     truth = np.array([0.2, 1.0, -0.5])
     permittivity = 3.4
     tx = np.array([[x, y, 2.0] for x in np.linspace(-3, 3, 7) for y in np.linspace(-2, 4, 7)])
@@ -77,7 +83,9 @@ def test_depth_is_found_where_the_view_is_steep_and_wide():
     data = np.exp(-2j * np.pi * TONES * np.array(length)[:, None] / SPEED_OF_LIGHT)
     y, z = np.meshgrid(1 + np.arange(-0.3, 0.31, 0.02), -0.5 + np.arange(-0.3, 0.31, 0.02))
     cut = np.stack([np.full_like(y, 0.2), y, z], axis=-1)
-    image = np.abs(ImagingOperator(TONES, tx, tx, cut, half_space=permittivity).adjoint(data[None])[0, 0])
+    image = np.abs(
+        ImagingOperator(TONES, tx, tx, cut, half_space=permittivity).adjoint(data[None])[0, 0]
+    )
     at = np.unravel_index(image.argmax(), image.shape)
     assert (y[at], z[at]) == pytest.approx((1.0, -0.5), abs=0.011)
 
@@ -93,10 +101,14 @@ def test_refracted_pair_is_adjoint(method):
     imaged = operator.adjoint(data).astype(complex)
     gap = np.vdot(modelled, data) - np.vdot(image, imaged)
     assert abs(gap) < 1e-6 * np.linalg.norm(modelled) * np.linalg.norm(data)
-    exact = ImagingOperator(TONES, TX, RX, points, half_space=3.4, dtype="complex128", method="direct").adjoint(data)
+    exact = ImagingOperator(
+        TONES, TX, RX, points, half_space=3.4, dtype="complex128", method="direct"
+    ).adjoint(data)
     assert np.linalg.norm(imaged - exact) < 1e-5 * np.linalg.norm(exact)
 
 
 def test_antennas_must_be_above_everything():
-    with pytest.raises(ValueError, match=r"half_space needs all antennas above all pixels and above z = 0"):
+    with pytest.raises(
+        ValueError, match=r"half_space needs all antennas above all pixels and above z = 0"
+    ):
         ImagingOperator(TONES, TX, RX, np.array([[0.0, 7.0, 5.5]]), half_space=3.4)

@@ -24,10 +24,18 @@ def images():
     pixels = np.stack(np.meshgrid(side, side, height, indexing="ij"), axis=-1)
     pixels = pixels[np.hypot(pixels[..., 0], pixels[..., 1]) < 0.06]
     operator = ImagingOperator(
-        run["frequency"].values, run["tx_position"].values, run["rx_position"].values, pixels, permittivity=8.0
+        run["frequency"].values,
+        run["tx_position"].values,
+        run["rx_position"].values,
+        pixels,
+        permittivity=8.0,
     )
     straight, turned = run["signal"].values
-    return pixels, np.abs(operator.adjoint(straight - turned)[0, 0]), np.abs(operator.adjoint(straight)[0, 0])
+    return (
+        pixels,
+        np.abs(operator.adjoint(straight - turned)[0, 0]),
+        np.abs(operator.adjoint(straight)[0, 0]),
+    )
 
 
 def test_the_target_is_brightest_after_subtraction(images):

@@ -45,12 +45,16 @@ def measured():
 def focused(measured):
     arrived, reflectors = measured
     coarse = plane(np.arange(1.2, 3.4, 0.08), np.arange(-5.0, 2.2, 0.05))
-    clock = estimate_clock(arrived.run, arrived.track, coarse, np.arange(8.6, 10.0, 0.05), ImagingOperator)
+    clock = estimate_clock(
+        arrived.run, arrived.track, coarse, np.arange(8.6, 10.0, 0.05), ImagingOperator
+    )
     run = with_track(arrived.run, arrived.track, clock.offset)
     bias = estimate_range_bias(run, reflectors, ImagingOperator)
     data, tx, rx = synthetic_aperture(remove_range_bias(run, bias.bias))
     pixels = plane(np.arange(0.5, 6.0, 0.03), np.arange(-6.0, 4.0, 0.03))
-    image = ImagingOperator(run["frequency"].values, tx, rx, pixels, window="hann").adjoint(data)[0, 0]
+    image = ImagingOperator(run["frequency"].values, tx, rx, pixels, window="hann").adjoint(data)[
+        0, 0
+    ]
     return clock, bias, reflectors, brightest_points(image, pixels, 3, 0.5)
 
 
@@ -72,7 +76,9 @@ def test_detection_by_the_runs_own_recipe_finds_both_reflectors(measured, focuse
     """Within 15 cm of their marks, among the three most mine-like alarms; the third is an object nobody surveyed."""
     arrived, marks = measured
     clock, bias, _, _ = focused
-    run = remove_range_bias(with_track(arrived.run, arrived.track, clock.offset).compute(), bias.bias)
+    run = remove_range_bias(
+        with_track(arrived.run, arrived.track, clock.offset).compute(), bias.bias
+    )
     alarms = detect(run, parse_recipe(fit_recipe(run)))[0].alarms[["x", "y"]].to_numpy()[:3]
     for mark in marks:
         assert np.linalg.norm(alarms - mark[:2], axis=1).min() < 0.15
@@ -87,7 +93,9 @@ def test_the_echoes_lie_farther_apart_than_the_marks(focused):
 def test_clock_and_bias_are_found_together_from_a_wide_start(measured, more):
     arrived, reflectors = measured
     run = remove_range_bias(subtract_mean_scan(arrived.run.compute()), -more)
-    fit = estimate_joint(run, reflectors, ImagingOperator, (-4, 4), arrived.track, np.arange(7.0, 10.25, 0.05))
+    fit = estimate_joint(
+        run, reflectors, ImagingOperator, (-4, 4), arrived.track, np.arange(7.0, 10.25, 0.05)
+    )
     assert not fit.doubt
     assert fit.offset == pytest.approx(9.28, abs=0.03)
     assert fit.bias - more == pytest.approx(0.445, abs=0.015)
@@ -107,7 +115,12 @@ def test_an_added_bias_is_found_before_and_after_the_clock(measured, focused):
     early = subtract_mean_scan(with_track(arrived.run, arrived.track, 0.0).compute())
     assert estimate_range_bias(remove_range_bias(early, -1.9), reflectors, ImagingOperator).doubt
     joint = estimate_joint(
-        remove_range_bias(early, -1.9), reflectors, ImagingOperator, (-3, 3), arrived.track, np.arange(8.6, 10.0, 0.05)
+        remove_range_bias(early, -1.9),
+        reflectors,
+        ImagingOperator,
+        (-3, 3),
+        arrived.track,
+        np.arange(8.6, 10.0, 0.05),
     )
     assert joint.bias == pytest.approx(again.bias, abs=0.02)
 
@@ -135,7 +148,9 @@ class Echoes:
         rows = np.arange(self.time.size)
         part = place - cell
         ends = [self.profile[rows, (cell + k) % self.profile.shape[1]] for k in (0, 1)]
-        return ((1 - part) * ends[0] + part * ends[1]) * np.exp(4j * np.pi * self.middle * distance / C)
+        return ((1 - part) * ends[0] + part * ends[1]) * np.exp(
+            4j * np.pi * self.middle * distance / C
+        )
 
     def distances(self, offset, rate, place):
         position = poses_at(self.track, self.time, offset, rate)[:, :3]
@@ -145,7 +160,10 @@ class Echoes:
         """Sum of the largest magnitudes within 25 cm of the mark's distance: no phase can bring more."""
         distance, weight = self.distances(9.28, 1.0, mark)
         return (
-            weight * np.max([np.abs(self.at(distance + 0.44 + d)) for d in np.arange(-0.25, 0.26, 0.02)], axis=0)
+            weight
+            * np.max(
+                [np.abs(self.at(distance + 0.44 + d)) for d in np.arange(-0.25, 0.26, 0.02)], axis=0
+            )
         ).sum()
 
     def coherence(self, offset, rate, biases, places):
@@ -184,19 +202,27 @@ def from_marks(echoes):
 
 def from_anywhere(echoes):
     """Model: the echoes come from anywhere at the marks' heights; clock offset, clock rate and one bias are free."""
-    return lambda x: (x[0], x[1], (x[2], x[2]), echoes.marks + np.array([[*x[3:5], 0.0], [*x[5:7], 0.0]]))
+    return lambda x: (
+        x[0],
+        x[1],
+        (x[2], x[2]),
+        echoes.marks + np.array([[*x[3:5], 0.0], [*x[5:7], 0.0]]),
+    )
 
 
 def test_the_echoes_do_not_come_from_the_marks_and_no_clock_can_mend_that(echoes):
     starts = [(offset, 1.0, 0.45, 0.45) for offset in (9.1, 9.25)]
     _, marks = echoes.best(from_marks(echoes), starts, (0.05, 0.02, 0.03, -0.03))
     found, free = echoes.best(
-        from_anywhere(echoes), [(9.27, 1.0, 0.43, 0, -0.05, 0, 0.05)], (0.03, 0.01, 0.02, 0.03, -0.04, 0.03, 0.04)
+        from_anywhere(echoes),
+        [(9.27, 1.0, 0.43, 0, -0.05, 0, 0.05)],
+        (0.03, 0.01, 0.02, 0.03, -0.04, 0.03, 0.04),
     )
     # Measured: 0.52 and 0.38 against 0.75 and 0.66.
     assert (free > marks + 0.15).all()
     assert free.min() > 0.6
-    # The clocks agree once the places are free, so that the distance between the echoes is no matter of scale.
+    # The clocks agree once the places are free, so that the distance between the echoes is no
+    # matter of scale.
     assert found[1] == pytest.approx(1.0, abs=0.005)
     shift = found[3:].reshape(2, 2)
     apart = np.linalg.norm(np.diff(echoes.marks[:, :2] + shift, axis=0))

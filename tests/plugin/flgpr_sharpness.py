@@ -23,7 +23,9 @@ class Sharpness(FeatureStage):
 
     def of_image(self, image, points):
         angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)
-        ring = points[:, None] + self.settings.radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        ring = points[:, None] + self.settings.radius * np.column_stack(
+            [np.cos(angle), np.sin(angle)]
+        )
         centre = sample_scan(image, points)[:, 0]
         around = sample_scan(image, ring)[:, 0].mean(axis=-1)
         return dict(zip(self.columns, 20 * np.log10(centre / around), strict=True))

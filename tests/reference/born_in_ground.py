@@ -31,7 +31,10 @@ def dipole_below(antenna, direction, points, frequency, permittivity):
     for _ in range(30):  # Snell's law by Newton's method
         sine = run / np.hypot(run, high)
         below = (across - run) / np.hypot(across - run, deep)
-        slope = high**2 / np.hypot(run, high) ** 3 + index.real * deep**2 / np.hypot(across - run, deep) ** 3
+        slope = (
+            high**2 / np.hypot(run, high) ** 3
+            + index.real * deep**2 / np.hypot(across - run, deep) ** 3
+        )
         run = run - (sine - index.real * below) / slope
     above = np.hypot(run, high)
     under = np.hypot(across - run, deep)
@@ -43,15 +46,26 @@ def dipole_below(antenna, direction, points, frequency, permittivity):
     ray = sine[:, None] * ahead - cosine[:, None] * up
     horizontal = np.cross(up, ahead)
     upright, upright_below = (
-        c[:, None] * ahead + s[:, None] * up for s, c in ((sine, cosine), (sine / index.real, inner))
+        c[:, None] * ahead + s[:, None] * up
+        for s, c in ((sine, cosine), (sine / index.real, inner))
     )
     assert np.allclose((ray * upright).sum(axis=1), 0)
     through_s = 2 * cosine / (cosine + index * inner)
     through_p = 2 * cosine / (index * cosine + inner)
     # The two radii of the wave front grow more slowly under the surface.
-    spread = np.sqrt((above + under / index.real) * (above + under * cosine**2 / (index.real * inner**2)))
+    spread = np.sqrt(
+        (above + under / index.real) * (above + under * cosine**2 / (index.real * inner**2))
+    )
     k = 2 * np.pi * frequency / SPEED
-    size = -1j * 2 * np.pi * frequency * MU / (4 * np.pi * spread) * np.exp(-1j * k * (above + index * under))
+    size = (
+        -1j
+        * 2
+        * np.pi
+        * frequency
+        * MU
+        / (4 * np.pi * spread)
+        * np.exp(-1j * k * (above + index * under))
+    )
     parts = (horizontal @ direction * through_s, upright @ direction * through_p)
     return size[:, None] * (parts[0][:, None] * horizontal + parts[1][:, None] * upright_below)
 

@@ -53,7 +53,9 @@ def likelihood_map(image, shape, score):
             left = column - u // 2
             if top < 0 or left < 0 or top + v > rows or left + u > columns:
                 continue
-            cut = np.concatenate([image[c, top : top + v, left : left + u].ravel() for c in range(channels)])
+            cut = np.concatenate(
+                [image[c, top : top + v, left : left + u].ravel() for c in range(channels)]
+            )
             if np.isfinite(cut).all():
                 out[row, column] = score(cut)
     return out
@@ -86,7 +88,9 @@ def ogk_distances(rows):
         for j in range(features):
             for k in range(features):
                 if j != k:
-                    U[j, k] = (tau_scale(y[:, j] + y[:, k])[1] ** 2 - tau_scale(y[:, j] - y[:, k])[1] ** 2) / 4
+                    U[j, k] = (
+                        tau_scale(y[:, j] + y[:, k])[1] ** 2 - tau_scale(y[:, j] - y[:, k])[1] ** 2
+                    ) / 4
         z = y @ np.linalg.eigh(U)[1]
     away = [(z[:, j] - tau_scale(z[:, j])[0]) / tau_scale(z[:, j])[1] for j in range(z.shape[1])]
     return np.sum(np.square(away), axis=0)

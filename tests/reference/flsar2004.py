@@ -25,7 +25,12 @@ def paragraph_22_correlation(region, template):
 
 def section_311_clusters(values, x, y, threshold, radius):
     """(place of the strongest pixel, amplitudes) of each cluster, strongest first; only local maxima lead one."""
-    marked = [(values[j, i], j, i) for j in range(len(y)) for i in range(len(x)) if values[j, i] > threshold]
+    marked = [
+        (values[j, i], j, i)
+        for j in range(len(y))
+        for i in range(len(x))
+        if values[j, i] > threshold
+    ]
     marked.sort(key=lambda m: (-m[0], m[1], m[2]))
 
     def near(m, n):

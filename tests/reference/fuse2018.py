@@ -61,7 +61,9 @@ def extended_mask_as_written(vv, vh, low_vv, low_vh, across):
     for i in np.ndindex(*vv.shape):
         vv_low = abs(vv[i]) > low_vv
         vh_low = abs(vh[i]) > low_vh
-        out[i] = ((vv_low and vh_low) or vh_low) and (-10 <= across[i] <= -4 or 4 <= across[i] <= 10)
+        out[i] = ((vv_low and vh_low) or vh_low) and (
+            -10 <= across[i] <= -4 or 4 <= across[i] <= 10
+        )
     return out
 
 

@@ -7,7 +7,12 @@ from sklearn.linear_model import LogisticRegression
 def liblinear_weights(design, target, scale):
     """Give the weights (basis,) at the least penalised loss."""
     machine = LogisticRegression(
-        l1_ratio=1.0, solver="liblinear", C=1 / scale, tol=1e-10, max_iter=20_000, fit_intercept=False
+        l1_ratio=1.0,
+        solver="liblinear",
+        C=1 / scale,
+        tol=1e-10,
+        max_iter=20_000,
+        fit_intercept=False,
     )
     return machine.fit(design, target).coef_[0]
 

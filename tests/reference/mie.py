@@ -16,8 +16,12 @@ def coefficients(size, index):
     xi = psi - 1j * chi
     xi_slope = psi_slope - 1j * chi_slope
     inner, inner_slope = riccati(index * size, spherical_jn)
-    a = (index * inner * psi_slope - psi * inner_slope) / (index * inner * xi_slope - xi * inner_slope)
-    b = (inner * psi_slope - index * psi * inner_slope) / (inner * xi_slope - index * xi * inner_slope)
+    a = (index * inner * psi_slope - psi * inner_slope) / (
+        index * inner * xi_slope - xi * inner_slope
+    )
+    b = (inner * psi_slope - index * psi * inner_slope) / (
+        inner * xi_slope - index * xi * inner_slope
+    )
     return a, b
 
 
@@ -42,7 +46,9 @@ def unit_vectors(transverse, azimuth, wavenumber):
     c = np.cos(azimuth)
     s = np.sin(azimuth)
     direction = np.array([transverse * c, transverse * s, -down]) / wavenumber
-    return direction, np.array([[-s, c, 0], np.array([down * c, down * s, transverse]) / wavenumber])
+    return direction, np.array(
+        [[-s, c, 0], np.array([down * c, down * s, transverse]) / wavenumber]
+    )
 
 
 def sphere_amplitudes(radius, inside, outside, wavenumber, transverse, sent, received):
@@ -55,5 +61,7 @@ def sphere_amplitudes(radius, inside, outside, wavenumber, transverse, sent, rec
     normal = np.cross(incoming, outgoing)
     normal = of_sent[0] if np.allclose(normal, 0) else normal / np.sqrt(normal @ normal)
     across = s1 * np.outer(of_received @ normal, of_sent @ normal)
-    along = s2 * np.outer(of_received @ np.cross(normal, outgoing), of_sent @ np.cross(normal, incoming))
+    along = s2 * np.outer(
+        of_received @ np.cross(normal, outgoing), of_sent @ np.cross(normal, incoming)
+    )
     return (across + along) / (1j * k)

@@ -24,7 +24,9 @@ def fields_over_bias(run, points, biases):
     total = np.zeros((signal.shape[1], len(points), len(biases)), complex)
     for weight, scan in zip(way, keep, strict=True):
         for pair in range(signal.shape[2]):
-            tx, rx = (run[name].values[pair] + pose[scan, :3] for name in ("tx_position", "rx_position"))
+            tx, rx = (
+                run[name].values[pair] + pose[scan, :3] for name in ("tx_position", "rx_position")
+            )
             for p, point in enumerate(points):
                 path = np.linalg.norm(tx - point) + np.linalg.norm(rx - point)
                 for b, bias in enumerate(biases):

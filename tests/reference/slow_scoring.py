@@ -21,12 +21,16 @@ def wang_counts(alarms, targets, lane, halo, threshold, scored=None, to_the_lett
     declared = [alarm for alarm in alarms if alarm["confidence"] >= threshold]
     detected = 0
     for number in scored:
-        # Rules 1 and 2: of the alarms near the same target one is a detection, the others are ignored.
+        # Rules 1 and 2: of the alarms near the same target one is a detection, the others are
+        # ignored.
         near = [alarm for alarm in declared if within(alarm, targets[number], halo)]
         if to_the_letter:
-            # Rule 5: alarms near other known targets are not considered as either detections or false alarms.
+            # Rule 5: alarms near other known targets are not considered as either detections or
+            # false alarms.
             others = [target for k, target in enumerate(targets) if k not in scored]
-            near = [alarm for alarm in near if not any(within(alarm, other, halo) for other in others)]
+            near = [
+                alarm for alarm in near if not any(within(alarm, other, halo) for other in others)
+            ]
         detected += bool(near)
     n_false = 0
     for alarm in declared:
@@ -40,7 +44,9 @@ def wang_counts(alarms, targets, lane, halo, threshold, scored=None, to_the_lett
 def wang_roc(alarms, targets, lane, halo, scored=None, to_the_letter=False):
     """All thresholds: +inf and every distinct confidence, falling."""
     thresholds = [math.inf, *sorted({alarm["confidence"] for alarm in alarms}, reverse=True)]
-    return [(t, *wang_counts(alarms, targets, lane, halo, t, scored, to_the_letter)) for t in thresholds]
+    return [
+        (t, *wang_counts(alarms, targets, lane, halo, t, scored, to_the_letter)) for t in thresholds
+    ]
 
 
 def wang_area(targets, lane, halo):
@@ -84,14 +90,21 @@ def _smooth(function, low, high):
     """Integrate with y = middle - half·cos(t), which takes the square roots at the ends out."""
     middle = (low + high) / 2
     half = (high - low) / 2
-    return quad(lambda t: function(middle - half * math.cos(t)) * half * math.sin(t), 0, math.pi, epsabs=1e-11)[0]
+    return quad(
+        lambda t: function(middle - half * math.cos(t)) * half * math.sin(t),
+        0,
+        math.pi,
+        epsabs=1e-11,
+    )[0]
 
 
 def random_lists(seed, lists=10):
     """Alarm lists and targets with ties, duplicates, empty lists, shared halos and points on every border."""
     rng = np.random.default_rng(seed)
     for _ in range(lists):
-        step = rng.choice([0.25, 0.5, 0.0])  # on a lattice distances equal the halo and borders exactly
+        step = rng.choice(
+            [0.25, 0.5, 0.0]
+        )  # on a lattice distances equal the halo and borders exactly
         drawn = []
         for count in (rng.integers(0, 16), rng.integers(1, 6)):
             points = rng.uniform([-1, -1], [5, 11], size=(count, 2))
@@ -99,12 +112,18 @@ def random_lists(seed, lists=10):
         if len(drawn[0]) > 3:
             drawn[0][0] = drawn[0][1]
             drawn[0][2] = drawn[1][0]
-        scores = rng.choice([rng.normal(size=len(drawn[0])), rng.integers(0, 4, len(drawn[0])).astype(float)])
+        scores = rng.choice(
+            [rng.normal(size=len(drawn[0])), rng.integers(0, 4, len(drawn[0])).astype(float)]
+        )
         alarms = [
-            {"x": float(x), "y": float(y), "confidence": float(c)} for (x, y), c in zip(drawn[0], scores, strict=True)
+            {"x": float(x), "y": float(y), "confidence": float(c)}
+            for (x, y), c in zip(drawn[0], scores, strict=True)
         ]
         kinds = rng.choice(["metal", "plastic"], len(drawn[1]))
-        targets = [{"x": float(x), "y": float(y), "kind": str(k)} for (x, y), k in zip(drawn[1], kinds, strict=True)]
+        targets = [
+            {"x": float(x), "y": float(y), "kind": str(k)}
+            for (x, y), k in zip(drawn[1], kinds, strict=True)
+        ]
         yield alarms, targets, float(rng.choice([0.5, 1.0, 1.25]))
 
 
@@ -127,7 +146,8 @@ def box_curve(image, x, y, targets, lane, box):
                     look[row][column]
                     for row in range(len(y))
                     for column in range(len(x))
-                    if cx - box / 2 <= x[column] < cx + box / 2 and cy - box / 2 <= y[row] < cy + box / 2
+                    if cx - box / 2 <= x[column] < cx + box / 2
+                    and cy - box / 2 <= y[row] < cy + box / 2
                 ]
                 inside = [value for value in inside if not math.isnan(value)]
                 if inside:
@@ -162,7 +182,9 @@ def example_curve(scores, labels, area):
 def replicate_pd(target, times, false, false_times, area, far):
     """Pd at an allowed FAR of a bootstrap replicate: every target and false alarm written out as often as drawn."""
     targets = [score for score, count in zip(target, times, strict=True) for _ in range(int(count))]
-    falses = [score for score, count in zip(false, false_times, strict=True) for _ in range(int(count))]
+    falses = [
+        score for score, count in zip(false, false_times, strict=True) for _ in range(int(count))
+    ]
     best = 0.0
     for threshold in {*target, *false} - {-math.inf}:
         if sum(score >= threshold for score in falses) / area <= far:
@@ -184,7 +206,9 @@ def fewest_mines(pd, misses, confidence):
     """Smallest n for which a detector of exactly this Pd misses so few with probability 1 - confidence at most."""
     mines = misses + 1
     while True:
-        chance = sum(math.comb(mines, k) * (1 - pd) ** k * pd ** (mines - k) for k in range(misses + 1))
+        chance = sum(
+            math.comb(mines, k) * (1 - pd) ** k * pd ** (mines - k) for k in range(misses + 1)
+        )
         if chance <= 1 - confidence:
             return mines
         mines += 1
@@ -196,7 +220,8 @@ def seen_in_time(sightings, distance):
     for row in sightings:
         if (
             row["ahead"] >= distance
-            and row["confidence"] > best.get(row["alarm_id"], {"confidence": -math.inf})["confidence"]
+            and row["confidence"]
+            > best.get(row["alarm_id"], {"confidence": -math.inf})["confidence"]
         ):
             best[row["alarm_id"]] = row
     return list(best.values())
@@ -207,7 +232,9 @@ def moved_best(alarms, targets, lane, halo, shift):
     length = lane.y_max - lane.y_min
 
     def apart(x, y, point):
-        return min(math.hypot(x - point["x"], y - point["y"] + turn * length) for turn in range(-3, 4))
+        return min(
+            math.hypot(x - point["x"], y - point["y"] + turn * length) for turn in range(-3, 4)
+        )
 
     free = [alarm for alarm in alarms if not any(within(alarm, target, halo) for target in targets)]
     free = [alarm for alarm in free if lane.y_min <= alarm["y"] <= lane.y_max]
@@ -217,7 +244,9 @@ def moved_best(alarms, targets, lane, halo, shift):
         if any(apart(x, y, other) < 2 * halo for other in targets):
             best.append(None)
         else:
-            best.append(max((a["confidence"] for a in free if apart(x, y, a) <= halo), default=-math.inf))
+            best.append(
+                max((a["confidence"] for a in free if apart(x, y, a) <= halo), default=-math.inf)
+            )
     return best
 
 

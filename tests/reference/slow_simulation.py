@@ -21,7 +21,9 @@ def dipole_gain(antenna, point):
     v = np.cross(h, k)
     if v[2] < 0:
         v = -v
-    return np.array([[axis @ h, axis @ v] for axis in (np.array([1.0, 0, 0]), np.array([0, 0, 1.0]))]) / r, r
+    return np.array(
+        [[axis @ h, axis @ v] for axis in (np.array([1.0, 0, 0]), np.array([0, 0, 1.0]))]
+    ) / r, r
 
 
 def sum_points(points, spectrum, frequency, tx, rx, boresight, exponent):

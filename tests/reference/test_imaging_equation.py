@@ -21,7 +21,9 @@ def pixels(count=150, seed=2):
 
 def phase(frequency, points, index=1.0, offset=0.0):
     """exp(+j2πfL/c), shape (pair, frequency, pixel)."""
-    length = np.linalg.norm(points - TX[:, None], axis=2) + np.linalg.norm(points - RX[:, None], axis=2)
+    length = np.linalg.norm(points - TX[:, None], axis=2) + np.linalg.norm(
+        points - RX[:, None], axis=2
+    )
     length = index * length - np.broadcast_to(offset, 8)[:, None]
     return np.exp(2j * np.pi * frequency[:, None] * length[:, None, :] / SPEED_OF_LIGHT)
 
@@ -93,7 +95,9 @@ def test_ranges_beyond_the_ambiguous_one_wrap(method):
 def test_permittivity_and_path_offset(method):
     points = pixels()
     offset = np.linspace(-3, 40, 8)
-    operator = ImagingOperator(TONES, TX, RX, points, BANDS, 1e-4, permittivity=2.2, path_offset=offset, method=method)
+    operator = ImagingOperator(
+        TONES, TX, RX, points, BANDS, 1e-4, permittivity=2.2, path_offset=offset, method=method
+    )
     check(operator, phase(TONES, points, np.sqrt(2.2), offset), inside(TONES, BANDS), 1e-4)
 
 
@@ -104,7 +108,9 @@ def test_antenna_patterns_weigh_both_directions(method):
         return (ray[:, 1] / np.linalg.norm(ray, axis=1)) ** 3 + position[0]
 
     points = pixels()
-    operator = ImagingOperator(TONES, TX, RX, points, BANDS, 1e-4, tx_pattern=beam, rx_pattern=beam, method=method)
+    operator = ImagingOperator(
+        TONES, TX, RX, points, BANDS, 1e-4, tx_pattern=beam, rx_pattern=beam, method=method
+    )
     gain = np.array([beam(t, points) * beam(r, points) for t, r in zip(TX, RX, strict=True)])
     check(operator, phase(TONES, points) * gain[:, None], inside(TONES, BANDS), 1e-4)
 

@@ -5,7 +5,11 @@ from statistics import NormalDist
 
 import numpy as np
 
-from reference.wang2007_polarimetry import equation_10_entropy_alpha, equation_15_tau, psi_by_eigenvectors
+from reference.wang2007_polarimetry import (
+    equation_10_entropy_alpha,
+    equation_15_tau,
+    psi_by_eigenvectors,
+)
 
 
 def r_k(v):
@@ -96,13 +100,21 @@ def equation_7_contrast(patch, inner, guard):
 
 def _inner(patch, size):
     n = patch.shape[-1] // 2
-    return patch[..., n - size[1] // 2 : n + size[1] // 2 + 1, n - size[0] // 2 : n + size[0] // 2 + 1]
+    return patch[
+        ..., n - size[1] // 2 : n + size[1] // 2 + 1, n - size[0] // 2 : n + size[0] // 2 + 1
+    ]
 
 
 def equations_6_to_17_features(magnitude, coherent, inner, guard, psi="circular"):
     """Take patches (polarization HH VV HV, y, x) of every scan that counts; ``inner`` is cross-track x down-track."""
-    m = {pol: [_inner(patch[p], inner).max() for patch in magnitude] for p, pol in enumerate(("HH", "VV", "HV"))}
-    mu = {pol: [_inner(patch[p], inner).mean() for patch in magnitude] for p, pol in enumerate(("HH", "VV", "HV"))}
+    m = {
+        pol: [_inner(patch[p], inner).max() for patch in magnitude]
+        for p, pol in enumerate(("HH", "VV", "HV"))
+    }
+    mu = {
+        pol: [_inner(patch[p], inner).mean() for patch in magnitude]
+        for p, pol in enumerate(("HH", "VV", "HV"))
+    }
     ten = {}
     for p, pol in enumerate(("HH", "VV")):
         c = [equation_7_contrast(patch[p].astype(float), inner, guard)[1] for patch in magnitude]
@@ -117,9 +129,14 @@ def equations_6_to_17_features(magnitude, coherent, inner, guard, psi="circular"
         pixels = inner[0] * inner[1]
         for y in range(n - inner[1] // 2, n + inner[1] // 2 + 1):
             for x in range(n - inner[0] // 2, n + inner[0] // 2 + 1):
-                s = [[[hh, hv], [hv, vv]] for hh, vv, hv in patch[:, y - 2 : y + 3, x - 2 : x + 3].reshape(3, -1).T]
+                s = [
+                    [[hh, hv], [hv, vv]]
+                    for hh, vv, hv in patch[:, y - 2 : y + 3, x - 2 : x + 3].reshape(3, -1).T
+                ]
                 h, alpha = equation_10_entropy_alpha(s)
-                here = np.array([[patch[0, y, x], patch[2, y, x]], [patch[2, y, x], patch[1, y, x]]])
+                here = np.array(
+                    [[patch[0, y, x], patch[2, y, x]], [patch[2, y, x], patch[1, y, x]]]
+                )
                 angle = psi_by_eigenvectors(here)
                 turn += weight * np.exp(2j * angle) / pixels
                 for name, value in zip(sums, (h, alpha, equation_15_tau(here), angle), strict=True):

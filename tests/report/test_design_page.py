@@ -34,7 +34,13 @@ def test_the_page_needs_nothing_beside_it():
     assert page.count("data:image/png;base64") == 7
     assert 'src="http' not in page
     assert "href" not in page
-    for words in ("Point spread", "Resolution over the ground", "Lobes", "Expected signal to clutter", "leaves out"):
+    for words in (
+        "Point spread",
+        "Resolution over the ground",
+        "Lobes",
+        "Expected signal to clutter",
+        "leaves out",
+    ):
         assert words in page
     told = " ".join(page.split())
     assert "0.4425 to 3 GHz: 7 cm down-range by 30 cm cross-range at 10 m." in told

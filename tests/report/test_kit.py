@@ -13,7 +13,9 @@ import flgpr_papers
 from flgpr.report import figure_png, render
 
 TEMPLATES = [
-    one for package in (flgpr, flgpr_papers) for one in Path(package.__file__).parent.rglob("templates/*.html")
+    one
+    for package in (flgpr, flgpr_papers)
+    for one in Path(package.__file__).parent.rglob("templates/*.html")
 ]
 EXTENDS = ('{% extends "page.html" %}', '{% extends "paper.html" %}')
 OVERVIEW = {
@@ -48,17 +50,27 @@ def test_a_page_of_another_package_stands_on_the_kit():
 
 @pytest.mark.parametrize(
     ("value", "said"),
-    [(0.1 + 0.2, "0.3"), (-2.22e-16, "0"), (4.199999999999999, "4.2"), (1234567.891, "1234567.89"), (-100.0, "-100")],
+    [
+        (0.1 + 0.2, "0.3"),
+        (-2.22e-16, "0"),
+        (4.199999999999999, "4.2"),
+        (1234567.891, "1234567.89"),
+        (-100.0, "-100"),
+    ],
 )
 def test_places_are_said_to_the_centimetre(value, said):
     places = {"x_min": value, "x_max": 2.0, "y_min": 0.0, "y_max": 60.0}
-    page = render("sheet.html", name="", digest="", lanes=[("a", places, [], [])], count=0, crs="", sigma=0.0)
+    page = render(
+        "sheet.html", name="", digest="", lanes=[("a", places, [], [])], count=0, crs="", sigma=0.0
+    )
     assert f"Lane a: x {said} to 2 m, y 0 to 60 m" in page
 
 
 def test_what_is_missing_is_an_error():
     with pytest.raises(jinja2.UndefinedError, match="quick"):
-        render("overview.html", "flgpr_papers", **{k: v for k, v in OVERVIEW.items() if k != "quick"})
+        render(
+            "overview.html", "flgpr_papers", **{k: v for k, v in OVERVIEW.items() if k != "quick"}
+        )
     with pytest.raises(jinja2.TemplateNotFound):
         render("overview.html")
 

@@ -34,13 +34,19 @@ def result_of(length, alarms, folder):
     grid = Grid.spanning((-3.0, 3.0), (0.0, length), 0.1)
     values = np.full((1, 1, grid.ny, grid.nx), 0.1, np.float32)
     values[0, 0, grid.ny // 3, 7] = 5.0
-    view = view_array(values, np.ones((grid.ny, grid.nx), int), grid, {"polarization": ["HH"], "subband": ["F1"]})
+    view = view_array(
+        values, np.ones((grid.ny, grid.nx), int), grid, {"polarization": ["HH"], "subband": ["F1"]}
+    )
     y = np.linspace(1.0, length - 1.0, alarms)
-    table = pd.DataFrame({"alarm_id": [f"a{k}" for k in range(alarms)], "x": 0.0, "y": y, "confidence": -y})
+    table = pd.DataFrame(
+        {"alarm_id": [f"a{k}" for k in range(alarms)], "x": 0.0, "y": y, "confidence": -y}
+    )
     manifest = {"run": RUN, "flgpr": "0", "python": "3", "libraries": {}, "recipe_sha256": "0"}
     (folder / "recipe.toml").write_text("")
     found = Detection("main", "", table, view)
-    return Result(Path(folder), manifest, load_recipe("wang2007"), Lane(-1.5, 1.5, 0.0, length), [found])
+    return Result(
+        Path(folder), manifest, load_recipe("wang2007"), Lane(-1.5, 1.5, 0.0, length), [found]
+    )
 
 
 @pytest.mark.parametrize(("length", "scale"), [(20.0, False), (700.0, True)])

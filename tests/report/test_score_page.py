@@ -64,7 +64,9 @@ class Tags(HTMLParser):
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     alarms, truth = made_lane()
-    patches = {row: np.random.default_rng(row).normal(size=(9, 9)) * (1 + 1j) for row in range(len(alarms))}
+    patches = {
+        row: np.random.default_rng(row).normal(size=(9, 9)) * (1 + 1j) for row in range(len(alarms))
+    }
     names = {name: np.eye(9) for name in truth["target_id"]}
     folder = tmp_path_factory.mktemp("score")
     truth.loc[3, "kind"] = "<b>plastic</b>"
@@ -117,7 +119,9 @@ def test_the_page_opens_with_the_operating_point_and_tells_chance(written):
     assert f"chance {point['chance']:.2f}" in lead
     assert f"chance {main['pd_mean']['chance']:.3f}" in lead
     assert f"Pd {last['pd']:.2f} and chance {last['chance']:.2f}" in text
-    assert text.index("Found at which false alarm rate") < text.index("What became of each target at 0.05")
+    assert text.index("Found at which false alarm rate") < text.index(
+        "What became of each target at 0.05"
+    )
     fates = re.findall(r"<td>(found|missed)</td><td class=n>(\S+)</td>", text)
     assert [fate == "found" for fate, _ in fates] == [row["found"] for row in main["targets"]]
     late = next(row for row in main["targets"] if row["detected"] and not row["found"])
@@ -126,13 +130,20 @@ def test_the_page_opens_with_the_operating_point_and_tells_chance(written):
 
 def test_the_json_holds_the_curve(written):
     alarms, truth, paths = written
-    told = json.loads(paths["json"].read_text(encoding="utf-8"), parse_constant=lambda name: pytest.fail(name))
+    told = json.loads(
+        paths["json"].read_text(encoding="utf-8"), parse_constant=lambda name: pytest.fail(name)
+    )
     curve = roc(alarms, truth, LANE)
     main = told["detections"]["main"]
     assert [row["pd"] for row in main["points"]] == curve["pd"].tolist()
     assert main["points"][0]["threshold"] is None
     assert told["rules"]["convention"] == "lane"
-    assert main["pd_mean"]["low"] <= main["pd_mean"]["value"] == pd_mean(curve) <= main["pd_mean"]["high"]
+    assert (
+        main["pd_mean"]["low"]
+        <= main["pd_mean"]["value"]
+        == pd_mean(curve)
+        <= main["pd_mean"]["high"]
+    )
     assert told["rules"]["survey_error"]["share"] == 0.1
     assert told["notes"] == {"recipe": "wang2007 & more"}
     assert [row["target_id"] for row in main["targets"]] == truth["target_id"].tolist()
@@ -163,7 +174,9 @@ def test_lanes_without_targets_or_alarms_are_reported_too(tmp_path):
     assert "nan" not in page
     assert "<img" not in page
     silent = write_score_report(tmp_path / "silent", alarms.iloc[:0], truth, LANE, draws=10)
-    assert "Missed targets at 0.05 false alarms per m²: 16" in silent["html"].read_text(encoding="utf-8")
+    assert "Missed targets at 0.05 false alarms per m²: 16" in silent["html"].read_text(
+        encoding="utf-8"
+    )
     bad = tmp_path / "bad"
     with pytest.raises(ValueError, match="truth must have the columns"):
         write_score_report(bad, alarms, truth.drop(columns="kind"), LANE)

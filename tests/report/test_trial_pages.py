@@ -59,13 +59,23 @@ def test_a_plan_is_written_to_the_millimetre_with_page_and_sheet(home):
     assert "easting" not in page
     assert not re.search(r"(src|href)=(?!\"data:)", page)
     sheet = pd.read_csv(home / "plan-sheet.csv")
-    assert sheet[["emplaced", "emplaced_x_m", "emplaced_y_m", "emplaced_depth_m", "remark"]].isna().all(axis=None)
+    assert (
+        sheet[["emplaced", "emplaced_x_m", "emplaced_y_m", "emplaced_depth_m", "remark"]]
+        .isna()
+        .all(axis=None)
+    )
     np.testing.assert_array_equal(sheet[["x_m", "y_m", "depth_m"]], table[["x", "y", "depth"]])
-    assert {path.name for path in plan_files(home / "plan.csv").values()} == {"plan.csv", "plan.html", "plan-sheet.csv"}
+    assert {path.name for path in plan_files(home / "plan.csv").values()} == {
+        "plan.csv",
+        "plan.html",
+        "plan-sheet.csv",
+    }
 
 
 def test_a_plan_is_a_table(home):
-    with pytest.raises(ValueError, match=r"must be a file name that ends in \.csv, got .*plan\.html"):
+    with pytest.raises(
+        ValueError, match=r"must be a file name that ends in \.csv, got .*plan\.html"
+    ):
         plan_lane(home / "lane.toml", home / "sorts.csv", 7, home / "plan.html")
 
 
@@ -75,10 +85,14 @@ def test_an_anchored_plan_lies_on_the_earth(home):
     tie = read_anchor(home / "anchor.toml")
     want = tie.to_geodetic(np.column_stack([table["x"], table["y"], np.zeros(len(table))]))[:, :2]
     frame = geopandas.read_file(home / "plan.gpkg")
-    np.testing.assert_allclose(np.column_stack([frame.geometry.x, frame.geometry.y]), want, atol=1e-9)
+    np.testing.assert_allclose(
+        np.column_stack([frame.geometry.x, frame.geometry.y]), want, atol=1e-9
+    )
     marks = ElementTree.parse(home / "plan.gpx").getroot().findall(f"{GPX}wpt")
     assert [mark.find(f"{GPX}name").text for mark in marks] == table["target_id"].tolist()
-    np.testing.assert_allclose([[float(mark.get("lon")), float(mark.get("lat"))] for mark in marks], want, atol=1e-8)
+    np.testing.assert_allclose(
+        [[float(mark.get("lon")), float(mark.get("lat"))] for mark in marks], want, atol=1e-8
+    )
     sheet = pd.read_csv(home / "plan-sheet.csv")
     # +y of this lane points east and +x south; the map's scale on the central meridian is 0.9996.
     np.testing.assert_allclose(sheet["easting_m"], 500000 + table["y"], atol=0.05)
@@ -94,7 +108,9 @@ def test_the_map_shows_every_target_once_in_strips_along_the_lane():
     figure.draw_without_rendering()
     shown = [[text.get_text() for text in axes.texts] for axes in figure.axes]
     assert shown == [["T0", "T1"], ["T2"], ["T3", "T4"]]
-    assert figure.axes[0].yaxis_inverted(), "the right side of the lane is below when travel is to the right"
+    assert figure.axes[0].yaxis_inverted(), (
+        "the right side of the lane is below when travel is to the right"
+    )
     assert len(lane_maps(Lane(-2, 2, 0, 300), table)) == 3
     assert len(lane_maps(Lane(-2, 2, 0, 3), table[:0])) == 1
 
@@ -129,7 +145,15 @@ def test_nothing_is_written_beside_a_register_that_is_altered_or_closed(home):
 
 def test_a_seed_is_drawn_and_stands_nowhere_but_on_the_terminal(home):
     told = CliRunner().invoke(
-        app, ["plan", "lane", str(home / "lane.toml"), str(home / "sorts.csv"), "-o", str(home / "plan.csv")]
+        app,
+        [
+            "plan",
+            "lane",
+            str(home / "lane.toml"),
+            str(home / "sorts.csv"),
+            "-o",
+            str(home / "plan.csv"),
+        ],
     )
     assert told.exit_code == 0, told.output
     (seed,) = re.findall(r"8 targets, seed (\d+);", told.output)
@@ -151,10 +175,20 @@ def test_a_blind_score_has_a_page_that_shows_what_the_owner_allows(show, home):
     seal(home / "truth.csv", home / "lane.toml", home / "sealed", PHRASE, show=show)
     told = score_sealed(home / "alarms.csv", home / "sealed", PHRASE, home / "score")
     page, content = ((home / "score" / name).read_text() for name in ("report.html", "roc.json"))
-    for word in ("Pd interval", "chance", "2 of 3", "halo radius", "per m²", "Targets of plastic", "Look 1"):
+    for word in (
+        "Pd interval",
+        "chance",
+        "2 of 3",
+        "halo radius",
+        "per m²",
+        "Targets of plastic",
+        "Look 1",
+    ):
         assert word in page
     bare = re.sub(r"base64,[^\"]*|[0-9a-f]{64}", "", page + content + repr(told))
-    assert not [word for word in ("1234567", "7654321", "10.8", "threshold", "distance") if word in bare]
+    assert not [
+        word for word in ("1234567", "7654321", "10.8", "threshold", "distance") if word in bare
+    ]
     if show == "curve":
         assert told.targets is None
         assert "mine-" not in bare

@@ -32,7 +32,9 @@ GIVEN = [one.name for one in COMMANDS if one.name not in SLOW or "FLGPR_KILLS" i
 
 
 @pytest.mark.parametrize("name", GIVEN)
-def test_given_again_it_says_so_and_on_another_input_it_is_refused(name, commands, tmp_path, monkeypatch):
+def test_given_again_it_says_so_and_on_another_input_it_is_refused(
+    name, commands, tmp_path, monkeypatch
+):
     if name == "simulate signature":
         make_signatures_cheap(monkeypatch.setattr)
     command = commands[name]
@@ -55,11 +57,15 @@ def test_given_again_it_says_so_and_on_another_input_it_is_refused(name, command
         assert other.stderr.count("error: ") == 1
         assert digests(output) == before
     left = [path.name for path in output.rglob("*")]
-    assert not [one for one in left if ".partial" in one or ".replaced" in one or one.endswith(".work")]
+    assert not [
+        one for one in left if ".partial" in one or ".replaced" in one or one.endswith(".work")
+    ]
 
 
 MADE_BY_WHOLE_FILES = [
-    one.name for one in COMMANDS if one.name.startswith(("export", "recipe", "info", "simulate preview", "image"))
+    one.name
+    for one in COMMANDS
+    if one.name.startswith(("export", "recipe", "info", "simulate preview", "image"))
 ]
 
 
@@ -82,7 +88,9 @@ def test_a_file_of_the_same_name_with_other_bytes_is_never_written_over(name, co
 
 
 def test_every_command_of_the_command_line_is_tried():
-    tried = {" ".join(one.words.split()[:2]) for one in COMMANDS} | {one.words.split()[0] for one in COMMANDS}
+    tried = {" ".join(one.words.split()[:2]) for one in COMMANDS} | {
+        one.words.split()[0] for one in COMMANDS
+    }
     writes_nothing = {
         "view", "replay", "recipe list", "recipe show", "recipe check", "bench imaging", "benchmark list", "plan mines",
         "plan check", "calibrate permittivity",

@@ -27,7 +27,9 @@ def npy(array):
 
 def header(shape, dtype):
     file = io.BytesIO()
-    np.lib.format.write_array_header_1_0(file, {"descr": dtype, "fortran_order": False, "shape": shape})
+    np.lib.format.write_array_header_1_0(
+        file, {"descr": dtype, "fortran_order": False, "shape": shape}
+    )
     return file.getvalue()
 
 
@@ -53,7 +55,9 @@ def view_of(magnitude, **more):
     labels = np.array(["HH"])
     sides = {"y": np.zeros(BOMB[0]), "x": np.zeros(BOMB[1] // 4), "looks": np.zeros((1, 1))}
     parts = {"polarization": labels, "subband": labels, **sides, **more}
-    return {f"{name}.npy": npy(array) for name, array in parts.items()} | {"magnitude.npy": magnitude}
+    return {f"{name}.npy": npy(array) for name, array in parts.items()} | {
+        "magnitude.npy": magnitude
+    }
 
 
 def refused(data, words):
@@ -62,7 +66,11 @@ def refused(data, words):
 
 
 def test_whole_archives_are_read(tmp_path):
-    arrays = {"a": np.arange(6.0).reshape(2, 3), "b": np.array(["HH", "VV"]), "c": np.asfortranarray(np.ones((3, 2)))}
+    arrays = {
+        "a": np.arange(6.0).reshape(2, 3),
+        "b": np.array(["HH", "VV"]),
+        "c": np.asfortranarray(np.ones((3, 2))),
+    }
     np.savez_compressed(tmp_path / "a.npz", **arrays)
     with (tmp_path / "a.npz").open("rb") as file:
         whole = Archive(file)
@@ -82,7 +90,10 @@ def test_what_expands_too_far_is_not_decoded():
 
 def test_many_members_that_expand_are_counted_together():
     part = 35 * 2**20
-    refused(archive({f"{k}.npy": zeros((part,), "|u1", part) for k in range(2)}), "all of it .* would expand")
+    refused(
+        archive({f"{k}.npy": zeros((part,), "|u1", part) for k in range(2)}),
+        "all of it .* would expand",
+    )
 
 
 def test_an_absolute_limit_holds_whatever_the_room():
@@ -128,9 +139,15 @@ def test_other_methods_are_refused(method):
 
 
 def test_objects_and_other_members_are_passed_over():
-    data = {"a.npy": npy(np.array([{}], dtype=object)), "b.txt": b"text", "c.npy": npy(np.arange(3))}
+    data = {
+        "a.npy": npy(np.array([{}], dtype=object)),
+        "b.txt": b"text",
+        "c.npy": npy(np.arange(3)),
+    }
     assert set(Archive(io.BytesIO(archive(data)))) == {"c"}
-    assert set(Archive(io.BytesIO(archive({"a.npy": header((10**15,), "<U0"), "c.npy": npy(np.ones(2))})))) == {"c"}
+    assert set(
+        Archive(io.BytesIO(archive({"a.npy": header((10**15,), "<U0"), "c.npy": npy(np.ones(2))})))
+    ) == {"c"}
 
 
 @pytest.mark.parametrize(
@@ -179,7 +196,10 @@ def test_a_result_with_a_bomb_is_refused(tmp_path):
     manifest["files"]["run_view.npz"] = sha256(bomb)
     manifest["sizes"]["run_view.npz"] = len(bomb)
     (folder / "manifest.json").write_bytes(seal(manifest))
-    with memory_within(SMALL), pytest.raises(ValueError, match=r"run_view\.npz cannot be read.*would expand"):
+    with (
+        memory_within(SMALL),
+        pytest.raises(ValueError, match=r"run_view\.npz cannot be read.*would expand"),
+    ):
         read_result(folder)
 
 

@@ -20,7 +20,9 @@ ENVIRONMENT = {**os.environ, "NUMBA_NUM_THREADS": "1", "DASK_LOGGING__DISTRIBUTE
 def dask(*arguments):
     """A process of Dask's command line."""
     command = [sys.executable, "-m", "dask", *map(str, arguments)]
-    process = subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        command, env=ENVIRONMENT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     try:
         yield process
     finally:
@@ -45,11 +47,22 @@ def workers(scheduler, count, home):
 
 
 def worker(scheduler, home):
-    options = ["--nthreads", 1, "--no-nanny", "--no-dashboard", "--death-timeout", 60, "--local-directory", home]
+    options = [
+        "--nthreads",
+        1,
+        "--no-nanny",
+        "--no-dashboard",
+        "--death-timeout",
+        60,
+        "--local-directory",
+        home,
+    ]
     return ["worker", scheduler, *options]
 
 
-def test_a_cluster_gives_the_same_bytes_and_a_killed_worker_costs_only_what_it_was_at(lane, scheduler, tmp_path):
+def test_a_cluster_gives_the_same_bytes_and_a_killed_worker_costs_only_what_it_was_at(
+    lane, scheduler, tmp_path
+):
     done = []
     at_kill = {}
     with workers(scheduler, 2, tmp_path / "dask") as processes:
@@ -59,7 +72,9 @@ def test_a_cluster_gives_the_same_bytes_and_a_killed_worker_costs_only_what_it_w
             pids = Counter(int(one["worker"].split(":")[1]) for one in done)
             if not at_kill and len(pids) == 2 and len(done) >= 5:
                 victim = int(report["worker"].split(":")[1])
-                next(process for process in processes if process.pid == victim).send_signal(signal.SIGKILL)
+                next(process for process in processes if process.pid == victim).send_signal(
+                    signal.SIGKILL
+                )
                 at_kill.update(victim=victim, done=len(done))
 
         result = tasks.detect_run(
@@ -68,7 +83,11 @@ def test_a_cluster_gives_the_same_bytes_and_a_killed_worker_costs_only_what_it_w
     assert content(result.folder) == lane.content
     pieces = [(report["stage"], report["block"]) for report in done]
     assert len(pieces) == len(set(pieces)) == 4 * (lane.blocks + 1) + 2
-    victims = [number for number, report in enumerate(done) if report["worker"].endswith(f":{at_kill['victim']}")]
+    victims = [
+        number
+        for number, report in enumerate(done)
+        if report["worker"].endswith(f":{at_kill['victim']}")
+    ]
     assert victims
     assert max(victims) < at_kill["done"]
     again = [report for report in done[at_kill["done"] :] if report["seconds"] < 1e-3]
@@ -89,7 +108,15 @@ def test_the_messages_do_not_grow_with_the_images(lane):
 def test_no_scheduler_is_said_plainly(lane, tmp_path, monkeypatch):
     monkeypatch.setattr("flgpr.execution.cluster._PATIENCE", "0.5s")
     with pytest.raises(ValueError, match="scheduler must be the address"):
-        tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, scheduler="tcp://127.0.0.1:9")
+        tasks.detect_run(
+            *lane.arguments, tmp_path / "result", lane.area, scheduler="tcp://127.0.0.1:9"
+        )
     with pytest.raises(ValueError, match="exclude"):
-        tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, scheduler="tcp://127.0.0.1:9", workers=2)
+        tasks.detect_run(
+            *lane.arguments,
+            tmp_path / "result",
+            lane.area,
+            scheduler="tcp://127.0.0.1:9",
+            workers=2,
+        )
     assert list(tmp_path.iterdir()) == []

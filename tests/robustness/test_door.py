@@ -13,13 +13,33 @@ import numpy as np
 import pytest
 from test_flips import learnt_stage, make_result, small_classifier
 
-from damage import DAMAGES, SPARSE, answered, link_to_file, link_to_folder, memory_within, one_byte_more, pipe, sparse
+from damage import (
+    DAMAGES,
+    SPARSE,
+    answered,
+    link_to_file,
+    link_to_folder,
+    memory_within,
+    one_byte_more,
+    pipe,
+    sparse,
+)
 from flgpr import door
 from flgpr.benchmark.running import read_costs, read_ground
 from flgpr.chain.model import describe_model, load_model, save_model
 from flgpr.door import DoorError, Folder, Listed, parse_json, read_named
 from flgpr.execution.checkpoint import Checkpoint, begin
-from flgpr.io import gprmax, open_run, read_table, read_verdicts, save_run, seal, sha256, unseal, write_bundle
+from flgpr.io import (
+    gprmax,
+    open_run,
+    read_table,
+    read_verdicts,
+    save_run,
+    seal,
+    sha256,
+    unseal,
+    write_bundle,
+)
 from flgpr.io.scan_file import RUN_FILE, RunDescription, read_description, write_description
 from flgpr.io.tables import parse_columns
 from flgpr.io.verdicts import verdict_bytes
@@ -50,7 +70,13 @@ def score_folder(home):
     point = {"group": "all", "far_allowed": 0.1, "n_targets": 3}
     point |= dict.fromkeys(("pd", "pd_low", "pd_high", "chance", "far", "far_low", "far_high"), 0.1)
     main = {"points": [point | {"n_detected": 1, "n_false": 2}], "area": 10.0}
-    told = {"format": "flgpr-score", "version": 1, "rules": {}, "notes": {}, "detections": {"main": main}}
+    told = {
+        "format": "flgpr-score",
+        "version": 1,
+        "rules": {},
+        "notes": {},
+        "detections": {"main": main},
+    }
     folder = home / "score"
     folder.mkdir()
     (folder / "roc.json").write_text(json.dumps(told))
@@ -70,14 +96,18 @@ def lane_in_sections(home):
 
 def live_folder(home):
     (home / "live").mkdir()
-    write_bundle(home / "live" / SNAPSHOT_FILE, {"a": np.arange(3.0)}, {"format": FORMAT, "version": VERSION})
+    write_bundle(
+        home / "live" / SNAPSHOT_FILE, {"a": np.arange(3.0)}, {"format": FORMAT, "version": VERSION}
+    )
     return home / "live"
 
 
 def incoming_folder(home):
     (home / "incoming").mkdir()
     places = np.array([[0.0, 0.0, 2.0]])
-    write_description(RunDescription(np.array([1e9, 2e9]), ["HH"], places, places), home / "incoming")
+    write_description(
+        RunDescription(np.array([1e9, 2e9]), ["HH"], places, places), home / "incoming"
+    )
     return home / "incoming"
 
 
@@ -139,11 +169,23 @@ KINDS = {  # how a folder is made and read, and which of its files are damaged
         view,
         ["manifest.json", "view/index.json", "view/layers/main.0.0.0.f16", "view/score.json"],
     ),
-    "scored truth": (scored_result, lambda folder: read_scored_truth(read_manifest_only(folder)), ["view/score.json"]),
+    "scored truth": (
+        scored_result,
+        lambda folder: read_scored_truth(read_manifest_only(folder)),
+        ["view/score.json"],
+    ),
     "list of a result": (scored_result, find_entrant, ["manifest.json", "alarms.csv"]),
-    "model": (lambda home: save_model(small_classifier(), home / "model"), load_model, ["model.bundle"]),
+    "model": (
+        lambda home: save_model(small_classifier(), home / "model"),
+        load_model,
+        ["model.bundle"],
+    ),
     "learnt stage": (lambda home: learnt_stage(home / "stage"), load_model, ["model.bundle"]),
-    "told model": (lambda home: save_model(small_classifier(), home / "model"), describe_model, ["model.bundle"]),
+    "told model": (
+        lambda home: save_model(small_classifier(), home / "model"),
+        describe_model,
+        ["model.bundle"],
+    ),
     "sections": (
         lane_in_sections,
         read_sections,
@@ -152,7 +194,11 @@ KINDS = {  # how a folder is made and read, and which of its files are damaged
     "score": (score_folder, both_scores, ["roc.json"]),
     "live": (live_folder, lambda folder: read_snapshot(folder / SNAPSHOT_FILE), [SNAPSHOT_FILE]),
     "incoming": (incoming_folder, read_description, [RUN_FILE]),
-    "benchmark": (benchmark_folder, lambda folder: (read_ground_mark(folder), read_costs(folder)), ["ground.json"]),
+    "benchmark": (
+        benchmark_folder,
+        lambda folder: (read_ground_mark(folder), read_costs(folder)),
+        ["ground.json"],
+    ),
     "costs": (benchmark_folder, read_costs, ["costs.json"]),
     "gprMax decks": (decks_folder, gprmax.read_manifest_of_decks, ["manifest.json"]),
 }
@@ -173,7 +219,9 @@ def open_run_of_four():
     from flgpr.model import make_run
 
     signal = rng.normal(size=(4, 1, 2, 3)) + 1j * rng.normal(size=(4, 1, 2, 3))
-    return make_run(signal, [1e9, 1.1e9, 1.2e9], ["HH"], np.zeros((2, 3)), np.ones((2, 3)), np.zeros((4, 6)))
+    return make_run(
+        signal, [1e9, 1.1e9, 1.2e9], ["HH"], np.zeros((2, 3)), np.ones((2, 3)), np.zeros((4, 6))
+    )
 
 
 def read_model_of(folder):
@@ -234,7 +282,9 @@ def test_the_folder_itself_may_be_a_link(copied, kind, tmp_path):
     KINDS[kind][1](tmp_path / "link")
 
 
-@pytest.mark.parametrize("kind", ["store", "result", "viewer", "model", "sections", "score", "live", "incoming"])
+@pytest.mark.parametrize(
+    "kind", ["store", "result", "viewer", "model", "sections", "score", "live", "incoming"]
+)
 def test_what_has_no_meaning_lies_undisturbed(copied, kind):
     folder, _ = copied(kind)
     (folder / "notes.txt").write_text("mine")
@@ -265,17 +315,23 @@ def test_features_that_are_not_listed_are_not_believed(copied, damage):
     forge(folder, without("files", "features.csv"))
     if damage is not None:
         damage(folder / "features.csv", outside)
-    with pytest.raises(ValueError, match=r"features\.csv is not among the files that were written: take it away"):
+    with pytest.raises(
+        ValueError, match=r"features\.csv is not among the files that were written: take it away"
+    ):
         read_result(folder)
     (folder / "features.csv").unlink()
     assert read_result(folder).detections[0].features is None
 
 
-@pytest.mark.parametrize("read", [view, lambda folder: read_scored_truth(read_manifest_only(folder))])
+@pytest.mark.parametrize(
+    "read", [view, lambda folder: read_scored_truth(read_manifest_only(folder))]
+)
 def test_a_score_that_is_not_listed_is_not_believed(copied, read):
     folder, _ = copied("viewer")
     forge(folder, without("added", "view/score.json"))
-    with pytest.raises(ValueError, match=r"view/score\.json is not among the files that were written"):
+    with pytest.raises(
+        ValueError, match=r"view/score\.json is not among the files that were written"
+    ):
         read(folder)
 
 
@@ -288,7 +344,9 @@ def test_a_chunk_that_is_not_listed_is_not_believed(copied):
         open_run(folder)
 
 
-@pytest.mark.parametrize("name", ["alarms.csv", "view/index.json", "view/layers/main.0.0.0.f16", "view/score.json"])
+@pytest.mark.parametrize(
+    "name", ["alarms.csv", "view/index.json", "view/layers/main.0.0.0.f16", "view/score.json"]
+)
 def test_a_manifest_without_sizes_bounds_what_is_read(copied, name):
     """As older versions wrote it: the limits of the door hold still."""
     folder, _ = copied("result")
@@ -331,7 +389,12 @@ def test_a_list_of_files_that_is_none_is_an_error(copied, files):
     manifest = unseal((folder / "manifest.json").read_bytes())
     del manifest["sha256"]
     (folder / "manifest.json").write_bytes(seal(manifest | {"files": files}))
-    for read in (read_result, ResultFiles, find_entrant, lambda folder: read_scored_truth(read_manifest_only(folder))):
+    for read in (
+        read_result,
+        ResultFiles,
+        find_entrant,
+        lambda folder: read_scored_truth(read_manifest_only(folder)),
+    ):
         with pytest.raises(ValueError, match=str(folder)):
             read(folder)
 
@@ -340,7 +403,10 @@ def test_a_forged_list_of_sizes_bounds_nothing_further(copied):
     folder, _ = copied("viewer")
     os.truncate(folder / "view" / "score.json", SPARSE)
     forge(folder, lambda manifest: manifest["added_sizes"].update({"view/score.json": [SPARSE]}))
-    with memory_within(SMALL), pytest.raises(ValueError, match=r"score\.json must hold at most 64 MiB, got 2048"):
+    with (
+        memory_within(SMALL),
+        pytest.raises(ValueError, match=r"score\.json must hold at most 64 MiB, got 2048"),
+    ):
         view(folder)
 
 
@@ -358,8 +424,18 @@ DEEP = b"[" * 500 + b"]" * 500
 
 @pytest.mark.parametrize(
     ("kind", "name"),
-    [("store", "commit.json"), ("sections", "sections.json"), ("score", "roc.json"), ("incoming", RUN_FILE)]
-    + [("result", "manifest.json"), ("viewer", "manifest.json"), ("benchmark", "ground.json"), ("costs", "costs.json")]
+    [
+        ("store", "commit.json"),
+        ("sections", "sections.json"),
+        ("score", "roc.json"),
+        ("incoming", RUN_FILE),
+    ]
+    + [
+        ("result", "manifest.json"),
+        ("viewer", "manifest.json"),
+        ("benchmark", "ground.json"),
+        ("costs", "costs.json"),
+    ]
     + [("gprMax decks", "manifest.json")],
 )
 @pytest.mark.parametrize("depth", [101, 500, 100_000])
@@ -433,7 +509,10 @@ def test_a_list_is_scored_as_it_was_hashed(copied, monkeypatch):
     overwritten_after(monkeypatch, folder / "alarms.csv", b"alarm_id,x,y,confidence\nevil,0,0,9\n")
     entrant = find_entrant(folder)
     assert list(entrant.table()["alarm_id"]) == ["a", "b", "c"]
-    assert entrant.notes(None)["alarms_sha256"] == read_manifest_only(folder).manifest["files"]["alarms.csv"]
+    assert (
+        entrant.notes(None)["alarms_sha256"]
+        == read_manifest_only(folder).manifest["files"]["alarms.csv"]
+    )
 
 
 def test_a_model_is_used_as_it_was_hashed(copied, monkeypatch):
@@ -555,7 +634,9 @@ def test_verdicts_are_bounded(tmp_path):
         read_verdicts(path)
 
 
-@pytest.mark.parametrize("damage", [one for one in DAMAGES if one is not link_to_folder], ids=lambda one: one.__name__)
+@pytest.mark.parametrize(
+    "damage", [one for one in DAMAGES if one is not link_to_folder], ids=lambda one: one.__name__
+)
 def test_live_events_are_never_waited_for(tmp_path, damage):
     (tmp_path / "outside").mkdir()
     path = tmp_path / "live.jsonl"
@@ -591,7 +672,9 @@ def taken_up(folder, most=2**20):
         return {name: dict(checkpoint[name]) for name in checkpoint}
 
 
-@pytest.mark.parametrize("damage", [one for one in DAMAGES if one is not link_to_folder], ids=lambda one: one.__name__)
+@pytest.mark.parametrize(
+    "damage", [one for one in DAMAGES if one is not link_to_folder], ids=lambda one: one.__name__
+)
 @pytest.mark.parametrize("name", ["signature.arrays", "job.json", "lock", "folding"])
 def test_a_work_folder_takes_nothing_else_up(work, name, damage, tmp_path):
     """What is not whole is made again; what a work folder cannot hold is refused, and nothing outside is touched."""
@@ -601,7 +684,9 @@ def test_a_work_folder_takes_nothing_else_up(work, name, damage, tmp_path):
     with memory_within(SMALL):
         if damage in (sparse, one_byte_more):
             left = answered(taken_up, work)
-            expected = {"signature.arrays": {"view"}, "job.json": set()}.get(name, {"signature", "view"})
+            expected = {"signature.arrays": {"view"}, "job.json": set()}.get(
+                name, {"signature", "view"}
+            )
             assert set(left) == expected
         else:
             with pytest.raises((ValueError, OSError), match=str(work)):
@@ -616,7 +701,9 @@ def test_arrays_may_not_share_bytes(tmp_path):
 
     body = bytes(6400)
     entry = {"dtype": "<f8", "shape": [800], "sha256": sha256(body)}
-    head = canonical_json({"about": {}, "arrays": [entry | {"name": f"a{k}", "at": 0} for k in range(1000)]})
+    head = canonical_json(
+        {"about": {}, "arrays": [entry | {"name": f"a{k}", "at": 0} for k in range(1000)]}
+    )
     (tmp_path / "a.arrays").write_bytes(f"{len(head)} {sha256(head)}\n".encode() + head + body)
     checkpoint = Checkpoint(tmp_path)
     with pytest.raises(ValueError, match="must begin where the array before it ends"):
@@ -636,7 +723,9 @@ def test_a_group_is_bounded(work, most):
 def test_nothing_is_added_through_a_link(copied):
     folder, outside = copied("viewer")
     link_to_folder(folder / "view" / "index.json", outside)
-    with pytest.raises(ValueError, match="must lie in folders of its own, got a symbolic link at view"):
+    with pytest.raises(
+        ValueError, match="must lie in folders of its own, got a symbolic link at view"
+    ):
         add_files(folder, {"view/score.json": b"{}"})
     assert sha256((outside / "moved" / "score.json").read_bytes()) != sha256(b"{}")
 
@@ -655,7 +744,10 @@ def test_live_events_are_not_written_through_a_link(tmp_path):
 def test_a_result_of_gprmax_cannot_lead_out(tmp_path):
     folder = decks_folder(tmp_path)
     manifest = json.loads((folder / "manifest.json").read_text())
-    manifest |= {"tones": {"start": 1e9, "step": 1e6, "count": 3}, "runs": [{"file": "../secret", "free": "air"}]}
+    manifest |= {
+        "tones": {"start": 1e9, "step": 1e6, "count": 3},
+        "runs": [{"file": "../secret", "free": "air"}],
+    }
     (folder / "manifest.json").write_text(json.dumps(manifest))
     (tmp_path / "secret.h5").write_text("secret")
     with pytest.raises(ValueError, match="must be relative and stay inside"):

@@ -38,7 +38,9 @@ def learnt_stage(folder):
         linear=rng.normal(size=6),
         offset=rng.normal(size=2),
     )
-    return save_model(Model(stages={"map.deflection": learnt_of([form], rng.normal(size=(9, 6)))}), folder)
+    return save_model(
+        Model(stages={"map.deflection": learnt_of([form], rng.normal(size=(9, 6)))}), folder
+    )
 
 
 def make_store(folder, run):
@@ -100,7 +102,9 @@ def test_other_versions_are_refused(sealed, tmp_path):
     folder = make_result(tmp_path / "it", None)
     content = json.loads((folder / "manifest.json").read_bytes()) | {"version": 99}
     del content["sha256"]
-    (folder / "manifest.json").write_bytes(seal(content) if sealed else json.dumps(content).encode())
+    (folder / "manifest.json").write_bytes(
+        seal(content) if sealed else json.dumps(content).encode()
+    )
     with pytest.raises(ValueError, match=r"must be .* version \d" if sealed else "is altered"):
         read_result(folder)
 
@@ -116,7 +120,9 @@ def test_models_of_other_versions_are_refused(tmp_path):
 def test_the_viewer_shows_nothing_that_was_altered(tmp_path):
     folder = make_result(tmp_path / "it", None)
     view(folder)
-    for name in sorted(name for name in digests(folder) if name.startswith("view/") or name == "manifest.json"):
+    for name in sorted(
+        name for name in digests(folder) if name.startswith("view/") or name == "manifest.json"
+    ):
         path = folder / name
         whole = (folder / name).read_bytes()
         if not whole or "evidence" in name:
@@ -164,7 +170,9 @@ def test_replay_uses_the_model_of_the_result(lane, tmp_path):
     from flgpr import tasks
 
     model = save_model(small_classifier(), tmp_path / "model")
-    result = tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, model=model, report=False)
+    result = tasks.detect_run(
+        *lane.arguments, tmp_path / "result", lane.area, model=model, report=False
+    )
     shutil.rmtree(model)
     assert result.model().detector.notes == {"lanes": ["a"]}
     told = tasks.replay(result.folder)

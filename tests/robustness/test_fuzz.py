@@ -50,7 +50,9 @@ MOST_MEMORY = 700_000  # kB
 
 @pytest.fixture(scope="module", autouse=True)
 def memory_is_bounded():
-    Path("/proc/self/clear_refs").write_text("5")  # forget the peak of tests before, which would hide one of these
+    Path("/proc/self/clear_refs").write_text(
+        "5"
+    )  # forget the peak of tests before, which would hide one of these
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     yield
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < MOST_MEMORY
@@ -62,7 +64,11 @@ class Folder:
     def __init__(self, path, read):
         self.path = path
         self.read = read
-        self.files = {p.relative_to(path).as_posix(): p.read_bytes() for p in sorted(path.rglob("*")) if p.is_file()}
+        self.files = {
+            p.relative_to(path).as_posix(): p.read_bytes()
+            for p in sorted(path.rglob("*"))
+            if p.is_file()
+        }
 
     def attack(self, draw, mend=None):
         """Damage a file, let ``mend`` make the digests fit again, read, and put everything back."""
@@ -146,7 +152,15 @@ def mend_bundle(name):
                 one["sha256"] = sha256(body[one["at"] : one["at"] + size])
             text = canonical_json(head)
             return {name: f"{len(text)} {sha256(text)}\n".encode() + text + body}
-        except (ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError):
+        except (
+            ValueError,
+            KeyError,
+            TypeError,
+            AttributeError,
+            IndexError,
+            OverflowError,
+            RecursionError,
+        ):
             return {}
 
     return mend
@@ -177,7 +191,9 @@ def test_forging_works(folders, kind):
 @given(data=st.data())
 def test_forgeries_that_fit_their_digests_are_read_or_refused(folders, kind, data):
     said, _ = folders[kind].attack(data.draw, MENDED[kind])
-    assert said is None or str(folders[kind].path) in said or "checksum" in said  # of a chunk, when it is read
+    assert (
+        said is None or str(folders[kind].path) in said or "checksum" in said
+    )  # of a chunk, when it is read
 
 
 ALARMS = b"alarm_id,x,y,confidence\na,0.1,3.5,2.25\nb,-1.0,4.0,1.5\n"
@@ -202,7 +218,10 @@ TEXTS = {
     "scene.toml": (lambda: SCENE, load_scene),
     "sensor.toml": (sensor_text, load_sensor),
     "recipe.toml": (lambda: recipe_text("wang2007").encode(), load_recipe),
-    "sealed.json": (lambda: seal({"a": [1, 2.5, None], "b": {"c": "d"}}), lambda path: read_sealed(path)),
+    "sealed.json": (
+        lambda: seal({"a": [1, 2.5, None], "b": {"c": "d"}}),
+        lambda path: read_sealed(path),
+    ),
 }
 
 
@@ -241,7 +260,11 @@ def test_a_damaged_register(data, tmp_path):
 def test_a_damaged_work_file(data, tmp_path):
     whole = tmp_path / "whole.arrays"
     path = tmp_path / "damaged.arrays"
-    arrays = {"a": np.arange(7.0), "b": np.array(["HH", "VV"]), "c": np.zeros((2, 0, 3), np.complex64)}
+    arrays = {
+        "a": np.arange(7.0),
+        "b": np.array(["HH", "VV"]),
+        "c": np.zeros((2, 0, 3), np.complex64),
+    }
     if not whole.exists():
         write_bundle(whole, arrays)
     path.write_bytes(damaged(whole.read_bytes(), data.draw))
@@ -259,7 +282,9 @@ def test_a_damaged_live_snapshot(data, tmp_path):
     whole = tmp_path / "whole.npz"
     path = tmp_path / "damaged.npz"
     if not whole.exists():
-        write_snapshot(whole, ({"format": "flgpr-live-snapshot", "version": 1}, {"a": np.arange(3.0)}))
+        write_snapshot(
+            whole, ({"format": "flgpr-live-snapshot", "version": 1}, {"a": np.arange(3.0)})
+        )
     path.write_bytes(damaged(whole.read_bytes(), data.draw))
     said = refusal(read_snapshot, path)
     assert said is None or str(path) in said
@@ -300,12 +325,18 @@ def test_a_damaged_journal(data, tmp_path):
             journal.append(scan)
         journal.close()
     (tmp_path / "damaged").mkdir(exist_ok=True)
-    (tmp_path / "damaged" / JOURNAL).write_bytes(damaged((tmp_path / "whole" / JOURNAL).read_bytes(), data.draw))
+    (tmp_path / "damaged" / JOURNAL).write_bytes(
+        damaged((tmp_path / "whole" / JOURNAL).read_bytes(), data.draw)
+    )
     with mock.patch("flgpr.append_log.os.fsync"):
         journal = Journal(tmp_path / "damaged", ABOUT, True)
     journal.close()
     for read, written in zip(journal.scans, scans, strict=False):
-        assert (read.sha256, read.pose.tolist(), read.time) == (written.sha256, written.pose.tolist(), written.time)
+        assert (read.sha256, read.pose.tolist(), read.time) == (
+            written.sha256,
+            written.pose.tolist(),
+            written.time,
+        )
 
 
 @settings(FUZZ, max_examples=max(10, CASES // 100))
@@ -317,8 +348,12 @@ def test_a_damaged_journal_costs_scans_and_nothing_else(data, small_run, tmp_pat
     path = tmp_path / "a.zarr"
     if not want.exists():
         save_run(small_run, want)
-        fixed = [small_run[n].values for n in ("frequency", "polarization", "tx_position", "rx_position")]
-        writer = RunWriter(stopped, *fixed, small_run.attrs, inputs=_digests(small_run), resume=True)
+        fixed = [
+            small_run[n].values for n in ("frequency", "polarization", "tx_position", "rx_position")
+        ]
+        writer = RunWriter(
+            stopped, *fixed, small_run.attrs, inputs=_digests(small_run), resume=True
+        )
         for scan in range(2):
             one = small_run.isel(scan=scan)
             writer.append(one["signal"].values, one["pose"].values, float(one["time"]))

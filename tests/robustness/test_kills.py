@@ -30,7 +30,14 @@ from robust import content, digests
 DATA = Path(__file__).parents[1] / "data"
 KILLS = int(os.environ.get("FLGPR_KILLS", "4"))
 MOST_IN_A_ROW = 4
-LATE = ("zarr", "pyogrio", "geopandas", "rasterio", "flgpr.report.score_page", "matplotlib.backends.backend_agg")
+LATE = (
+    "zarr",
+    "pyogrio",
+    "geopandas",
+    "rasterio",
+    "flgpr.report.score_page",
+    "matplotlib.backends.backend_agg",
+)
 """What commands load when they need it: loaded once, for all processes."""
 LONGEST = 300.0  # s that a command may take which is not killed
 OPERATIONS = {
@@ -71,7 +78,9 @@ class Killer:
         self.operations = ours.recv()
 
     def start(self, last, pipe, output):
-        child = self.context.Process(target=counted, args=(self.home, last, pipe, self.work, (output,)))
+        child = self.context.Process(
+            target=counted, args=(self.home, last, pipe, self.work, (output,))
+        )
         child.start()
         return child
 
@@ -142,7 +151,9 @@ def test_kills_of_a_detection_in_sections(lane, tmp_path):
         if (tmp_path / "result").exists():
             state(tmp_path / "result")
 
-    killer = Killer(9, tmp_path, Detection(lane.run, lane.recipe, lane.area, section=3.0, every=0.0))
+    killer = Killer(
+        9, tmp_path, Detection(lane.run, lane.recipe, lane.area, section=3.0, every=0.0)
+    )
     want = state(tmp_path / "probe")
     assert {"section-01", "section-02", "section-03", "alarms.csv", "sections.json"} <= set(want)
     while killer.kills < KILLS // 2:

@@ -38,7 +38,9 @@ OPTIONS = {
 @pytest.fixture(scope="module")
 def examples():
     rng = np.random.default_rng(3)
-    features = pd.DataFrame(np.concatenate([rng.normal(0, 1, (60, 2)), rng.normal(3, 1, (20, 2))]), columns=COLUMNS)
+    features = pd.DataFrame(
+        np.concatenate([rng.normal(0, 1, (60, 2)), rng.normal(3, 1, (20, 2))]), columns=COLUMNS
+    )
     label = np.repeat([0, 1], [60, 20])
     return TrainingSet(features, label, np.ones(80, int), np.repeat("lane", 80))
 
@@ -49,7 +51,10 @@ def trained(examples, tmp_path_factory):
     folders = {}
     for name in ALLOWED:
         table = DetectorTable(
-            estimator=name, features=COLUMNS, on=ONE_CLASS.get(name, "all"), options=OPTIONS.get(name, {})
+            estimator=name,
+            features=COLUMNS,
+            on=ONE_CLASS.get(name, "all"),
+            options=OPTIONS.get(name, {}),
         )
         folder = tmp_path_factory.mktemp("models") / name
         folders[name] = save_model(Model(train_estimator(examples, table, COLUMNS)), folder)
@@ -172,53 +177,125 @@ def grown(name, *shape):
 GADGETS = {
     # a file that could name what to call
     "an archive of skops": ("gradient-boosting", old_archive, "train it again"),
-    "an archive of skops beside": ("gradient-boosting", archive_beside, "'estimator' does not belong"),
+    "an archive of skops beside": (
+        "gradient-boosting",
+        archive_beside,
+        "'estimator' does not belong",
+    ),
     # callables and names where a word stands
     "kernel is code": ("svm", with_setting("kernel", CALL), "'kernel' must be one of linear"),
-    "kernel is a list": ("rvm", with_setting("kernel", ["eval", CALL]), "'kernel' must be one of linear"),
+    "kernel is a list": (
+        "rvm",
+        with_setting("kernel", ["eval", CALL]),
+        "'kernel' must be one of linear",
+    ),
     "kernel is a class": (
         "one-class-svm",
         with_setting("kernel", {"__module__": "builtins", "__class__": "eval"}),
         "'kernel' must be one of linear",
     ),
-    "metric is numpy.load": ("knn", with_setting("metric", "numpy.load"), "'metric' does not belong"),
+    "metric is numpy.load": (
+        "knn",
+        with_setting("metric", "numpy.load"),
+        "'metric' does not belong",
+    ),
     "method is a methodcaller": (
         "knn",
         with_setting("method", "operator.methodcaller"),
         "'method' must be one of largest",
     ),
-    "func is a partial": ("lda", with_setting("func", "functools.partial"), "'func' does not belong"),
-    "intercept is text": ("logistic", with_setting("intercept", CALL), "'intercept' must be a finite number"),
+    "func is a partial": (
+        "lda",
+        with_setting("func", "functools.partial"),
+        "'func' does not belong",
+    ),
+    "intercept is text": (
+        "logistic",
+        with_setting("intercept", CALL),
+        "'intercept' must be a finite number",
+    ),
     "intercept is nothing": ("logistic", with_setting("intercept", None), "finite number"),
-    "a nested pipeline": ("mixture", with_setting("offset", {"steps": [["eval", CALL]]}), "'offset' must be a finite"),
-    "a flag that is a number": ("rvm", with_setting("moderated", 1), "'moderated' must be true or false"),
+    "a nested pipeline": (
+        "mixture",
+        with_setting("offset", {"steps": [["eval", CALL]]}),
+        "'offset' must be a finite",
+    ),
+    "a flag that is a number": (
+        "rvm",
+        with_setting("moderated", 1),
+        "'moderated' must be true or false",
+    ),
     # another class, module or estimator
-    "an estimator of another module": ("svm", with_words(estimator="os.system"), "must be one of rvm"),
-    "an estimator that is a list": ("svm", with_words(estimator=["eval"]), "must be one of rvm|cannot be read"),
-    "another estimator's arrays": ("svm", with_words(estimator="random-forest"), "is missing|does not belong"),
+    "an estimator of another module": (
+        "svm",
+        with_words(estimator="os.system"),
+        "must be one of rvm",
+    ),
+    "an estimator that is a list": (
+        "svm",
+        with_words(estimator=["eval"]),
+        "must be one of rvm|cannot be read",
+    ),
+    "another estimator's arrays": (
+        "svm",
+        with_words(estimator="random-forest"),
+        "is missing|does not belong",
+    ),
     "unlike is text": ("ecod", with_words(unlike=CALL), "unlike must be true or false"),
-    "features are not names": ("lda", with_words(features=[{"a": 1}, CALL]), "must be a list of different names"),
-    "features are one text": ("lda", with_words(features="ab"), "must be a list of different names"),
+    "features are not names": (
+        "lda",
+        with_words(features=[{"a": 1}, CALL]),
+        "must be a list of different names",
+    ),
+    "features are one text": (
+        "lda",
+        with_words(features="ab"),
+        "must be a list of different names",
+    ),
     # arrays of other types and shapes
     "names of features as text": (
         "logistic",
         with_array("feature_names_in_", np.array(["a", CALL])),
         "does not belong",
     ),
-    "weights as text": ("logistic", with_array("weight", np.array([CALL, "b"])), "'weight' must hold float64"),
-    "weights as complex numbers": ("lda", with_array("weight", np.ones(2, complex)), "'weight' must hold float64"),
+    "weights as text": (
+        "logistic",
+        with_array("weight", np.array([CALL, "b"])),
+        "'weight' must hold float64",
+    ),
+    "weights as complex numbers": (
+        "lda",
+        with_array("weight", np.ones(2, complex)),
+        "'weight' must hold float64",
+    ),
     "weights without end": ("svm", with_array("weight", np.array([np.inf])), "must be finite"),
-    "a scale of zero": ("one-class-rvm", with_array("own_scale", np.zeros(2)), "'own_scale' must be positive"),
+    "a scale of zero": (
+        "one-class-rvm",
+        with_array("own_scale", np.zeros(2)),
+        "'own_scale' must be positive",
+    ),
     "another scale of zero": ("svm", with_array("scale", np.zeros(2)), "scale must be positive"),
     "a huge covariance": ("rvm", grown("covariance", 0, 10**9), "must have the shape"),
     "a broadcasting mean": ("mixture", grown("mean", 1, 1), "must have the shape"),
     "vectors of other features": ("svm", grown("vectors", 3, 1), "must have the shape"),
-    "neighbours beyond the examples": ("knn", with_setting("neighbours", 10**12), "whole number from 1"),
+    "neighbours beyond the examples": (
+        "knn",
+        with_setting("neighbours", 10**12),
+        "whole number from 1",
+    ),
     "no examples": ("knn", grown("examples", 0, 2), "neighbours|hold an example"),
     # trees
     "a node that is its own child": ("random-forest", child_of_itself, "must lead to later nodes"),
-    "a way into another tree": ("gradient-boosting", child_of_another_tree, "must lead to later nodes"),
-    "a feature that is not there": ("isolation-forest", feature_beyond, "'feature' must be from 0 to 1"),
+    "a way into another tree": (
+        "gradient-boosting",
+        child_of_another_tree,
+        "must lead to later nodes",
+    ),
+    "a feature that is not there": (
+        "isolation-forest",
+        feature_beyond,
+        "'feature' must be from 0 to 1",
+    ),
     "a tree that is endlessly deep": ("gradient-boosting", deep_tree, "at most 4096 nodes deep"),
     "shares beyond one": ("random-forest", grown("value", 1), "shape|between 0 and 1"),
 }
@@ -228,7 +305,9 @@ GADGETS = {
 def test_a_gadget_is_refused_and_nothing_happens(trained, tmp_path, name):
     estimator, change, told = GADGETS[name]
     marker = tmp_path / "marker"
-    folder = forge(trained[estimator], tmp_path / "model", lambda about, arrays: change(about, arrays, marker))
+    folder = forge(
+        trained[estimator], tmp_path / "model", lambda about, arrays: change(about, arrays, marker)
+    )
     with pytest.raises(ValueError, match=f"^model .*(?:{told})"):
         load_model(folder)
     assert not marker.exists()
@@ -250,11 +329,14 @@ def test_a_forged_model_that_breaks_no_rule_is_read(trained, tmp_path, examples)
     for name, folder in trained.items():
         again = load_model(forge(folder, tmp_path / name, lambda about, arrays: None)).detector
         np.testing.assert_array_equal(
-            again.confidence(examples.features), load_model(folder).detector.confidence(examples.features)
+            again.confidence(examples.features),
+            load_model(folder).detector.confidence(examples.features),
         )
 
 
-@pytest.mark.parametrize("words", [{"detector": None}, {"detector": {"estimator": "fisher", "features": ["a"]}}])
+@pytest.mark.parametrize(
+    "words", [{"detector": None}, {"detector": {"estimator": "fisher", "features": ["a"]}}]
+)
 def test_arrays_that_the_words_do_not_name_are_refused(trained, tmp_path, words):
     folder = forge(trained["svm"], tmp_path / "model", lambda about, arrays: about.update(words))
     with pytest.raises(ValueError, match=r"does not name|cannot be read|is missing"):
@@ -263,7 +345,9 @@ def test_arrays_that_the_words_do_not_name_are_refused(trained, tmp_path, words)
 
 def test_detection_with_a_gadget_ends_with_its_reason(trained, tmp_path):
     marker = tmp_path / "marker"
-    folder = forge(trained["svm"], tmp_path / "model", lambda about, arrays: old_archive(about, arrays, marker))
+    folder = forge(
+        trained["svm"], tmp_path / "model", lambda about, arrays: old_archive(about, arrays, marker)
+    )
     ran = CliRunner().invoke(
         app,
         [
@@ -313,7 +397,13 @@ def test_info_tells_what_a_model_holds_without_loading_it(trained, tmp_path, mon
     monkeypatch.setattr(Bundle, "_read", lambda *_: pytest.fail("an array was read"))
     ran = CliRunner().invoke(app, ["info", str(folder)])
     assert ran.exit_code == 0, ran.output
-    for told in ("random-forest", "flgpr-model version 1", '["a", "b"]', "detector.left", '"hits": 20'):
+    for told in (
+        "random-forest",
+        "flgpr-model version 1",
+        '["a", "b"]',
+        "detector.left",
+        '"hits": 20',
+    ):
         assert told in ran.output
     assert "\x1b" not in ran.output
     assert "\x07" not in ran.output
@@ -336,7 +426,12 @@ def test_info_refuses_what_is_no_model(demo, tmp_path):
 def test_the_same_training_gives_the_same_bytes(examples, trained, tmp_path):
     for name in ("random-forest", "isolation-forest", "svm", "mixture", "gradient-boosting"):
         table = DetectorTable(
-            estimator=name, features=COLUMNS, on=ONE_CLASS.get(name, "all"), options=OPTIONS.get(name, {})
+            estimator=name,
+            features=COLUMNS,
+            on=ONE_CLASS.get(name, "all"),
+            options=OPTIONS.get(name, {}),
         )
-        again = save_model(Model(train_estimator(replace(examples), table, COLUMNS)), tmp_path / name)
+        again = save_model(
+            Model(train_estimator(replace(examples), table, COLUMNS)), tmp_path / name
+        )
         assert (again / MODEL_FILE).read_bytes() == (trained[name] / MODEL_FILE).read_bytes()

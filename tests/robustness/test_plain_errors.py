@@ -17,7 +17,9 @@ from flgpr.cli.errors import in_words
 
 SOURCE = Path(__file__).parents[2] / "src"
 DEEP = 20_000
-PYTHON = re.compile(r"\[Errno|\w+Error\(|\w*Path\(|\b\w+=(True|False|None)\b|\bNoneType\b|Traceback|\bnp\.\w+\(")
+PYTHON = re.compile(
+    r"\[Errno|\w+Error\(|\w*Path\(|\b\w+=(True|False|None)\b|\bNoneType\b|Traceback|\bnp\.\w+\("
+)
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +99,9 @@ def test_a_table_that_cannot_be_read_is_named(words, inputs, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("words", ["score --agreement {bad} {bad}", "view {in}/result --no-browser --verdicts {bad}"])
+@pytest.mark.parametrize(
+    "words", ["score --agreement {bad} {bad}", "view {in}/result --no-browser --verdicts {bad}"]
+)
 def test_a_file_of_verdicts_that_cannot_be_read_is_named(words, inputs, tmp_path):
     words = words.replace("{bad}", "{in}/deep.json", 1).replace("{bad}", "{in}/bytes.toml")
     assert "deep.json" in is_plain(call(words, inputs, tmp_path))
@@ -109,9 +113,13 @@ QUICK = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("command", [one for one in QUICK if "score" not in one.name], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "command", [one for one in QUICK if "score" not in one.name], ids=lambda one: one.name
+)
 def test_a_name_that_is_too_long_is_refused_and_leaves_nothing(command, inputs, tmp_path):
-    line = is_plain(call(command.words.replace("{out}/a.", "{out}/" + "n" * 245 + "."), inputs, tmp_path))
+    line = is_plain(
+        call(command.words.replace("{out}/a.", "{out}/" + "n" * 245 + "."), inputs, tmp_path)
+    )
     assert "names must be shorter" in line
     assert "n" * 245 in line
     assert list(tmp_path.iterdir()) == []
@@ -120,9 +128,15 @@ def test_a_name_that_is_too_long_is_refused_and_leaves_nothing(command, inputs, 
 @pytest.mark.parametrize("command", QUICK, ids=lambda one: one.name)
 @pytest.mark.parametrize(
     ("number", "rule"),
-    [(errno.EROFS, "must not be read-only"), (errno.EACCES, "must be allowed"), (errno.EIO, "the disk must work")],
+    [
+        (errno.EROFS, "must not be read-only"),
+        (errno.EACCES, "must be allowed"),
+        (errno.EIO, "the disk must work"),
+    ],
 )
-def test_a_disk_that_cannot_be_written_is_told(command, number, rule, inputs, tmp_path, monkeypatch):
+def test_a_disk_that_cannot_be_written_is_told(
+    command, number, rule, inputs, tmp_path, monkeypatch
+):
     """Root may write where others may not, so that what the system would say is put in its mouth."""
     output = str(tmp_path)
     real = os.mkdir
@@ -136,7 +150,11 @@ def test_a_disk_that_cannot_be_written_is_told(command, number, rule, inputs, tm
 
     def open_(path, flags, *rest, **more):
         writes = flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
-        return refuse(path) if writes and str(path).startswith(output) else real_open(path, flags, *rest, **more)
+        return (
+            refuse(path)
+            if writes and str(path).startswith(output)
+            else real_open(path, flags, *rest, **more)
+        )
 
     monkeypatch.setattr(os, "mkdir", mkdir)
     monkeypatch.setattr(os, "open", open_)
@@ -160,7 +178,10 @@ def test_a_file_that_may_not_grow_so_large_is_told_and_nothing_is_left(name, inp
     words = command.words.replace("{in}", str(inputs)).replace("{out}", str(tmp_path)).split()
     limit = str(2**9)
     done = subprocess.run(  # a limit of its own
-        [sys.executable, "-c", SMALL_DISK, limit, *words], capture_output=True, text=True, check=False
+        [sys.executable, "-c", SMALL_DISK, limit, *words],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 2, done.stderr
     lines = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
@@ -171,9 +192,13 @@ def test_a_file_that_may_not_grow_so_large_is_told_and_nothing_is_left(name, inp
 
 
 def test_no_line_holds_what_the_program_calls_things():
-    told = in_words(ValueError("x (np.float64(1.5)) at PosixPath('/a b') [Errno 28] No space left on device"))
+    told = in_words(
+        ValueError("x (np.float64(1.5)) at PosixPath('/a b') [Errno 28] No space left on device")
+    )
     assert told == "x (1.5) at /a b No space left on device"
-    assert in_words(OSError(errno.ENOSPC, "No space left on device", "/d/x")).endswith("/d/x: No space left on device")
+    assert in_words(OSError(errno.ENOSPC, "No space left on device", "/d/x")).endswith(
+        "/d/x: No space left on device"
+    )
     assert "nested" in in_words(RecursionError("maximum recursion depth exceeded"))
     assert "memory" in in_words(MemoryError())
 
@@ -183,8 +208,20 @@ def messages(tree):
     for node in ast.walk(tree):
         name = ""
         if isinstance(node, ast.Call):
-            name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-        spoken = name in ("echo", "warn", "Option", "Argument", "tell_finished", "other_output", "ValueError")
+            name = (
+                node.func.attr
+                if isinstance(node.func, ast.Attribute)
+                else getattr(node.func, "id", "")
+            )
+        spoken = name in (
+            "echo",
+            "warn",
+            "Option",
+            "Argument",
+            "tell_finished",
+            "other_output",
+            "ValueError",
+        )
         if isinstance(node, ast.Raise) or spoken or name.endswith("Error"):
             for part in ast.walk(node):
                 if isinstance(part, ast.Constant) and isinstance(part.value, str):
@@ -192,7 +229,9 @@ def messages(tree):
 
 
 def test_messages_are_free_of_python():
-    words = re.compile(r"\b[a-z_]+=(True|False|None)\b|\bNone\b|\w+Error\b|Path\(|\[Errno|\bkwargs?\b|\bself\.")
+    words = re.compile(
+        r"\b[a-z_]+=(True|False|None)\b|\bNone\b|\w+Error\b|Path\(|\[Errno|\bkwargs?\b|\bself\."
+    )
     bad = [
         f"{path.relative_to(SOURCE)}:{line}: {text}"
         for path in sorted(SOURCE.rglob("*.py"))

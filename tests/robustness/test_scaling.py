@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
-spec = importlib.util.spec_from_file_location("scaling", Path(__file__).parents[2] / "benchmarks/scaling.py")
+spec = importlib.util.spec_from_file_location(
+    "scaling", Path(__file__).parents[2] / "benchmarks/scaling.py"
+)
 scaling = importlib.util.module_from_spec(spec)
 sys.modules[spec.name] = scaling
 spec.loader.exec_module(scaling)
@@ -32,9 +34,9 @@ def test_each_cost_alone_takes_what_it_must(cost, seconds):
     costs = scaling.Costs(**nothing, **FREE | {cost: 0.1})
     assert scaling.simulate(costs, [4] * 10, 100, 1) == pytest.approx(seconds)
     if cost != "start":
-        assert scaling.bounds(costs, [4] * 10, 1)[cost if cost != "latency" else "a lane's own order"] == pytest.approx(
-            seconds
-        )
+        assert scaling.bounds(costs, [4] * 10, 1)[
+            cost if cost != "latency" else "a lane's own order"
+        ] == pytest.approx(seconds)
 
 
 def test_more_workers_are_never_slower_and_never_better_than_ideal():

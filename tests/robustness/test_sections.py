@@ -48,9 +48,15 @@ def test_sections_hold_the_run_view_of_the_whole_lane(lane, folder):
     assert len(parts) == 4
     views = [part.detections[0].view for part in parts]
     assert max(view.sizes["y"] for view in views) <= 20
-    np.testing.assert_array_equal(np.concatenate([view.values for view in views], axis=2), whole.values)
-    np.testing.assert_array_equal(np.concatenate([view["y"].values for view in views]), whole["y"].values)
-    np.testing.assert_array_equal(np.concatenate([view["looks"].values for view in views]), whole["looks"].values)
+    np.testing.assert_array_equal(
+        np.concatenate([view.values for view in views], axis=2), whole.values
+    )
+    np.testing.assert_array_equal(
+        np.concatenate([view["y"].values for view in views]), whole["y"].values
+    )
+    np.testing.assert_array_equal(
+        np.concatenate([view["looks"].values for view in views]), whole["looks"].values
+    )
 
 
 def test_sections_are_joined_for_the_report_and_thinned_if_they_are_long(lane, folder):
@@ -71,15 +77,20 @@ def test_sections_hold_the_alarms_and_features_of_the_whole_lane(lane, folder):
     parts = results(folder)
     whole = lane.result.detections[0]
     order = ["y", "x"]
-    features = pd.concat([part.detections[0].alarms[order].join(part.detections[0].features) for part in parts])
+    features = pd.concat(
+        [part.detections[0].alarms[order].join(part.detections[0].features) for part in parts]
+    )
     expected = whole.alarms[order].join(whole.features)
     assert len(expected) > 10
     pd.testing.assert_frame_equal(
-        features.sort_values(order).reset_index(drop=True), expected.sort_values(order).reset_index(drop=True)
+        features.sort_values(order).reset_index(drop=True),
+        expected.sort_values(order).reset_index(drop=True),
     )
     together = pd.read_csv(folder / "alarms.csv")
     columns = ["x", "y", "confidence", "magnitude", "scans"]
-    pd.testing.assert_frame_equal(together[columns], whole.alarms[columns].astype(together[columns].dtypes))
+    pd.testing.assert_frame_equal(
+        together[columns], whole.alarms[columns].astype(together[columns].dtypes)
+    )
     assert together["alarm_id"].str.fullmatch(r"section-0[1-4]/alarm-\d+").all()
 
 
@@ -96,7 +107,9 @@ def test_the_parts_of_the_lane_meet_and_hold_their_alarms(lane, folder):
 
 def test_sections_do_not_depend_on_who_works(lane, folder, tmp_path):
     other = tmp_path / "result"
-    tasks.detect_long(*lane.arguments, other, lane.area, report=False, section=2.0, how=tasks.How(workers=2))
+    tasks.detect_long(
+        *lane.arguments, other, lane.area, report=False, section=2.0, how=tasks.How(workers=2)
+    )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
     for one, two in zip(results_at(folder), results_at(other), strict=True):
         assert content(one) == content(two)
@@ -107,7 +120,9 @@ class _Stop(Exception):
     """The work is stopped."""
 
 
-def test_sections_go_on_where_they_were_stopped_the_last_step_too(lane, folder, tmp_path, monkeypatch):
+def test_sections_go_on_where_they_were_stopped_the_last_step_too(
+    lane, folder, tmp_path, monkeypatch
+):
     job = small_job(lane, tmp_path / "result")
     done = []
 
@@ -162,13 +177,20 @@ def test_another_division_begins_anew(lane, tmp_path):
 
 
 def test_the_viewer_shows_a_section_and_names_them(folder):
-    with pytest.raises(ValueError, match=r"one of the sections of this lane \(section-01, .*section-04\)"):
+    with pytest.raises(
+        ValueError, match=r"one of the sections of this lane \(section-01, .*section-04\)"
+    ):
         open_source(folder)
     assert open_source(results_at(folder)[1]).folder == (folder / "section-02").resolve()
 
 
 def test_a_section_is_replayed(folder):
-    assert tasks.replay(results_at(folder)[1]) == {"identical": True, "agrees": True, "files": [], "difference": 0.0}
+    assert tasks.replay(results_at(folder)[1]) == {
+        "identical": True,
+        "agrees": True,
+        "files": [],
+        "difference": 0.0,
+    }
 
 
 def test_one_piece_takes_the_place_of_sections(lane, folder, tmp_path):
@@ -180,7 +202,12 @@ def test_one_piece_takes_the_place_of_sections(lane, folder, tmp_path):
 
 def test_a_survey_with_sections_leaves_out_what_is_done(lane, tmp_path):
     done = []
-    options = {"lanes": [lane.area], "report": False, "section": 4.0, "how": tasks.How(note=done.append)}
+    options = {
+        "lanes": [lane.area],
+        "report": False,
+        "section": 4.0,
+        "how": tasks.How(note=done.append),
+    }
     first = tasks.detect_runs([lane.run], lane.recipe, tmp_path / "out", **options)
     assert [home.name for home in first] == ["section-01", "section-02"]
     row = json.loads((tmp_path / "out" / "survey.json").read_text())[0]
@@ -192,7 +219,9 @@ def test_a_survey_with_sections_leaves_out_what_is_done(lane, tmp_path):
     assert not done
 
 
-@pytest.mark.parametrize("name", ["alarms.csv", "lane.toml", "sections.json", "section-02/manifest.json"])
+@pytest.mark.parametrize(
+    "name", ["alarms.csv", "lane.toml", "sections.json", "section-02/manifest.json"]
+)
 def test_an_altered_folder_of_sections_is_refused(folder, name, tmp_path):
     shutil.copytree(folder, tmp_path / "copy")
     data = bytearray((tmp_path / "copy" / name).read_bytes())
@@ -208,10 +237,21 @@ def test_an_altered_folder_of_sections_is_refused(folder, name, tmp_path):
 
 def test_the_command_line_takes_and_scores_sections(lane, tmp_path):
     truth = tmp_path / "truth.csv"
-    truth.write_text("target_id,kind,x,y,depth\na,metal,0.2,4.5,0.0\nb,metal,-0.4,6.3,0.0\nc,metal,0.3,8.4,0.0\n")
+    truth.write_text(
+        "target_id,kind,x,y,depth\na,metal,0.2,4.5,0.0\nb,metal,-0.4,6.3,0.0\nc,metal,0.3,8.4,0.0\n"
+    )
     output = tmp_path / "out"
     shutil.copytree(lane.result.folder, output)  # one piece, whose place the sections take
-    words = ["detect", str(lane.run), "--recipe", str(lane.recipe), "--lane", str(lane.area), "-o", str(output)]
+    words = [
+        "detect",
+        str(lane.run),
+        "--recipe",
+        str(lane.recipe),
+        "--lane",
+        str(lane.area),
+        "-o",
+        str(output),
+    ]
     told = CliRunner().invoke(app, [*words, "--section", "4", "--quiet"])
     assert told.exit_code == 2
     assert "--overwrite makes it anew" in told.stderr
@@ -236,10 +276,14 @@ def test_the_command_line_takes_and_scores_sections(lane, tmp_path):
     main, whole, other = (each["detections"]["main"] for each in (sections, one, listed))
     assert main.pop("title") == whole.pop("title")
     assert main == whole
-    assert {name for name in main if main[name] != other[name]} <= {"targets"}  # the list knows no soil
+    assert {name for name in main if main[name] != other[name]} <= {
+        "targets"
+    }  # the list knows no soil
     page = (output / "score" / "report.html").read_text()
     assert (output / "score" / re.search(r'href="([^"]*section-02[^"]*)"', page).group(1)).is_file()
-    assert page.count("data:image/png") == (tmp_path / "whole" / "report.html").read_text().count("data:image/png")
+    assert page.count("data:image/png") == (tmp_path / "whole" / "report.html").read_text().count(
+        "data:image/png"
+    )
 
 
 def test_a_lane_of_any_length_is_planned_within_the_memory():
@@ -247,16 +291,25 @@ def test_a_lane_of_any_length_is_planned_within_the_memory():
     short = Lane(-1.5, 1.5, 0, 1200)
     long = Lane(-1.5, 1.5, 0, 200_000)
     assert plan_sections(SIZES, recipe, short) == [Section(0, 12001)]
-    assert memory_needed(SIZES | {"scan": 10**6}, recipe, short) == memory_needed(SIZES, recipe, short)
+    assert memory_needed(SIZES | {"scan": 10**6}, recipe, short) == memory_needed(
+        SIZES, recipe, short
+    )
     sections = plan_sections(SIZES, recipe, long)
     assert sections[0].start == 0
     assert sections[-1].stop == 2_000_001
     assert all(one.stop == other.start for one, other in pairwise(sections))
     most = max(section.stop - section.start for section in sections)
-    assert memory_needed(SIZES, recipe, long, most) <= 2e9 < memory_needed(SIZES, recipe, long, 2 * most)
+    assert (
+        memory_needed(SIZES, recipe, long, most)
+        <= 2e9
+        < memory_needed(SIZES, recipe, long, 2 * most)
+    )
     assert threads_within(SIZES, recipe, long, sections) == 2
     one = memory_needed(SIZES, recipe, short)
-    several = [threads_within(SIZES, recipe, short, [Section(0, 12001)], int(k * one)) for k in (0.5, 1, 2, 4)]
+    several = [
+        threads_within(SIZES, recipe, short, [Section(0, 12001)], int(k * one))
+        for k in (0.5, 1, 2, 4)
+    ]
     assert several == sorted(several)
     assert several[:2] == [1, 1] < several[2:]
     assert len(plan_sections(SIZES, recipe, long, 2 * 10**9, 1000.0)) == 201

@@ -13,7 +13,15 @@ PICKLES = {
     "pickle", "_pickle", "cPickle", "cloudpickle", "dill", "joblib", "shelve", "marshal", "jsonpickle", "skops", "yaml",
 }  # fmt: skip
 """What makes objects of files, or names in them to call."""
-CALLS = {"read_pickle", "to_pickle", "extractall", "extract", "unpack_archive", "HDFStore", "read_hdf"}
+CALLS = {
+    "read_pickle",
+    "to_pickle",
+    "extractall",
+    "extract",
+    "unpack_archive",
+    "HDFStore",
+    "read_hdf",
+}
 CODE = {"eval", "exec", "compile", "__import__"}
 BY_NAME = {
     "__init__.py": "the package's own parts",
@@ -68,7 +76,9 @@ def names_of_code(tree):
                 yield name
         # An attribute by a name from elsewhere that is called at once: getattr(x, name)(...).
         called = (
-            isinstance(function, ast.Call) and isinstance(function.func, ast.Name) and function.func.id == "getattr"
+            isinstance(function, ast.Call)
+            and isinstance(function.func, ast.Name)
+            and function.func.id == "getattr"
         )
         if called and not isinstance(function.args[1], ast.Constant):
             yield "getattr(...)(...)"
@@ -85,7 +95,9 @@ def test_every_module_that_may_find_code_by_name_does():
         assert list(names_of_code(ast.parse((ROOT / name).read_text(encoding="utf-8")))), name
 
 
-@pytest.mark.parametrize("text", ["import_module(name)", "importlib.import_module(a + b)", "getattr(x, name)(1)"])
+@pytest.mark.parametrize(
+    "text", ["import_module(name)", "importlib.import_module(a + b)", "getattr(x, name)(1)"]
+)
 def test_the_check_of_names_finds_what_it_looks_for(text):
     assert list(names_of_code(ast.parse(text)))
 
@@ -168,7 +180,17 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "scoring/blind.py seals": ({"json.loads"}, IN_HAND),
     "tasks/simulation.py _hash": ({"json.loads"}, IN_HAND),
 }
-READS = {"read_bytes", "read_text", "open", "read_csv", "fromfile", "memmap", "File", "loadtxt", "genfromtxt"}
+READS = {
+    "read_bytes",
+    "read_text",
+    "open",
+    "read_csv",
+    "fromfile",
+    "memmap",
+    "File",
+    "loadtxt",
+    "genfromtxt",
+}
 
 
 def readings(tree):
@@ -176,7 +198,9 @@ def readings(tree):
 
     def within(node, names):
         for inner in ast.iter_child_nodes(node):
-            below = [*names, inner.name] if isinstance(inner, ast.ClassDef | ast.FunctionDef) else names
+            below = (
+                [*names, inner.name] if isinstance(inner, ast.ClassDef | ast.FunctionDef) else names
+            )
             if isinstance(inner, ast.Call) and (call := reading(inner)):
                 yield owner(names), call
             yield from within(inner, below)
@@ -200,7 +224,10 @@ def reading(call):
         return "" if in_hand(call) else name
     if name not in READS or (name == "read_csv" and in_hand(call)):
         return ""
-    through = {ast.unparse(word.value) for word in call.keywords if word.arg == "opener"} & {"open_own", "open_at_once"}
+    through = {ast.unparse(word.value) for word in call.keywords if word.arg == "opener"} & {
+        "open_own",
+        "open_at_once",
+    }
     return "" if through or base.startswith("Folder(") else name
 
 

@@ -52,7 +52,9 @@ def test_a_forged_manifest_that_is_consistent_opens(store):
     assert open_run(store).load().sizes["scan"] == 4
 
 
-@pytest.mark.parametrize("key", ["../secret", "/etc/passwd", "signal/../../secret", "a\\..\\b", "", "signal/c/\0"])
+@pytest.mark.parametrize(
+    "key", ["../secret", "/etc/passwd", "signal/../../secret", "a\\..\\b", "", "signal/c/\0"]
+)
 def test_keys_cannot_lead_out_of_the_store(store, key):
     (store.parent / "secret").write_text("secret")
     forge(store, lambda files: files.update({key: {"sha256": "0" * 64, "bytes": 6}}))
@@ -109,7 +111,12 @@ def test_a_result_cannot_reach_out(lane, tmp_path):
         ("signal", {"chunk_grid": None}, "chunk shape"),
         (
             "signal",
-            {"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [1, 2, 2, 10**10]}}},
+            {
+                "chunk_grid": {
+                    "name": "regular",
+                    "configuration": {"chunk_shape": [1, 2, 2, 10**10]},
+                }
+            },
             "max_memory = 2 GB",
         ),
         (
@@ -118,8 +125,16 @@ def test_a_result_cannot_reach_out(lane, tmp_path):
             "must have 196 bytes",
         ),
         ("signal", {"chunk_key_encoding": {"name": "v2"}}, "default names"),
-        ("signal", {"dimension_names": ["pair", "polarization", "scan", "frequency"]}, "its dimensions must be"),
-        ("signal", {"codecs": [{"name": "bytes", "configuration": {"endian": "both"}}]}, "little or big"),
+        (
+            "signal",
+            {"dimension_names": ["pair", "polarization", "scan", "frequency"]},
+            "its dimensions must be",
+        ),
+        (
+            "signal",
+            {"codecs": [{"name": "bytes", "configuration": {"endian": "both"}}]},
+            "little or big",
+        ),
         ("signal", {"node_type": "group"}, "must describe a Zarr v3 array"),
         ("time", {"shape": [10**9]}, "dimension scan"),
         ("pose", {"shape": [4, 7]}, "component"),
@@ -147,7 +162,13 @@ def test_chunks_of_any_form_and_byte_order_are_read_as_zarr_reads_them(store):
         )  # fmt: skip
         array[...] = before[name].values
     files = [path.relative_to(store).as_posix() for path in store.rglob("*") if path.is_file()]
-    forge(store, lambda told: (told.clear(), told.update({name: {} for name in files if name != "commit.json"})))
+    forge(
+        store,
+        lambda told: (
+            told.clear(),
+            told.update({name: {} for name in files if name != "commit.json"}),
+        ),
+    )
     assert open_run(store).load().identical(before)
     some = {"scan": [3, 0], "pair": 1, "frequency": slice(4, None, -2)}
     np.testing.assert_array_equal(open_run(store)["signal"].isel(some), before["signal"].isel(some))
@@ -172,14 +193,21 @@ def test_a_run_too_long_for_a_recipe_that_keeps_images_is_refused(tmp_path):
     lane = Lane(-1.0, 1.0, 2.0, 6.2)
     sizes = {"polarization": 3, "pair": 14, "frequency": 106, "scan": 3}
     assert len(plan_sections(sizes, recipe, lane)) == 1
-    with pytest.raises(ValueError, match=r"at least .* for 5000 scans with the recipe 'demo', got 2 GB"):
+    with pytest.raises(
+        ValueError, match=r"at least .* for 5000 scans with the recipe 'demo', got 2 GB"
+    ):
         plan_sections(sizes | {"scan": 5000}, recipe, lane)
     with pytest.raises(ValueError, match="section needs a recipe without variants"):
         plan_sections(sizes, recipe, lane, longest=1.0)
     with pytest.raises(ValueError, match="max-memory"):
         tasks.detect_run(sample_lane() / "run.zarr", "demo", tmp_path / "result", max_memory=10**8)
     with pytest.raises(ValueError, match="max-memory"):
-        tasks.detect_runs([sample_lane() / "run.zarr"], "demo", tmp_path / "several", how=tasks.How(max_memory=10**8))
+        tasks.detect_runs(
+            [sample_lane() / "run.zarr"],
+            "demo",
+            tmp_path / "several",
+            how=tasks.How(max_memory=10**8),
+        )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -190,7 +218,8 @@ def test_a_detection_that_takes_too_much_memory_writes_nothing(lane, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "size"), [("2GB", 2 * 10**9), ("1.5 GiB", 1.5 * 2**30), ("500mb", 5 * 10**8), ("12", 12)]
+    ("text", "size"),
+    [("2GB", 2 * 10**9), ("1.5 GiB", 1.5 * 2**30), ("500mb", 5 * 10**8), ("12", 12)],
 )
 def test_sizes(text, size):
     assert parse_size(text) == size
@@ -205,8 +234,13 @@ def test_what_is_no_size(text):
 def test_archives_that_expand_are_refused_before_they_do(tmp_path):
     kind = zipfile.ZIP_DEFLATED
     shape = (100 * 2**20,)
-    with zipfile.ZipFile(tmp_path / "bomb.npz", "w", kind) as archive, archive.open("data.npy", "w") as member:
-        np.lib.format.write_array_header_1_0(member, {"descr": "|u1", "fortran_order": False, "shape": shape})
+    with (
+        zipfile.ZipFile(tmp_path / "bomb.npz", "w", kind) as archive,
+        archive.open("data.npy", "w") as member,
+    ):
+        np.lib.format.write_array_header_1_0(
+            member, {"descr": "|u1", "fortran_order": False, "shape": shape}
+        )
         for _ in range(100):
             member.write(bytes(2**20))
     with h5py.File(tmp_path / "bomb.h5", "w") as file:
@@ -223,7 +257,10 @@ def test_archives_that_expand_are_refused_before_they_do(tmp_path):
 def test_archives_cannot_write_anywhere(fullwave_archive, tmp_path):
     """Members with paths that lead out are names of arrays, never files."""
     shutil.copy(fullwave_archive, tmp_path / "a.npz")
-    with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive, archive.open("../../evil.npy", "w") as member:
+    with (
+        zipfile.ZipFile(tmp_path / "a.npz", "a") as archive,
+        archive.open("../../evil.npy", "w") as member,
+    ):
         np.lib.format.write_array(member, np.zeros(3))
     tasks.import_fullwave_lane(tmp_path / "a.npz", tmp_path / "out" / "run.zarr")
     assert not list(tmp_path.parent.rglob("evil*"))

@@ -27,7 +27,9 @@ from robust import content, digests, small_job
 
 @pytest.mark.parametrize("workers", [1, 4])
 def test_worker_count_does_not_change_a_byte(lane, workers, tmp_path):
-    result = tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, workers=workers, report=False)
+    result = tasks.detect_run(
+        *lane.arguments, tmp_path / "result", lane.area, workers=workers, report=False
+    )
     assert content(result.folder) == lane.content
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
 
@@ -44,7 +46,9 @@ def test_thread_count_does_not_change_a_byte(lane, threads, tmp_path, monkeypatc
 
     monkeypatch.setattr(LaneChain, "part", watched)
     reports = []
-    result = tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, report=False, note=reports.append)
+    result = tasks.detect_run(
+        *lane.arguments, tmp_path / "result", lane.area, report=False, note=reports.append
+    )
     assert content(result.folder) == lane.content
     assert len(reports) == 4 * (lane.blocks + 1) + 2
     assert (len(at_work) > 1) is (threads > 1)
@@ -63,7 +67,10 @@ def test_a_broken_scan_ends_the_run_by_its_name_and_mended_it_goes_on(lane, tmp_
         tasks.detect_run(run, lane.recipe, output, lane.area, report=False)
     assert not output.exists()
     chunk.write_bytes(data)
-    assert content(tasks.detect_run(run, lane.recipe, output, lane.area, report=False).folder) == lane.content
+    assert (
+        content(tasks.detect_run(run, lane.recipe, output, lane.area, report=False).folder)
+        == lane.content
+    )
 
 
 def test_lanes_of_a_survey_are_worked_on_where_an_interrupt_arrives(lane, tmp_path, monkeypatch):
@@ -92,7 +99,13 @@ def test_a_recipe_with_variants_has_the_same_bytes_whoever_works_and_after_a_sto
     with pytest.raises(KeyboardInterrupt):
         tasks.detect_run(run, "demo", tmp_path / "stopped", report=False, note=stop)
     before = done.copy()
-    tasks.detect_run(run, "demo", tmp_path / "stopped", report=False, note=lambda report: done.append(report["stage"]))
+    tasks.detect_run(
+        run,
+        "demo",
+        tmp_path / "stopped",
+        report=False,
+        note=lambda report: done.append(report["stage"]),
+    )
     assert content(tmp_path / "stopped") == content(plain.folder)
     assert not set(done[len(before) :]) & set(before[:-1])
 
@@ -103,7 +116,9 @@ def test_detection_in_memory_finds_the_same(lane):
     from flgpr.io import open_run
 
     found = detect(open_run(lane.run), load_recipe(lane.recipe), lane.lane)[0]
-    pd.testing.assert_frame_equal(found.alarms, lane.result.detections[0].alarms, check_dtype=False, rtol=1e-12)
+    pd.testing.assert_frame_equal(
+        found.alarms, lane.result.detections[0].alarms, check_dtype=False, rtol=1e-12
+    )
     pd.testing.assert_frame_equal(found.features, lane.features, check_dtype=False, rtol=1e-12)
 
 
@@ -118,7 +133,9 @@ def test_a_killed_worker_process_costs_only_its_piece(lane, tmp_path):
             victims.append(int(report["worker"].split(":")[1]))
             os.kill(victims[0], signal.SIGKILL)
 
-    result = tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, workers=2, report=False, note=note)
+    result = tasks.detect_run(
+        *lane.arguments, tmp_path / "result", lane.area, workers=2, report=False, note=note
+    )
     assert content(result.folder) == lane.content
     assert len(victims) == 1
     assert len(done) == len(set(done)) == 4 * (lane.blocks + 1) + 2
@@ -154,7 +171,10 @@ def _alive(pid):
     try:
         with open(f"/proc/{pid}/stat") as file:
             return file.read().rsplit(")", 1)[1].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):  # the second: it went between opening and reading
+    except (
+        FileNotFoundError,
+        ProcessLookupError,
+    ):  # the second: it went between opening and reading
         return False
 
 
@@ -182,7 +202,11 @@ def test_a_survey_is_one_command_and_goes_on_where_it_stopped(lane, tmp_path):
     save_run(run.isel(scan=slice(0, 30)), tmp_path / "b.zarr")
     done = []
     where = [tmp_path / "a.zarr", tmp_path / "b.zarr"], lane.recipe, tmp_path / "out"
-    options = {"lanes": [lane.area, lane.area], "report": False, "how": tasks.How(workers=2, note=done.append)}
+    options = {
+        "lanes": [lane.area, lane.area],
+        "report": False,
+        "how": tasks.How(workers=2, note=done.append),
+    }
     first = tasks.detect_runs(*where, **options)
     assert content(first[0]) == lane.content
     assert {report["lane"] for report in done} == {"a", "b"}
@@ -195,7 +219,9 @@ def test_a_survey_is_one_command_and_goes_on_where_it_stopped(lane, tmp_path):
     assert {report["lane"] for report in done} == {"b"}
     assert content(again[1]) == content(first[1])
     with pytest.raises(ValueError, match="different names"):
-        tasks.detect_runs([tmp_path / "a.zarr", tmp_path / "a.zarr"], lane.recipe, tmp_path / "out2")
+        tasks.detect_runs(
+            [tmp_path / "a.zarr", tmp_path / "a.zarr"], lane.recipe, tmp_path / "out2"
+        )
     with pytest.raises(ValueError, match="at once"):
         tasks.detect_runs(*where, lanes_at_once=2)
 
@@ -220,7 +246,9 @@ def test_a_damaged_part_is_made_again(lane, tmp_path):
     job = small_job(lane, tmp_path / "result")
     stopped = Stopper(3 * lane.blocks)
     with pytest.raises(KeyboardInterrupt):
-        tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, report=False, note=stopped)
+        tasks.detect_run(
+            *lane.arguments, tmp_path / "result", lane.area, report=False, note=stopped
+        )
     files = sorted(job.work.glob("*.arrays"))
     assert len(files) >= 3
     for file, at in zip(files, (5, 200, -9), strict=False):
@@ -241,9 +269,13 @@ class Stopper:
             raise KeyboardInterrupt
 
 
-def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(lane, tmp_path, monkeypatch):
+def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(
+    lane, tmp_path, monkeypatch
+):
     truth = tmp_path / "truth.csv"
-    truth.write_text("target_id,kind,x,y,depth\na,metal,0.2,4.5,0.0\nb,metal,-0.4,6.3,0.0\nc,metal,0.3,8.4,0.0\n")
+    truth.write_text(
+        "target_id,kind,x,y,depth\na,metal,0.2,4.5,0.0\nb,metal,-0.4,6.3,0.0\nc,metal,0.3,8.4,0.0\n"
+    )
     columns = ("C_HH_F1", "M_VV_F1")
     where = [lane.run, lane.run], [truth, truth], lane.recipe
     options = {"lanes": [lane.area, lane.area]}
@@ -362,7 +394,9 @@ def test_the_work_folder_of_many_blocks_holds_few_parts(lane, threads, tmp_path,
 
 
 @pytest.mark.parametrize("damaged", [False, True])
-def test_what_is_folded_already_is_not_done_again_unless_it_is_damaged(lane, damaged, tmp_path, monkeypatch):
+def test_what_is_folded_already_is_not_done_again_unless_it_is_damaged(
+    lane, damaged, tmp_path, monkeypatch
+):
     monkeypatch.setattr(numba, "get_num_threads", lambda: 1)
     monkeypatch.setattr(lane_work, "FOLD_BYTES", 1)
     done = []
@@ -378,9 +412,13 @@ def test_what_is_folded_already_is_not_done_again_unless_it_is_damaged(lane, dam
             detect_lane(job, executor, note=stop)
         if damaged:
             so_far.write_bytes(so_far.read_bytes()[:-1] + b"?")
-        detect_lane(job, executor, note=lambda report: done.append((report["stage"], report["block"])))
+        detect_lane(
+            job, executor, note=lambda report: done.append((report["stage"], report["block"]))
+        )
     assert content(tmp_path / "result") == lane.content
-    assert [block for stage, block in done if stage == "signature"] == ([0, 2, -1] if damaged else [2, -1])
+    assert [block for stage, block in done if stage == "signature"] == (
+        [0, 2, -1] if damaged else [2, -1]
+    )
 
 
 @pytest.mark.parametrize("confidence", ["contrast", "magnitude"])

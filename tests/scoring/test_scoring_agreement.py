@@ -43,7 +43,9 @@ def test_kappa_is_that_of_scikit_learn_and_its_interval_covers(shares):
         if number < 20:
             assert told.kappa == pytest.approx(cohen_kappa_score(first, second))
             assert told.agreed == sum(a == b for a, b in zip(first, second, strict=True))
-            assert told.table.loc["mine", "clutter"] == list(zip(first, second, strict=True)).count(("mine", "clutter"))
+            assert told.table.loc["mine", "clutter"] == list(zip(first, second, strict=True)).count(
+                ("mine", "clutter")
+            )
         covered += told.kappa_low <= kappa_of(shares) <= told.kappa_high
     assert covered >= 0.95 * rounds - 3 * np.sqrt(rounds * 0.95 * 0.05)
 
@@ -71,7 +73,14 @@ def test_what_cannot_be_compared_is_refused(first, second, words):
 
 def judged(path, verdicts, result="ab12", text=""):
     notes = [
-        {"result": "lane", "result_sha256": result, "detection": "main", "alarm_id": name, "verdict": one, "text": text}
+        {
+            "result": "lane",
+            "result_sha256": result,
+            "detection": "main",
+            "alarm_id": name,
+            "verdict": one,
+            "text": text,
+        }
         for name, one in verdicts.items()
     ]
     path.write_text(json.dumps({"format": "flgpr-notes", "version": 1, "notes": notes}))
@@ -88,13 +97,18 @@ def analysts(tmp_path):
 def test_analysts_are_compared_on_the_alarms_that_both_judged(analysts):
     told, only_anna, only_ben = analyst_agreement(analysts)["anna", "ben"]
     assert (told.n, told.agreed, only_anna, only_ben) == (4, 3, 1, 2)
-    assert told.kappa == pytest.approx(cohen_kappa_score(["m", "m", "c", "c"], ["m", "c", "c", "c"]))
+    assert told.kappa == pytest.approx(
+        cohen_kappa_score(["m", "m", "c", "c"], ["m", "c", "c", "c"])
+    )
 
 
 def test_the_command_says_it_in_words_and_for_machines(analysts):
     ran = CliRunner().invoke(app, ["score", "--agreement", *map(str, analysts)])
     assert ran.exit_code == 0
-    assert "anna and ben: 3 of 4 alarms judged alike, 0.75 (0.19 to 0.99); by chance 0.50" in ran.output
+    assert (
+        "anna and ben: 3 of 4 alarms judged alike, 0.75 (0.19 to 0.99); by chance 0.50"
+        in ran.output
+    )
     assert "judged by anna alone 1, by ben alone 2" in ran.output
     rows = [line.split() for line in ran.output.splitlines()]
     assert ["mine", "1", "0", "1"] in rows
@@ -111,7 +125,9 @@ def test_what_are_no_verdicts_is_refused_in_a_line(analysts, tmp_path):
     twice.write_text(json.dumps({"format": "flgpr-notes", "version": 1, "notes": [note, note]}))
     wrong = judged(tmp_path / "wrong.json", {"a": "bush"})
     nan = tmp_path / "nan.json"
-    nan.write_text('{"format": "flgpr-notes", "version": 1, "notes": [{"alarm_id": "a", "x": NaN}]}')
+    nan.write_text(
+        '{"format": "flgpr-notes", "version": 1, "notes": [{"alarm_id": "a", "x": NaN}]}'
+    )
     (tmp_path / "cut.json").write_text(analysts[0].read_text()[:90])
     cases = {
         "verdicts must have alarms in common": [analysts[0], other],

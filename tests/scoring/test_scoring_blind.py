@@ -28,7 +28,9 @@ TRUTH = pd.DataFrame(
         "depth": [0.0, np.nan, 0.1],
     }
 )
-ALARMS = pd.DataFrame([(1.0, 5.0, 9.0), (1.0, 25.0, 7.0), (3.0, 15.5, 6.0)], columns=["x", "y", "confidence"])
+ALARMS = pd.DataFrame(
+    [(1.0, 5.0, 9.0), (1.0, 25.0, 7.0), (3.0, 15.5, 6.0)], columns=["x", "y", "confidence"]
+)
 PHRASE = "correct horse battery"
 
 
@@ -50,7 +52,11 @@ def test_a_sealed_truth_hides_the_truth_and_opens_with_its_passphrase(sealed):
 
 def test_a_blind_score_is_that_of_the_open_truth_and_shows_no_place(sealed):
     score = score_blind(ALARMS, sealed, PHRASE)
-    for name, subset in (("all", None), ("metal", {"kind": "metal"}), ("plastic", {"kind": "plastic"})):
+    for name, subset in (
+        ("all", None),
+        ("metal", {"kind": "metal"}),
+        ("plastic", {"kind": "plastic"}),
+    ):
         curve = roc(ALARMS, TRUTH, LANE, subset=subset)
         rows = score.points[score.points["group"] == name]
         want = curve.iloc[operating_row(curve, rows["far_allowed"].to_numpy())]
@@ -79,7 +85,11 @@ def test_a_wrong_passphrase_opens_nothing(sealed, tmp_path):
     with pytest.raises(ValueError, match="passphrase must be the one"):
         open_truth(sealed, "wrong passphrase")
     bent = tmp_path / "bent"
-    for text in ("no json", "{}", json.dumps({**json.loads(sealed.read_text()), "format": "other"})):
+    for text in (
+        "no json",
+        "{}",
+        json.dumps({**json.loads(sealed.read_text()), "format": "other"}),
+    ):
         bent.write_text(text)
         with pytest.raises(ValueError, match="format flgpr-sealed-truth-2"):
             open_truth(bent, PHRASE)
@@ -109,8 +119,12 @@ def test_a_sealed_file_is_not_overwritten_and_holds_several_lanes(sealed, tmp_pa
         seal_truth(TRUTH, LANE, sealed, pytest.fail)
     lanes = {"p": LANE, "q": Lane(0, 4, 0, 40)}
     named = TRUTH.assign(lane=["p", "q", "q"])
-    score = score_blind(ALARMS.assign(lane="q"), seal_truth(named, lanes, tmp_path / "two", PHRASE), PHRASE)
-    assert score.counts["area"] == pytest.approx(roc(ALARMS.assign(lane="q"), named, lanes).attrs["area"])
+    score = score_blind(
+        ALARMS.assign(lane="q"), seal_truth(named, lanes, tmp_path / "two", PHRASE), PHRASE
+    )
+    assert score.counts["area"] == pytest.approx(
+        roc(ALARMS.assign(lane="q"), named, lanes).attrs["area"]
+    )
 
 
 def test_hashes_do_not_depend_on_the_order_of_rows_or_on_further_columns():

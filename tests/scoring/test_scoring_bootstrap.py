@@ -32,7 +32,9 @@ def drawn(seed, targets=8, alarms=40, levels=6, gain=2.0):
     rng = np.random.default_rng(seed)
     y = np.linspace(3, 57, targets)
     truth = pd.DataFrame({"x": rng.uniform(0.5, 3.5, targets), "y": y, "depth": 0.05})
-    truth = truth.assign(target_id=[f"m{k}" for k in range(targets)], kind=rng.choice(["metal", "plastic"], targets))
+    truth = truth.assign(
+        target_id=[f"m{k}" for k in range(targets)], kind=rng.choice(["metal", "plastic"], targets)
+    )
     seen = rng.random(targets) < 0.8
     near = truth.loc[seen, ["x", "y"]] + rng.uniform(-0.6, 0.6, (int(seen.sum()), 2))
     far = pd.DataFrame(rng.uniform([0, 0], [4, 60], (alarms, 2)), columns=["x", "y"])
@@ -53,7 +55,9 @@ def test_a_weighted_curve_is_that_of_the_replicate_written_out(seed):
     far = np.array([0.0, 1 / area, 2 / area, 0.02, 0.1, 1.0])
     got = scores.pd_at(far, target, block, area)
     times = block[scores.block]
-    assert got == pytest.approx([replicate_pd(scores.target, target, scores.false, times, area, one) for one in far])
+    assert got == pytest.approx(
+        [replicate_pd(scores.target, target, scores.false, times, area, one) for one in far]
+    )
     grid = np.linspace(0, 0.1, 20_001)
     middle = scores.pd_at((grid[1:] + grid[:-1]) / 2, target, block, area).mean()
     shares = scores.shares(0.1, block, area)
@@ -79,7 +83,9 @@ def test_a_band_over_frames_only_stretches_the_axis():
     area = roc(*drawn(3), LANE).attrs["area"]
     grid = np.linspace(0, 0.1, 11)
     wide = band(matched, None, grid / 10, area="frames", frame_area=10 * area, draws=50)
-    assert wide["pd_low"].to_numpy() == pytest.approx(band(matched, None, grid, draws=50)["pd_low"].to_numpy())
+    assert wide["pd_low"].to_numpy() == pytest.approx(
+        band(matched, None, grid, draws=50)["pd_low"].to_numpy()
+    )
 
 
 def test_draws_are_reproducible_and_clusters_and_lanes_widen_a_band():
@@ -107,7 +113,10 @@ def test_several_lanes_are_drawn_as_wholes():
     matched = match(alarms, truth, {"a": LANE, "b": LANE})
     made = band(matched, draws=50)
     assert made.attrs["lanes"] == 2
-    assert made["pd"].tolist() == pd_at(roc(alarms, truth, {"a": LANE, "b": LANE}), made["far"]).tolist()
+    assert (
+        made["pd"].tolist()
+        == pd_at(roc(alarms, truth, {"a": LANE, "b": LANE}), made["far"]).tolist()
+    )
 
 
 def test_coverage_of_a_band_by_simulation():
@@ -127,9 +136,12 @@ def test_coverage_of_a_band_by_simulation():
         places = np.concatenate([truth[["x", "y"]].to_numpy(), noise[~near]])
         confidence = np.concatenate([rng.normal(2, 1, 20), rng.normal(size=int((~near).sum()))])
         alarms = pd.DataFrame(places, columns=["x", "y"]).assign(confidence=confidence)
-        made = band(match(alarms, truth, lane), None, grid, draws=100, seed=int(rng.integers(2**31)))
+        made = band(
+            match(alarms, truth, lane), None, grid, draws=100, seed=int(rng.integers(2**31))
+        )
         inside += bool(((made["pd_low"] <= want) & (want <= made["pd_high"])).all())
-    # 95 % less four standard errors of the simulation; a band for single points holds far less often.
+    # 95 % less four standard errors of the simulation; a band for single points holds far less
+    # often.
     assert inside / runs >= 0.95 - 4 * math.sqrt(0.95 * 0.05 / runs)
 
 
@@ -174,7 +186,13 @@ def test_a_bootstrap_needs_targets_and_ground():
 def test_a_detector_compared_with_itself_does_not_differ():
     matched = match(*drawn(5), LANE)
     same = compare(matched, matched, draws=50)
-    assert (same.difference, same.low, same.high, same.p_value, same.p_detections) == (0, 0, 0, 1, 1)
+    assert (same.difference, same.low, same.high, same.p_value, same.p_detections) == (
+        0,
+        0,
+        0,
+        1,
+        1,
+    )
     assert same.pd_mean_a == pytest.approx(pd_mean(roc(*drawn(5), LANE)))
 
 
@@ -189,7 +207,9 @@ def test_a_comparison_is_antisymmetric_and_sees_a_better_detector():
     assert there.low > 0
     assert there.p_value < 0.05
     assert there.enumerated
-    assert (there.difference, there.low, there.high) == pytest.approx((-back.difference, -back.high, -back.low))
+    assert (there.difference, there.low, there.high) == pytest.approx(
+        (-back.difference, -back.high, -back.low)
+    )
     assert (there.only_a, there.only_b, there.p_value) == (back.only_b, back.only_a, back.p_value)
     with pytest.raises(ValueError, match="same truth"):
         compare(a, match(poor, truth.iloc[1:], LANE))
@@ -204,7 +224,11 @@ def test_two_passes_over_a_mine_count_once_in_the_tests():
     truth = truth.assign(mine=np.arange(10) // 2)
     none = match(alarms.iloc[:0], truth, LANE)
     found = match(alarms, truth, LANE)
-    assert compare(found, none, draws=20, cluster="mine").only_a <= 5 < compare(found, none, draws=20).only_a
+    assert (
+        compare(found, none, draws=20, cluster="mine").only_a
+        <= 5
+        < compare(found, none, draws=20).only_a
+    )
 
 
 @settings(max_examples=200, deadline=None)
@@ -224,17 +248,22 @@ def test_sign_flips_of_many_mines_are_drawn_and_stay_valid():
     assert p == pytest.approx(normal, abs=0.01)
 
 
-@pytest.mark.parametrize(("a", "b", "p"), [(0, 0, 1.0), (5, 0, 2 / 32), (3, 3, 1.0), (6, 1, 16 / 128)])
+@pytest.mark.parametrize(
+    ("a", "b", "p"), [(0, 0, 1.0), (5, 0, 2 / 32), (3, 3, 1.0), (6, 1, 16 / 128)]
+)
 def test_mcnemar_is_the_two_sided_binomial(a, b, p):
     assert mcnemar_test(a, b) == pytest.approx(p)
 
 
 def test_percentiles_reach_further_out_for_few_mines():
     assert tails(0.95, 10**6) == pytest.approx((0.025, 0.975), abs=1e-6)
-    # For n normal values the widened percentiles of the mean are Student's interval: s here is the resampling spread.
+    # For n normal values the widened percentiles of the mean are Student's interval: s here is the
+    # resampling spread.
     for n in (5, 12):
         spread = math.sqrt((n - 1) / n)
-        assert stats.norm.ppf(tails(0.95, n)[1]) * spread == pytest.approx(stats.t.ppf(0.975, n - 1))
+        assert stats.norm.ppf(tails(0.95, n)[1]) * spread == pytest.approx(
+            stats.t.ppf(0.975, n - 1)
+        )
     assert tails(0.95, 1) == (0.0, 1.0)
     with pytest.raises(ValueError, match="level must lie"):
         tails(95, 3)

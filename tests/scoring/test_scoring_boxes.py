@@ -8,7 +8,16 @@ from hypothesis import strategies as st
 from slow_scoring import box_curve, example_curve
 
 from flgpr.model import Lane
-from flgpr.scoring import box_peaks, box_roc, clopper_pearson, example_roc, offset_boxes, pd_mean, peak_roc, with_area
+from flgpr.scoring import (
+    box_peaks,
+    box_roc,
+    clopper_pearson,
+    example_roc,
+    offset_boxes,
+    pd_mean,
+    peak_roc,
+    with_area,
+)
 
 LANE = Lane(0.0, 3.0, 0.0, 5.0)
 X = np.arange(0.125, 3, 0.25)
@@ -25,7 +34,9 @@ def truth_table(places):
 @given(st.integers(0, 2**32), st.sampled_from([0.5, 1.0]), st.integers(1, 2))
 def test_box_roc_is_the_paper_counted_pixel_by_pixel(seed, box, looks):
     rng = np.random.default_rng(seed)
-    image = rng.choice([rng.normal(size=(looks, 20, 12)), rng.integers(0, 6, (looks, 20, 12)).astype(float)])
+    image = rng.choice(
+        [rng.normal(size=(looks, 20, 12)), rng.integers(0, 6, (looks, 20, 12)).astype(float)]
+    )
     image[rng.random(image.shape) < 0.1] = np.nan
     targets = np.round(rng.uniform([0.5, 0.5], [2.5, 4.5], size=(rng.integers(1, 4), 2)) * 8) / 8
     curve = box_roc(image, X, Y, truth_table(targets), LANE, box)
@@ -55,7 +66,11 @@ def test_offset_boxes_keep_off_targets_by_a_clearance():
 def test_boxes_without_an_imaged_pixel_are_counted_apart():
     assert np.isnan(box_peaks(np.ones((20, 12)), X, Y, [(30.0, 2.0)])).all()
     curve = peak_roc([1.0, math.nan], [0.5, math.nan, 0.2], 1.0)
-    assert (curve.attrs["n_targets"], curve.attrs["n_boxes"], curve.attrs["n_not_imaged"]) == (1, 2, 1)
+    assert (curve.attrs["n_targets"], curve.attrs["n_boxes"], curve.attrs["n_not_imaged"]) == (
+        1,
+        2,
+        1,
+    )
 
 
 @pytest.mark.parametrize(
@@ -71,14 +86,24 @@ def test_boxes_without_an_imaged_pixel_are_counted_apart():
     ],
 )
 def test_images_and_boxes_that_do_not_fit_are_named(change, message):
-    arguments = {"image": np.ones((20, 12)), "x": X, "y": Y, "truth": truth_table([(1, 1)]), "lane": LANE, **change}
+    arguments = {
+        "image": np.ones((20, 12)),
+        "x": X,
+        "y": Y,
+        "truth": truth_table([(1, 1)]),
+        "lane": LANE,
+        **change,
+    }
     with pytest.raises(ValueError, match=message):
         box_roc(**arguments)
 
 
 @settings(max_examples=300, deadline=None)
 @given(
-    st.lists(st.tuples(st.one_of(st.integers(-2, 2).map(float), st.floats(-9, 9)), st.booleans()), max_size=25),
+    st.lists(
+        st.tuples(st.one_of(st.integers(-2, 2).map(float), st.floats(-9, 9)), st.booleans()),
+        max_size=25,
+    ),
     st.sampled_from([1.0, 37.5]),
 )
 def test_example_roc_is_the_paper_counted_example_by_example(examples, area):

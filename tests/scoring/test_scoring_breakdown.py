@@ -73,7 +73,13 @@ def test_depths_fall_into_classes_in_order_and_an_unknown_depth_stays_apart():
 
 
 sightings = st.lists(
-    st.tuples(st.integers(0, 6), st.integers(0, 8), st.integers(0, 60), st.floats(4, 18), st.integers(-3, 3)),
+    st.tuples(
+        st.integers(0, 6),
+        st.integers(0, 8),
+        st.integers(0, 60),
+        st.floats(4, 18),
+        st.integers(-3, 3),
+    ),
     max_size=25,
 )
 
@@ -84,7 +90,13 @@ def test_only_what_was_seen_in_time_counts(rows, distance):
     # Each alarm keeps one place, so that ties between its scans leave no choice.
     places = {name: (x / 2, y / 2) for name, x, y, _, _ in rows}
     listed = [
-        {"alarm_id": str(n), "x": places[n][0], "y": places[n][1], "ahead": ahead, "confidence": float(c)}
+        {
+            "alarm_id": str(n),
+            "x": places[n][0],
+            "y": places[n][1],
+            "ahead": ahead,
+            "confidence": float(c),
+        }
         for n, _, _, ahead, c in rows
     ]
     columns = ["alarm_id", "x", "y", "ahead", "confidence"]
@@ -134,9 +146,13 @@ def test_the_refraction_shift_is_fermats_small_depth_limit(depth, permittivity, 
     def path(s):
         return math.hypot(height, s) + math.sqrt(permittivity) * math.hypot(depth, distance - s)
 
-    best = optimize.minimize_scalar(path, bounds=(0, distance), method="bounded", options={"xatol": 1e-10})
+    best = optimize.minimize_scalar(
+        path, bounds=(0, distance), method="bounded", options={"xatol": 1e-10}
+    )
     shown = math.sqrt(best.fun**2 - height**2)
-    assert refraction_shift(depth, permittivity, height, distance) == pytest.approx(shown - distance, rel=0.02)
+    assert refraction_shift(depth, permittivity, height, distance) == pytest.approx(
+        shown - distance, rel=0.02
+    )
 
 
 def test_refraction_moves_buried_targets_away_from_the_radar_and_is_off_by_default():
@@ -149,7 +165,9 @@ def test_refraction_moves_buried_targets_away_from_the_radar_and_is_off_by_defau
     assert moved["n_detected"].iloc[-1] == 1
     assert "permittivity=6.0" in moved.attrs["refraction"]
     still = Refraction(6.0).move(TRUTH)
-    assert still.loc[[0, 3], ["x", "y"]].equals(TRUTH.loc[[0, 3], ["x", "y"]])  # flush, and of unknown depth
+    assert still.loc[[0, 3], ["x", "y"]].equals(
+        TRUTH.loc[[0, 3], ["x", "y"]]
+    )  # flush, and of unknown depth
     for bad in (
         {"permittivity": 0.5},
         {"permittivity": 3.0, "height": 0.0},
@@ -164,8 +182,12 @@ def test_survey_error_takes_its_share_of_the_halo():
     draws = jitter(TRUTH.iloc[[0] * 20_000].assign(target_id=range(20_000)), 0.2, 1)
     away = np.hypot(draws["x"] - 1, draws["y"] - 5)
     assert share.share == pytest.approx(0.2)
-    assert (away <= share.radius_95).mean() == pytest.approx(0.95, abs=4 * math.sqrt(0.95 * 0.05 / 20_000))
-    assert (away > 0.3).mean() == pytest.approx(survey_share(0.2, 0.3).lost, abs=4 * math.sqrt(0.25 / 20_000))
+    assert (away <= share.radius_95).mean() == pytest.approx(
+        0.95, abs=4 * math.sqrt(0.95 * 0.05 / 20_000)
+    )
+    assert (away > 0.3).mean() == pytest.approx(
+        survey_share(0.2, 0.3).lost, abs=4 * math.sqrt(0.25 / 20_000)
+    )
     assert survey_share(0.0).lost == 0.0
 
 

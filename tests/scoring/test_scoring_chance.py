@@ -28,7 +28,9 @@ LONG = Lane(-6.0, 6.0, 0.0, 2000.0)
 
 def mines(x, y, kind="metal"):
     count = len(np.atleast_1d(y))
-    return pd.DataFrame({"target_id": [f"m{i}" for i in range(count)], "x": x, "y": y, "kind": kind, "depth": 0.05})
+    return pd.DataFrame(
+        {"target_id": [f"m{i}" for i in range(count)], "x": x, "y": y, "kind": kind, "depth": 0.05}
+    )
 
 
 def strewn(rng, count, lane=LONG):
@@ -44,9 +46,16 @@ def test_it_is_its_slow_twin(seed, halo):
     truth = []
     alarms = []
     for name, lane in lanes.items():
-        low, high = [lane.x_min - 1, lane.y_min - 1], [lane.x_max + 1, lane.y_max + 1]  # some stand outside
-        truth.append(pd.DataFrame(rng.uniform(low, high, (4, 2)), columns=["x", "y"]).assign(lane=name))
-        alarms.append(pd.DataFrame(rng.uniform(low, high, (25, 2)), columns=["x", "y"]).assign(lane=name))
+        low, high = (
+            [lane.x_min - 1, lane.y_min - 1],
+            [lane.x_max + 1, lane.y_max + 1],
+        )  # some stand outside
+        truth.append(
+            pd.DataFrame(rng.uniform(low, high, (4, 2)), columns=["x", "y"]).assign(lane=name)
+        )
+        alarms.append(
+            pd.DataFrame(rng.uniform(low, high, (25, 2)), columns=["x", "y"]).assign(lane=name)
+        )
     truth = pd.concat(truth, ignore_index=True)
     truth = mines(truth["x"], truth["y"]).assign(lane=truth["lane"])
     alarms = pd.concat(alarms, ignore_index=True).assign(confidence=rng.normal(size=50))
@@ -64,7 +73,9 @@ def test_it_is_its_slow_twin(seed, halo):
 
 def test_alarms_strewn_at_random_find_what_the_closed_form_says():
     rng = np.random.default_rng(4)
-    matched = match(strewn(rng, 12_000), mines(rng.uniform(-5, 5, 100), np.linspace(10, 1990, 100)), LONG)
+    matched = match(
+        strewn(rng, 12_000), mines(rng.uniform(-5, 5, 100), np.linspace(10, 1990, 100)), LONG
+    )
     curve = chance(matched).beside(roc_of(matched))
     rows = curve.iloc[operating_row(curve, [0.01, 0.02, 0.05, 0.1, 0.2, 0.4])]
     expected = random_pd(rows["far"], 1.0)
@@ -79,7 +90,9 @@ def test_alarms_that_stand_together_find_less_than_the_closed_form_says():
     matched = match(sixes, mines(0.0, np.linspace(10, 1990, 100)), LONG)
     point = chance(matched).beside(roc_of(matched)).iloc[-1]
     as_one = random_pd(point["far"] / 6, 1.0)
-    error = np.sqrt(as_one * (1 - as_one) / (2 * 2000 / np.pi))  # halos side by side in the strip the targets stand in
+    error = np.sqrt(
+        as_one * (1 - as_one) / (2 * 2000 / np.pi)
+    )  # halos side by side in the strip the targets stand in
     assert point["chance"] == pytest.approx(as_one, abs=4 * error)
     assert point["chance"] < 0.35 < 0.6 < random_pd(point["far"], 1.0)
 
@@ -87,11 +100,15 @@ def test_alarms_that_stand_together_find_less_than_the_closed_form_says():
 def test_clutter_at_one_side_is_chance_for_the_targets_there():
     rng = np.random.default_rng(6)
     alarms = strewn(rng, 400, Lane(-6.0, -2.0, 0.0, 2000.0))
-    truth = mines(np.tile([-4.0, 4.0], 20), np.linspace(10, 1990, 40), np.tile(["metal", "plastic"], 20))
+    truth = mines(
+        np.tile([-4.0, 4.0], 20), np.linspace(10, 1990, 40), np.tile(["metal", "plastic"], 20)
+    )
     level = chance(match(alarms, truth, LONG))
     lowest = alarms["confidence"].min()
     assert level.at(lowest, {"kind": "plastic"}) == 0
-    assert level.at(lowest, {"kind": "metal"}) == pytest.approx(random_pd(400 / 8000, 1.0), abs=0.05)
+    assert level.at(lowest, {"kind": "metal"}) == pytest.approx(
+        random_pd(400 / 8000, 1.0), abs=0.05
+    )
     half = (level.at(lowest, {"kind": "metal"}) + level.at(lowest, {"kind": "plastic"})) / 2
     assert level.at(lowest) == pytest.approx(half, abs=0.01)
 
@@ -114,10 +131,14 @@ def test_what_is_found_is_no_chance():
     assert (curve["chance"] == 0).all()
 
 
-@pytest.mark.parametrize("lane", [Lane(-2, 2, 0, 3.9), Lane(-2, 2, 0, 12)], ids=["short lane", "dense targets"])
+@pytest.mark.parametrize(
+    "lane", [Lane(-2, 2, 0, 3.9), Lane(-2, 2, 0, 12)], ids=["short lane", "dense targets"]
+)
 def test_where_no_target_can_be_moved_chance_is_not_known(lane):
     truth = mines(0.0, np.arange(0.5, lane.y_max, 3.0))
-    scored = score(strewn(np.random.default_rng(8), 5, lane), truth, lane, Rules(halo=1.0, draws=20))
+    scored = score(
+        strewn(np.random.default_rng(8), 5, lane), truth, lane, Rules(halo=1.0, draws=20)
+    )
     assert np.isnan(scored.curve["chance"]).all()
     assert "chance not known" in scored.in_words()
     assert np.isnan(scored.pd_mean["chance"])
@@ -131,7 +152,9 @@ def test_unusable_requests_are_refused():
         random_pd([-0.1], 1.0)
     with pytest.raises(ValueError, match="halo must be positive, got 0 m"):
         random_pd(0.1, 0)
-    with pytest.raises(ValueError, match="far must be a positive number of false alarms per m², got 0"):
+    with pytest.raises(
+        ValueError, match="far must be a positive number of false alarms per m², got 0"
+    ):
         score(matched.alarms, matched.truth, LONG, Rules(far=0))
 
 
@@ -139,7 +162,9 @@ def test_unusable_requests_are_refused():
 def scored():
     rng = np.random.default_rng(9)
     lane = Lane(-3.0, 3.0, 0.0, 200.0)
-    truth = mines(rng.uniform(-2, 2, 20), np.linspace(8, 192, 20), np.resize(["metal", "plastic"], 20))
+    truth = mines(
+        rng.uniform(-2, 2, 20), np.linspace(8, 192, 20), np.resize(["metal", "plastic"], 20)
+    )
     near = truth.loc[::2, ["x", "y"]].assign(confidence=rng.normal(3, 1, 10))
     alarms = pd.concat([strewn(rng, 540, lane), near], ignore_index=True)
     return score(alarms, truth, lane, Rules(draws=50))
@@ -152,15 +177,21 @@ def test_targets_are_found_at_the_operating_point(scored):
     assert point["far"] <= 0.05 < scored.curve["far"].iloc[-1]
     assert outcomes["found"].sum() == point["n_detected"] < outcomes["detected"].sum()
     assert outcomes["found"].tolist() == (outcomes["confidence"] >= point["threshold"]).tolist()
-    assert scored.in_words().startswith(f"{point['n_detected']} of 20 targets found at 0.05 false alarms per m²")
-    assert sorted(scored.missed()["target_id"]) == sorted(outcomes.loc[~outcomes["found"], "target_id"])
+    assert scored.in_words().startswith(
+        f"{point['n_detected']} of 20 targets found at 0.05 false alarms per m²"
+    )
+    assert sorted(scored.missed()["target_id"]) == sorted(
+        outcomes.loc[~outcomes["found"], "target_id"]
+    )
 
 
 def test_every_pd_that_is_told_has_its_chance(scored):
     told = scored.told()
     assert {"pd", "pd_low", "pd_high", "chance"} <= set(told["operating_point"])
     assert all("chance" in row for row in told["points"])
-    assert told["pd_mean"]["chance"] == pd_mean(scored.curve.assign(pd=scored.curve["chance"])) > 0.1
+    assert (
+        told["pd_mean"]["chance"] == pd_mean(scored.curve.assign(pd=scored.curve["chance"])) > 0.1
+    )
     assert set(told["kinds"]) == {"metal", "plastic"}
     for name, kind in told["kinds"].items():
         row = next(row for row in kind["points"] if row["far_allowed"] == 0.05)
@@ -173,7 +204,9 @@ def test_every_pd_that_is_told_has_its_chance(scored):
 
 def test_a_lane_too_small_for_the_operating_point_takes_one_false_alarm():
     lane = Lane(-1.0, 1.0, 0.0, 6.0)
-    alarms = pd.DataFrame({"x": [0, 0.8, 0.8, 0], "y": [1.0, 3, 4, 5], "confidence": [4.0, 3, 2, 1]})
+    alarms = pd.DataFrame(
+        {"x": [0, 0.8, 0.8, 0], "y": [1.0, 3, 4, 5], "confidence": [4.0, 3, 2, 1]}
+    )
     small = score(alarms, mines(0.0, [1.0, 5.0]), lane, Rules(halo=0.3, draws=20))
     assert small.too_small
     assert small.far == 1 / small.curve.attrs["area"]

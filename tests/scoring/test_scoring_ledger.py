@@ -33,7 +33,13 @@ from flgpr.scoring.ledger import enter, read_book
 
 LANE = Lane(0.0, 4.0, 0.0, 30.0)
 TRUTH = pd.DataFrame(
-    {"target_id": ["a", "b"], "x": [1.0, 2.0], "y": [5.0, 10.0], "kind": ["metal", "plastic"], "depth": 0.1}
+    {
+        "target_id": ["a", "b"],
+        "x": [1.0, 2.0],
+        "y": [5.0, 10.0],
+        "kind": ["metal", "plastic"],
+        "depth": 0.1,
+    }
 )
 ALARMS = pd.DataFrame([(1.0, 5.0, 9.0), (1.0, 25.0, 7.0)], columns=["x", "y", "confidence"])
 PHRASE = "gravel otter seven lamps"
@@ -118,7 +124,9 @@ def test_half_a_line_of_a_kill_is_dropped_and_told(tmp_path):
     assert [line["event"] for line in read_register(book)] == ["a", "b"]
     assert register(book, event="e")["number"] == 3
     lines = book.read_bytes().splitlines(keepends=True)
-    book.write_bytes(lines[0] + lines[1][:20] + b"\n" + lines[2])  # half a line elsewhere is no accident of writing
+    book.write_bytes(
+        lines[0] + lines[1][:20] + b"\n" + lines[2]
+    )  # half a line elsewhere is no accident of writing
     with pytest.raises(ValueError, match="got a line 2 that does not fit"):
         register(book, event="f")
 
@@ -145,7 +153,11 @@ def test_a_kill_while_a_line_is_written_breaks_nothing(tmp_path, step):
     assert ended.returncode == -9
     lines = read_register(book)
     assert [line["event"] for line in lines] == ["first", "killed"][: 1 + (step == 4)]
-    with pytest.warns(UserWarning, match="were dropped") if 0 < step < 4 else pytest.MonkeyPatch.context():
+    with (
+        pytest.warns(UserWarning, match="were dropped")
+        if 0 < step < 4
+        else pytest.MonkeyPatch.context()
+    ):
         register(book, event="next")
     assert read_register(book)[-1]["number"] == len(lines) + 1
 
@@ -155,7 +167,9 @@ def test_an_entry_that_may_not_be_made_leaves_the_register_as_it_is(tmp_path):
     register(book, event="first")
     before = book.read_bytes()
     with pytest.raises(ValueError, match="too late"):
-        enter(book, lambda lines: (_ for _ in ()).throw(ValueError(f"too late, {len(lines)} lines")))
+        enter(
+            book, lambda lines: (_ for _ in ()).throw(ValueError(f"too late, {len(lines)} lines"))
+        )
     assert book.read_bytes() == before
 
 
@@ -185,9 +199,14 @@ def test_a_log_is_held_by_one_process_and_must_be_a_file(tmp_path):
 
 def test_a_line_is_on_the_disk_before_it_counts(tmp_path, monkeypatch):
     synced = []
-    monkeypatch.setattr("os.fsync", lambda handle: synced.append(stat.S_IFMT(os.fstat(handle).st_mode)))
+    monkeypatch.setattr(
+        "os.fsync", lambda handle: synced.append(stat.S_IFMT(os.fstat(handle).st_mode))
+    )
     register(tmp_path / "book.jsonl", event="a")
-    assert synced == [stat.S_IFDIR, stat.S_IFREG]  # the folder's entry of the new file, then the line
+    assert synced == [
+        stat.S_IFDIR,
+        stat.S_IFREG,
+    ]  # the folder's entry of the new file, then the line
 
 
 def test_a_lost_last_line_shows_beside_a_report_and_beside_a_witness(tmp_path):
@@ -257,9 +276,16 @@ def test_the_sealed_file_is_authenticated_whole(trial, tmp_path):
     data = sealed.read_bytes()
     for k in range(0, len(data), max(len(data) // 150, 1)):  # a byte anywhere
         bent.write_bytes(data[:k] + bytes([data[k] ^ 1]) + data[k + 1 :])
-        with pytest.raises(ValueError, match=r"altered|as it was written|of the format|scrypt cost"):
+        with pytest.raises(
+            ValueError, match=r"altered|as it was written|of the format|scrypt cost"
+        ):
             open_truth(bent, PHRASE)
-    for whole in (data + b"\n", data[:-1], b" " + data, json.dumps(told).encode()):  # written in another way
+    for whole in (
+        data + b"\n",
+        data[:-1],
+        b" " + data,
+        json.dumps(told).encode(),
+    ):  # written in another way
         bent.write_bytes(whole)
         with pytest.raises(ValueError, match="as it was written"):
             open_truth(bent, PHRASE)
@@ -278,8 +304,14 @@ def test_looks_are_counted_by_what_lies_in_the_seal(trial, tmp_path):
 
 def test_a_file_of_before_is_told_so(tmp_path):
     old = tmp_path / "old"
-    old.write_text(json.dumps({"format": "flgpr-sealed-truth-1", "note": "", "scrypt": {}, "token": ""}, indent=1))
-    with pytest.raises(ValueError, match=f"{FORMAT}, got .* of an earlier version, .*: seal the truth again"):
+    old.write_text(
+        json.dumps(
+            {"format": "flgpr-sealed-truth-1", "note": "", "scrypt": {}, "token": ""}, indent=1
+        )
+    )
+    with pytest.raises(
+        ValueError, match=f"{FORMAT}, got .* of an earlier version, .*: seal the truth again"
+    ):
         open_truth(old, PHRASE)
 
 
@@ -298,11 +330,21 @@ def seal_on_the_command_line(folder, typed):
     """Seal a truth into ``folder / "s"``, a passphrase being typed as asked for."""
     TRUTH.to_csv(folder / "truth.csv", index=False)
     (folder / "lane.toml").write_text("x_min = 0\nx_max = 4\ny_min = 0\ny_max = 30\n")
-    words = ["score", "--seal", folder / "truth.csv", "--lane", folder / "lane.toml", "-o", folder / "s"]
+    words = [
+        "score",
+        "--seal",
+        folder / "truth.csv",
+        "--lane",
+        folder / "lane.toml",
+        "-o",
+        folder / "s",
+    ]
     return CliRunner().invoke(app, [str(word) for word in words], input=typed)
 
 
-@pytest.mark.parametrize("weak", ["aaaaaaaa", " " * 8, "12345678", "password1", "qwertyuiop", "abcabcabc", "short"])
+@pytest.mark.parametrize(
+    "weak", ["aaaaaaaa", " " * 8, "12345678", "password1", "qwertyuiop", "abcabcabc", "short"]
+)
 def test_a_weak_passphrase_is_refused_before_it_is_typed_again(tmp_path, weak):
     with pytest.raises(ValueError, match=r"hard to guess|at least 8 characters") as told:
         check_passphrase(weak)
@@ -324,7 +366,15 @@ def test_the_command_checks_a_register_beside_reports_and_a_witness(tmp_path, tr
     sealed, book = trial
     (tmp_path / "recipe.toml").write_text("name = 'mine'\n")
     witness = tmp_path / "witness.jsonl"
-    words = ["plan", "register", str(tmp_path / "recipe.toml"), "--book", str(book), "--witness", str(witness)]
+    words = [
+        "plan",
+        "register",
+        str(tmp_path / "recipe.toml"),
+        "--book",
+        str(book),
+        "--witness",
+        str(witness),
+    ]
     assert CliRunner().invoke(app, words).exit_code == 0
     ALARMS.to_csv(tmp_path / "a.csv", index=False)
     asked = ["score", str(tmp_path / "a.csv"), "--sealed", str(sealed), "--recipe", str(tmp_path / "recipe.toml"),
@@ -334,7 +384,15 @@ def test_the_command_checks_a_register_beside_reports_and_a_witness(tmp_path, tr
     assert "register: 3 lines, the last is" in ran.output
     page = (tmp_path / "score" / "report.html").read_text()
     assert head_of(read_register(book))["head"] in page
-    check = ["plan", "check", str(book), "--report", str(tmp_path / "score"), "--witness", str(witness)]
+    check = [
+        "plan",
+        "check",
+        str(book),
+        "--report",
+        str(tmp_path / "score"),
+        "--witness",
+        str(witness),
+    ]
     ran = CliRunner().invoke(app, check)
     assert ran.exit_code == 0, ran.output
     assert "knows 3 of them" in ran.output

@@ -9,9 +9,18 @@ from scipy import stats
 from slow_scoring import fewest_mines
 
 from flgpr.model import Lane, check_truth
-from flgpr.scoring import area_needed, clopper_pearson, emplacement_plan, mines_needed, poisson_interval, sample_size
+from flgpr.scoring import (
+    area_needed,
+    clopper_pearson,
+    emplacement_plan,
+    mines_needed,
+    poisson_interval,
+    sample_size,
+)
 
-SORTS = pd.DataFrame({"kind": ["metal", "plastic"], "depth": [0.05, 0.1], "count": [6, 4], "soil": ["clay", "sand"]})
+SORTS = pd.DataFrame(
+    {"kind": ["metal", "plastic"], "depth": [0.05, 0.1], "count": [6, 4], "soil": ["clay", "sand"]}
+)
 
 
 @settings(max_examples=60, deadline=None)
@@ -51,7 +60,9 @@ def test_power_by_simulation():
     passed = (rng.binomial(plan.mines, 0.05, runs) <= plan.misses).mean()
     assert passed == pytest.approx(plan.pd_power, abs=4 * math.sqrt(0.25 / runs))
     # A detector that just misses the claim passes at most once in ten.
-    assert (rng.binomial(plan.mines, 0.2, runs) <= plan.misses).mean() <= 0.1 + 4 * math.sqrt(0.09 / runs)
+    assert (rng.binomial(plan.mines, 0.2, runs) <= plan.misses).mean() <= 0.1 + 4 * math.sqrt(
+        0.09 / runs
+    )
 
 
 @pytest.mark.parametrize(
@@ -92,9 +103,13 @@ def test_a_lane_plan_keeps_spacing_edge_and_counts(seed, spacing, edge):
         own = plan[plan["lane"] == name][["x", "y"]].to_numpy()
         inner = Lane(lane.x_min + edge, lane.x_max - edge, lane.y_min + edge, lane.y_max - edge)
         assert inner.contains(own[:, 0], own[:, 1]).all()
-        apart = np.hypot(*(own[:, None] - own[None]).transpose(2, 0, 1))[np.triu_indices(len(own), 1)]
+        apart = np.hypot(*(own[:, None] - own[None]).transpose(2, 0, 1))[
+            np.triu_indices(len(own), 1)
+        ]
         assert (apart >= spacing).all()
-    pd.testing.assert_frame_equal(plan, emplacement_plan(lanes, SORTS, seed, spacing=spacing, edge=edge))
+    pd.testing.assert_frame_equal(
+        plan, emplacement_plan(lanes, SORTS, seed, spacing=spacing, edge=edge)
+    )
 
 
 def test_places_are_uniform_and_kinds_are_dealt_at_random():

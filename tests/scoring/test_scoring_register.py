@@ -11,7 +11,15 @@ from typer.testing import CliRunner
 from flgpr.cli import app
 from flgpr.io import read_table
 from flgpr.scoring import content_hash, open_truth, read_register, register, require_registered
-from flgpr.tasks import plan_lane, register_recipe, score_alarms, score_result, score_sealed, seal, survey_plan
+from flgpr.tasks import (
+    plan_lane,
+    register_recipe,
+    score_alarms,
+    score_result,
+    score_sealed,
+    seal,
+    survey_plan,
+)
 from flgpr.tasks.scoring import compare_alarms, compare_sealed
 
 PHRASE = "correct horse battery"
@@ -30,7 +38,9 @@ def planned(tmp_path_factory):
     (home / "sorts.csv").write_text("kind,depth,count\nmetal,0.05,5\nplastic,0.1,3\n")
     for name in ("mine", "other"):
         (home / f"{name}.toml").write_text(f"name = '{name}'\n")
-    plan, _ = plan_lane(home / "lane.toml", home / "sorts.csv", 7, home / "plan.csv", recipe=home / "mine.toml")
+    plan, _ = plan_lane(
+        home / "lane.toml", home / "sorts.csv", 7, home / "plan.csv", recipe=home / "mine.toml"
+    )
     near = plan[["x", "y"]] + 0.1
     near.assign(confidence=np.arange(len(plan))).to_csv(home / "a.csv", index=False)
     near[:4].assign(confidence=np.arange(4)).to_csv(home / "b.csv", index=False)
@@ -60,7 +70,13 @@ def openly(trial, truth="plan.csv", lane="lane.toml", **how):
 
 def blindly(trial, book, recipe="mine.toml", phrase=PHRASE, **how):
     return score_sealed(
-        trial / "a.csv", trial / "sealed", phrase, trial / "blind", recipe=trial / recipe, book=book, **how
+        trial / "a.csv",
+        trial / "sealed",
+        phrase,
+        trial / "blind",
+        recipe=trial / recipe,
+        book=book,
+        **how,
     )
 
 
@@ -80,7 +96,9 @@ def test_the_honest_way_is_open(trial, book, sealed):
 
 
 def test_a_recipe_that_was_never_registered_is_refused_before_the_passphrase(trial, book, sealed):
-    with pytest.raises(ValueError, match=r"recipe must be registered in .* before the truth is opened"):
+    with pytest.raises(
+        ValueError, match=r"recipe must be registered in .* before the truth is opened"
+    ):
         blindly(trial, book, "other.toml", nobody)
     with pytest.raises(ValueError, match="recipe must be registered"):
         openly(trial, recipe=trial / "other.toml")
@@ -92,7 +110,9 @@ def test_a_recipe_that_was_never_registered_is_refused_before_the_passphrase(tri
 def test_a_planned_truth_asks_for_recipe_and_register_by_itself(trial, book, sealed):
     with pytest.raises(ValueError, match="got no recipe for"):
         openly(trial, recipe=None)
-    with pytest.raises(ValueError, match="sealed with a register: it is scored with --recipe and --book"):
+    with pytest.raises(
+        ValueError, match="sealed with a register: it is scored with --recipe and --book"
+    ):
         score_sealed(trial / "a.csv", sealed, PHRASE)
     with pytest.raises(ValueError, match="given together, got no book"):
         score_sealed(trial / "a.csv", sealed, nobody, recipe=trial / "mine.toml")
@@ -123,14 +143,23 @@ def test_an_altered_register_opens_nothing(trial, book, sealed):
         blindly(trial, book, "other.toml", nobody)
     book.unlink()
     for line in lines:  # all hashes made anew
-        register(book, **{name: line[name] for name in line if name not in ("time", "number", "previous", "hash")})
+        register(
+            book,
+            **{
+                name: line[name]
+                for name in line
+                if name not in ("time", "number", "previous", "hash")
+            },
+        )
     with pytest.raises(ValueError, match=r"must be the register that .* was sealed with"):
         blindly(trial, book, "other.toml")
 
 
 def test_another_lanes_register_opens_nothing(trial, book, sealed):
     (trial / "far.toml").write_text(LANE.replace("60", "80"))
-    plan_lane(trial / "far.toml", trial / "sorts.csv", 8, trial / "far.csv", recipe=trial / "other.toml")
+    plan_lane(
+        trial / "far.toml", trial / "sorts.csv", 8, trial / "far.csv", recipe=trial / "other.toml"
+    )
     strange = trial / "far.csv.register.jsonl"
     with pytest.raises(ValueError, match="must be the register that"):
         blindly(trial, strange, "other.toml")
@@ -153,7 +182,9 @@ def test_what_is_registered_after_a_look_is_too_late(trial, book, sealed):
         blindly(trial, book, "other.toml", nobody)
     with pytest.raises(ValueError, match="in line 4, after the look in line 3"):
         openly(trial, recipe=trial / "other.toml")
-    register(copy, recipe=content_hash(trial / "other.toml"))  # a register as it was before the look
+    register(
+        copy, recipe=content_hash(trial / "other.toml")
+    )  # a register as it was before the look
     with pytest.raises(ValueError, match=r"before the first look at .*sealed"):
         blindly(trial, copy, "other.toml")
     assert blindly(trial, book).looks == 2
@@ -166,7 +197,9 @@ def test_looks_cannot_be_forgotten(trial, book, sealed):
         blindly(trial, book)
     shutil.copy(sealed, trial / "renamed")
     with pytest.raises(ValueError, match=r"log of .* must have every look"):
-        score_sealed(trial / "a.csv", trial / "renamed", PHRASE, recipe=trial / "mine.toml", book=book)
+        score_sealed(
+            trial / "a.csv", trial / "renamed", PHRASE, recipe=trial / "mine.toml", book=book
+        )
 
 
 def test_opening_a_sealed_truth_ends_registration(trial, book, sealed):
@@ -189,7 +222,9 @@ def test_links_and_other_names_lead_to_the_same_register(trial, book, sealed, tm
     openly(trial, truth=away / "copied.csv", book=book)
     (away / "linked").symlink_to(sealed)
     (away / "book").symlink_to(book)
-    told = score_sealed(trial / "a.csv", away / "linked", PHRASE, recipe=trial / "mine.toml", book=away / "book")
+    told = score_sealed(
+        trial / "a.csv", away / "linked", PHRASE, recipe=trial / "mine.toml", book=away / "book"
+    )
     assert (told.looks, looks(trial)) == (1, 1)
     bare = pd.read_csv(trial / "plan.csv").drop(columns="book")
     bare.to_csv(trial / "bare.csv", index=False)
@@ -197,13 +232,18 @@ def test_links_and_other_names_lead_to_the_same_register(trial, book, sealed, tm
         openly(trial, truth="bare.csv", book=book)
     old = trial / "old.csv"
     bare.to_csv(old, index=False)
-    register(f"{old}.register.jsonl", event="plan", plan="1", lanes={})  # a register beside it is its own, too
+    register(
+        f"{old}.register.jsonl", event="plan", plan="1", lanes={}
+    )  # a register beside it is its own, too
     with pytest.raises(ValueError, match="got no recipe for"):
         openly(trial, truth="old.csv", recipe=None)
 
 
 def test_the_rules_of_the_plan_hold(trial, book, sealed):
-    for change, message in (({"halo": 2.0}, "halo must be 1 as planned"), ({"far": 0.1}, "far must be 0.05 as")):
+    for change, message in (
+        ({"halo": 2.0}, "halo must be 1 as planned"),
+        ({"far": 0.1}, "far must be 0.05 as"),
+    ):
         with pytest.raises(ValueError, match=message):
             openly(trial, **change)
     with pytest.raises(ValueError, match="halo must be 1 as planned"):
@@ -218,11 +258,16 @@ def test_the_rules_of_the_plan_hold(trial, book, sealed):
 
 @pytest.mark.parametrize("what", ["--halo", "--far", "--lane", "--truth", "--objects", "--show"])
 def test_options_that_a_sealed_truth_has_no_use_for_are_refused(what, trial, sealed):
-    value = {"--halo": "0.5", "--far": "0.1", "--show": "targets"}.get(what, str(trial / "lane.toml"))
+    value = {"--halo": "0.5", "--far": "0.1", "--show": "targets"}.get(
+        what, str(trial / "lane.toml")
+    )
     given = ["score", str(trial / "a.csv"), "--sealed", str(sealed), what, value]
     told = CliRunner().invoke(app, given)
     assert told.exit_code == 2
-    assert told.output == f"error: --sealed scores by the rules that the truth was sealed with, got {what}\n"
+    assert (
+        told.output
+        == f"error: --sealed scores by the rules that the truth was sealed with, got {what}\n"
+    )
     assert looks(trial) == 0
 
 
@@ -230,9 +275,18 @@ def test_options_of_open_scores_are_never_dropped(demo, trial):
     folder = demo[0].folder
     truth = str(trial / "plan.csv")
     for given, message in (
-        ([str(folder), "--truth", truth, "--halo", "2"], "a result is scored by the halo of its recipe, got --halo"),
-        ([str(trial / "a.csv"), "--truth", truth, "--show", "curve"], "--show goes with --seal, got --show"),
-        ([str(trial / "a.csv"), "--seal", "--far", "1"], "--seal seals a truth with its lane and halo, got --far"),
+        (
+            [str(folder), "--truth", truth, "--halo", "2"],
+            "a result is scored by the halo of its recipe, got --halo",
+        ),
+        (
+            [str(trial / "a.csv"), "--truth", truth, "--show", "curve"],
+            "--show goes with --seal, got --show",
+        ),
+        (
+            [str(trial / "a.csv"), "--seal", "--far", "1"],
+            "--seal seals a truth with its lane and halo, got --far",
+        ),
     ):
         told = CliRunner().invoke(app, ["score", *given])
         assert told.exit_code == 2
@@ -248,7 +302,9 @@ def test_a_result_is_held_to_its_own_recipe_and_model(demo, trial, tmp_path):
     book = tmp_path / "book.jsonl"
     register(book, recipe=content_hash(trial / "mine.toml"))
     how = {"output": tmp_path / "score", "book": book}
-    with pytest.raises(ValueError, match=r"recipe must be the one that .*result was made with, got .*mine.toml"):
+    with pytest.raises(
+        ValueError, match=r"recipe must be the one that .*result was made with, got .*mine.toml"
+    ):
         score_result(folder, truth, recipe=trial / "mine.toml", **how)
     with pytest.raises(ValueError, match="recipe must be registered"):
         score_result(folder, truth, **how)
@@ -293,7 +349,9 @@ def test_every_list_of_a_comparison_needs_its_recipe(trial, book, sealed):
         with pytest.raises(ValueError, match=message):
             compare_sealed(lists, sealed, nobody, trial / "c", recipes=recipes, book=book)
         with pytest.raises(ValueError, match=message):
-            compare_alarms(lists, trial / "plan.csv", trial / "c", trial / "lane.toml", recipes=recipes)
+            compare_alarms(
+                lists, trial / "plan.csv", trial / "c", trial / "lane.toml", recipes=recipes
+            )
     assert looks(trial) == 0
     assert len(read_register(book)) == 2
     compare_sealed(lists, sealed, PHRASE, trial / "c", recipes=[trial / "mine.toml"] * 2, book=book)
@@ -350,9 +408,18 @@ def test_what_was_emplaced_takes_the_place_of_the_plan(trial, book):
             {"emplaced_x_m_3": "0.1"},
             "T4: emplaced_(x_m and emplaced_y_m must be filled in together|x_m must be within)",
         ),
-        ({"emplaced_x_m_3": "left", "emplaced_y_m_3": "1"}, "T4: emplaced_x_m must be within 1 m .* got left"),
-        ({"target_id_3": "T9"}, "each target of the plan once and no other, got a difference in T4"),
-        ({"target_id_3": "T1"}, "each target of the plan once and no other, got a difference in T4"),
+        (
+            {"emplaced_x_m_3": "left", "emplaced_y_m_3": "1"},
+            "T4: emplaced_x_m must be within 1 m .* got left",
+        ),
+        (
+            {"target_id_3": "T9"},
+            "each target of the plan once and no other, got a difference in T4",
+        ),
+        (
+            {"target_id_3": "T1"},
+            "each target of the plan once and no other, got a difference in T4",
+        ),
     ],
 )
 def test_a_sheet_with_slips_is_refused(changes, message, trial, book):

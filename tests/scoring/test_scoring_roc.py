@@ -34,24 +34,40 @@ def truth_table(rows, kinds=None):
     x, y = np.array(rows, dtype=float).reshape(-1, 2).T
     names = [f"m{k}" for k in range(len(x))]
     return pd.DataFrame(
-        {"x": x, "y": y, "target_id": names, "kind": "metal" if kinds is None else kinds, "depth": 0.05}
+        {
+            "x": x,
+            "y": y,
+            "target_id": names,
+            "kind": "metal" if kinds is None else kinds,
+            "depth": 0.05,
+        }
     )
 
 
 # Halves and quarters make alarms meet the halo, the lane's border and each other exactly.
-place = st.tuples(st.integers(-4, 20).map(lambda k: k / 4), st.integers(-4, 84).map(lambda k: k / 4))
+place = st.tuples(
+    st.integers(-4, 20).map(lambda k: k / 4), st.integers(-4, 84).map(lambda k: k / 4)
+)
 free = st.tuples(st.floats(-1, 5), st.floats(-1, 21))
 position = st.one_of(place, free)
 confidence = st.one_of(st.integers(-2, 2).map(float), st.floats(-10, 10))
-alarm_lists = st.lists(st.tuples(position, confidence), max_size=30).map(lambda rows: [(*p, c) for p, c in rows])
-target_lists = st.lists(st.tuples(position, st.sampled_from(["metal", "plastic"])), min_size=1, max_size=6)
+alarm_lists = st.lists(st.tuples(position, confidence), max_size=30).map(
+    lambda rows: [(*p, c) for p, c in rows]
+)
+target_lists = st.lists(
+    st.tuples(position, st.sampled_from(["metal", "plastic"])), min_size=1, max_size=6
+)
 
 
 @settings(max_examples=200, deadline=None)
 @given(alarm_lists, target_lists, st.sampled_from([0.5, 1.0, 1.25]), st.booleans(), st.booleans())
-def test_roc_is_the_rules_applied_threshold_by_threshold(rows, placed, halo, only_metal, to_the_letter):
+def test_roc_is_the_rules_applied_threshold_by_threshold(
+    rows, placed, halo, only_metal, to_the_letter
+):
     targets = [{"x": p[0], "y": p[1], "kind": kind} for p, kind in placed]
-    scored = [k for k, target in enumerate(targets) if target["kind"] == "metal"] if only_metal else None
+    scored = (
+        [k for k, target in enumerate(targets) if target["kind"] == "metal"] if only_metal else None
+    )
     if scored == []:
         return
     alarms = alarm_table(rows)
@@ -94,7 +110,10 @@ def test_many_lists_score_by_the_papers_sentences(seed):
             want = wang_roc(rows, targets, SHORT, halo)
             share = best_share(want, len(targets), wang_area(targets, SHORT, halo), 0.2)
             assert pd_mean(curve, 0.2) == pytest.approx(share)
-        assert list(zip(curve["threshold"], curve["n_detected"], curve["n_false"], strict=True)) == want
+        assert (
+            list(zip(curve["threshold"], curve["n_detected"], curve["n_false"], strict=True))
+            == want
+        )
 
 
 @settings(max_examples=60, deadline=None)
@@ -157,14 +176,18 @@ def test_assignment_agrees_with_the_curve_and_with_a_plain_search(rows, placed):
         assert number in table.index
     labels = label_alarms(matched)
     assert (labels["label"] == "false").sum() == curve["n_false"].iloc[-1]
-    assert set(table["alarm"][table["detected"]]) == set(labels.index[labels["label"] == "detection"])
+    assert set(table["alarm"][table["detected"]]) == set(
+        labels.index[labels["label"] == "detection"]
+    )
 
 
 def test_first_row_declares_nothing_and_an_empty_table_has_only_that_row():
     truth = truth_table([(2, 5)])
     curve = roc(empty_table(ALARM_COLUMNS), truth, LANE)
     assert tuple(curve.columns) == CURVE_COLUMNS
-    assert curve[["threshold", "pd", "far", "n_detected", "n_false"]].to_numpy().tolist() == [[math.inf, 0, 0, 0, 0]]
+    assert curve[["threshold", "pd", "far", "n_detected", "n_false"]].to_numpy().tolist() == [
+        [math.inf, 0, 0, 0, 0]
+    ]
     assert pd_mean(curve) == 0.0
 
 
@@ -180,7 +203,9 @@ def test_union_area_is_the_default_and_overlap_counts_once():
     alarms = alarm_table([(1, 15, 0.5)])
     exact = LANE.area - union_area(truth[["x", "y"]], 1.0, LANE)
     assert roc(alarms, truth, LANE)["far"].iloc[-1] == pytest.approx(1 / exact)
-    assert roc(alarms, truth, LANE, area="paper")["far"].iloc[-1] == pytest.approx(1 / (80 - 3 * math.pi))
+    assert roc(alarms, truth, LANE, area="paper")["far"].iloc[-1] == pytest.approx(
+        1 / (80 - 3 * math.pi)
+    )
 
 
 def test_intervals_are_the_exact_ones():
@@ -260,12 +285,18 @@ GOOD_TRUTH = truth_table([(2, 5), (1, 9)], ["metal", "plastic"])
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"alarms": GOOD_ALARMS.drop(columns="confidence")}, "alarms must have the columns confidence"),
+        (
+            {"alarms": GOOD_ALARMS.drop(columns="confidence")},
+            "alarms must have the columns confidence",
+        ),
         ({"truth": GOOD_TRUTH.drop(columns="kind")}, "truth must have the columns kind"),
         ({"alarms": GOOD_ALARMS.assign(y=[1, math.nan])}, "alarms.y must be finite"),
         ({"truth": GOOD_TRUTH.assign(x=[math.nan, 1])}, "truth.x must be finite"),
         ({"truth": GOOD_TRUTH.assign(target_id="m0")}, "truth.target_id must be unique"),
-        ({"lane": Lane(0, 4, 500, 600)}, "alarms must lie in or near the lane.*is it the right lane"),
+        (
+            {"lane": Lane(0, 4, 500, 600)},
+            "alarms must lie in or near the lane.*is it the right lane",
+        ),
         ({"truth": GOOD_TRUTH.assign(y=[90.0, 95.0])}, "truth must lie in or near the lane"),
         ({"alarms": GOOD_ALARMS.assign(x=601234.5, y=5340000.0)}, "map coordinates"),
         ({"alarms": GOOD_ALARMS.assign(x=16.3701, y=48.2002)}, "degrees"),
@@ -291,7 +322,11 @@ GOOD_TRUTH = truth_table([(2, 5), (1, 9)], ["metal", "plastic"])
         ({"lane": {"a": LANE, "b": LANE}}, "alarms must have the column lane"),
         ({"alarms": GOOD_ALARMS.assign(lane=["a", "b"])}, "lane must be given by name"),
         (
-            {"lane": {"a": LANE}, "alarms": GOOD_ALARMS.assign(lane="a"), "truth": GOOD_TRUTH.assign(lane="z")},
+            {
+                "lane": {"a": LANE},
+                "alarms": GOOD_ALARMS.assign(lane="a"),
+                "truth": GOOD_TRUTH.assign(lane="z"),
+            },
             "truth.lane must be one of a",
         ),
         ({"lane": {}}, "at least one lane"),

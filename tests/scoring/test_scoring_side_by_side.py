@@ -18,7 +18,12 @@ from flgpr.scoring import Rules, match, mcnemar_test, paired_interval, roc, side
 LANE = Lane(-2.0, 2.0, 0.0, 300.0)
 Y = np.arange(5.0, 295.0, 10.0)
 TRUTH = pd.DataFrame(
-    {"target_id": [f"m{k}" for k in range(len(Y))], "x": 0.1234567, "y": Y + 0.7654321, "kind": "metal"}
+    {
+        "target_id": [f"m{k}" for k in range(len(Y))],
+        "x": 0.1234567,
+        "y": Y + 0.7654321,
+        "kind": "metal",
+    }
 )
 TRUTH = TRUTH.assign(kind=np.where(np.arange(len(Y)) % 2, "metal", "plastic"), depth=0.05)
 
@@ -26,9 +31,13 @@ TRUTH = TRUTH.assign(kind=np.where(np.arange(len(Y)) % 2, "metal", "plastic"), d
 def alarms(seed, pd_true, false):
     rng = np.random.default_rng(seed)
     hit = TRUTH[rng.random(len(TRUTH)) < pd_true]
-    near = pd.DataFrame({"x": hit["x"] + 0.1, "y": hit["y"] - 0.2, "confidence": rng.normal(2, 1, len(hit))})
+    near = pd.DataFrame(
+        {"x": hit["x"] + 0.1, "y": hit["y"] - 0.2, "confidence": rng.normal(2, 1, len(hit))}
+    )
     noise = rng.uniform([-2, 0, -2], [2, 300, 2], (false, 3))
-    return pd.concat([near, pd.DataFrame(noise, columns=["x", "y", "confidence"])], ignore_index=True)
+    return pd.concat(
+        [near, pd.DataFrame(noise, columns=["x", "y", "confidence"])], ignore_index=True
+    )
 
 
 def inverted(only_a, only_b, n, level):
@@ -37,7 +46,11 @@ def inverted(only_a, only_b, n, level):
     accepted = []
     for gap in np.linspace(-0.999, 0.999, 1999):
         share = np.linspace(max(0.0, -gap), (1 - gap) / 2, 1001)
-        likely = xlogy(only_a, share + gap) + xlogy(only_b, share) + xlogy(n - only_a - only_b, 1 - 2 * share - gap)
+        likely = (
+            xlogy(only_a, share + gap)
+            + xlogy(only_b, share)
+            + xlogy(n - only_a - only_b, 1 - 2 * share - gap)
+        )
         best = share[np.nanargmax(likely)]
         if abs(only_a - only_b - n * gap) <= z * np.sqrt(n * (2 * best + gap - gap**2)):
             accepted.append(gap)
@@ -45,7 +58,9 @@ def inverted(only_a, only_b, n, level):
 
 
 @pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
-@pytest.mark.parametrize("counts", [(9, 2, 40), (2, 9, 40), (0, 0, 20), (5, 0, 5), (0, 12, 12), (3, 3, 10), (1, 0, 12)])
+@pytest.mark.parametrize(
+    "counts", [(9, 2, 40), (2, 9, 40), (0, 0, 20), (5, 0, 5), (0, 12, 12), (3, 3, 10), (1, 0, 12)]
+)
 @pytest.mark.parametrize("level", [0.8, 0.95])
 def test_the_paired_interval_is_the_score_test_inverted(counts, level):
     assert paired_interval(*counts, level) == pytest.approx(inverted(*counts, level), abs=2e-3)
@@ -60,7 +75,9 @@ def test_paired_intervals_cover():
     runs = 4000
     counts = rng.multinomial(n, [p_a, p_b, 1 - p_a - p_b], runs)
     ends = {tuple(one): paired_interval(*one, n) for one in np.unique(counts[:, :2], axis=0)}
-    covered = np.mean([low <= p_a - p_b <= high for low, high in (ends[tuple(one)] for one in counts[:, :2])])
+    covered = np.mean(
+        [low <= p_a - p_b <= high for low, high in (ends[tuple(one)] for one in counts[:, :2])]
+    )
     assert covered > 0.95 - 0.01 - 4 * np.sqrt(0.95 * 0.05 / runs)
 
 
@@ -73,17 +90,26 @@ def test_counts_that_cannot_be_are_refused():
 def test_the_tables_are_those_of_single_scores():
     lists = {"a": alarms(1, 0.9, 30), "b": alarms(2, 0.6, 40), "c": alarms(3, 0.3, 10)}
     fars = (0.005, 0.02, 0.1)
-    told = side_by_side({name: match(one, TRUTH, LANE) for name, one in lists.items()}, fars, Rules(draws=50))
+    told = side_by_side(
+        {name: match(one, TRUTH, LANE) for name, one in lists.items()}, fars, Rules(draws=50)
+    )
     found = {}
     for name, one in lists.items():
         curve = roc(one, TRUTH, LANE)
         for far in fars:
             want = curve[curve["far"] <= far].iloc[-1]
             row = told.points.set_index(["detector", "far_allowed"]).loc[(name, far)]
-            assert row[["pd", "pd_low", "far_high", "n_false"]].tolist() == want[row.index[[3, 4, 2, 8]]].tolist()
+            assert (
+                row[["pd", "pd_low", "far_high", "n_false"]].tolist()
+                == want[row.index[[3, 4, 2, 8]]].tolist()
+            )
             assert 0 <= row["chance"] <= 1
             near = one[one["confidence"] >= want["threshold"]]
-            away = np.hypot(*(near[["x", "y"]].to_numpy()[:, None] - TRUTH[["x", "y"]].to_numpy()).transpose(2, 0, 1))
+            away = np.hypot(
+                *(near[["x", "y"]].to_numpy()[:, None] - TRUTH[["x", "y"]].to_numpy()).transpose(
+                    2, 0, 1
+                )
+            )
             found[name, far] = (away <= 1).any(axis=0)
     assert len(told.pairs) == 9
     for row in told.pairs.to_dict("records"):
@@ -94,7 +120,10 @@ def test_the_tables_are_those_of_single_scores():
         assert row["p"] == mcnemar_test(*only)
         assert row["low"] < row["difference"] < row["high"]
     assert (told.means["low"] <= told.means["difference"]).all()
-    assert (told.means[["low_a", "low_b"]].to_numpy() <= told.means[["pd_mean_a", "pd_mean_b"]].to_numpy()).all()
+    assert (
+        told.means[["low_a", "low_b"]].to_numpy()
+        <= told.means[["pd_mean_a", "pd_mean_b"]].to_numpy()
+    ).all()
 
 
 def test_what_cannot_be_compared_is_refused():
@@ -133,7 +162,12 @@ def test_two_vendors_are_compared_on_the_command_line(files):
     line = r"vendorA less vendorB: \+0\.\d\d \([+-]0\.\d\d to \+0\.\d\d\); alone found \d+ and \d+, McNemar's p = "
     assert len(re.findall(line, told.stdout)) == 5
     assert (
-        len(re.findall(r"vendor[AB]  Pd 0\.\d\d \(0\.\d\d to [01]\.\d\d\), \d+ of 29, chance 0\.\d\d", told.stdout))
+        len(
+            re.findall(
+                r"vendor[AB]  Pd 0\.\d\d \(0\.\d\d to [01]\.\d\d\), \d+ of 29, chance 0\.\d\d",
+                told.stdout,
+            )
+        )
         == 10
     )
     content = json.loads((files / "both" / "comparison.json").read_text())
@@ -167,9 +201,25 @@ def test_results_bring_their_lane_and_lists_must_be_given_one(demo, files):
 def test_a_sealed_comparison_tells_points_and_counts_only(files):
     pytest.importorskip("cryptography")
     phrase = "a long passphrase\n"
-    sealing = ["score", files / "truth.csv", "--seal", "--lane", files / "lane.toml", "-o", files / "sealed"]
+    sealing = [
+        "score",
+        files / "truth.csv",
+        "--seal",
+        "--lane",
+        files / "lane.toml",
+        "-o",
+        files / "sealed",
+    ]
     assert call(*sealing, text=2 * phrase).exit_code == 0
-    given = ["score", files / "vendorA.csv", files / "vendorB.csv", "--sealed", files / "sealed", "-o", files / "both"]
+    given = [
+        "score",
+        files / "vendorA.csv",
+        files / "vendorB.csv",
+        "--sealed",
+        files / "sealed",
+        "-o",
+        files / "both",
+    ]
     told = call(*given, text=phrase)
     assert told.exit_code == 0, told.output
     content = json.loads((files / "both" / "comparison.json").read_text())
@@ -178,5 +228,7 @@ def test_a_sealed_comparison_tells_points_and_counts_only(files):
     assert all(round(row["chance"], 2) == row["chance"] for row in content["points"])
     for text in (told.output, *(path.read_text() for path in (files / "both").iterdir())):
         assert not [
-            word for word in ("1234567", "7654321", "m1", "m7", "target_id", "threshold") if word in plain(text)
+            word
+            for word in ("1234567", "7654321", "m1", "m7", "target_id", "threshold")
+            if word in plain(text)
         ]

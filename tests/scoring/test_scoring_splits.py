@@ -7,7 +7,11 @@ from hypothesis import strategies as st
 from flgpr.scoring import splits
 
 looks = st.lists(
-    st.tuples(st.sampled_from(["", "m1", "m2", "m3"]), st.sampled_from("ab"), st.sampled_from(["wet", "dry"])),
+    st.tuples(
+        st.sampled_from(["", "m1", "m2", "m3"]),
+        st.sampled_from("ab"),
+        st.sampled_from(["wet", "dry"]),
+    ),
     min_size=4,
     max_size=25,
 )
@@ -45,13 +49,17 @@ def test_every_example_is_tested_once_and_no_mine_straddles(rows, by):
 
 
 def test_the_headline_is_grouped_by_target():
-    examples = example_table([("m1", "a", "wet"), ("m1", "b", "wet"), ("m2", "a", "wet"), ("", "a", "wet")])
+    examples = example_table(
+        [("m1", "a", "wet"), ("m1", "b", "wet"), ("m2", "a", "wet"), ("", "a", "wet")]
+    )
     assert {one.scheme for one in splits(examples)} == {"leave-one-target-out"}
     assert not any(one.straddles for one in splits(examples))
 
 
 def test_mines_and_stretches_of_clutter_go_to_folds_together():
-    examples = example_table([(f"m{k // 2}", "a", "wet") for k in range(12)] + [("", "a", "wet")] * 6)
+    examples = example_table(
+        [(f"m{k // 2}", "a", "wet") for k in range(12)] + [("", "a", "wet")] * 6
+    )
     examples["clutter"] = [""] * 12 + ["s1", "s1", "s2", "s2", "s3", "s3"]
     made = splits(examples, folds=3)
     assert [len(one.test) for one in made] == [6, 6, 6]
@@ -70,7 +78,10 @@ GOOD = example_table([("m1", "a", "wet"), ("m2", "b", "dry"), ("", "b", "dry")])
         (lambda: splits(GOOD, "depth"), "by must be one of"),
         (lambda: splits(GOOD.drop(columns="target")), "must have the column target"),
         (lambda: splits(GOOD.drop(columns="site"), "site"), "must have the column site"),
-        (lambda: splits(GOOD.assign(lane=["a", None, "b"]), "lane"), "lane must be named in every row"),
+        (
+            lambda: splits(GOOD.assign(lane=["a", None, "b"]), "lane"),
+            "lane must be named in every row",
+        ),
         (lambda: splits(GOOD, "lane", folds=2), "folds must be left out"),
         (lambda: splits(GOOD, folds=9), "folds must lie between"),
         (lambda: splits(GOOD.iloc[:1]), "at least two groups"),

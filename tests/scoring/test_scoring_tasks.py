@@ -20,7 +20,9 @@ PHRASE = "correct horse battery"
 def files(tmp_path):
     (tmp_path / "lane.toml").write_text(LANE)
     (tmp_path / "recipe.toml").write_text("name = 'x'\n")
-    (tmp_path / "truth.csv").write_text("target_id,x,y,kind,depth\na,0,10,metal,0\nb,1,30,plastic,0.05\n")
+    (tmp_path / "truth.csv").write_text(
+        "target_id,x,y,kind,depth\na,0,10,metal,0\nb,1,30,plastic,0.05\n"
+    )
     (tmp_path / "alarms.csv").write_text("x,y,confidence\n0.1,10.2,3\n-1,50,2\n1,30,1\n")
     (tmp_path / "sorts.csv").write_text("kind,depth,count\nmetal,0.05,5\nplastic,0.1,3\n")
     return tmp_path
@@ -32,9 +34,13 @@ def test_an_alarm_list_is_scored_without_a_result_folder(files):
     )  # fmt: skip
     told = json.loads((files / "score" / "roc.json").read_text())
     curve = roc(
-        read_table(files / "alarms.csv", "alarms"), read_table(files / "truth.csv", "truth"), Lane(-2, 2, 0, 60)
+        read_table(files / "alarms.csv", "alarms"),
+        read_table(files / "truth.csv", "truth"),
+        Lane(-2, 2, 0, 60),
     )
-    assert scored.pd_mean["value"] == pd_mean(curve) == told["detections"]["main"]["pd_mean"]["value"]
+    assert (
+        scored.pd_mean["value"] == pd_mean(curve) == told["detections"]["main"]["pd_mean"]["value"]
+    )
     assert told["notes"]["alarms_sha256"] == content_hash(files / "alarms.csv")
     for name in ("report.html", "roc.json", "roc.png", "roc.pdf"):
         assert (files / "score" / name).stat().st_size > 0
@@ -46,7 +52,8 @@ def test_the_command_line_tells_what_is_found_at_the_operating_point(files):
     told = CliRunner().invoke(app, given).stdout
     assert re.search(r"b: plastic, 5.0 cm +│ found +│ +0.0043 ", told)
     assert (
-        "main: 2 of 2 targets found at 0.05 false alarms per m²: Pd 1.00, 95 % interval 0.16 to 1.00, chance 0." in told
+        "main: 2 of 2 targets found at 0.05 false alarms per m²: Pd 1.00, 95 % interval 0.16 to 1.00, chance 0."
+        in told
     )
     refused = CliRunner().invoke(app, [*given, "--far", "0.001"])
     assert refused.exit_code == 2
@@ -112,7 +119,10 @@ def test_a_lane_is_planned_once_and_registered_with_its_recipe(files):
         files / "alarms.csv", files / "plan.csv", files / "lane.toml", files / "score", draws=20,
         recipe=files / "recipe.toml", book=book,
     )  # fmt: skip
-    assert json.loads((files / "score" / "roc.json").read_text())["notes"]["recipe_registered"] == line["time"]
+    assert (
+        json.loads((files / "score" / "roc.json").read_text())["notes"]["recipe_registered"]
+        == line["time"]
+    )
 
 
 def test_a_sample_size_is_told_in_words():

@@ -59,13 +59,15 @@ def test_energy_ratio_is_that_of_the_loop(speckle):
 
 def test_energy_ratio_tells_a_mine_from_what_is_too_large():
     ellipse = Ellipse(0.3, 0.15)
-    small, large = energy_ratio(image_of(mine(0, 2, 5) + mine(0, 4, 5, (0.6, 0.5))), [(0, 2), (0, 4)], ellipse)
+    small, large = energy_ratio(
+        image_of(mine(0, 2, 5) + mine(0, 4, 5, (0.6, 0.5))), [(0, 2), (0, 4)], ellipse
+    )
     assert small < 0.05
     assert large > 1
     # Even energy: the rectangle's area over the ellipse's, 16/π, less one.
-    assert energy_ratio(image_of(np.ones((Y.size, X.size))), [(0, 3)], Ellipse(0.6, 0.5))[0] == pytest.approx(
-        16 / np.pi - 1, rel=0.05
-    )
+    assert energy_ratio(image_of(np.ones((Y.size, X.size))), [(0, 3)], Ellipse(0.6, 0.5))[
+        0
+    ] == pytest.approx(16 / np.pi - 1, rel=0.05)
     assert energy_ratio(image_of(np.zeros((Y.size, X.size))), [(0, 3)], ellipse)[0] == np.inf
 
 
@@ -81,7 +83,9 @@ def test_prescreeners_in_sequence_keep_the_mine_and_drop_the_rest():
 
 
 def test_nothing_above_the_threshold_is_an_empty_table():
-    table = prescreen_clusters(image_of(np.zeros((Y.size, X.size))), ClusterThresholds(1, 0, 1, 1), Ellipse(0.3, 0.2))
+    table = prescreen_clusters(
+        image_of(np.zeros((Y.size, X.size))), ClusterThresholds(1, 0, 1, 1), Ellipse(0.3, 0.2)
+    )
     assert table.empty
     assert "energy_ratio" in table.columns
 
@@ -95,14 +99,17 @@ def test_thresholds_let_the_stated_share_of_mines_through(speckle):
         limits = learn_thresholds([(image_of(scene), places)], ellipse, reach=0.2, pass_share=share)
         passed = prescreen_clusters(image_of(scene), limits, ellipse)
         hit = [np.hypot(passed["x"] - x, passed["y"] - y).min() < 0.2 for x, y in places]
-        assert np.mean(hit) >= 1 - 3 * (1 - share)  # three limits, each of which may give up its share
+        assert np.mean(hit) >= 1 - 3 * (
+            1 - share
+        )  # three limits, each of which may give up its share
     weak = 0.2 * speckle + sum(mine(x, y, 0.3) for x, y in places)
     missed = prescreen_clusters(image_of(weak), limits, ellipse)
     assert len(missed) == 0
 
 
 def test_every_training_mine_passes_the_thresholds_that_were_learnt_on_it(speckle):
-    # Two flashes of almost the same strength and speckle between: the cluster is not the disc about the peak.
+    # Two flashes of almost the same strength and speckle between: the cluster is not the disc about
+    # the peak.
     rng = np.random.default_rng(4)
     places = np.column_stack([rng.uniform(-1, 1, 12), np.linspace(0.5, 5.5, 12)])
     scene = 0.8 * speckle
@@ -113,7 +120,8 @@ def test_every_training_mine_passes_the_thresholds_that_were_learnt_on_it(speckl
     limits = learn_thresholds([(image_of(scene), places)], ellipse, reach=0.3, pass_share=1.0)
     passed = prescreen_clusters(image_of(scene), limits, ellipse)
     assert all(np.hypot(passed["x"] - x, passed["y"] - y).min() <= 0.3 for x, y in places)
-    # The limits are those of clusters, which reach beyond no limit set by a disc of the same radius.
+    # The limits are those of clusters, which reach beyond no limit set by a disc of the same
+    # radius.
     clusters = find_clusters(image_of(scene), limits.amplitude)
     assert limits.std in clusters["std"].to_numpy()
     assert limits.size in clusters["size"].to_numpy()
@@ -168,17 +176,27 @@ def test_fusion_rules():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: find_clusters(image_of(np.ones((Y.size, X.size))), 1.0, 0.0), "radius must be positive"),
-        (lambda: find_clusters(image_of(np.ones((Y.size, X.size))).expand_dims("scan"), 1.0), "dimensions"),
+        (
+            lambda: find_clusters(image_of(np.ones((Y.size, X.size))), 1.0, 0.0),
+            "radius must be positive",
+        ),
+        (
+            lambda: find_clusters(image_of(np.ones((Y.size, X.size))).expand_dims("scan"), 1.0),
+            "dimensions",
+        ),
         (lambda: Ellipse(0.0, 1.0), "half-axes must be positive"),
         (lambda: fuse_clusters({}, 0.4), "at least one image"),
         (lambda: fuse_clusters({("HH", 1.0): table_of()}, 0.4, "xor"), "rule must be one of"),
         (
-            lambda: learn_thresholds([(image_of(np.ones((Y.size, X.size))), [(90, 90)])], Ellipse(1, 1)),
+            lambda: learn_thresholds(
+                [(image_of(np.ones((Y.size, X.size))), [(90, 90)])], Ellipse(1, 1)
+            ),
             "at least one mine",
         ),
         (
-            lambda: learn_thresholds([(image_of(np.ones((Y.size, X.size))), [(0, 1)])], Ellipse(1, 1), pass_share=0),
+            lambda: learn_thresholds(
+                [(image_of(np.ones((Y.size, X.size))), [(0, 1)])], Ellipse(1, 1), pass_share=0
+            ),
             "pass_share",
         ),
     ],

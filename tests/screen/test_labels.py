@@ -21,7 +21,8 @@ TRUTH = pd.DataFrame(
 
 def test_labels_by_hand():
     alarms = pd.DataFrame(
-        {"x": [0.3, 0.5, 2.2, 0.0, 2.5, 1.5], "y": [5.0, 5.0, 12.5, 15.0, 15.0, 20.0]}, index=[9, 8, 7, 6, 5, 4]
+        {"x": [0.3, 0.5, 2.2, 0.0, 2.5, 1.5], "y": [5.0, 5.0, 12.5, 15.0, 15.0, 20.0]},
+        index=[9, 8, 7, 6, 5, 4],
     )
     got = label_alarms(alarms, TRUTH, LANE)
     assert got.index.tolist() == [9, 8, 7, 6, 5, 4]
@@ -37,7 +38,10 @@ def test_labels_by_loops():
         away = [math.hypot(x - a, y - b) for a, b in zip(TRUTH["x"], TRUTH["y"], strict=True)]
         near = min(away)
         want = "hit" if near <= 0.7 else "false" if abs(x) <= 1.5 else "neither"
-        assert (got["label"][i], got["target"][i]) == (want, away.index(near) if want == "hit" else -1)
+        assert (got["label"][i], got["target"][i]) == (
+            want,
+            away.index(near) if want == "hit" else -1,
+        )
         assert got["distance"][i] == pytest.approx(near)
 
 

@@ -20,10 +20,17 @@ def scan_image(value, pose):
     y = pose[1] - s * points[..., 0] + c * points[..., 1]
     data = value(x, y)[None, None].astype(np.complex64)
     coords = {"polarization": ["HH"], "subband": ["F1"], "y": GRID.y, "x": GRID.x}
-    return xr.DataArray(data, dims=("polarization", "subband", "y", "x"), coords=coords, attrs={"pose": list(pose)})
+    return xr.DataArray(
+        data, dims=("polarization", "subband", "y", "x"), coords=coords, attrs={"pose": list(pose)}
+    )
 
 
-POSES = [(0, 0, 1.5, 0, 0, 0), (0.2, 0.6, 1.5, 0.1, 0, 0), (-0.1, 1.3, 1.5, -0.2, 0, 0), (0.0, 9.0, 1.5, 0, 0, 0)]
+POSES = [
+    (0, 0, 1.5, 0, 0, 0),
+    (0.2, 0.6, 1.5, 0.1, 0, 0),
+    (-0.1, 1.3, 1.5, -0.2, 0, 0),
+    (0.0, 9.0, 1.5, 0, 0, 0),
+]
 PLANES = [lambda x, y, k=k: 20 + (1 + k) * x - (2 - k) * y for k in range(4)]
 
 
@@ -41,13 +48,20 @@ def test_run_view_is_the_second_largest_over_the_scans_that_see_the_pixel(y_max)
             values = []
             for plane, pose in zip(PLANES, POSES, strict=True):
                 local = lane_to_scan([x, y, 0.0], pose)
-                near = min(abs(local[0] - x_min), abs(local[0] - x_max), abs(local[1] - y_min), abs(local[1] - y_high))
+                near = min(
+                    abs(local[0] - x_min),
+                    abs(local[0] - x_max),
+                    abs(local[1] - y_min),
+                    abs(local[1] - y_high),
+                )
                 if near < 1e-6:
                     break  # exactly on an edge: rounding decides
                 inside = x_min < local[0] < x_max and y_min < local[1] < y_high
                 values.append(plane(x, y) if inside else np.nan)
             else:
-                assert view.values[0, 0, iy, ix] == pytest.approx(second_largest(values), rel=1e-5, nan_ok=True)
+                assert view.values[0, 0, iy, ix] == pytest.approx(
+                    second_largest(values), rel=1e-5, nan_ok=True
+                )
                 assert view["looks"].values[iy, ix] == np.isfinite(values).sum()
                 checked += 1
     assert checked > 500
@@ -75,7 +89,9 @@ def test_in_a_mean_view_near_looks_weigh_more():
         values = np.array([plane(x, y) for plane in PLANES[:3]])
         assert looks[iy, ix] == sum(seen)
         if any(seen):
-            assert view[0, 0, iy, ix] == pytest.approx((weight * values).sum() / weight.sum(), rel=1e-5)
+            assert view[0, 0, iy, ix] == pytest.approx(
+                (weight * values).sum() / weight.sum(), rel=1e-5
+            )
             checked += sum(seen) > 1
     assert checked > 30
 

@@ -17,7 +17,10 @@ def quiet():
 
 @pytest.fixture(scope="session")
 def dipoles(quiet):
-    data = quiet.model_dump() | {"antenna": {"kind": "dipole"}, "polarization": ["HH", "HV", "VH", "VV"]}
+    data = quiet.model_dump() | {
+        "antenna": {"kind": "dipole"},
+        "polarization": ["HH", "HV", "VH", "VV"],
+    }
     return Sensor.model_validate(data)
 
 

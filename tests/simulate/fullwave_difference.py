@@ -62,7 +62,13 @@ def load(name):
 def scene(case):
     """The case's soil, without any echo or disturbance of its surface, and its one body."""
     x, y, z = case.body["position_m"]
-    target = {"kind": KINDS[case.body["name"]], "x": x, "y": y, "depth": -z, "radius": case.body["radius_m"]}
+    target = {
+        "kind": KINDS[case.body["name"]],
+        "x": x,
+        "y": y,
+        "depth": -z,
+        "radius": case.body["radius_m"],
+    }
     return Scene(
         name=case.name,
         length=y + 2.0,
@@ -79,7 +85,11 @@ def scene(case):
 
 def sensor(case):
     """The case's ideal dipoles, about the transmitter."""
-    tones = {"start": case.frequency[0], "step": np.diff(case.frequency).mean(), "count": case.frequency.size}
+    tones = {
+        "start": case.frequency[0],
+        "step": np.diff(case.frequency).mean(),
+        "count": case.frequency.size,
+    }
     return Sensor(
         name="dipoles",
         source="full-wave archive",
@@ -108,7 +118,13 @@ def images(case, signal):
     centre = np.array([*case.body["position_m"][:2], 0.0])
     pixels = np.stack([*np.meshgrid(X, Y), np.zeros((Y.size, X.size))], axis=-1) + centre
     operator = ImagingOperator(
-        case.frequency, case.tx, case.rx, pixels, bands(case.frequency), tolerance=1e-4, window="hann"
+        case.frequency,
+        case.tx,
+        case.rx,
+        pixels,
+        bands(case.frequency),
+        tolerance=1e-4,
+        window="hann",
     )
     return np.abs(operator.adjoint(signal))
 
@@ -165,7 +181,9 @@ def compare(case, signal):
         norms = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
         power[:, k] = 20 * np.log10(norms[0] / norms[1])
         coherence[:, k] = np.abs((a * b.conj()).sum(axis=1)) / (norms[0] * norms[1])
-    return Comparison(level, place, level - other_level, place - other_place, power, coherence, there)
+    return Comparison(
+        level, place, level - other_level, place - other_place, power, coherence, there
+    )
 
 
 def misses(name, comparison, level=2.0, place=0.05):
@@ -179,4 +197,6 @@ def misses(name, comparison, level=2.0, place=0.05):
         if abs(value) > (level if quantity == "level" else place + 1e-3)
     }
     ratios = zip(BANDS, comparison.ratio.tolist(), strict=True)
-    return found | {(name, "ratio", "VV/HH", band): value for band, value in ratios if abs(value) > level}
+    return found | {
+        (name, "ratio", "VV/HH", band): value for band, value in ratios if abs(value) > level
+    }

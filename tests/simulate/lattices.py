@@ -10,7 +10,14 @@ def own_axis_means(fine, sub):
     nx, ny, nz = (n // sub for n in fine.shape)
     blocks = fine.reshape(nx, sub, ny, sub, nz, sub)
     means = [
-        (1 / np.mean(1 / blocks.mean(axis=tuple({1, 3, 5} - {axis}), keepdims=True), axis=axis, keepdims=True))
+        (
+            1
+            / np.mean(
+                1 / blocks.mean(axis=tuple({1, 3, 5} - {axis}), keepdims=True),
+                axis=axis,
+                keepdims=True,
+            )
+        )
         for axis in (1, 3, 5)
     ]
     return np.stack([m[:, 0, :, 0, :, 0] for m in means], axis=-1)

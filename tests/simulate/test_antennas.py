@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from flgpr.model import Antenna, Sensor, load_sensor, sensor_presets
-from flgpr.simulate.impair import AntennaErrors, Impairments, random_response, resonance, slow_change
+from flgpr.simulate.impair import (
+    AntennaErrors,
+    Impairments,
+    random_response,
+    resonance,
+    slow_change,
+)
 
 PLAIN = np.ones((4, 18, 256), np.complex64)
 
@@ -57,7 +63,10 @@ def test_reciprocity_breaks_with_the_errors_of_ports(quiet):
 def test_ports_drift_slowly_by_their_rms(quiet):
     sensor = with_errors(quiet, antenna_gain_db=0.6, antenna_drift=0.3)
     db = np.array(
-        [[20 * np.log10(np.abs(AntennaErrors(sensor, s).ports(k)[..., 0])) for k in (0, 1, 600)] for s in range(20)]
+        [
+            [20 * np.log10(np.abs(AntennaErrors(sensor, s).ports(k)[..., 0])) for k in (0, 1, 600)]
+            for s in range(20)
+        ]
     )
     rms_within(db[:, 2] - db[:, 0], 0.6 * 0.3 * np.sqrt(2))
     assert np.abs(db[:, 1] - db[:, 0]).max() < 0.05 * np.abs(db[:, 2] - db[:, 0]).max()
@@ -107,7 +116,12 @@ def test_antennas_ring_at_their_level_behind_the_direct_wave(quiet):
 
 
 def test_bursts_hit_runs_of_tones_at_their_rate_and_level(quiet):
-    options = {"clutter_to_noise_db": 15.0, "burst_probability": 0.1, "burst_tones": (8, 16), "burst_db": (20.0, 20.0)}
+    options = {
+        "clutter_to_noise_db": 15.0,
+        "burst_probability": 0.1,
+        "burst_tones": (8, 16),
+        "burst_db": (20.0, 20.0),
+    }
     errors = Impairments(with_errors(quiet, **options), 3)
     bursts = np.array([errors.bursts(k) for k in range(150)])
     inside = np.abs(bursts[:, 0]) > 0
@@ -122,7 +136,9 @@ def test_bursts_hit_runs_of_tones_at_their_rate_and_level(quiet):
     np.testing.assert_allclose(10 * np.log10(power), 20, atol=1e-3)
     tone = np.angle(bursts[:, 0][inside])
     assert abs(np.mean(np.exp(1j * tone))) < 4 / np.sqrt(tone.size)
-    np.testing.assert_array_equal(errors.bursts(7), Impairments(with_errors(quiet, **options), 3).bursts(7))
+    np.testing.assert_array_equal(
+        errors.bursts(7), Impairments(with_errors(quiet, **options), 3).bursts(7)
+    )
 
 
 def test_reported_pitch_and_roll_have_their_error(quiet):
@@ -134,8 +150,18 @@ def test_reported_pitch_and_roll_have_their_error(quiet):
 
 
 def test_scans_have_the_same_errors_in_any_order(quiet):
-    every = {"antenna_gain_db": 0.6, "antenna_delay": 12e-12, "antenna_drift": 0.3, "isolation_db": -22.0}
-    every |= {"isolation_bandwidth": 1e8, "imbalance_db": 0.5, "ringing_db": -25.0, "ringing_frequencies": (1e9,)}
+    every = {
+        "antenna_gain_db": 0.6,
+        "antenna_delay": 12e-12,
+        "antenna_drift": 0.3,
+        "isolation_db": -22.0,
+    }
+    every |= {
+        "isolation_bandwidth": 1e8,
+        "imbalance_db": 0.5,
+        "ringing_db": -25.0,
+        "ringing_frequencies": (1e9,),
+    }
     every |= {"clutter_to_noise_db": 15.0, "burst_probability": 0.3}
     sensor = with_errors(quiet, **every)
     there = Impairments(sensor, 1)
@@ -169,5 +195,7 @@ def test_presets_have_beams_of_their_gain(preset):
 
 
 def test_limits_in_the_wrong_order_are_refused(quiet):
-    with pytest.raises(ValueError, match="burst_tones must be the least and the greatest value, got 9 and 3"):
+    with pytest.raises(
+        ValueError, match="burst_tones must be the least and the greatest value, got 9 and 3"
+    ):
         with_errors(quiet, burst_tones=(9, 3))

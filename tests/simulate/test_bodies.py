@@ -22,7 +22,9 @@ def physical_optics_flash(a, k, sine):
     x = 2 * k * a * sine
     area = np.pi * a**2
     wavelength = 2 * np.pi / k
-    return 4 * np.pi * area**2 / wavelength**2 * (1 - sine**2) * (2 / x) ** 2 * (2 / (np.pi * x)) / 4
+    return (
+        4 * np.pi * area**2 / wavelength**2 * (1 - sine**2) * (2 / x) ** 2 * (2 / (np.pi * x)) / 4
+    )
 
 
 @pytest.mark.parametrize(("near", "hh", "vv"), [(True, 4.7, -0.6), (False, -6.8, 1.9)])
@@ -33,7 +35,9 @@ def test_edge_strength_over_physical_optics_at_the_checked_angle(near, hh, vv):
     """
     sine = SINE_AIR / np.sqrt(3.2)
     k = 2 * np.pi * 1.05e9 / SPEED_OF_LIGHT * np.sqrt(3.2)
-    rim = next(r for r in visible_rims(cylinder(0.16, 0.15), sine) if r.near == near and r.drop == 0)
+    rim = next(
+        r for r in visible_rims(cylinder(0.16, 0.15), sine) if r.near == near and r.drop == 0
+    )
     size = np.abs(rim_amplitude(rim, k, sine))
     optics = physical_optics_flash(0.16, k, sine) / (1 - sine**2)
     for coefficient, want in ((rim.h, hh), (rim.v, vv)):
@@ -45,7 +49,8 @@ def test_a_flush_metal_mine_at_l_band():
     """Physical optics times the two-way transmission of HH: about -27 dBsm at 1.05 GHz, 12 m ahead."""
     k = 2 * np.pi * 1.05e9 / SPEED_OF_LIGHT * np.sqrt(3.2)
     sigma = (
-        physical_optics_flash(0.16, k, SINE_AIR / np.sqrt(3.2)) * np.abs(two_way_transmission(SINE_AIR, 3.2)[0]) ** 2
+        physical_optics_flash(0.16, k, SINE_AIR / np.sqrt(3.2))
+        * np.abs(two_way_transmission(SINE_AIR, 3.2)[0]) ** 2
     )
     assert 10 * np.log10(sigma) == pytest.approx(-27, abs=0.7)
 
@@ -60,7 +65,9 @@ def test_a_thin_plate_is_keller_s_half_plane():
     """n = 2: D_s,h = ½·(-1 ∓ 1/(-cosφ))."""
     for angle in (0.4, 1.0, 2.0):
         soft, hard = wedge_coefficients(angle, 2 * np.pi)
-        np.testing.assert_allclose((soft, hard), (0.5 * (-1 + 1 / np.cos(angle)), 0.5 * (-1 - 1 / np.cos(angle))))
+        np.testing.assert_allclose(
+            (soft, hard), (0.5 * (-1 + 1 / np.cos(angle)), 0.5 * (-1 - 1 / np.cos(angle)))
+        )
 
 
 def test_slab_reflection_is_the_closed_form():
@@ -109,7 +116,8 @@ def tabulated_over_layers(name, layers, soil, sine):
     media = np.full(k.size, eps * (1 - 1j * LOSS[soil]))
     table = packaged_table(name).at(frequency, media, 1e3)[0, sine, 0, :2]
     near, far = (
-        rim_amplitude(rim, np.sqrt(eps) * k, s / np.sqrt(eps)) * np.exp((2j if rim.near else -2j) * k * 0.16 * s)
+        rim_amplitude(rim, np.sqrt(eps) * k, s / np.sqrt(eps))
+        * np.exp((2j if rim.near else -2j) * k * 0.16 * s)
         for rim in visible_rims(cylinder(0.16, 0.15), s / np.sqrt(eps))
         if rim.drop == 0
     )
@@ -145,7 +153,9 @@ def test_bands_above_the_tables_have_their_level_in_dry_soil(name, layers, soil,
         ("plastic-at-solid", SOLID, 12.0, 24.0, 7.6),
     ],
 )
-def test_bands_above_the_tables_are_too_weak_in_denser_soil_by_known_decibels(name, layers, permittivity, hh, vv):
+def test_bands_above_the_tables_are_too_weak_in_denser_soil_by_known_decibels(
+    name, layers, permittivity, hh, vv
+):
     """Born's first order has no wave that wall and floor of the body return together: measured, at 68 degrees."""
     soil = int(np.flatnonzero(permittivity == PERMITTIVITY)[0])
     np.testing.assert_allclose(tabulated_over_layers(name, layers, soil, 3), [hh, vv], atol=1)

@@ -7,7 +7,14 @@ from threadpoolctl import threadpool_limits
 
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.simulate.signature.body import Body
-from flgpr.simulate.signature.dipoles import Lattice, Waves, choose_cell, lattice_of, scattering_amplitudes, solve_box
+from flgpr.simulate.signature.dipoles import (
+    Lattice,
+    Waves,
+    choose_cell,
+    lattice_of,
+    scattering_amplitudes,
+    solve_box,
+)
 from reference.mie import sphere_amplitudes, unit_vectors
 from simulate.lattices import own_axis_means
 
@@ -31,7 +38,11 @@ def sampled(inside, shape, cell, medium, soil, sub=4):
 def sphere(radius, count, medium, soil):
     cell = radius / count
     return sampled(
-        lambda x, y, d: x**2 + y**2 + (d - radius) ** 2 < radius**2, (count, count, 2 * count), cell, medium, soil
+        lambda x, y, d: x**2 + y**2 + (d - radius) ** 2 < radius**2,
+        (count, count, 2 * count),
+        cell,
+        medium,
+        soil,
     )
 
 
@@ -62,7 +73,12 @@ def rms_db(values):
 
 @pytest.mark.parametrize(
     ("medium", "soil", "wavenumber", "tolerance"),
-    [(2.9, 3.5, 18.0, 0.05), (1.0, 3.5, 18.0, 0.07), (3.0, 9.0, 13.0, 0.06), (3.0, 9 - 1.2j, 13.0, 0.06)],
+    [
+        (2.9, 3.5, 18.0, 0.05),
+        (1.0, 3.5, 18.0, 0.07),
+        (3.0, 9.0, 13.0, 0.06),
+        (3.0, 9 - 1.2j, 13.0, 0.06),
+    ],
 )
 def test_a_sphere_scatters_as_mie_says(medium, soil, wavenumber, tolerance):
     # k·a = 3.4 to 3.9
@@ -73,9 +89,13 @@ def test_a_sphere_scatters_as_mie_says(medium, soil, wavenumber, tolerance):
     waves = Waves(np.full(3, kappa), azimuth)
     got = scattering_amplitudes(sphere(radius, 10, medium, soil), soil, wavenumber, waves)
     for sent, received in [(0, 0), (0, 1), (1, 2), (2, 0)]:
-        centred = sphere_amplitudes(radius, medium, soil, wavenumber, kappa, azimuth[sent], azimuth[received])
+        centred = sphere_amplitudes(
+            radius, medium, soil, wavenumber, kappa, azimuth[sent], azimuth[received]
+        )
         expected = centred * np.exp(-2j * down * radius)  # from the centre to the level of the top
-        np.testing.assert_allclose(got[:, received, :, sent], expected, atol=tolerance * np.abs(expected).max())
+        np.testing.assert_allclose(
+            got[:, received, :, sent], expected, atol=tolerance * np.abs(expected).max()
+        )
 
 
 def test_finer_cells_come_nearer_to_mie():
@@ -88,7 +108,12 @@ def test_finer_cells_come_nearer_to_mie():
     expected = centred * np.exp(-2j * np.sqrt(wavenumber**2 * soil - kappa**2) * radius)
     waves = Waves(np.array([kappa]), np.zeros(1))
     error = [
-        np.abs(scattering_amplitudes(sphere(radius, n, medium, soil), soil, wavenumber, waves)[:, 0, :, 0] - expected)
+        np.abs(
+            scattering_amplitudes(sphere(radius, n, medium, soil), soil, wavenumber, waves)[
+                :, 0, :, 0
+            ]
+            - expected
+        )
         for n in (3, 10)
     ]
     assert error[1].max() < error[0].max() / 2
@@ -105,13 +130,17 @@ def test_a_faint_box_scatters_as_born_says(soil, nx, ny, nz):
     kappa = wavenumber * SINE
     azimuth = np.array([0.1, 0.5])
     lattice = Lattice(cell, np.full((nx, ny, nz, 3), soil + contrast, complex))
-    got = scattering_amplitudes(lattice, soil, wavenumber, Waves(np.full(2, kappa), azimuth))[:, 1, :, 0]
+    got = scattering_amplitudes(lattice, soil, wavenumber, Waves(np.full(2, kappa), azimuth))[
+        :, 1, :, 0
+    ]
     (a, of_sent), (b, of_received) = (unit_vectors(kappa, phi, k) for phi in azimuth)
     x, y, z = k * (a + b)
     half_x = nx * cell
     half_y = ny * cell
     height = nz * cell
-    level = 4 * half_x * half_y * np.sinc(x.real * half_x / np.pi) * np.sinc(y.real * half_y / np.pi)
+    level = (
+        4 * half_x * half_y * np.sinc(x.real * half_x / np.pi) * np.sinc(y.real * half_y / np.pi)
+    )
     volume = level * (1 - np.exp(1j * z * height)) / (-1j * z)  # of e^{-jz·z} from -height to 0
     expected = wavenumber**2 / (4 * np.pi) * contrast * volume * (of_received @ of_sent.T)
     np.testing.assert_allclose(got, expected, atol=0.03 * np.abs(expected).max())
@@ -127,7 +156,9 @@ def test_a_faint_cylinder_has_equal_hh_and_vv_as_born_says():
     kappa = wavenumber * SINE
     z = -2 * np.sqrt(wavenumber**2 * soil - kappa**2)
     lattice = cylinder([(nz * cell, soil + contrast)], radius, cell, soil)
-    got = scattering_amplitudes(lattice, soil, wavenumber, Waves(np.array([kappa]), np.zeros(1)))[:, 0, :, 0]
+    got = scattering_amplitudes(lattice, soil, wavenumber, Waves(np.array([kappa]), np.zeros(1)))[
+        :, 0, :, 0
+    ]
     volume = 2 * np.pi * radius * j1(2 * kappa * radius) / (2 * kappa)
     volume = volume * (1 - np.exp(1j * z * nz * cell)) / (-1j * z)
     expected = wavenumber**2 / (4 * np.pi) * contrast * volume * np.eye(2)
@@ -147,7 +178,8 @@ def test_a_thin_gap_raises_vv_by_the_normal_field():
 
 
 def test_the_checked_figures_of_a_plastic_mine_in_arid_soil():
-    # Radius 16 cm, height 15 cm, permittivity 3.0, with a gap of 1.5 cm on top or none, in F1 at 67 degrees.
+    # Radius 16 cm, height 15 cm, permittivity 3.0, with a gap of 1.5 cm on top or none, in F1 at 67
+    # degrees.
     soil = 3.43
     levels = {}
     for name, layers in {"gap": [(0.015, 1.0), (0.135, 3.0)], "none": [(0.15, 3.0)]}.items():
@@ -156,9 +188,12 @@ def test_the_checked_figures_of_a_plastic_mine_in_arid_soil():
         for frequency in np.linspace(0.75e9, 1.35e9, 7):
             wavenumber = 2 * np.pi * frequency / SPEED_OF_LIGHT
             waves = Waves(np.array([wavenumber * SINE]), np.zeros(1))
-            found.append(np.diag(scattering_amplitudes(lattice, soil, wavenumber, waves)[:, 0, :, 0]))
+            found.append(
+                np.diag(scattering_amplitudes(lattice, soil, wavenumber, waves)[:, 0, :, 0])
+            )
         levels[name] = np.array([rms_db(f) for f in np.array(found).T])
-    # The figures of the physics note, HH and VV; without gap the analytic Born cylinder has -53.1 at these tones.
+    # The figures of the physics note, HH and VV; without gap the analytic Born cylinder has -53.1
+    # at these tones.
     np.testing.assert_allclose(levels["gap"], [-40.5, -36.9], atol=1.5)
     np.testing.assert_allclose(levels["none"], [-50.2, -50.5], atol=3)
     np.testing.assert_allclose(levels["none"], -53.1, atol=1)
@@ -186,7 +221,9 @@ def test_a_square_looks_the_same_after_a_quarter_turn_and_in_its_mirror():
     separation = [0.5]
     signs = np.array([1, -1, -1, 1])
     aspects = [0.2, 0.2 + np.pi / 2, -0.2]
-    first, turned, mirrored = solve_box(SQUARE, 1.5e9, soil, [0.9], aspects, separation, **COARSE)[0]
+    first, turned, mirrored = solve_box(SQUARE, 1.5e9, soil, [0.9], aspects, separation, **COARSE)[
+        0
+    ]
     far = solve_box(SQUARE, 1.5e9, soil, [0.9], [0.2], [-0.5], **COARSE)[0, 0]
     scale = np.abs(first).max()
     np.testing.assert_allclose(turned, first, atol=1e-2 * scale)
@@ -206,7 +243,9 @@ def test_cells_that_are_cut_do_not_change_the_answer_much():
     wavenumber = 30.0
     waves = Waves(np.array([wavenumber * SINE]), np.zeros(1))
     fits, cut = (
-        np.diag(scattering_amplitudes(lattice_of(body, soil, cell), soil, wavenumber, waves)[:, 0, :, 0])
+        np.diag(
+            scattering_amplitudes(lattice_of(body, soil, cell), soil, wavenumber, waves)[:, 0, :, 0]
+        )
         for cell in (0.003, 0.0034)
     )
     np.testing.assert_allclose(cut, fits, atol=0.05 * np.abs(fits).max())
@@ -217,24 +256,41 @@ def test_a_lattice_holds_the_whole_of_every_medium():
     soil = 4.0
     cell = 0.0047
     lattice = lattice_of(body, soil, cell)
-    upright = (soil - 1 / (1 / lattice.permittivity[..., 2]).mean(axis=2)[0, 0], lattice.permittivity.shape[2] * cell)
+    upright = (
+        soil - 1 / (1 / lattice.permittivity[..., 2]).mean(axis=2)[0, 0],
+        lattice.permittivity.shape[2] * cell,
+    )
     expected = (soil - upright[1] / (0.012 + 0.03 / 3 + (upright[1] - 0.042) / soil), upright[1])
     np.testing.assert_allclose(upright, expected, rtol=1e-9)
     assert choose_cell(body, soil, 30.0, 9.0, 10**6) == pytest.approx(0.006)
-    assert choose_cell(body, soil, 30.0, 9.0, 8) == pytest.approx((4 * 0.06**2 * 0.042 / 8) ** (1 / 3))
+    assert choose_cell(body, soil, 30.0, 9.0, 8) == pytest.approx(
+        (4 * 0.06**2 * 0.042 / 8) ** (1 / 3)
+    )
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"frequency": 0.0}, "frequency must be positive, got 0.0"),
-        ({"permittivity": 3 + 0.1j}, "permittivity must be of real part >= 1 and imaginary part <= 0"),
+        (
+            {"permittivity": 3 + 0.1j},
+            "permittivity must be of real part >= 1 and imaginary part <= 0",
+        ),
         ({"sines": [1.0]}, "sines must be from 0 to below 1"),
         ({"cells_per_wavelength": 2.0}, "cells_per_wavelength must be at least 4"),
-        ({"body": SQUARE.model_copy(update={"shape": "round"})}, "body must be a box without metal"),
+        (
+            {"body": SQUARE.model_copy(update={"shape": "round"})},
+            "body must be a box without metal",
+        ),
     ],
 )
 def test_bad_input_is_told(change, message):
-    arguments = {"body": SQUARE, "frequency": 1e9, "permittivity": 3.4, "sines": [0.9], "aspects": [0.0]}
+    arguments = {
+        "body": SQUARE,
+        "frequency": 1e9,
+        "permittivity": 3.4,
+        "sines": [0.9],
+        "aspects": [0.0],
+    }
     with pytest.raises(ValueError, match=message):
         solve_box(**(arguments | change))

@@ -5,7 +5,18 @@ import pytest
 
 from flgpr.model import SPEED_OF_LIGHT
 from reference.born_in_ground import born_echo, cylinder_cells
-from simulate.fullwave_difference import ARCHIVES, BANDS, KINDS, compare, images, load, misses, names, peaks, simulated
+from simulate.fullwave_difference import (
+    ARCHIVES,
+    BANDS,
+    KINDS,
+    compare,
+    images,
+    load,
+    misses,
+    names,
+    peaks,
+    simulated,
+)
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12
 CASES = [load(name) for name in names()]
@@ -16,13 +27,16 @@ def find(permittivity, body, cover):
     return next(
         case
         for case in CASES
-        if case.soil["permittivity"] == permittivity and (case.body["name"], case.body["cover_m"]) == (body, cover)
+        if case.soil["permittivity"] == permittivity
+        and (case.body["name"], case.body["cover_m"]) == (body, cover)
     )
 
 
 def test_there_is_an_archive_of_every_body_cover_and_soil_and_they_are_small():
     made = {(case.soil["permittivity"], case.body["name"], case.body["cover_m"]) for case in CASES}
-    assert made == {(eps, body, d) for eps in (3.5, 5.0) for body in KINDS for d in (0.015, 0.045, 0.0975)}
+    assert made == {
+        (eps, body, d) for eps in (3.5, 5.0) for body in KINDS for d in (0.015, 0.045, 0.0975)
+    }
     assert sum(path.stat().st_size for path in ARCHIVES.iterdir()) < 2e6
     for case in CASES:
         assert case.signal.shape == (len(case.polarization), len(case.rx), case.frequency.size)
@@ -58,7 +72,9 @@ def test_the_peak_lies_between_the_near_rim_and_the_bottom_of_the_far_one(case):
 
 def test_metal_outshines_a_gap_and_a_gap_a_solid_of_small_contrast():
     for cover in (0.015, 0.045, 0.0975):
-        metal, gap, solid = (np.linalg.norm(find(3.5, body, cover).signal[CO], axis=(1, 2)) for body in KINDS)
+        metal, gap, solid = (
+            np.linalg.norm(find(3.5, body, cover).signal[CO], axis=(1, 2)) for body in KINDS
+        )
         assert (20 * np.log10(metal / gap) > 6).all()
         assert (20 * np.log10(gap / solid) > 3).all()
 
@@ -70,7 +86,9 @@ def test_a_solid_of_small_contrast_echoes_as_born_says(cover):
     body = case.body
     pairs = slice(0, None, 8)
     tones = slice(0, None, 6)
-    points, volume = cylinder_cells(body["radius_m"], -cover, -cover - body["height_m"], *body["position_m"][:2], 0.03)
+    points, volume = cylinder_cells(
+        body["radius_m"], -cover, -cover - body["height_m"], *body["position_m"][:2], 0.03
+    )
     got = case.signal[:, pairs, tones]
     want = np.zeros_like(got)
     along, up = np.eye(3)[[0, 2]]
@@ -79,7 +97,9 @@ def test_a_solid_of_small_contrast_echoes_as_born_says(cover):
         soil = case.soil["permittivity"] - 1j * loss
         for p, ends in enumerate(((along, along), (along, up), (up, along), (up, up))):
             for r, rx in enumerate(case.rx[pairs]):
-                want[p, r, k] = born_echo(case.tx[0], rx, ends, points, volume, body["permittivity"] - soil, f, soil)
+                want[p, r, k] = born_echo(
+                    case.tx[0], rx, ends, points, volume, body["permittivity"] - soil, f, soil
+                )
     norms = [np.linalg.norm(one, axis=(1, 2)) for one in (got, want)]
     level = 20 * np.log10(norms[0] / norms[1])
     assert (np.abs(level) < 2).all()
@@ -106,8 +126,8 @@ def comparisons():
     return {case.name: compare(case, simulated(case)) for case in CASES}
 
 
-# All that is off by more than 2 dB or 5 cm: full wave less simulated, dB or m. Peaks are apart where two flashes are
-# nearly alike and either may be the higher.
+# All that is off by more than 2 dB or 5 cm: full wave less simulated, dB or m. Peaks are apart
+# where two flashes are nearly alike and either may be the higher.
 KNOWN = {
     ("eps3.5-gap-15mm", "apart", "VV", "high"): -0.09,
     ("eps3.5-gap-45mm", "apart", "HH", "high"): -1.11,
@@ -126,12 +146,17 @@ KNOWN = {
     ("eps5-metal-98mm", "ratio", "VV/HH", "low"): -2.6,
 }
 OTHERWISE = 2.0, 0.05  # dB, m
-# Peaks that are apart although the simulated image is not within 0.5 dB of its own peak at the full wave's place.
+# Peaks that are apart although the simulated image is not within 0.5 dB of its own peak at the full
+# wave's place.
 ELSEWHERE = {("eps5-gap-15mm", "VV", "high"), ("eps3.5-gap-45mm", "HH", "high")}
 
 
 def limit(miss):
-    return OTHERWISE[miss[1] == "apart"] if miss not in KNOWN else abs(KNOWN[miss]) + (0.3, 0.02)[miss[1] == "apart"]
+    return (
+        OTHERWISE[miss[1] == "apart"]
+        if miss not in KNOWN
+        else abs(KNOWN[miss]) + (0.3, 0.02)[miss[1] == "apart"]
+    )
 
 
 @pytest.mark.parametrize("name", names())
@@ -144,7 +169,9 @@ def test_level_place_and_polarization_are_the_full_wave_s(comparisons, name):
 
 def test_in_the_whole_band_nothing_but_one_peak_is_off():
     """Metal at 4.5 cm in VV, 11 cm apart and within 0.1 dB as high at the full wave's place."""
-    assert [miss for miss in KNOWN if miss[3] == "whole"] == [("eps3.5-metal-45mm", "apart", "VV", "whole")]
+    assert [miss for miss in KNOWN if miss[3] == "whole"] == [
+        ("eps3.5-metal-45mm", "apart", "VV", "whole")
+    ]
     assert abs(KNOWN["eps3.5-metal-45mm", "apart", "VV", "whole"]) < 0.12
 
 
@@ -161,7 +188,9 @@ def test_the_comparison_lists_what_is_off():
     worse = case.signal.copy()
     worse[3] *= 0.5
     assert set(misses(case.name, compare(case, worse))) == {
-        (case.name, quantity, row, band) for quantity, row in (("level", "VV"), ("ratio", "VV/HH")) for band in BANDS
+        (case.name, quantity, row, band)
+        for quantity, row in (("level", "VV"), ("ratio", "VV/HH"))
+        for band in BANDS
     }
 
 

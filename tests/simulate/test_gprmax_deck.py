@@ -22,7 +22,11 @@ SMALL = {"length": 0.9, "x_min": -0.3, "x_max": 0.3, "track": {"positions": (0.0
 
 
 def lines_of(decks, command, name="scene.txt"):
-    return [line.split()[1:] for line in decks.files[name].splitlines() if line.startswith(f"#{command}:")]
+    return [
+        line.split()[1:]
+        for line in decks.files[name].splitlines()
+        if line.startswith(f"#{command}:")
+    ]
 
 
 def flat(**parts):
@@ -35,12 +39,20 @@ def test_there_is_a_run_per_scan_transmitter_and_polarization_and_air_once():
     assert names == {f"scan{s:03d}-tx{t:02d}-{p}" for s in (0, 1) for t in (0, 1) for p in "HV"}
     assert all(f"{name}.in" in decks.files for name in names)
     assert len({run["free"] for run in decks.manifest["runs"]}) <= 8
-    assert all("#include_file" not in text for name, text in decks.files.items() if name.startswith("air"))
-    assert all("#include_file: scene.txt" in text for name, text in decks.files.items() if name.startswith("scan"))
+    assert all(
+        "#include_file" not in text for name, text in decks.files.items() if name.startswith("air")
+    )
+    assert all(
+        "#include_file: scene.txt" in text
+        for name, text in decks.files.items()
+        if name.startswith("scan")
+    )
 
 
 def test_cells_resolve_the_highest_tone_in_the_soil():
-    decks = make_decks(flat(soil={"model": "fixed", "permittivity": 4.0}), SENSOR, 1, cells_per_wavelength=10)
+    decks = make_decks(
+        flat(soil={"model": "fixed", "permittivity": 4.0}), SENSOR, 1, cells_per_wavelength=10
+    )
     highest = SENSOR.tones.axis()[-1]
     cell = decks.manifest["grid"]["cell"]
     assert 0.9 * 299792458 / highest / 2 / 10 < cell <= 299792458 / highest / 2 / 10
@@ -53,19 +65,40 @@ def test_cells_resolve_the_highest_tone_in_the_soil():
 
 
 def test_the_pulse_ends_where_cells_get_too_few():
-    narrow = SENSOR.model_copy(update={"tones": SENSOR.tones.model_copy(update={"start": 1450e6, "count": 3})})
+    narrow = SENSOR.model_copy(
+        update={"tones": SENSOR.tones.model_copy(update={"start": 1450e6, "count": 3})}
+    )
     for sensor, cells in ((narrow, 10.0), (SENSOR, 5.0)):
-        told = make_decks(flat(soil={"model": "fixed", "permittivity": 4.0}), sensor, 1, cells).manifest
+        told = make_decks(
+            flat(soil={"model": "fixed", "permittivity": 4.0}), sensor, 1, cells
+        ).manifest
         centre = told["waveform"]["frequency"]
         cell = told["grid"]["cell"]
-        # exp((1 - x²)/2)·x is 0.01 at x = 3.76: there three cells must fit a wavelength in the soil.
+        # exp((1 - x²)/2)·x is 0.01 at x = 3.76: there three cells must fit a wavelength in the
+        # soil.
         assert 299792458 / 2 / (3.76 * centre) / cell >= 3.0
     assert make_decks(flat(), SENSOR, 1).manifest["waveform"]["frequency"] == 1e9
 
 
 def test_targets_stand_where_the_scene_says():
-    plastic = {"kind": "plastic", "x": 0.1, "y": 0.5, "depth": 0.03, "radius": 0.1, "height": 0.06, "gap": 0.02}
-    metal = {"kind": "metal", "x": -0.1, "y": 0.6, "depth": 0.04, "radius": 0.08, "height": 0.05, "tilt": 0.3}
+    plastic = {
+        "kind": "plastic",
+        "x": 0.1,
+        "y": 0.5,
+        "depth": 0.03,
+        "radius": 0.1,
+        "height": 0.06,
+        "gap": 0.02,
+    }
+    metal = {
+        "kind": "metal",
+        "x": -0.1,
+        "y": 0.6,
+        "depth": 0.04,
+        "radius": 0.08,
+        "height": 0.05,
+        "tilt": 0.3,
+    }
     decks = make_decks(flat(targets=[plastic, metal]), SENSOR, 1)
     origin = np.array(decks.manifest["grid"]["origin"])
     body, gap, steel = (np.array(words[:7], float) for words in lines_of(decks, "cylinder"))
@@ -90,14 +123,27 @@ def test_a_body_of_revolution_is_cut_into_discs():
 
 
 def test_no_disc_is_thinner_than_a_cell():
-    thin = {"kind": "plastic", "x": 0.1, "y": 0.5, "depth": 0.02, "radius": 0.1, "height": 0.06, "gap": 0.004}
+    thin = {
+        "kind": "plastic",
+        "x": 0.1,
+        "y": 0.5,
+        "depth": 0.02,
+        "radius": 0.1,
+        "height": 0.06,
+        "gap": 0.004,
+    }
     lid = {
         "kind": "lid",
         "x": -0.1,
         "y": 0.5,
         "profile": ((0.0, 0.0), (0.05, 0.0), (0.08, 0.003), (0.08, 0.004), (0.0, 0.004)),
     }
-    dome = {"kind": "dome", "x": 0.0, "y": 0.3, "profile": ((0.0, 0.0), (0.05, 0.004), (0.1, 0.05), (0.0, 0.05))}
+    dome = {
+        "kind": "dome",
+        "x": 0.0,
+        "y": 0.3,
+        "profile": ((0.0, 0.0), (0.05, 0.004), (0.1, 0.05), (0.0, 0.05)),
+    }
     decks = make_decks(flat(targets=[thin, lid, dome]), SENSOR, 1)
     cell = decks.manifest["grid"]["cell"]
     ends = np.array([words[:6] for words in lines_of(decks, "cylinder")], float).reshape(-1, 2, 3)
@@ -108,7 +154,10 @@ def test_no_disc_is_thinner_than_a_cell():
 
 
 def test_the_rough_surface_is_the_simulators_own_snapped_to_cells():
-    rough = flat(surface={"rms_height": 0.02, "correlation_length": 0.1}, soil={"model": "fixed", "permittivity": 3.0})
+    rough = flat(
+        surface={"rms_height": 0.02, "correlation_length": 0.1},
+        soil={"model": "fixed", "permittivity": 3.0},
+    )
     decks = make_decks(rough, SENSOR, 3)
     grid = decks.manifest["grid"]
     told = decks.manifest["surface"]
@@ -135,7 +184,11 @@ def test_layers_of_soil_lie_under_one_another():
     upper, lower = lines_of(decks, "box")
     z = decks.manifest["grid"]["origin"][2]
     assert float(upper[5]) + z == pytest.approx(0.0, abs=1e-9)
-    assert float(upper[2]) == float(lower[5]) == pytest.approx(-0.1 - z, abs=0.51 * decks.manifest["grid"]["cell"])
+    assert (
+        float(upper[2])
+        == float(lower[5])
+        == pytest.approx(-0.1 - z, abs=0.51 * decks.manifest["grid"]["cell"])
+    )
     assert (upper[6], lower[6]) == ("soil1", "soil2")
 
 
@@ -153,7 +206,13 @@ def test_what_cannot_be_written_is_said():
     horn = SENSOR.model_copy(update={"antenna": load_sensor("sri-array").antenna})
     decks = make_decks(flat(**parts), horn, 1)
     told = " ".join(decks.omissions)
-    for word in ("1 of kind bush", "1 of kind fiducial", "1 wet patches", "1 objects that stand outside", "horns"):
+    for word in (
+        "1 of kind bush",
+        "1 of kind fiducial",
+        "1 wet patches",
+        "1 objects that stand outside",
+        "horns",
+    ):
         assert word in told
     assert decks.manifest["omissions"] == decks.omissions
     assert len(lines_of(decks, "sphere")) == 1
@@ -180,7 +239,9 @@ def test_spreading_keeps_the_place_of_every_component():
     points = grid.spread(point, [0.6, 0.0, 0.8])
     for axis, part in ((0, 0.6), (2, 0.8)):
         some = [p for p in points if p.component == "xyz"[axis]]
-        place = sum(p.weight * (np.array(p.node) + 0.5 * (np.arange(3) == axis)) for p in some) / part
+        place = (
+            sum(p.weight * (np.array(p.node) + 0.5 * (np.arange(3) == axis)) for p in some) / part
+        )
         np.testing.assert_allclose(place * grid.cell + grid.origin, point, atol=1e-9)
         wavenumber = 2 * np.pi / (10 * grid.cell)
         nodes = np.array([p.node for p in some]) + 0.5 * (np.arange(3) == axis)

@@ -6,7 +6,9 @@ from flgpr.simulate.layers import GrassLayer, View, albedo, optical_depth, throu
 from flgpr.simulate.simulator import array_state
 from simulate.conftest import BARE, STILL
 
-GRASS = tables.Grass(height=0.3, water=1.5, texture_shape=None)  # much of it, so that its own loss shows
+GRASS = tables.Grass(
+    height=0.3, water=1.5, texture_shape=None
+)  # much of it, so that its own loss shows
 TONES = np.array([0.75e9, 1.05e9, 1.4e9, 2.1e9, 2.8e9])
 
 
@@ -53,7 +55,15 @@ def test_cross_polarization_lies_7_db_below_hh_but_for_the_loss_of_v(covariance)
     sine = 12 / 13
     depth = optical_depth(GRASS, TONES)
     mean = depth * (1 + cosine**2 + GRASS.upright * sine**2) / 2
-    want = 10**-0.7 * 1.5 * albedo(GRASS, TONES) * depth * cosine / (2 * mean) * (1 - np.exp(-2 * mean / cosine))
+    want = (
+        10**-0.7
+        * 1.5
+        * albedo(GRASS, TONES)
+        * depth
+        * cosine
+        / (2 * mean)
+        * (1 - np.exp(-2 * mean / cosine))
+    )
     np.testing.assert_allclose(covariance[2, 2].real / want, 1, atol=0.06)
     level = 10 * np.log10(covariance[2, 2].real / covariance[0, 0].real)
     assert -9.5 < level.min() < level.max() < -7.0
@@ -77,7 +87,9 @@ def test_more_is_lost_at_high_frequencies_at_grazing_and_in_v():
     np.testing.assert_allclose(loss[2], np.sqrt(loss[0] * loss[1]))
     # At 60 degrees the way is twice the height, and power falls by τ for each way.
     tau = 0.13 * 1.5 * TONES / 1.4e9
-    np.testing.assert_allclose(through_grass(GRASS, TONES, np.sqrt(0.75))[0] ** 2, np.exp(-2 * 2 * tau))
+    np.testing.assert_allclose(
+        through_grass(GRASS, TONES, np.sqrt(0.75))[0] ** 2, np.exp(-2 * 2 * tau)
+    )
     assert np.all(through_grass(GRASS.model_copy(update={"on": False}), TONES, sine) == 1)
 
 
@@ -90,14 +102,24 @@ def test_a_mine_under_grass_is_weaker_by_the_loss_of_both_ways(quiet):
     want = through_grass(GRASS, quiet.tones.axis(), 12 / 13)
     for name, loss in (("HH", want[0]), ("VV", want[1])):
         channel = quiet.polarization.index(name)
-        np.testing.assert_allclose(grown[channel], bare[channel] * loss, rtol=1e-3, atol=1e-4 * np.abs(bare).max())
+        np.testing.assert_allclose(
+            grown[channel], bare[channel] * loss, rtol=1e-3, atol=1e-4 * np.abs(bare).max()
+        )
     assert np.linalg.norm(grown) < 0.5 * np.linalg.norm(bare)
 
 
 def test_what_rises_above_the_grass_keeps_its_level(quiet):
-    lane = Scene(surface=BARE, track=STILL, length=30.0, objects=[{"kind": "fiducial", "x": 0, "y": 12, "height": 0.4}])
+    lane = Scene(
+        surface=BARE,
+        track=STILL,
+        length=30.0,
+        objects=[{"kind": "fiducial", "x": 0, "y": 12, "height": 0.4}],
+    )
     mute = GRASS.model_copy(update={"albedo": 0.0})
-    bare, grown = (Simulator(lane.model_copy(update={"grass": g}), quiet, 1).scan(0) for g in (tables.Grass(), mute))
+    bare, grown = (
+        Simulator(lane.model_copy(update={"grass": g}), quiet, 1).scan(0)
+        for g in (tables.Grass(), mute)
+    )
     np.testing.assert_allclose(grown, bare, rtol=1e-5, atol=1e-6 * np.abs(bare).max())
 
 
@@ -106,10 +128,14 @@ def test_the_surface_is_seen_through_the_grass(quiet):
     power = []
     for grass in (tables.Grass(), GRASS):
         simulator = Simulator(lane.model_copy(update={"grass": grass}), quiet, 1)
-        found = simulator._layers[0].echoes(simulator._view(array_state(quiet, simulator.pose[0]), simulator.pose[0]))
+        found = simulator._layers[0].echoes(
+            simulator._view(array_state(quiet, simulator.pose[0]), simulator.pose[0])
+        )
         middle = quiet.tones.count // 2
         power.append(np.abs(np.einsum("irc,rc->ic", found.coefficient, found.basis[:, :, middle])))
-    sine = np.hypot(*found.points[:, :2].T) / np.hypot(np.hypot(*found.points[:, :2].T), quiet.height)
+    sine = np.hypot(*found.points[:, :2].T) / np.hypot(
+        np.hypot(*found.points[:, :2].T), quiet.height
+    )
     want = through_grass(GRASS, quiet.tones.axis()[middle : middle + 1], sine)[..., 0]
     near = sine < 0.95
     np.testing.assert_allclose((power[1] / power[0])[near], want.T[near], rtol=0.05)
@@ -120,6 +146,8 @@ def test_the_same_seed_grows_the_same_grass_and_none_is_the_bare_lane(quiet):
     bare = Simulator(lane, quiet, 4).scan(0)
     mown = lane.model_copy(update={"grass": GRASS.model_copy(update={"on": False})})
     np.testing.assert_array_equal(Simulator(mown, quiet, 4).scan(0), bare)
-    one, other = (Simulator(lane.model_copy(update={"grass": GRASS}), quiet, 4).scan(0) for _ in range(2))
+    one, other = (
+        Simulator(lane.model_copy(update={"grass": GRASS}), quiet, 4).scan(0) for _ in range(2)
+    )
     np.testing.assert_array_equal(one, other)
     assert np.linalg.norm(one - bare) > 0.1 * np.linalg.norm(bare)

@@ -22,7 +22,10 @@ def test_holes_lie_over_the_share_of_targets_and_over_nothing():
     scene = Scene(
         soil=MOIST,
         length=500.0,
-        draws=[{"kind": "metal", "depth": 0.05, "count": 300}, {"kind": "metal", "depth": -0.15, "count": 50}],
+        draws=[
+            {"kind": "metal", "depth": 0.05, "count": 300},
+            {"kind": "metal", "depth": -0.15, "count": 50},
+        ],
         holes={"over": 0.4, "empty": 0.05},
     )
     world = draw_world(scene, 3)
@@ -41,7 +44,9 @@ def test_holes_lie_over_the_share_of_targets_and_over_nothing():
 
 def test_empty_holes_are_objects_and_never_truth():
     scene = Scene(
-        length=100.0, holes={"empty": 0.1, "over": 1.0}, draws=[{"kind": "plastic", "depth": 0.1, "count": 5}]
+        length=100.0,
+        holes={"empty": 0.1, "over": 1.0},
+        draws=[{"kind": "plastic", "depth": 0.1, "count": 5}],
     )
     world = draw_world(scene, 1)
     table = world.objects_table()
@@ -68,7 +73,11 @@ def test_loose_soil_is_passed_sooner_and_with_less_loss():
     hole = SAME._replace(looseness=0.8, cap=0.02)
     extra, factor = hole_factor(hole, depth, s, ground)
     fill = (1 + 0.8 * (np.sqrt(ground.media[0]) - 1)) ** 2
-    way = 0.12 * np.sqrt(fill - s**2) - 0.02 * np.sqrt(1 - s**2) - depth * np.sqrt(ground.media[0] - s**2)
+    way = (
+        0.12 * np.sqrt(fill - s**2)
+        - 0.02 * np.sqrt(1 - s**2)
+        - depth * np.sqrt(ground.media[0] - s**2)
+    )
     total = np.exp(-2j * ground.wavenumber * extra) * factor
     np.testing.assert_allclose(total, np.exp(-2j * ground.wavenumber * way), rtol=1e-9)
     flat, kept = hole_factor(hole._replace(cap=0.0), depth, s, ground)
@@ -82,7 +91,13 @@ def test_loose_soil_is_passed_sooner_and_with_less_loss():
 def test_a_target_in_a_hole_is_seen_through_it(quiet):
     """The simulated target's echo turns and grows by the factor, tone by tone."""
     target = {"kind": "metal", "x": 0.0, "y": 12.0, "depth": 0.1}
-    loose = {"over": 1.0, "looseness": (0.8, 0.8000001), "moisture": 0.0, "cap": 0.0, "rough_db": 0.0}
+    loose = {
+        "over": 1.0,
+        "looseness": (0.8, 0.8000001),
+        "moisture": 0.0,
+        "cap": 0.0,
+        "rough_db": 0.0,
+    }
     base = {"soil": MOIST, "surface": BARE, "track": STILL, "targets": [target]}
     without = Simulator(Scene(**base), quiet, 1)
     within = Simulator(Scene(**base, holes=loose), quiet, 1)
@@ -105,14 +120,21 @@ def test_the_flashes_of_wall_and_cap_are_their_disc_s_transform():
     x = 2 * k * hole.radius * s
     turn = np.exp(1j * x)
     wall = sum(wall_flash(hole, contrast, soil, 0.0, s, k, side) * turn**side for side in (1, -1))
-    scale = np.sqrt(4 * np.pi) * k**2 / 4 * contrast * hole.radius**2 / (2j * k * np.sqrt(soil - s**2))
+    scale = (
+        np.sqrt(4 * np.pi) * k**2 / 4 * contrast * hole.radius**2 / (2j * k * np.sqrt(soil - s**2))
+    )
     assert abs(wall - scale * 2 * j1(x) / x) < 0.1 * abs(scale) * np.sqrt(8 / (np.pi * x**3))
-    h, v = np.sum([np.array(cap_flash(hole, soil, s, k, side)) * turn**side for side in (1, -1)], axis=0)
+    h, v = np.sum(
+        [np.array(cap_flash(hole, soil, s, k, side)) * turn**side for side in (1, -1)], axis=0
+    )
     c = np.sqrt(1 - s**2)
     q = np.sqrt(soil - s**2)
     height = 4 * np.pi * hole.cap * jv(2, x) / (2 * k * s) ** 2
     level = np.sqrt(4 * np.pi) * k**2 * c**2 / np.pi
-    assert abs(h - level * (soil - 1) / (c + q) ** 2 * height) < 0.3 * abs(h) + 0.2 * level * hole.cap / k**2
+    assert (
+        abs(h - level * (soil - 1) / (c + q) ** 2 * height)
+        < 0.3 * abs(h) + 0.2 * level * hole.cap / k**2
+    )
     assert abs(v) > 2 * abs(h)
     rough = wall_flash(hole, contrast, soil, 0.02, s, k, 1)
     assert abs(rough) == pytest.approx(
@@ -124,7 +146,13 @@ def test_an_empty_hole_echoes_as_its_contrast(quiet):
     """The echo is there, and grows with the contrast."""
 
     def level(looseness):
-        table = {"empty": 0.3, "looseness": (looseness, looseness + 1e-6), "moisture": 0.0, "cap": 0.0, "wall": 0.0}
+        table = {
+            "empty": 0.3,
+            "looseness": (looseness, looseness + 1e-6),
+            "moisture": 0.0,
+            "cap": 0.0,
+            "wall": 0.0,
+        }
         scene = Scene(soil=MOIST, surface=BARE, track=STILL, length=30.0, holes=table)
         return Simulator(scene, quiet, 4)
 

@@ -30,7 +30,9 @@ each = pytest.mark.parametrize("site", PREPARED)
 
 
 def file_of(site):
-    return (resources.files("flgpr.simulate") / "sites" / f"{site}.toml").read_text(encoding="utf-8")
+    return (resources.files("flgpr.simulate") / "sites" / f"{site}.toml").read_text(
+        encoding="utf-8"
+    )
 
 
 def ranges(site):
@@ -69,7 +71,11 @@ def test_every_entry_has_its_source(site):
 def test_an_entry_with_a_range_is_its_middle(site):
     """The geometric middle, or half where the range begins at nothing; three entries say why they are not."""
     told = ranges(site)
-    assert {("surface", "rms_height"), ("surface", "correlation_length"), ("surface", "unevenness")} <= set(told)
+    assert {
+        ("surface", "rms_height"),
+        ("surface", "correlation_length"),
+        ("surface", "unevenness"),
+    } <= set(told)
     scene = Scene(site=site)
     for (table, entry), (least, greatest) in told.items():
         value = getattr(getattr(scene, table), entry)
@@ -107,7 +113,10 @@ def test_a_prepared_lane_is_in_no_part_worse_than_the_natural_site(site):
         ("terrain", "rut_depth"),
         ("grass", "height"),
     ):
-        assert getattr(getattr(lane, table), entry) <= getattr(getattr(natural, table), entry), (table, entry)
+        assert getattr(getattr(lane, table), entry) <= getattr(getattr(natural, table), entry), (
+            table,
+            entry,
+        )
     for new, old in zip(lane.holes.looseness, natural.holes.looseness, strict=True):
         assert new == pytest.approx((old + 1) / 2, abs=1e-9)
 
@@ -155,7 +164,10 @@ def test_the_drawn_surface_has_the_declared_rms_height(site):
     declared = surface.rms_height**2 + uneven_variance
     assert np.mean(heights**2) == pytest.approx(declared, rel=0.17)
     natural = Scene(site=NATURAL[site]).surface
-    assert natural.rms_height**2 + np.pi**2 * 0.1**2 * natural.unevenness * UNEVEN_LENGTH > 2 * declared
+    assert (
+        natural.rms_height**2 + np.pi**2 * 0.1**2 * natural.unevenness * UNEVEN_LENGTH
+        > 2 * declared
+    )
 
 
 @each
@@ -188,12 +200,17 @@ def test_undulation_and_ruts_are_as_declared(site):
     place = np.array([[0.3, 20.0]])
     drawn = [Terrain(level, scene.lane, seed).relief(place)[0, 0] for seed in range(600)]
     assert np.std(drawn) == pytest.approx(scene.terrain.undulation, rel=0.09)
-    # As much as the uneven ground's class has in waves of 3 to 30 m: G0·0.1²·(30 - 3) under the root.
-    assert scene.terrain.undulation == pytest.approx(np.sqrt(scene.surface.unevenness * 0.1**2 * 27), rel=0.02)
+    # As much as the uneven ground's class has in waves of 3 to 30 m: G0·0.1²·(30 - 3) under the
+    # root.
+    assert scene.terrain.undulation == pytest.approx(
+        np.sqrt(scene.surface.unevenness * 0.1**2 * 27), rel=0.02
+    )
     if scene.terrain.rut_depth > 0:
         straight = scene.terrain.model_copy(update={"undulation": 0.0, "rut_wander": 0.0})
         middle = scene.terrain.rut_spacing / 2
-        assert Terrain(straight, scene.lane, 1)(middle, 7.0) == pytest.approx(-scene.terrain.rut_depth, rel=1e-3)
+        assert Terrain(straight, scene.lane, 1)(middle, 7.0) == pytest.approx(
+            -scene.terrain.rut_depth, rel=1e-3
+        )
 
 
 def small_perturbation(frequency, sine, eps, surface):
@@ -206,7 +223,10 @@ def small_perturbation(frequency, sine, eps, surface):
     bragg = 2 * k * sine
     spectrum = 0.0
     uneven = np.sqrt(np.pi**2 * 0.1**2 * surface.unevenness * UNEVEN_LENGTH)
-    for height, length in ((surface.rms_height, surface.correlation_length), (uneven, UNEVEN_LENGTH)):
+    for height, length in (
+        (surface.rms_height, surface.correlation_length),
+        (uneven, UNEVEN_LENGTH),
+    ):
         spectrum = spectrum + height**2 * length**2 * (1 + (bragg * length) ** 2) ** -1.5
     level = 8 * k**4 * cosine**4 * spectrum
     return level * np.abs(hh) ** 2, level * np.abs(vv) ** 2
@@ -237,11 +257,15 @@ def test_simulated_scatterers_have_the_sigma0_of_small_perturbation(site, quiet)
         sine = view.sine(echoes.points)
         gentle = sine < 0.97
         for tone in chosen:
-            amplitude = np.einsum("irc,rc->ic", echoes.coefficient, echoes.basis[:, :, tone])[gentle]
+            amplitude = np.einsum("irc,rc->ic", echoes.coefficient, echoes.basis[:, :, tone])[
+                gentle
+            ]
             eps = scene.soil.media(tones[tone])[-1].item()
             declared = small_perturbation(tones[tone], sine[gentle], eps, scene.surface)
             # Every scatterer's amplitude over its own declared level: HV goes with HH.
-            hh, vv, hv = (amplitude / np.sqrt(np.stack([declared[0], declared[1], declared[0]], axis=1))).T
+            hh, vv, hv = (
+                amplitude / np.sqrt(np.stack([declared[0], declared[1], declared[0]], axis=1))
+            ).T
             per_area = simulator._layers[0]._field.per_tile
             ratios.append([np.mean(np.abs(one) ** 2) * per_area for one in (hh, vv)])
             cross.append(np.mean(np.abs(hv) ** 2) * per_area)
@@ -263,7 +287,9 @@ def test_stones_per_square_metre_and_their_sizes(site, quiet):
     spectra = BuriedSpectra(ground, shapes(scene, ground), scene.stones.depth)
     field = SubsurfaceField(scene, spectra, 20.0, 10.0, seed=1)
     side = 30
-    depths = np.concatenate([field.stones(ix, iy).depth for ix in range(side) for iy in range(side)])
+    depths = np.concatenate(
+        [field.stones(ix, iy).depth for ix in range(side) for iy in range(side)]
+    )
     expected = scene.stones.density * side**2
     assert abs(depths.size - expected) < 4 * np.sqrt(expected)
     least, greatest = scene.stones.radius
@@ -288,7 +314,9 @@ def test_holes_are_as_declared(site):
     assert least <= min(looseness) <= max(looseness) <= greatest <= 1
     assert np.mean(looseness) == pytest.approx((least + greatest) / 2, abs=0.1 * (greatest - least))
     assert np.std([hole.cap for hole in world.holes]) == pytest.approx(scene.holes.cap, rel=0.13)
-    assert np.std([hole.moisture for hole in world.holes]) == pytest.approx(scene.holes.moisture, rel=0.13)
+    assert np.std([hole.moisture for hole in world.holes]) == pytest.approx(
+        scene.holes.moisture, rel=0.13
+    )
 
 
 @each
@@ -298,7 +326,11 @@ def test_growth_and_roadside_are_as_declared(site):
     assert scene.roots.density == 0
     world = draw_world(scene, 5)
     road = scene.length + 2 * MARGIN
-    for kind, per_metre in (("bush", scene.clutter.bushes), ("post", scene.clutter.posts), ("rock", 0.0)):
+    for kind, per_metre in (
+        ("bush", scene.clutter.bushes),
+        ("post", scene.clutter.posts),
+        ("rock", 0.0),
+    ):
         things = [thing for thing in world.objects if thing.kind == kind]
         expected = per_metre * road
         assert abs(len(things) - expected) <= 4 * np.sqrt(expected), kind

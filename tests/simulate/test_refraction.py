@@ -27,7 +27,9 @@ def fermat(x, h, d, eps):
 @pytest.mark.parametrize("depth", [0.005, 0.1, 0.5])
 def test_path_is_fermat_s(eps, depth):
     for x in (0.3, 7.0, 26.0):
-        assert refracted_ray(x, HEIGHT, [depth], [eps]).path == pytest.approx(fermat(x, HEIGHT, depth, eps), abs=1e-7)
+        assert refracted_ray(x, HEIGHT, [depth], [eps]).path == pytest.approx(
+            fermat(x, HEIGHT, depth, eps), abs=1e-7
+        )
 
 
 def test_two_layers_of_one_soil_are_one():
@@ -94,7 +96,9 @@ def field_above(eps, depth, x, z, k0, upright):
         else:
             zero = jv(0, kr * x)
             one = jv(1, kr * x) / (kr * x)
-            total += np.sum(wave * 2 * ((zero - one) / (q1 + q2) + one * q1 * q2 / (eps * q1 + q2) / k0**2))
+            total += np.sum(
+                wave * 2 * ((zero - one) / (q1 + q2) + one * q1 * q2 / (eps * q1 + q2) / k0**2)
+            )
     return -1j * total
 
 
@@ -107,8 +111,12 @@ def test_a_wave_leaves_the_ground_with_t12_not_t21(eps, depth):
     both = [t * ray_divergence(sine, eps) for t in two_way_transmission(sine, eps)]
     lost = np.exp(-k0 * depth * abs(np.sqrt(eps - sine**2 + 0j).imag))
     far = np.hypot(12.0 - entry, HEIGHT)
-    # The upright dipole takes the vertical part of the field in the soil and radiates sinθ of it upright.
-    for upright, t12, part in ((False, np.sqrt(both[0]), 1.0), (True, np.sqrt(both[1]), sine**2 / np.sqrt(eps))):
+    # The upright dipole takes the vertical part of the field in the soil and radiates sinθ of it
+    # upright.
+    for upright, t12, part in (
+        (False, np.sqrt(both[0]), 1.0),
+        (True, np.sqrt(both[1]), sine**2 / np.sqrt(eps)),
+    ):
         exact = abs(field_above(eps, depth, 12.0, HEIGHT, k0, upright)) * far
         assert 20 * np.log10(exact / abs(t12 * part * lost)) == pytest.approx(0, abs=0.1)
 

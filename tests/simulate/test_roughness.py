@@ -8,7 +8,9 @@ from flgpr.simulate.scene import Scene
 SINE = np.sin(np.radians(67.0))
 
 
-@pytest.mark.parametrize(("frequency", "hh", "vv"), [(1.05e9, -41, -33), (2.55e9, -36, -28), (9.4e9, -30, -22)])
+@pytest.mark.parametrize(
+    ("frequency", "hh", "vv"), [(1.05e9, -41, -33), (2.55e9, -36, -28), (9.4e9, -30, -22)]
+)
 def test_backscatter_at_the_reference_levels(frequency, hh, vv):
     """θ = 67°, ε = 3.4, s = 5 mm, l = 5 cm; the larger scale adds little."""
     single = 10 * np.log10(surface_backscatter(frequency, SINE, 3.4, 0.005, 0.05))
@@ -65,9 +67,19 @@ def test_backscatter_without_unevenness_is_that_of_exponential_correlation():
     k = 2 * np.pi * f / 299_792_458.0
     cosine = np.sqrt(1 - SINE**2)
     alpha = 2.4 / (cosine + np.sqrt(3.4 - SINE**2)) ** 2
-    closed = 8 * k**4 * s**2 * cosine**4 * alpha**2 * length**2 * (1 + (2 * k * length * SINE) ** 2) ** -1.5
+    closed = (
+        8
+        * k**4
+        * s**2
+        * cosine**4
+        * alpha**2
+        * length**2
+        * (1 + (2 * k * length * SINE) ** 2) ** -1.5
+    )
     np.testing.assert_allclose(surface_backscatter(f, SINE, 3.4, s, length)[0], closed, rtol=1e-12)
-    np.testing.assert_allclose(surface_backscatter(f, SINE, 3.4, s, length, waviness=2.7)[0], closed, rtol=1e-12)
+    np.testing.assert_allclose(
+        surface_backscatter(f, SINE, 3.4, s, length, waviness=2.7)[0], closed, rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("waviness", [1.5, 2.0, 2.5])
@@ -75,12 +87,18 @@ def test_uneven_ground_scatters_as_f_to_the_3_minus_w(waviness):
     """A short part alone grows as f⁴ where its correlation length is short; the uneven part is added to it."""
 
     def exponent(rms, unevenness):
-        a, b = (surface_backscatter(f, SINE, 3.4, rms, 0.001, 0.0, unevenness, waviness)[1] for f in (1e9, 1.01e9))
+        a, b = (
+            surface_backscatter(f, SINE, 3.4, rms, 0.001, 0.0, unevenness, waviness)[1]
+            for f in (1e9, 1.01e9)
+        )
         return np.log(b / a) / np.log(1.01)
 
     assert exponent(0.0, 1e-3) == pytest.approx(3 - waviness, abs=0.02)
     assert exponent(0.005, 0.0) == pytest.approx(4, abs=0.02)
-    parts = [surface_backscatter(1e9, SINE, 3.4, *part)[0] for part in ((0.005, 0.05), (0.0, 0.05, 0.0, 1e-3))]
+    parts = [
+        surface_backscatter(1e9, SINE, 3.4, *part)[0]
+        for part in ((0.005, 0.05), (0.0, 0.05, 0.0, 1e-3))
+    ]
     both = surface_backscatter(1e9, SINE, 3.4, 0.005, 0.05, 0.0, 1e-3)[0]
     assert both == pytest.approx(sum(parts), rel=1e-12)
 
@@ -100,14 +118,18 @@ def test_uneven_heights_hold_both_parts():
         want = 0.005**2 * np.exp(-lag / 0.05) + long**2 * np.exp(-lag / UNEVEN_LENGTH)
         error = 3 * np.std(values) / np.sqrt(len(values))
         assert np.mean(values) == pytest.approx(want, abs=error + 2e-6)
-    assert long == pytest.approx(np.sqrt(np.pi**2 * 1024e-8 * UNEVEN_LENGTH), rel=1e-9)  # s²/l = π²·n0²·G0 at w = 2
+    assert long == pytest.approx(
+        np.sqrt(np.pi**2 * 1024e-8 * UNEVEN_LENGTH), rel=1e-9
+    )  # s²/l = π²·n0²·G0 at w = 2
 
 
 def test_a_scene_without_a_site_has_no_unevenness():
     assert Scene().surface.unevenness == 0
 
 
-@pytest.mark.parametrize(("unevenness", "waviness", "told"), [(-1e-6, 2.0, "unevenness"), (1e-3, 3.0, "waviness")])
+@pytest.mark.parametrize(
+    ("unevenness", "waviness", "told"), [(-1e-6, 2.0, "unevenness"), (1e-3, 3.0, "waviness")]
+)
 def test_impossible_unevenness_is_refused(unevenness, waviness, told):
     with pytest.raises(ValueError, match=f"{told} must .*got"):
         uneven_height(unevenness, waviness)

@@ -48,7 +48,8 @@ def test_on_the_edge_of_the_shadow_the_top_stops_half(pair):
     """Knife edge: where the ray just touches the top, half of what a strip without end stops gets by."""
     edge = np.array([[0.0, 10.0 * 5.0 / 4.0, 0.0]])  # 1 m high, seen from 5 m
     low, high = (
-        Shadows([Strip(0.0, 10.0, -50.0, top, 1.0)], pair, TONES).factors(edge, NODES)[0] for top in (1.0, 60.0)
+        Shadows([Strip(0.0, 10.0, -50.0, top, 1.0)], pair, TONES).factors(edge, NODES)[0]
+        for top in (1.0, 60.0)
     )
     np.testing.assert_allclose(high, (2 * np.sqrt(low) - 1) ** 2, atol=0.01)
     assert np.abs(low).mean() > 2 * np.abs(high).mean()
@@ -77,7 +78,9 @@ def test_long_waves_fill_the_shadow_in(pair):
 
 def test_there_is_no_shadow_before_an_object_nor_beside_it_nor_on_itself(pair):
     shadows = Shadows([Strip(0.0, 10.0, 0.0, 1.0, 0.1)], pair, TONES)
-    points = np.array([[0.0, 9.9, 0.0], [0.0, 6.0, 0.0], [0.0, 10.0, 0.5], [0.0, 10.05, 0.0], [4.0, 12.0, 0.0]])
+    points = np.array(
+        [[0.0, 9.9, 0.0], [0.0, 6.0, 0.0], [0.0, 10.0, 0.5], [0.0, 10.05, 0.0], [4.0, 12.0, 0.0]]
+    )
     np.testing.assert_array_equal(shadows.factors(points, NODES), 1)
     assert abs(shadows.factors(np.array([[0.0, 11.0, 0.0]]), NODES)[0, -1]) < 0.9
 
@@ -94,7 +97,9 @@ def test_leaves_let_a_part_through(pair):
     np.testing.assert_allclose(clear, 1)
     assert np.all((opaque < through) & (through < 1))
     # Where hardly anything comes round, what is left is the leaves' own loss both ways.
-    assert 20 * np.log10(through[-1]) == pytest.approx(-2 * bush.foliage * np.sqrt(3.0 / 0.87), abs=2)
+    assert 20 * np.log10(through[-1]) == pytest.approx(
+        -2 * bush.foliage * np.sqrt(3.0 / 0.87), abs=2
+    )
 
 
 def test_who_throws_a_shadow():
@@ -117,7 +122,9 @@ def test_who_throws_a_shadow():
     strips = strips_of(world.targets, world.objects, slope, 1.3)
     assert [strip.y for strip in strips] == [5, 8, 10]
     assert [strip.top - strip.bottom for strip in strips] == pytest.approx([0.15, 0.1, 0.8])
-    assert [strip.bottom for strip in strips] == pytest.approx([slope(0, y).item() for y in (5, 8, 10)])
+    assert [strip.bottom for strip in strips] == pytest.approx(
+        [slope(0, y).item() for y in (5, 8, 10)]
+    )
 
 
 def test_scatterers_in_the_shade_keep_their_spectrum_times_the_factor(quiet):
@@ -142,7 +149,10 @@ def test_scatterers_in_the_shade_keep_their_spectrum_times_the_factor(quiet):
     beam = slow_beam(points[dark], array, frequency)[:, None]
     want = spectra * beam * shadows.factors(points[dark], frequency)[:, None]
     got = np.einsum(
-        "icr,ir,rf->icf", at_nodes[dark], slow_beam(points[dark], array, skeleton.nodes), skeleton.functions
+        "icr,ir,rf->icf",
+        at_nodes[dark],
+        slow_beam(points[dark], array, skeleton.nodes),
+        skeleton.functions,
     )
     assert np.linalg.norm(got - want) < 0.1 * np.linalg.norm(want)
 
@@ -178,7 +188,8 @@ def test_switched_off_is_the_lit_lane_to_the_bit(quiet):
     off = lane.model_copy(update={"shadow": tables.Shadow(on=False)})
     np.testing.assert_array_equal(Simulator(off, quiet, 4).scan(0), lit)
     one, other = (
-        Simulator(lane.model_copy(update={"shadow": tables.Shadow(on=True)}), quiet, 4).scan(0) for _ in range(2)
+        Simulator(lane.model_copy(update={"shadow": tables.Shadow(on=True)}), quiet, 4).scan(0)
+        for _ in range(2)
     )
     np.testing.assert_array_equal(one, other)
     assert np.linalg.norm(one - lit) > 0.005 * np.linalg.norm(lit)

@@ -22,7 +22,15 @@ from flgpr.simulate.signature.table import SignatureTable, find_table, load_tabl
 from flgpr.simulate.targets import node_weights
 from simulate.lattices import sample_round
 
-SHAPE = (nodes.PERMITTIVITY.size, nodes.FREQUENCY.size, nodes.DEPTH.size, 1, nodes.SINE.size, nodes.SEPARATION.size, 4)
+SHAPE = (
+    nodes.PERMITTIVITY.size,
+    nodes.FREQUENCY.size,
+    nodes.DEPTH.size,
+    1,
+    nodes.SINE.size,
+    nodes.SEPARATION.size,
+    4,
+)
 TINY = Body(name="tiny", layers=[{"thickness": 0.02, "zones": ((0.03, 2.0),)}])
 
 
@@ -40,7 +48,9 @@ def test_a_file_keeps_a_table_to_a_thousandth(tmp_path):
     assert back.body == table.body
     scale = np.abs(table.values).max(axis=(2, 3, 4, 5, 6), keepdims=True)
     assert (np.abs(back.values - table.values) / scale).max() < 1e-3
-    assert digest == sha256(path.read_bytes()).hexdigest() == save_table(table, tmp_path / "again.npz")
+    assert (
+        digest == sha256(path.read_bytes()).hexdigest() == save_table(table, tmp_path / "again.npz")
+    )
 
 
 def test_a_table_of_very_weak_and_very_strong_tones_loses_neither(tmp_path):
@@ -50,7 +60,9 @@ def test_a_table_of_very_weak_and_very_strong_tones_loses_neither(tmp_path):
     values = levels * (rng.normal(size=size) + 1j * rng.normal(size=size))
     save_table(SignatureTable(TINY, values.astype(np.complex64)), tmp_path / "t.npz")
     back = load_table(tmp_path / "t.npz").values
-    assert (np.abs(back - values) / np.abs(values).max(axis=(2, 3, 4, 5, 6), keepdims=True)).max() < 1e-3
+    assert (
+        np.abs(back - values) / np.abs(values).max(axis=(2, 3, 4, 5, 6), keepdims=True)
+    ).max() < 1e-3
 
 
 @pytest.mark.parametrize("damage", ["cut", "flipped", "text", "foreign", "missing"])
@@ -62,7 +74,9 @@ def test_a_damaged_or_foreign_file_is_named(tmp_path, damage):
         path.write_bytes(data[: len(data) // 2])
     elif damage == "flipped":
         middle = len(data) // 2
-        path.write_bytes(data[:middle] + bytes(255 - b for b in data[middle : middle + 64]) + data[middle + 64 :])
+        path.write_bytes(
+            data[:middle] + bytes(255 - b for b in data[middle : middle + 64]) + data[middle + 64 :]
+        )
     elif damage == "text":
         path.write_text("nothing of the kind")
     elif damage == "foreign":
@@ -106,13 +120,17 @@ def test_what_the_surface_adds_fades_with_depth():
     deep = table.at(f, soil_of(1), 1e4)
     added = [np.linalg.norm(table.at(f, soil_of(1), d) - deep) for d in (0.05, 0.15, 0.3, 0.6)]
     assert added[0] > added[1]
-    np.testing.assert_allclose(np.divide(added[1:-1], added[2:]), 2, rtol=1e-3)  # below the last node as 1/d
+    np.testing.assert_allclose(
+        np.divide(added[1:-1], added[2:]), 2, rtol=1e-3
+    )  # below the last node as 1/d
 
 
 BETWEEN = np.array([0.75, 0.9, 0.965])  # sines that are not nodes
 
 
-@pytest.mark.parametrize(("name", "limit"), [("metal-at", 0.15), ("plastic-at", 0.15), ("vs-2.2-hollow", 0.15)])
+@pytest.mark.parametrize(
+    ("name", "limit"), [("metal-at", 0.15), ("plastic-at", 0.15), ("vs-2.2-hollow", 0.15)]
+)
 @pytest.mark.parametrize(("frequency", "soil"), [(1.0e9, 3.4 - 0.04j), (0.71e9, 4.9 - 0.18j)])
 def test_between_its_nodes_a_table_is_what_solving_there_gives(name, limit, frequency, soil):
     """Tone, soil, loss, depth, sine and azimuth all off their nodes."""
@@ -120,7 +138,9 @@ def test_between_its_nodes_a_table_is_what_solving_there_gives(name, limit, freq
     depth = 0.037
     body = packaged_table(name).body
     cells = cells_for(frequency, soil.real)
-    want = solve_round(body, frequency, soil, BETWEEN, np.array([apart]), np.array([depth]), cells)[0, :, 0]
+    want = solve_round(body, frequency, soil, BETWEEN, np.array([apart]), np.array([depth]), cells)[
+        0, :, 0
+    ]
     found = packaged_table(name).at(np.array([frequency]), np.array([soil]), depth)[..., 0]
     weight = node_weights(BETWEEN, np.full(3, apart), np.zeros(3), np.zeros(1))
     even = np.einsum("aspn,aspc->nc", weight[..., 0, :], found)
@@ -151,7 +171,9 @@ def test_deep_down_a_table_of_plastic_is_what_dipoles_on_a_lattice_give(name, so
 def test_without_a_surface_a_table_gives_its_deepest_node():
     table = packaged_table("metal-at")
     deep = table.at(nodes.FREQUENCY, soil_of(1), np.inf)
-    np.testing.assert_allclose(deep, table.at(nodes.FREQUENCY, soil_of(1), 1e6), atol=1e-6 * np.abs(deep).max())
+    np.testing.assert_allclose(
+        deep, table.at(nodes.FREQUENCY, soil_of(1), 1e6), atol=1e-6 * np.abs(deep).max()
+    )
 
 
 def test_weights_are_those_of_polynomials_even_and_odd():
@@ -206,7 +228,10 @@ def test_all_aspects_of_a_box_come_from_an_eighth_or_a_quarter_of_its_turn(elong
     table = channels(solve(aspects, nodes.SEPARATION))  # (sine, aspect, separation, 4)
     weight = node_weights(np.full(at.size, nodes.SINE[3]), np.full(at.size, apart), at, aspects)
     rows = [0, 0, 1, 2]  # the weights of each channel
-    got = np.stack([np.einsum("aspn,sap->n", weight[..., rows[c], :], table[..., c]) for c in range(4)], axis=-1)
+    got = np.stack(
+        [np.einsum("aspn,sap->n", weight[..., rows[c], :], table[..., c]) for c in range(4)],
+        axis=-1,
+    )
     assert np.abs(want[:, 2]).max() > 0.02 * np.abs(want).max()
     np.testing.assert_allclose(got, want, atol=2e-3 * np.abs(want).max())
 
@@ -235,7 +260,9 @@ def test_a_table_that_was_stopped_goes_on_and_gives_the_same_bits(tmp_path, monk
     solved = []
     told = []
     solve = build.solve_piece
-    monkeypatch.setattr(build, "solve_piece", lambda *piece: solved.append(piece[1:]) or solve(*piece))
+    monkeypatch.setattr(
+        build, "solve_piece", lambda *piece: solved.append(piece[1:]) or solve(*piece)
+    )
     went_on = build_table(TINY, tmp_path / "part", progress=lambda *at: told.append(at))
     assert len(set(solved)) == len(solved) == 2
     assert told == [(3, 4), (4, 4)]
@@ -270,7 +297,11 @@ def test_every_packaged_body_says_where_it_is_from_and_has_a_table(name):
 def test_the_manifest_lists_every_table_with_its_digest():
     folder = Path(build.__file__).parent / "tables"
     listed = json.loads((folder / "manifest.json").read_text())["files"]
-    assert set(listed) == {f"{name}.npz" for name in packaged_bodies()} == {p.name for p in folder.glob("*.npz")}
+    assert (
+        set(listed)
+        == {f"{name}.npz" for name in packaged_bodies()}
+        == {p.name for p in folder.glob("*.npz")}
+    )
     for name, entry in listed.items():
         data = (folder / name).read_bytes()
         assert entry == {"bytes": len(data), "sha256": sha256(data).hexdigest()}

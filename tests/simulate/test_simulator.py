@@ -22,7 +22,9 @@ BANDS = {"low": (0.75e9, 1.35e9), "high": (2.25e9, 2.85e9)}
 @pytest.fixture(scope="module")
 def quiet(quiet):
     """Beams alike at all tones, as the radar equations below have them."""
-    return quiet.model_copy(update={"antenna": quiet.antenna.model_copy(update={"beam": "constant"})})
+    return quiet.model_copy(
+        update={"antenna": quiet.antenna.model_copy(update={"beam": "constant"})}
+    )
 
 
 def scene(**parts):
@@ -34,7 +36,9 @@ def image_of(run, grid, subbands=None, window=None):
 
 
 def test_a_corner_reflector_images_at_its_place_and_analytic_level(quiet):
-    run, _ = simulate(scene(objects=[{"kind": "fiducial", "x": 0.52, "y": 12.03, "height": 0.0}]), quiet, 1)
+    run, _ = simulate(
+        scene(objects=[{"kind": "fiducial", "x": 0.52, "y": 12.03, "height": 0.0}]), quiet, 1
+    )
     grid = Grid.spanning((0.3, 0.8), (11.8, 12.3), 0.01)
     image = np.abs(image_of(run, grid).sel(polarization="HH").values[0])
     row, column = np.unravel_index(image.argmax(), grid.shape)
@@ -46,7 +50,8 @@ def test_a_corner_reflector_images_at_its_place_and_analytic_level(quiet):
     axis = np.array([0, np.cos(quiet.tilt), -np.sin(quiet.tilt)])
     frequency = quiet.tones.axis()
     inside = (frequency >= WIDE["all"][0]) & (frequency <= WIDE["all"][1])
-    # Radar equation: sqrt(G_t·G_r)·λ/((4π)^1.5·R_t·R_r)·sqrt(σ), σ = (f/GHz)² m², summed over pairs and tones.
+    # Radar equation: sqrt(G_t·G_r)·λ/((4π)^1.5·R_t·R_r)·sqrt(σ), σ = (f/GHz)² m², summed over pairs
+    # and tones.
     sigma = np.sqrt((frequency / 1e9) ** 2)
     total = 0.0
     for t, r in zip(tx + up, rx + up, strict=True):
@@ -86,7 +91,9 @@ def test_bounces_under_the_surface_reach_the_far_rim_only(quiet):
         total = 0.0
         for n in range(50):
             for m in range(50):
-                part = np.prod([np.clip(2 * target.radius / shift - b + 1, 0, 1) if b else 1.0 for b in (n, m)])
+                part = np.prod(
+                    [np.clip(2 * target.radius / shift - b + 1, 0, 1) if b else 1.0 for b in (n, m)]
+                )
                 total = total + part * (up * metal * np.exp(-2j * q * 0.05)) ** (n + m)
         np.testing.assert_allclose(_cover_factor(sine, target, ground)[i], total, rtol=1e-9)
 
@@ -97,10 +104,20 @@ def test_the_near_rim_does_not_hear_the_cover(quiet):
     def ripple(side):
         echoes = Echoes()
         profile = cylinder(0.16, 0.15)
-        world = scene(soil=DRY, targets=[{"kind": "metal", "x": 0.0, "y": 12.0, "depth": 0.05, "profile": profile}])
+        world = scene(
+            soil=DRY,
+            targets=[{"kind": "metal", "x": 0.0, "y": 12.0, "depth": 0.05, "profile": profile}],
+        )
         ground = Ground(world.soil, None, np.linspace(0.5e9, 1.5e9, 201))
-        add_target(echoes, world.targets[0], ground, array_state(quiet, np.array([0, 0, quiet.height, 0, 0, 0])))
-        level = np.abs(echoes.spectrum[side][0]) * np.sqrt(ground.frequency)  # a rim's amplitude falls as 1/sqrt(k)
+        add_target(
+            echoes,
+            world.targets[0],
+            ground,
+            array_state(quiet, np.array([0, 0, quiet.height, 0, 0, 0])),
+        )
+        level = np.abs(echoes.spectrum[side][0]) * np.sqrt(
+            ground.frequency
+        )  # a rim's amplitude falls as 1/sqrt(k)
         return level.max() / level.min()
 
     near = 0
@@ -119,11 +136,15 @@ def test_a_mine_on_the_ground_is_a_corner_as_strong_as_its_formula(quiet):
         return np.abs(image_of(run, grid, band).sel(polarization="HH").values).max()
 
     mine = peak(targets=[{"kind": "metal", "x": 0.0, "y": 12.0, "depth": -0.15}])
-    corner = peak(objects=[{"kind": "fiducial", "x": 0.0, "y": 11.84, "height": 0.0, "rcs_db": 0.0}])
+    corner = peak(
+        objects=[{"kind": "fiducial", "x": 0.0, "y": 11.84, "height": 0.0, "rcs_db": 0.0}]
+    )
     cosine = quiet.height / np.hypot(quiet.height, 11.84)
     inside = np.sqrt(3.4 - 1 + cosine**2)
     r_h = (cosine - inside) / (cosine + inside)
-    level = 20 * np.log10(mine / corner) + 20 * np.log10(1.05)  # the corner reflector's 0 dBsm are at 1 GHz
+    level = 20 * np.log10(mine / corner) + 20 * np.log10(
+        1.05
+    )  # the corner reflector's 0 dBsm are at 1 GHz
     assert level == pytest.approx(-5.3 + 20 * np.log10(abs(r_h)), abs=4)
 
 
@@ -134,7 +155,14 @@ def test_a_level_mine_has_no_cross_polarization_and_a_tilted_one_some(quiet):
     mirrored = quiet.model_copy(update={"rx": tuple(map(tuple, both.tolist()))})
 
     def ratio(tilt, azimuth, x=(-0.5, 0.5)):
-        target = {"kind": "metal", "x": 0.0, "y": 12.0, "depth": 0.05, "tilt": tilt, "azimuth": azimuth}
+        target = {
+            "kind": "metal",
+            "x": 0.0,
+            "y": 12.0,
+            "depth": 0.05,
+            "tilt": tilt,
+            "azimuth": azimuth,
+        }
         run, _ = simulate(scene(targets=[target]), mirrored, 1)
         image = np.abs(image_of(run, Grid.spanning(x, (11.5, 12.9), 0.05)))
         level = dict(zip(run["polarization"].values, image.values.max(axis=(1, 2, 3)), strict=True))
@@ -151,7 +179,9 @@ def test_depth_attenuates_and_shifts_and_plastic_is_weaker_than_metal(quiet):
         soil = {"model": "mironov", "clay": 20, "moisture": 0.12}
         run, _ = simulate(scene(soil=soil, targets=[{"x": 0.0, "y": 12.0} | target]), quiet, 1)
         grid = Grid.spanning((-0.5, 0.5), (11.4, 13.2), 0.02)
-        image = np.abs(image_of(run, grid, {"F1": (0.75e9, 1.35e9)}).sel(polarization="HH").values[0])
+        image = np.abs(
+            image_of(run, grid, {"F1": (0.75e9, 1.35e9)}).sel(polarization="HH").values[0]
+        )
         return image.max()
 
     metal = [peak(kind="metal", depth=d) for d in (0.05, 0.10, 0.15)]
@@ -178,7 +208,9 @@ def test_the_same_seed_gives_the_same_bits_in_any_order(quiet):
 def test_every_site_makes_a_lane_with_its_targets(site, quiet):
     draws = [{"kind": "plastic", "depth": 0.1, "count": 4}]
     lane = Scene(site=site, length=20.0, draws=draws, surface={"density": 3.0})
-    run, truth = simulate(lane.model_copy(update={"track": lane.track.model_copy(update=STILL)}), quiet, 3)
+    run, truth = simulate(
+        lane.model_copy(update={"track": lane.track.model_copy(update=STILL)}), quiet, 3
+    )
     assert len(truth) == 4
     assert (truth["kind"] == "plastic").all()
     assert lane.lane.contains(truth["x"], truth["y"]).all()
@@ -193,7 +225,9 @@ def clutter(quiet):
     surface = {"texture_shape": None, "phase_screen": False}
     rough = Scene(soil=DRY, surface=surface, track=STILL, length=30.0)
     runs = (simulate(rough, quiet, seed)[0] for seed in range(8))
-    return np.array([image_of(run, grid, BANDS).sel(polarization=["HH", "VV"]).values for run in runs])
+    return np.array(
+        [image_of(run, grid, BANDS).sel(polarization=["HH", "VV"]).values for run in runs]
+    )
 
 
 def expected_power(quiet, subband, surface):
@@ -208,7 +242,9 @@ def expected_power(quiet, subband, surface):
     centre = np.array([0.0, 12.0, 0.0])
     fine = Grid.spanning((-6.95, 6.95), (5.55, 27.9), 0.2)
     points = fine.points().reshape(-1, 3)
-    sine = np.hypot(points[:, 0], points[:, 1]) / np.linalg.norm(points - [0, 0, quiet.height], axis=1)
+    sine = np.hypot(points[:, 0], points[:, 1]) / np.linalg.norm(
+        points - [0, 0, quiet.height], axis=1
+    )
     response = system_response(quiet, frequency)[inside]
     level = response * np.sqrt(surface(frequency[inside], sine[:, None]))
     image = np.zeros((2, len(points)), complex)
@@ -228,12 +264,16 @@ def expected_power(quiet, subband, surface):
 def test_clutter_images_have_the_level_of_sigma0_and_rayleigh_statistics(quiet, clutter, number):
     middle = clutter[:, :, number, 6:11, 6:11]
     band = list(BANDS.values())[number]
-    want = expected_power(quiet, band, lambda f, s: surface_backscatter(f, s, 3.4, 0.005, 0.05, np.radians(5)))
+    want = expected_power(
+        quiet, band, lambda f, s: surface_backscatter(f, s, 3.4, 0.005, 0.05, np.radians(5))
+    )
     got = np.mean(np.abs(middle) ** 2, axis=(0, 2, 3))
     np.testing.assert_allclose(10 * np.log10(got / want), 0, atol=1.0)
     intensity = np.abs(clutter[:, 0, number]) ** 2
     intensity = intensity / intensity.mean(axis=0)
-    assert np.var(intensity) == pytest.approx(1.0, abs=0.35)  # Rayleigh amplitude: exponential intensity
+    assert np.var(intensity) == pytest.approx(
+        1.0, abs=0.35
+    )  # Rayleigh amplitude: exponential intensity
 
 
 def test_every_scatterer_has_a_cell_of_its_own_and_power_is_shared_out_evenly():
@@ -247,7 +287,9 @@ def test_every_scatterer_has_a_cell_of_its_own_and_power_is_shared_out_evenly():
     for cells in ((26, 26), (47, 47)):  # 3 and 10 per cell of 1 in 15 x 15
         power = []
         for _ in range(400):
-            place = 15 * (jittered(rng, cells) if cells[0] == 26 else rng.random((47 * 47, 2))) - 7.5
+            place = (
+                15 * (jittered(rng, cells) if cells[0] == 26 else rng.random((47 * 47, 2))) - 7.5
+            )
             power.append(np.prod(np.sinc(place) ** 2, axis=1).sum() * 225 / len(place))
         assert np.mean(power) == pytest.approx(1, abs=0.05)
         spread.append(np.var(power))
@@ -263,9 +305,9 @@ def test_scatterers_are_k_distributed(shape, want):
     power = np.abs(z[:, 0].astype(complex)) ** 2
     assert np.mean(power**2) / np.mean(power) ** 2 == pytest.approx(want, rel=0.08)
     assert power.sum() == pytest.approx(900, rel=0.08)
-    assert np.abs(np.vdot(z[:, 0], z[:, 1])) / np.linalg.norm(z[:, 0]) / np.linalg.norm(z[:, 1]) == pytest.approx(
-        0.65, abs=0.03
-    )
+    assert np.abs(np.vdot(z[:, 0], z[:, 1])) / np.linalg.norm(z[:, 0]) / np.linalg.norm(
+        z[:, 1]
+    ) == pytest.approx(0.65, abs=0.03)
 
 
 def test_clutter_decorrelates_with_frequency(clutter):
@@ -276,13 +318,25 @@ def test_clutter_decorrelates_with_frequency(clutter):
 
 def test_a_site_of_ones_own_stands_where_the_scene_says_nothing(tmp_path):
     own = tmp_path / "track.toml"
-    own.write_text('[soil]\nmodel = "fixed"\npermittivity = 5.0\n[surface]\nrms_height = 0.007\n', encoding="utf-8")
+    own.write_text(
+        '[soil]\nmodel = "fixed"\npermittivity = 5.0\n[surface]\nrms_height = 0.007\n',
+        encoding="utf-8",
+    )
     scene = Scene(site=str(own), surface={"slope": 0.1})
-    assert (scene.soil.permittivity, scene.surface.rms_height, scene.surface.slope) == (5.0, 0.007, 0.1)
+    assert (scene.soil.permittivity, scene.surface.rms_height, scene.surface.slope) == (
+        5.0,
+        0.007,
+        0.1,
+    )
     assert Scene.model_validate(scene.model_dump()) == scene
-    for text, message in (("[soil", "must be TOML"), ("[lane]\nx = 1\n", "tables of a site alone, got lane")):
+    for text, message in (
+        ("[soil", "must be TOML"),
+        ("[lane]\nx = 1\n", "tables of a site alone, got lane"),
+    ):
         own.write_text(text, encoding="utf-8")
         with pytest.raises(ValueError, match=message):
             Scene(site=str(own))
-    with pytest.raises(ValueError, match=r"site must be one of arid-sand, .* or a TOML file that is there, got"):
+    with pytest.raises(
+        ValueError, match=r"site must be one of arid-sand, .* or a TOML file that is there, got"
+    ):
         Scene(site=str(tmp_path / "none.toml"))

@@ -30,14 +30,18 @@ def slow(points, spectrum, frequency, state):
     tx = state.position[state.tx]
     rx = state.position[state.rx]
     exponents = state.exponents(frequency)
-    return slow_simulation.sum_swept(points, spectrum, frequency, tx, rx, state.boresight, exponents, state.drift)
+    return slow_simulation.sum_swept(
+        points, spectrum, frequency, tx, rx, state.boresight, exponents, state.drift
+    )
 
 
 def apart(got, want):
     return np.linalg.norm(got - want) / np.linalg.norm(want)
 
 
-@pytest.mark.parametrize(("beam", "drift"), [("aperture", 0.0), ("constant", 1.0), ("aperture", 1.0)])
+@pytest.mark.parametrize(
+    ("beam", "drift"), [("aperture", 0.0), ("constant", 1.0), ("aperture", 1.0)]
+)
 def test_single_echoes_have_the_beam_and_the_motion_of_every_tone(quiet, beam, drift):
     sensor, state = few(quiet, beam)
     state = dataclasses.replace(state, drift=drift * ALONG)
@@ -71,11 +75,15 @@ class Strewn:
 @pytest.mark.parametrize("site", ["arid-sand", "temperate"])
 def test_layers_have_the_beam_of_every_tone_and_pair(quiet, site):
     sensor, state = few(quiet)
-    simulator = Simulator(Scene(site=site, track=STILL, surface={"density": 3.0}), sensor, 1, errors=False)
+    simulator = Simulator(
+        Scene(site=site, track=STILL, surface={"density": 3.0}), sensor, 1, errors=False
+    )
     frequency = sensor.tones.axis()
     view = View(sensor.footprint, POSE, state)
     spreader = Spreader(sensor.tones.start, sensor.tones.step, sensor.tones.count)
-    skeleton = Skeleton(simulator._layers, View(sensor.footprint, POSE, array_state(sensor, POSE)), frequency)
+    skeleton = Skeleton(
+        simulator._layers, View(sensor.footprint, POSE, array_state(sensor, POSE)), frequency
+    )
     assert skeleton.nodes.size <= 7
     still = [dataclasses.replace(one, growth=0.0) for one in (state, array_state(sensor, POSE))]
     plain = Skeleton(simulator._layers, View(sensor.footprint, POSE, still[1]), frequency)
@@ -86,7 +94,10 @@ def test_layers_have_the_beam_of_every_tone_and_pair(quiet, site):
         spectra = np.einsum("irc,rcf,if->icf", some.found.coefficient, some.found.basis, delay)
         want = slow(some.found.points, spectra, frequency, state)
         assert apart(got, want) < 0.02
-        assert apart(sum_layers([some], View(sensor.footprint, POSE, still[0]), spreader, plain), want) > 0.2
+        assert (
+            apart(sum_layers([some], View(sensor.footprint, POSE, still[0]), spreader, plain), want)
+            > 0.2
+        )
 
 
 @pytest.mark.parametrize(("seconds", "most"), [(0.01, 0.03), (0.02, 0.04), (0.05, 0.06)])
@@ -118,7 +129,11 @@ def test_motion_moves_the_peak_by_carrier_over_bandwidth(quiet):
         moving = dataclasses.replace(state, drift=np.array([0.0, drift, 0.0]))
         signal = spreader(point, one, np.ones((1, frequency.size)), moving)[0, 0]
         steps = 64 * frequency.size
-        peaks.append(np.argmax(np.abs(np.fft.ifft(signal * np.hanning(frequency.size), steps))) / steps / 10e6)
+        peaks.append(
+            np.argmax(np.abs(np.fft.ifft(signal * np.hanning(frequency.size), steps)))
+            / steps
+            / 10e6
+        )
     carrier = frequency[frequency.size // 2]
     bandwidth = frequency.size * 10e6
     ray = point[0] - state.position[[state.tx[0], state.rx[0]]]
@@ -137,10 +152,16 @@ def test_a_standing_vehicle_sweeps_like_an_instant_and_motion_is_off_without_err
     assert drift[3, 1] == 0
     data = quiet.model_dump() | {"errors": {"sweep_time": 0.05}}
     scene = Scene(
-        track={"positions": (0.0, 2.0)}, surface={"density": 2.0}, objects=[{"kind": "fiducial", "x": 0, "y": 12}]
+        track={"positions": (0.0, 2.0)},
+        surface={"density": 2.0},
+        objects=[{"kind": "fiducial", "x": 0, "y": 12}],
     )
     moving = Simulator(scene, Sensor.model_validate(data), 1)
     still = Simulator(scene, quiet, 1)
-    np.testing.assert_array_equal(Simulator(scene, Sensor.model_validate(data), 1, errors=False).scan(0), still.scan(0))
+    np.testing.assert_array_equal(
+        Simulator(scene, Sensor.model_validate(data), 1, errors=False).scan(0), still.scan(0)
+    )
     assert apart(moving.scan(0), still.scan(0)) > 0.1
-    np.testing.assert_array_equal(moving.scan(1), Simulator(scene, Sensor.model_validate(data), 1).scan(1))
+    np.testing.assert_array_equal(
+        moving.scan(1), Simulator(scene, Sensor.model_validate(data), 1).scan(1)
+    )

@@ -5,7 +5,9 @@ from flgpr.simulate.scene import Soil
 from flgpr.simulate.soil import mironov, one_way_loss, peplinski, peplinski_conductivity, topp
 
 
-@pytest.mark.parametrize(("clay", "moisture", "want"), [(3.0, 0.03, 3.43 - 0.21j), (40.0, 0.25, 10.7 - 1.64j)])
+@pytest.mark.parametrize(
+    ("clay", "moisture", "want"), [(3.0, 0.03, 3.43 - 0.21j), (40.0, 0.25, 10.7 - 1.64j)]
+)
 def test_mironov_at_the_checked_points(clay, moisture, want):
     got = mironov(1.05e9, clay, moisture).item()
     assert got.real == pytest.approx(want.real, rel=5e-3)

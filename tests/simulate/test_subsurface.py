@@ -56,7 +56,9 @@ def given(xy, depth, size=1.0, axial=0.0, axis=(0.0, 0.0, 1.0), shape=0, reach=0
 
 @pytest.fixture
 def few_tones(quiet):
-    return quiet.model_copy(update={"tones": quiet.tones.model_copy(update={"step": 40e6, "count": 64})})
+    return quiet.model_copy(
+        update={"tones": quiet.tones.model_copy(update={"step": 40e6, "count": 64})}
+    )
 
 
 def ground_of(soil, sensor):
@@ -125,7 +127,9 @@ def test_spheroids_have_the_polarizability_of_their_limits():
     assert along[3] == pytest.approx(sphere / 3, rel=1e-3)  # a needle: N = 0
     assert across[3] == pytest.approx(sphere / 4.5, rel=1e-3)  # N = 1/2
     prolate, _ = inclusions.spheroid(2.0, 6.0, 3.0)
-    assert sphere / prolate - 3 == pytest.approx(0.1736 * 3, rel=1e-3)  # tabulated depolarization factor of 2:1
+    assert sphere / prolate - 3 == pytest.approx(
+        0.1736 * 3, rel=1e-3
+    )  # tabulated depolarization factor of 2:1
 
 
 def test_buried_spheres_have_the_ratio_of_transmissions_and_no_cross(quiet):
@@ -149,11 +153,15 @@ def test_depth_takes_what_the_soil_takes(quiet, depth):
     places = [(0.0, 7.0), (-3.0, 12.0), (2.0, 26.0)]
     shallow, ground = flat_layer(given(places, 0.0), MOIST, quiet)
     deep, _ = flat_layer(given(places, depth), MOIST, quiet)
-    ratio = spectra_of(deep.echoes(view_of(quiet)))[:, 0] / spectra_of(shallow.echoes(view_of(quiet)))[:, 0]
+    ratio = (
+        spectra_of(deep.echoes(view_of(quiet)))[:, 0]
+        / spectra_of(shallow.echoes(view_of(quiet)))[:, 0]
+    )
     normal = np.sqrt(ground.media[0] - sine_at(places)[:, None] ** 2)
     middle = normal[:, ground.frequency.size // 2].real[:, None]
     want = np.exp(-2j * ground.wavenumber * depth * (normal - middle))
-    # What is lost must be right where it matters: errors count against the strongest tone and a shallow point.
+    # What is lost must be right where it matters: errors count against the strongest tone and a
+    # shallow point.
     assert np.abs(ratio - want).max() < 0.05 * np.abs(want).max() + 0.01
     assert np.abs(want).min() < 0.6
 
@@ -164,7 +172,9 @@ def test_a_buried_point_is_focused_at_its_apparent_shift(quiet):
     simulator = Simulator(scene, quiet.model_copy(update={"antenna": Antenna()}), 1)
     simulator._layers = [layer]
     grid = Grid.spanning((-0.3, 0.3), (11.6, 12.8), 0.01)
-    image = np.abs(next(iter(ScanImager(simulator.run(), grid, {"all": (0.45e9, 2.95e9)}))).values[0, 0])
+    image = np.abs(
+        next(iter(ScanImager(simulator.run(), grid, {"all": (0.45e9, 2.95e9)}))).values[0, 0]
+    )
     row, column = np.unravel_index(image.argmax(), grid.shape)
     shift = float(apparent_shift(0.15, 3.4, sine_at([(0.0, 12.0)])[0]))
     assert shift > 0.2
@@ -245,7 +255,10 @@ def test_a_field_along_a_root_makes_its_echo(quiet):
 
 
 def test_roots_of_every_direction_have_the_cross_level_of_thin_wires(few_tones):
-    scene = Scene(soil=DRY, roots={"density": 3.0, "plunge": 0.0, "radius": (0.004, 0.0041), "loss_tangent": 0.0})
+    scene = Scene(
+        soil=DRY,
+        roots={"density": 3.0, "plunge": 0.0, "radius": (0.004, 0.0041), "loss_tangent": 0.0},
+    )
     (layer,) = subsurface_layers(scene, (), ground_of(DRY, few_tones), 1.0, seed=5)
     echoes = layer.echoes(view_of(few_tones))
     power = np.sum(np.abs(spectra_of(echoes)[..., 32]) ** 2, axis=0)
@@ -258,8 +271,12 @@ def test_roots_of_every_direction_have_the_cross_level_of_thin_wires(few_tones):
     n = np.sqrt(3.4)
     ratio = n * (c + q) / (3.4 * c + q)  # t12 of V over that of H
     level = np.mean((across + (1 - across) * np.cos(turn) ** 2) ** 2)
-    cross = np.mean(((1 - across) * np.cos(turn) * np.sin(turn)) ** 2) * np.mean((inside * ratio) ** 2)
-    assert power[2] / power[0] == pytest.approx(cross / level, rel=0.15)  # about 900 roots that turn twice
+    cross = np.mean(((1 - across) * np.cos(turn) * np.sin(turn)) ** 2) * np.mean(
+        (inside * ratio) ** 2
+    )
+    assert power[2] / power[0] == pytest.approx(
+        cross / level, rel=0.15
+    )  # about 900 roots that turn twice
     assert -10 < 10 * np.log10(power[2] / power[0]) < -2
 
 
@@ -281,7 +298,12 @@ FULL = {
     "heterogeneity": {"deviation": 0.3, "density": 5.0},
     "holes": {"empty": 0.1, "over": 0.5},
 }
-LANE = {"soil": MOIST, "surface": {"density": 5.0}, "length": 20.0, "track": {"positions": (0.0, 1.0, 2.5)}}
+LANE = {
+    "soil": MOIST,
+    "surface": {"density": 5.0},
+    "length": 20.0,
+    "track": {"positions": (0.0, 1.0, 2.5)},
+}
 MINES = {"draws": [{"kind": "metal", "depth": 0.05, "count": 4}], "clutter": {"rocks": 0.05}}
 
 
@@ -291,13 +313,17 @@ def test_the_same_seed_gives_the_same_bits_in_any_order(few_tones):
     backwards = [other.scan(k) for k in (2, 1, 0)][::-1]
     for a, b in zip(forwards, backwards, strict=True):
         np.testing.assert_array_equal(a, b)
-    assert not np.array_equal(Simulator(Scene(**LANE, **MINES, **FULL), few_tones, 8).scan(0), forwards[0])
+    assert not np.array_equal(
+        Simulator(Scene(**LANE, **MINES, **FULL), few_tones, 8).scan(0), forwards[0]
+    )
 
 
 def test_switched_off_it_is_the_world_without(few_tones):
     bare = Simulator(Scene(**LANE, **MINES), few_tones, 7)
     off = {name: table | {"on": False} for name, table in FULL.items()}
-    np.testing.assert_array_equal(Simulator(Scene(**LANE, **MINES, **off), few_tones, 7).scan(0), bare.scan(0))
+    np.testing.assert_array_equal(
+        Simulator(Scene(**LANE, **MINES, **off), few_tones, 7).scan(0), bare.scan(0)
+    )
     for name in FULL:
         one = Simulator(Scene(**LANE, **MINES, **(off | {name: FULL[name]})), few_tones, 7)
         assert not np.array_equal(one.scan(0), bare.scan(0)), name

@@ -6,12 +6,16 @@ from flgpr.simulate.simulator import array_state
 from flgpr.simulate.spread import Spreader
 from reference import slow_simulation
 
-POSE = np.array([0.3, 1.0, 5.0, 0.0, 0.0, 0.0])  # level: the slow twin's dipoles stand along x and z
+POSE = np.array(
+    [0.3, 1.0, 5.0, 0.0, 0.0, 0.0]
+)  # level: the slow twin's dipoles stand along x and z
 
 
 def cloud(count, seed=0):
     rng = np.random.default_rng(seed)
-    points = np.column_stack([rng.uniform(-6, 6, count), rng.uniform(7, 26, count), rng.uniform(0, 0.5, count)])
+    points = np.column_stack(
+        [rng.uniform(-6, 6, count), rng.uniform(7, 26, count), rng.uniform(0, 0.5, count)]
+    )
     return points, rng.normal(size=(count, 2, 3)) + 1j * rng.normal(size=(count, 2, 3))
 
 
@@ -21,7 +25,9 @@ def slow(sensor, points, spectrum, frequency):
     rx = state.position[state.rx]
     if sensor.antenna.kind == "dipole":
         return slow_simulation.sum_dipoles(points, spectrum, frequency, tx, rx)
-    return slow_simulation.sum_points(points, spectrum, frequency, tx, rx, state.boresight, sensor.antenna.exponent)
+    return slow_simulation.sum_points(
+        points, spectrum, frequency, tx, rx, state.boresight, sensor.antenna.exponent
+    )
 
 
 @pytest.mark.parametrize("kind", ["horn", "dipole"])
@@ -31,7 +37,12 @@ def test_the_spreader_sums_scatterers_to_a_thousandth(quiet, dipoles, kind):
     points, coefficient = cloud(60)
     functions = np.stack([np.ones(frequency.size), np.linspace(0.5, 2, frequency.size)])
     spreader = Spreader(sensor.tones.start, sensor.tones.step, sensor.tones.count)
-    got = spreader(points, coefficient.swapaxes(1, 2).astype(np.complex64), functions, array_state(sensor, POSE))
+    got = spreader(
+        points,
+        coefficient.swapaxes(1, 2).astype(np.complex64),
+        functions,
+        array_state(sensor, POSE),
+    )
     want = slow(sensor, points, np.einsum("irc,rf->icf", coefficient, functions), frequency)
     assert np.linalg.norm(got - want) < 1e-3 * np.linalg.norm(want)
 
@@ -40,7 +51,9 @@ def test_the_spreader_sums_scatterers_to_a_thousandth(quiet, dipoles, kind):
 @pytest.mark.parametrize("kind", ["horn", "dipole"])
 def test_single_echoes_are_summed_exactly(quiet, dipoles, kind, cross):
     """HH, HV, VH and VV of echoes whose HV and VH are the same (three channels) or not (four)."""
-    constant = quiet.model_copy(update={"antenna": quiet.antenna.model_copy(update={"beam": "constant"})})
+    constant = quiet.model_copy(
+        update={"antenna": quiet.antenna.model_copy(update={"beam": "constant"})}
+    )
     sensor = constant if kind == "horn" else dipoles
     frequency = sensor.tones.axis()
     state = array_state(sensor, POSE)
@@ -80,14 +93,21 @@ def test_an_echo_has_its_weights_in_every_pair(quiet):
 
     plain = summed(spectrum)
     weighted = summed(spectrum, weight)
-    for channels, row in (([1, 0, 0, 0], 0), ([0, 0, 0, 1], 0), ([0, 0.5, 0.5, 0], 0), ([0, 0.5, -0.5, 0], 1)):
+    for channels, row in (
+        ([1, 0, 0, 0], 0),
+        ([0, 0, 0, 1], 0),
+        ([0, 0.5, 0.5, 0], 0),
+        ([0, 0.5, -0.5, 0], 1),
+    ):
         one, other = (np.tensordot(channels, signal, 1) for signal in (plain, weighted))
         np.testing.assert_allclose(other, one * weight[row][:, None], atol=1e-4 * np.abs(one).max())
 
 
 def test_ranges_beyond_the_unambiguous_path_wrap(quiet):
     """A window of profile bins that is longer than c/df must not matter."""
-    sensor = quiet.model_copy(update={"tones": quiet.tones.model_copy(update={"step": 40e6, "count": 64})})
+    sensor = quiet.model_copy(
+        update={"tones": quiet.tones.model_copy(update={"step": 40e6, "count": 64})}
+    )
     frequency = sensor.tones.axis()
     points = np.array([[0.5, 25.0, 0.0]])
     spreader = Spreader(sensor.tones.start, sensor.tones.step, sensor.tones.count)
@@ -108,5 +128,7 @@ def test_extra_path_delays_and_does_not_spread(quiet, dipoles, kind):
     values = coefficient.swapaxes(1, 2).astype(np.complex64)
     got = spreader(points, values, functions, array_state(sensor, POSE), extra)
     delay = np.exp(-4j * np.pi * frequency * extra[:, None] / 299792458.0)
-    want = slow(sensor, points, np.einsum("irc,rf,if->icf", coefficient, functions, delay), frequency)
+    want = slow(
+        sensor, points, np.einsum("irc,rf,if->icf", coefficient, functions, delay), frequency
+    )
     assert np.linalg.norm(got - want) < 1e-3 * np.linalg.norm(want)

@@ -21,8 +21,12 @@ def test_undulation_has_its_height_length_and_slope():
     s = 0.02
     length = 2.0
     lags = (0.5 * length, length, 2 * length)
-    xy = np.array([[0.3, 20.0], *([0.3 + lag, 20.0] for lag in lags), *([0.3, 20.0 + lag] for lag in lags)])
-    relief = np.array([terrain(seed, undulation=s, undulation_length=length).relief(xy) for seed in range(800)])
+    xy = np.array(
+        [[0.3, 20.0], *([0.3 + lag, 20.0] for lag in lags), *([0.3, 20.0 + lag] for lag in lags)]
+    )
+    relief = np.array(
+        [terrain(seed, undulation=s, undulation_length=length).relief(xy) for seed in range(800)]
+    )
     np.testing.assert_allclose(relief[:, :, 0].var(axis=0), s**2, rtol=0.15)
     np.testing.assert_allclose(relief[:, 0, 1:].var(axis=0), 2 * s**2 / length**2, rtol=0.15)
     found = np.mean(relief[:, :1, 0] * relief[:, 1:, 0], axis=0) / s**2
@@ -71,7 +75,10 @@ def test_ruts_have_their_depth_width_and_spacing():
 
 def test_ruts_wander_as_far_as_told():
     across = np.linspace(0.2, 2.2, 201)
-    ground = [terrain(seed, rut_depth=0.06, rut_width=0.2, rut_spacing=2.4, rut_wander=0.2) for seed in range(200)]
+    ground = [
+        terrain(seed, rut_depth=0.06, rut_width=0.2, rut_spacing=2.4, rut_wander=0.2)
+        for seed in range(200)
+    ]
     right = [across[g(across, 30.0).argmin()] for g in ground]
     assert np.mean(right) == pytest.approx(1.2, abs=0.05)
     assert np.std(right) == pytest.approx(0.2, rel=0.2)
@@ -108,7 +115,11 @@ def test_a_raised_point_appears_nearer_and_a_sunk_one_farther(quiet, height):
     lane = Scene(surface=BARE, track=STILL, length=30.0, terrain=slope, objects=[thing])
     run, _ = simulate(lane, quiet, 1)
     grid = Grid.spanning((-0.1, 0.1), (11.4, 12.6), 0.01)
-    image = np.abs(next(iter(ScanImager(run, grid, {"all": (0.45e9, 2.95e9)}))).sel(polarization="HH").values[0])
+    image = np.abs(
+        next(iter(ScanImager(run, grid, {"all": (0.45e9, 2.95e9)})))
+        .sel(polarization="HH")
+        .values[0]
+    )
     found = grid.y[np.unravel_index(image.argmax(), image.shape)[0]]
     exact = np.sqrt(12.0**2 + (5.0 - height) ** 2 - 5.0**2)
     assert found == pytest.approx(exact, abs=0.012)
@@ -120,7 +131,9 @@ def test_a_mine_lies_below_the_ground_above_it(quiet):
     mine = {"kind": "metal", "x": 0.0, "y": 12.0, "depth": 0.08}
     slope = {"slope_along": float(np.arctan(-0.1)), "follow": False}
     lane = Scene(surface=BARE, track=STILL, length=30.0, targets=[mine])
-    raised = Simulator(lane.model_copy(update={"terrain": tables.Terrain(**slope)}), quiet, 1).scan(0)
+    raised = Simulator(lane.model_copy(update={"terrain": tables.Terrain(**slope)}), quiet, 1).scan(
+        0
+    )
     low = quiet.model_copy(update={"height": quiet.height - 0.3})
     want = Simulator(lane, low, 1).scan(0)
     assert np.linalg.norm(raised - want) < 1e-4 * np.linalg.norm(want)
@@ -140,10 +153,16 @@ def test_sigma0_is_that_of_the_local_angle(quiet, along):
         view = simulator._view(array, simulator.pose[0])
         found = simulator._layers[0].echoes(view)
         middle = quiet.tones.count // 2
-        power.append(np.abs(np.einsum("irc,rc->ic", found.coefficient, found.basis[:, :, middle])) ** 2)
+        power.append(
+            np.abs(np.einsum("irc,rc->ic", found.coefficient, found.basis[:, :, middle])) ** 2
+        )
         ground = lane.terrain
         plane = np.tan([ground.slope_across, ground.slope_along])
-        ray = view.centre - found.points - np.outer(found.points[:, :2] @ plane - 15 * plane[1], [0, 0, 1])
+        ray = (
+            view.centre
+            - found.points
+            - np.outer(found.points[:, :2] @ plane - 15 * plane[1], [0, 0, 1])
+        )
         normal = np.array([-plane[0], -plane[1], 1.0])
         cosine = ray @ normal / np.linalg.norm(ray, axis=1) / np.linalg.norm(normal)
         sines.append(np.sqrt(1 - cosine**2))
@@ -155,18 +174,25 @@ def test_sigma0_is_that_of_the_local_angle(quiet, along):
         inside = sines[1] < 0.99
         np.testing.assert_allclose(10 * np.log10(ratio / expected)[inside], 0, atol=0.15)
         turned = 10 * np.log10(np.median(ratio))
-        assert turned > 1 if along > 0 else turned < -1  # ground that rises away from the radar faces it
+        assert (
+            turned > 1 if along > 0 else turned < -1
+        )  # ground that rises away from the radar faces it
 
 
 def test_switched_off_is_the_level_lane_to_the_bit(quiet):
     lane = Scene(
-        length=20.0, track=STILL, surface={"density": 5.0}, targets=[{"kind": "metal", "x": 0, "y": 12, "depth": 0.05}]
+        length=20.0,
+        track=STILL,
+        surface={"density": 5.0},
+        targets=[{"kind": "metal", "x": 0, "y": 12, "depth": 0.05}],
     )
     hilly = tables.Terrain(undulation=0.05, rut_depth=0.05, slope_along=0.02)
     off = lane.model_copy(update={"terrain": hilly.model_copy(update={"on": False})})
     level = Simulator(lane, quiet, 4).scan(0)
     np.testing.assert_array_equal(Simulator(off, quiet, 4).scan(0), level)
-    one, other = (Simulator(lane.model_copy(update={"terrain": hilly}), quiet, 4).scan(0) for _ in range(2))
+    one, other = (
+        Simulator(lane.model_copy(update={"terrain": hilly}), quiet, 4).scan(0) for _ in range(2)
+    )
     np.testing.assert_array_equal(one, other)
     assert np.linalg.norm(one - level) > 0.5 * np.linalg.norm(level)
 
@@ -175,6 +201,6 @@ def test_ground_that_faces_away_is_grazed():
     ground = terrain(slope_along=-0.4)
     centre = np.array([0.0, 0.0, 12.0])
     assert ground.local_sine(np.array([[0.0, 100.0, 0.0]]), centre)[0] == 1.0
-    assert terrain(slope_along=0.4).local_sine(np.array([[0.0, 100.0, 0.0]]), centre)[0] == pytest.approx(
-        0.9746, abs=1e-3
-    )
+    assert terrain(slope_along=0.4).local_sine(np.array([[0.0, 100.0, 0.0]]), centre)[
+        0
+    ] == pytest.approx(0.9746, abs=1e-3)

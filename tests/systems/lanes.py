@@ -66,7 +66,10 @@ SMALL = {
         ("band = [0.3e9, 1.9e9]", "band = [0.6e9, 1.7e9]"),
         ("length = 28", "length = 10"),
         ("clutter_step = [7, 8]", "clutter_step = [5, 8]"),
-        ("x = [-2.5, 2.5]\nspacing = 0.05\ny_max = 18.0", "x = [-1.6, 1.6]\nspacing = 0.1\ny_max = 8.0"),
+        (
+            "x = [-2.5, 2.5]\nspacing = 0.05\ny_max = 18.0",
+            "x = [-1.6, 1.6]\nspacing = 0.1\ny_max = 8.0",
+        ),
         ("size = 25\nspacing = 0.05", "size = 13\nspacing = 0.1"),
     ],
     "flsar2004": [
@@ -74,7 +77,10 @@ SMALL = {
         ("y = [8.0, 22.0]", "y = [3.5, 8.5]"),
         ("spacing = [0.08, 0.03]", "spacing = [0.1, 0.05]"),
         ("band = [0.3e9, 3.0e9]", "band = [0.6e9, 1.7e9]"),
-        ("x = [-3.0, 3.0]\nspacing = 0.05\ny_max = 22.0", "x = [-2.4, 2.4]\nspacing = 0.1\ny_max = 8.5"),
+        (
+            "x = [-3.0, 3.0]\nspacing = 0.05\ny_max = 22.0",
+            "x = [-2.4, 2.4]\nspacing = 0.1\ny_max = 8.5",
+        ),
         ("ranges = [10.0, 15.0, 20.0]\nwithin = 2.5", "ranges = [4.5, 6.0, 7.5]\nwithin = 0.75"),
         ('rule = "and-or"', 'rule = "or"'),
         ("share = 0.1  ", "share = 0.3  "),
@@ -103,7 +109,10 @@ SMALL = {
         ("spacing = 0.05", "spacing = 0.1"),
         ("F0 = [0.80e9, 2.80e9]\n", ""),
         ("F1 = [0.75e9, 1.35e9]", "F1 = [0.6e9, 1.2e9]"),
-        ("F2 = [1.25e9, 1.85e9]\nF3 = [1.75e9, 2.35e9]\nF4 = [2.25e9, 2.85e9]", "F2 = [1.1e9, 1.7e9]"),
+        (
+            "F2 = [1.25e9, 1.85e9]\nF3 = [1.75e9, 2.35e9]\nF4 = [2.25e9, 2.85e9]",
+            "F2 = [1.1e9, 1.7e9]",
+        ),
         ("x = [-3.0, 3.0]", "x = [-2.0, 2.0]"),
         ("y_max = 16.0", "y_max = 7.0"),
     ],
@@ -121,7 +130,10 @@ SMALL["fused"] = [
 ]
 SMALL["fuse2018-wang2007"] = [
     ("edges = [7.0, 10.0, 13.0, 17.0, 22.0]", "edges = [3.5, 5.0, 8.0]"),
-    ("x = [-6.0, 6.0]\ny = [7.0, 22.0]\nspacing = 0.1", "x = [-3.6, 3.6]\ny = [3.5, 8.0]\nspacing = 0.1"),
+    (
+        "x = [-6.0, 6.0]\ny = [7.0, 22.0]\nspacing = 0.1",
+        "x = [-3.6, 3.6]\ny = [3.5, 8.0]\nspacing = 0.1",
+    ),
     ("frames = 3", "frames = 2"),
     ("roadside = [2.5, 6.0]", "roadside = [1.9, 3.6]"),
     ("iterations = 7", "iterations = 2"),
@@ -141,13 +153,23 @@ def make_lanes(folder: Path) -> None:
     (folder / "sensor.toml").write_text(SENSOR)
     (folder / "lane.toml").write_text(LANE)
     for name in SMALL:
-        (folder / f"{name}.toml").write_text(small_recipe(name).replace("SENSOR", str(folder / "sensor.toml")))
+        (folder / f"{name}.toml").write_text(
+            small_recipe(name).replace("SENSOR", str(folder / "sensor.toml"))
+        )
     for seed, (name, length) in enumerate((("train", 36.0), ("test", LENGTH)), 1):
         scene = folder / f"scene-{name}.toml"
         scene.write_text(SCENE.format(length=length))
         tasks.simulate_lane(
-            scene, folder / "sensor.toml", seed, folder / f"{name}.zarr", errors=False, truth=folder / f"{name}.csv"
+            scene,
+            folder / "sensor.toml",
+            seed,
+            folder / f"{name}.zarr",
+            errors=False,
+            truth=folder / f"{name}.csv",
         )
-        # The upper half of the band as a radar of its own: what matters here is where its data come from.
-        run = open_run(folder / f"{name}.zarr").sel(polarization=["VV"], frequency=slice(1.2e9, None))
+        # The upper half of the band as a radar of its own: what matters here is where its data come
+        # from.
+        run = open_run(folder / f"{name}.zarr").sel(
+            polarization=["VV"], frequency=slice(1.2e9, None)
+        )
         save_run(run, folder / f"{name}-x.zarr")

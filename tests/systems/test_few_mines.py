@@ -13,7 +13,9 @@ def train(three_mines, name, text, folder):
     recipe.write_text(text)
     truth = [three_mines / "truth.csv"]
     borders = [three_mines / "lane.toml"]
-    return tasks.train_runs([three_mines / "run.zarr"], truth, recipe, folder / "model", lanes=borders)
+    return tasks.train_runs(
+        [three_mines / "run.zarr"], truth, recipe, folder / "model", lanes=borders
+    )
 
 
 def trained_as_advised(three_mines, name, text, folder):
@@ -22,7 +24,9 @@ def trained_as_advised(three_mines, name, text, folder):
         return text, train(three_mines, name, text, folder)
     except ValueError as error:
         message = str(error)
-    assert name == "flsar2004", message  # its thresholds rest on two mines, and hold in all ranges of a polarization
+    assert name == "flsar2004", (
+        message
+    )  # its thresholds rest on two mines, and hold in all ranges of a polarization
     assert "screen.clusters raised no alarm at the targets left for the detector" in message
     assert 'Set rule = "or" in [screen] (now "and-or")' in message
     counts = counts_of(message)
@@ -47,7 +51,12 @@ def test_every_packaged_recipe_trains_on_three_mines_and_detects(three_mines, na
     recipe = tmp_path / f"{name}.toml"
     recipe.write_text(text)
     tasks.detect_long(
-        three_mines / "run.zarr", recipe, tmp_path / "result", three_mines / "lane.toml", model=model, report=False
+        three_mines / "run.zarr",
+        recipe,
+        tmp_path / "result",
+        three_mines / "lane.toml",
+        model=model,
+        report=False,
     )
     alarms = pd.read_csv(tmp_path / "result" / "alarms.csv")
     assert len(alarms) > 0

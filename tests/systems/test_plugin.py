@@ -26,14 +26,18 @@ def make_wheel(folder: Path) -> Path:
     """Make what a build backend would make of the sample package; none need be installed."""
     about = tomllib.loads((PLUGIN / "pyproject.toml").read_text())["project"]
     stem = f"{about['name'].replace('-', '_')}-{about['version']}"
-    points = "\n".join(f"{name} = {place}" for name, place in about["entry-points"]["flgpr.stages"].items())
+    points = "\n".join(
+        f"{name} = {place}" for name, place in about["entry-points"]["flgpr.stages"].items()
+    )
     files = {
         "flgpr_sharpness.py": (PLUGIN / "flgpr_sharpness.py").read_text(),
         f"{stem}.dist-info/METADATA": f"Metadata-Version: 2.1\nName: {about['name']}\nVersion: {about['version']}\n",
         f"{stem}.dist-info/WHEEL": "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
         f"{stem}.dist-info/entry_points.txt": f"[flgpr.stages]\n{points}\n",
     }
-    files[f"{stem}.dist-info/RECORD"] = "".join(f"{name},,\n" for name in files) + f"{stem}.dist-info/RECORD,,\n"
+    files[f"{stem}.dist-info/RECORD"] = (
+        "".join(f"{name},,\n" for name in files) + f"{stem}.dist-info/RECORD,,\n"
+    )
     wheel = folder / f"{stem}-py3-none-any.whl"
     with zipfile.ZipFile(wheel, "w") as target:
         for name, text in files.items():
@@ -44,8 +48,17 @@ def make_wheel(folder: Path) -> Path:
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     target = tmp_path_factory.mktemp("site")
-    options = ["--quiet", "--no-deps", "--no-index", "--disable-pip-version-check", "--target", target]
-    subprocess.run([sys.executable, "-m", "pip", "install", *options, make_wheel(target)], check=True)
+    options = [
+        "--quiet",
+        "--no-deps",
+        "--no-index",
+        "--disable-pip-version-check",
+        "--target",
+        target,
+    ]
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", *options, make_wheel(target)], check=True
+    )
     return target
 
 
@@ -62,7 +75,9 @@ def test_its_stage_runs_with_workers_after_a_stop_and_live(lanes, installed, tmp
     recipe = tmp_path / "sharp.toml"
     recipe.write_text(small_recipe("wang2007") + STAGE + DETECTOR)
     lane = lanes / "lane.toml"
-    model = tasks.train_runs([lanes / "train.zarr"], [lanes / "train.csv"], recipe, tmp_path / "model", lanes=[lane])
+    model = tasks.train_runs(
+        [lanes / "train.zarr"], [lanes / "train.csv"], recipe, tmp_path / "model", lanes=[lane]
+    )
     assert model.detector.features == ("sharp_HH", "sharp_VV", "sharp_HV", "sharp_VH", "C_HH_F1")
     where = (lanes / "test.zarr", recipe)
     options = {"model": tmp_path / "model", "report": False}
@@ -86,18 +101,26 @@ def test_its_stage_runs_with_workers_after_a_stop_and_live(lanes, installed, tmp
         "settings": LiveSettings(looks=2),
     }
     tasks.LiveRun(tasks.LiveOptions(recipe, tmp_path / "live", **live)).run()
-    best, mine = (read_table(tmp_path / name / "alarms.csv", "alarms") for name in ("plain", "live"))
+    best, mine = (
+        read_table(tmp_path / name / "alarms.csv", "alarms") for name in ("plain", "live")
+    )
     best = best[best["y"] > best["y"].median()].head(5)  # the background has settled
     assert (cKDTree(mine[["x", "y"]]).query(best[["x", "y"]])[0] < 0.5).all()
     for name in ("alarms.csv", "features.csv", "run_view.npz"):
         assert (tmp_path / "two" / name).read_bytes() == (tmp_path / "plain" / name).read_bytes()
-        assert (tmp_path / "stopped" / name).read_bytes() == (tmp_path / "plain" / name).read_bytes()
+        assert (tmp_path / "stopped" / name).read_bytes() == (
+            tmp_path / "plain" / name
+        ).read_bytes()
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("", "", r"columns.0: stage must be one of templates, tracking, cfar, rx, matched, network, got 'sharpness'"),
+        (
+            "",
+            "",
+            r"columns.0: stage must be one of templates, tracking, cfar, rx, matched, network, got 'sharpness'",
+        ),
         ("radius = 0.5", "radius = -1", r"radius: .* got -1"),
         ("radius = 0.5", "size = 1", r"size: no such entry; there are radius"),
         (

@@ -75,14 +75,19 @@ def test_train_learns_what_the_recipe_names_and_detect_finds_mines(system):
     assert list(system.model.stages) == recipe.learning()
     result = tasks.read_result(system.folder / "result")
     assert result.model().notes["recipe"] == system.name
-    alarms, truth = (pd.read_csv(path)[["x", "y"]] for path in (system.folder / "result/alarms.csv", system.truth))
+    alarms, truth = (
+        pd.read_csv(path)[["x", "y"]]
+        for path in (system.folder / "result/alarms.csv", system.truth)
+    )
     assert len(alarms) >= 10
     assert _finds_more_than_chance(alarms, truth)
 
 
 def _finds_more_than_chance(alarms, truth):
     """Tell whether the first alarms find more mines where they are than wherever else the lane is shifted to."""
-    shifted = [truth.assign(y=(truth["y"] + shift) % LENGTH) for shift in np.arange(2.0, LENGTH - 1.0, 2.0)]
+    shifted = [
+        truth.assign(y=(truth["y"] + shift) % LENGTH) for shift in np.arange(2.0, LENGTH - 1.0, 2.0)
+    ]
     found, *by_chance = (_found(alarms[:15], places) for places in (truth, *shifted))
     return found > max(by_chance)
 
@@ -121,7 +126,12 @@ def test_sections_find_the_same_alarms(system):
 
 
 def test_replay_gives_the_same_bytes(system):
-    assert tasks.replay(system.folder / "result") == {"identical": True, "agrees": True, "files": [], "difference": 0.0}
+    assert tasks.replay(system.folder / "result") == {
+        "identical": True,
+        "agrees": True,
+        "files": [],
+        "difference": 0.0,
+    }
 
 
 def test_the_viewer_explains_the_alarms(system):
@@ -130,7 +140,11 @@ def test_the_viewer_explains_the_alarms(system):
     total = np.sum([np.array(column) for column in main["contributions"].values()], axis=0)
     np.testing.assert_allclose(total, main["alarms"]["confidence"], rtol=1e-4, atol=1e-4)
     assert all(main["evidence"]["scans"])
-    channel = {(layer["polarization"], layer["subband"]) for layer in shown["layers"] if layer["detection"] == "main"}
+    channel = {
+        (layer["polarization"], layer["subband"])
+        for layer in shown["layers"]
+        if layer["detection"] == "main"
+    }
     assert tuple(shown["channel"]) in channel
 
 
@@ -186,9 +200,14 @@ def test_what_each_look_says_adds_up_to_the_confidence(system):
     np.testing.assert_allclose(added["constant"], added["constant"][0], atol=1e-3)
     detector = system.model.detector
     low, high = detector.confidence(pd.DataFrame({"magnitude": [0.0, 1.0]}))
-    assert added["constant"][0] == pytest.approx(low + 40.0 * (high - low), abs=1e-3)  # the map's offset
+    assert added["constant"][0] == pytest.approx(
+        low + 40.0 * (high - low), abs=1e-3
+    )  # the map's offset
     alarms = pd.read_csv(system.folder / "result/alarms.csv")
-    assert all(len(looks) >= scans > 0 for looks, scans in zip(evidence["causes"], alarms["scans"], strict=True))
+    assert all(
+        len(looks) >= scans > 0
+        for looks, scans in zip(evidence["causes"], alarms["scans"], strict=True)
+    )
     for looks in evidence["causes"]:
         _, distance, share, *_ = np.array(looks).T
         np.testing.assert_allclose(share, distance**-2.0 / (distance**-2.0).sum(), atol=2e-3)
@@ -198,7 +217,9 @@ def test_what_each_look_says_adds_up_to_the_confidence(system):
 @pytest.mark.parametrize("name", sorted(set(SYSTEMS) - {"wang2007", "wang2007-printed"}))
 def test_without_a_model_it_says_how_to_get_one(lanes, name, tmp_path):
     with pytest.raises(ValueError, match=f"recipe '{name}' learns .* `flgpr train RUN"):
-        tasks.detect_run(lanes / "test.zarr", lanes / f"{name}.toml", tmp_path / "result", lanes / "lane.toml")
+        tasks.detect_run(
+            lanes / "test.zarr", lanes / f"{name}.toml", tmp_path / "result", lanes / "lane.toml"
+        )
     assert not list(tmp_path.iterdir())
 
 
@@ -214,21 +235,31 @@ def test_every_frame_counts_its_area_where_the_recipe_says_so(lanes, system, tmp
     assert told.exit_code == 0, told.output
     result = tasks.read_result(tmp_path / "whole")
     alarms, poses = result.detections[0].frames
-    assert sorted(poses) == list(range(1, open_run(lanes / "test.zarr").sizes["scan"]))  # two scans are summed
+    assert sorted(poses) == list(
+        range(1, open_run(lanes / "test.zarr").sizes["scan"])
+    )  # two scans are summed
     area = result.recipe.frame_area()
     halo = result.recipe.score.halo
-    assert (alarms["across"].between(area.x_min, area.x_max) & alarms["ahead"].between(area.y_min, area.y_max)).all()
+    assert (
+        alarms["across"].between(area.x_min, area.x_max)
+        & alarms["ahead"].between(area.y_min, area.y_max)
+    ).all()
     looks, false = frame_counts(alarms, poses, pd.read_csv(system.truth), area, halo)
     scored = json.loads((tmp_path / "whole" / "roc.json").read_text())
     last = scored["detections"]["main"]["points"][-1]
     assert scored["rules"]["convention"] == "frames"
     assert scored["detections"]["main"]["area"] == pytest.approx(len(poses) * area.area)
-    assert (scored["detections"]["main"]["n_targets"], last["n_detected"]) == (len(looks), sum(looks))
+    assert (scored["detections"]["main"]["n_targets"], last["n_detected"]) == (
+        len(looks),
+        sum(looks),
+    )
     assert last["n_false"] == false
     assert "every frame counts its area" in (tmp_path / "whole" / "report.html").read_text()
     (tmp_path / "sections" / "score").mkdir(exist_ok=True)
     _, again = tasks.score_result(tmp_path / "sections", system.truth)
-    pd.testing.assert_frame_equal(again[0].curve, tasks.score_result(tmp_path / "whole", system.truth)[1][0].curve)
+    pd.testing.assert_frame_equal(
+        again[0].curve, tasks.score_result(tmp_path / "whole", system.truth)[1][0].curve
+    )
     plain = tasks.read_result(system.folder / "result")
     assert plain.detections[0].frames is None
     pd.testing.assert_frame_equal(plain.detections[0].alarms, result.detections[0].alarms)

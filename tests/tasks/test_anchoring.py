@@ -18,7 +18,9 @@ LANE = "x_min = -1.5\nx_max = 1.5\ny_min = 0.0\ny_max = 60.0\n"
 
 def on_earth(x, y):
     """Longitude and latitude of a place in the lane, along the geodesic."""
-    lon, lat, _ = Geod(ellps="WGS84").fwd(LON, LAT, AZIMUTH + np.degrees(np.arctan2(x, y)), np.hypot(x, y))
+    lon, lat, _ = Geod(ellps="WGS84").fwd(
+        LON, LAT, AZIMUTH + np.degrees(np.arctan2(x, y)), np.hypot(x, y)
+    )
     return lon, lat
 
 
@@ -57,7 +59,9 @@ def test_surveyed_points_become_an_anchor_a_tied_run_and_an_outline(survey, smal
     assert found["sigma_at_points_m"] == pytest.approx(0.02 / np.sqrt(3))
     assert found["corners"][2]["sigma_m"] > found["sigma_at_points_m"]
     tied = open_run(survey / "tied.zarr")
-    assert tied.attrs["georeference"] == pytest.approx(read_anchor(survey / "anchor.toml").georeference())
+    assert tied.attrs["georeference"] == pytest.approx(
+        read_anchor(survey / "anchor.toml").georeference()
+    )
     np.testing.assert_array_equal(tied["signal"].values, small_run["signal"].values)
     outline = json.loads((survey / "lane.geojson").read_text())
     kinds = [feature["geometry"]["type"] for feature in outline["features"]]
@@ -93,10 +97,14 @@ def test_faults_are_told_and_nothing_is_written(survey):
     write = ("--write", survey / "a.toml")
     refused("needs --crs, --accuracy and --write", points, *crs)
     refused("crs must be a reference system", points, "--crs", "EPSG:1", *accuracy, *write)
-    refused("an outline needs a lane", points, *crs, *accuracy, *write, "--outline", survey / "o.json")
+    refused(
+        "an outline needs a lane", points, *crs, *accuracy, *write, "--outline", survey / "o.json"
+    )
     lines = points.read_text().splitlines()
     swapped = survey / "swapped.csv"
-    swapped.write_text("\n".join([lines[0], lines[1], lines[3].replace("3.0,25.0", "0.0,50.0"), lines[2]]) + "\n")
+    swapped.write_text(
+        "\n".join([lines[0], lines[1], lines[3].replace("3.0,25.0", "0.0,50.0"), lines[2]]) + "\n"
+    )
     refused("must fit one another", swapped, *crs, *accuracy, *write)
     swapped.write_text("lane_x_m,lane_y_m,easting_m\n1,2,3\n")
     refused("must have lane_x_m and lane_y_m, and either", swapped, *crs, *accuracy, *write)

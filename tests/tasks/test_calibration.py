@@ -29,13 +29,18 @@ def folder(tmp_path_factory):
     track = make_track(stamp, np.stack([way, np.zeros_like(way), np.full_like(way, 1.5)], axis=1))
     time = np.arange(0, 9, 0.1)
     place = np.stack([np.interp(time + OFFSET, stamp, track[n]) for n in "xyz"], axis=1)
-    signal = echo(place, place, TARGETS, FREQUENCY) * np.exp(-2j * np.pi * FREQUENCY * 2 * BIAS / 299_792_458.0)
+    signal = echo(place, place, TARGETS, FREQUENCY) * np.exp(
+        -2j * np.pi * FREQUENCY * 2 * BIAS / 299_792_458.0
+    )
     pose = np.zeros((time.size, 6))
     save_run(
-        make_run(signal[:, None, None], FREQUENCY, ["VV"], [[0, 0, 0]], [[0, 0, 0]], pose, time), folder / "run.zarr"
+        make_run(signal[:, None, None], FREQUENCY, ["VV"], [[0, 0, 0]], [[0, 0, 0]], pose, time),
+        folder / "run.zarr",
     )
     write_table(track, folder / "run-track.csv")
-    (folder / "reflectors.csv").write_text("x_m,y_m,z_m\n" + "".join(f"{x},{y},{z}\n" for x, y, z in TARGETS))
+    (folder / "reflectors.csv").write_text(
+        "x_m,y_m,z_m\n" + "".join(f"{x},{y},{z}\n" for x, y, z in TARGETS)
+    )
     return folder
 
 
@@ -48,7 +53,17 @@ AREA = ("--area", -1.5, 1.8, 5.5, 8.5, "--spacing", 0.08)
 
 def test_clock_then_range_bias_puts_the_echoes_on_the_reflectors(folder):
     clock = flgpr(
-        "clock", folder / "run.zarr", *AREA, "--offsets", 3.0, 3.8, "--step", 0.1, "-o", folder / "a.zarr", "--json"
+        "clock",
+        folder / "run.zarr",
+        *AREA,
+        "--offsets",
+        3.0,
+        3.8,
+        "--step",
+        0.1,
+        "-o",
+        folder / "a.zarr",
+        "--json",
     )
     assert clock.exit_code == 0, clock.stderr
     found = json.loads(clock.stdout)
@@ -81,7 +96,14 @@ def test_both_together_are_found_where_one_after_the_other_fails(folder, tmp_pat
     words = ("joint", run, *places, "--offsets", 2.6, 4.2, "--step", 0.1, "--biases", -1.9, 1.9)
     made = flgpr(*words, "-o", tmp_path / "ready.zarr")
     assert made.exit_code == 0, made.stderr
-    for told in ("clock offset 3.3", "range bias 1.5", "one standard deviation", "moved sideways", "left out", "wrote"):
+    for told in (
+        "clock offset 3.3",
+        "range bias 1.5",
+        "one standard deviation",
+        "moved sideways",
+        "left out",
+        "wrote",
+    ):
         assert told in made.stdout
     ready = open_run(tmp_path / "ready.zarr")
     assert ready.attrs["calibration"]["range_bias_m"] == pytest.approx(1.5, abs=0.01)
@@ -111,8 +133,21 @@ def test_an_answer_not_to_be_trusted_is_refused_and_nothing_written(folder, tmp_
     places = ("--reflectors", folder / "reflectors.csv")
     refused("edge of those tried", "clock", run, *AREA, "--offsets", 3.5, 4.0, "--step", 0.1)
     refused("", "range-bias", run, *places)  # the clock is not right yet
-    refused("edge of those tried", "joint", run, *places, "--offsets", 3.45, 4.0, "--biases", -1.9, 1.9)
-    refused("", "joint", biased(folder, tmp_path, 1.5), *places, "--offsets", 3.0, 3.8, "--biases", -1.0, 1.0)
+    refused(
+        "edge of those tried", "joint", run, *places, "--offsets", 3.45, 4.0, "--biases", -1.9, 1.9
+    )
+    refused(
+        "",
+        "joint",
+        biased(folder, tmp_path, 1.5),
+        *places,
+        "--offsets",
+        3.0,
+        3.8,
+        "--biases",
+        -1.0,
+        1.0,
+    )
 
 
 def test_faults_are_told(folder, tmp_path):
@@ -133,7 +168,9 @@ def test_faults_are_told(folder, tmp_path):
     (tmp_path / "bad.csv").write_text("x_m,y_m,z_m\n1,2,0\n1,,0\n")
     refused("for reflector 2", "range-bias", run, "--reflectors", tmp_path / "bad.csv")
     (tmp_path / "bad.csv").write_text("")
-    refused("bad.csv: there is no line", "joint", run, "--reflectors", tmp_path / "bad.csv", *offsets)
+    refused(
+        "bad.csv: there is no line", "joint", run, "--reflectors", tmp_path / "bad.csv", *offsets
+    )
     places = ("--reflectors", folder / "reflectors.csv")
     refused("ranges of this run repeat", "range-bias", run, *places, "--search", 3)
     refused("search must be positive", "range-bias", run, *places, "--search", -3)

@@ -42,7 +42,14 @@ def home(tmp_path_factory):
 
 
 def detected(home, name):
-    words = call("detect", home / f"{name}.zarr", "--recipe", home / "recipe.toml", "-o", home / f"{name}-result")
+    words = call(
+        "detect",
+        home / f"{name}.zarr",
+        "--recipe",
+        home / "recipe.toml",
+        "-o",
+        home / f"{name}-result",
+    )
     return words, read_result(home / f"{name}-result")
 
 
@@ -54,7 +61,9 @@ def without(home):
 @pytest.mark.parametrize("name", ["near", "far"])
 def test_detection_leaves_the_scan_out_and_tells_it(home, without, name):
     words, result = detected(home, name)
-    assert (result.folder / "alarms.csv").read_bytes() == (without.folder / "alarms.csv").read_bytes()
+    assert (result.folder / "alarms.csv").read_bytes() == (
+        without.folder / "alarms.csv"
+    ).read_bytes()
     assert len(result.detections[0].alarms) > 5
     assert result.lane == without.lane
     assert TOLD in words.replace("\n", " ")
@@ -104,7 +113,9 @@ def test_limits_of_the_recipe_hold(home, tmp_path):
     narrow = parse_recipe(small_recipe())
     run = open_run(home / "near.zarr")
     assert lane_of(run, parse_recipe(wide.read_text())).y_max > lane_of(run, narrow).y_max + 40
-    with pytest.raises(ValueError, match=r"line \d+: motion\.speed: input should be .* 0\.1, got 0"):
+    with pytest.raises(
+        ValueError, match=r"line \d+: motion\.speed: input should be .* 0\.1, got 0"
+    ):
         parse_recipe(small_recipe() + "\n[motion]\nspeed = 0\n")
     with pytest.raises(ValueError, match=r"motion\.sped: no such entry; did you mean speed"):
         parse_recipe(small_recipe() + "\n[motion]\nsped = 3\n")
@@ -113,7 +124,11 @@ def test_limits_of_the_recipe_hold(home, tmp_path):
 def test_a_datum_that_moves_is_told_and_nothing_is_left_out(tmp_path):
     save_run(with_pose(500.0, 1, range(8, SCANS)), tmp_path / "moved.zarr")
     told = json.loads(call("info", tmp_path / "moved.zarr", "--json"))
-    assert [line for line in told["warnings"] if line.startswith("positions jump once and go on from there: scan 8")]
+    assert [
+        line
+        for line in told["warnings"]
+        if line.startswith("positions jump once and go on from there: scan 8")
+    ]
     assert told["motion"]["scans"] == []
 
 
@@ -148,10 +163,17 @@ unit = "m"
 def test_import_tells_the_steps_and_keeps_them(tmp_path):
     place = np.arange(SCANS, dtype=float)
     place[WRONG] = 9.3e6
-    arrays = {"x": np.zeros(SCANS), "y": place, "time": np.arange(SCANS) / 4.2, "frequency": np.linspace(1e9, 2e9, 8)}
+    arrays = {
+        "x": np.zeros(SCANS),
+        "y": place,
+        "time": np.arange(SCANS) / 4.2,
+        "frequency": np.linspace(1e9, 2e9, 8),
+    }
     np.savez(tmp_path / "data.npz", signal=np.ones((SCANS, 1, 8), np.complex64), **arrays)
     (tmp_path / "lane.toml").write_text(MAPPING)
-    words = call("import", "mapped", tmp_path / "lane.toml", "-o", tmp_path / "run.zarr").replace("\n", " ")
+    words = call("import", "mapped", tmp_path / "lane.toml", "-o", tmp_path / "run.zarr").replace(
+        "\n", " "
+    )
     assert TOLD in words
     assert "m/s, at most 30 m/s (speed)" in words
     run = open_run(tmp_path / "run.zarr")

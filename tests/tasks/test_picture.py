@@ -26,12 +26,18 @@ def drive(path_of, scans=20, height=1.0, step=0.1):
     pose[:, 3] = 0.1
     tx = np.array([[-0.1, 0.0, 0.0]])
     rx = np.array([[0.1, 0.0, 0.0]])
-    signal = [path_phase(TONES, path_of(vehicle_to_lane(tx, p), vehicle_to_lane(rx, p))) for p in pose]
-    return make_run(np.array(signal)[:, None], TONES, ["HH"], tx, rx, pose, attrs={"title": "drive"})
+    signal = [
+        path_phase(TONES, path_of(vehicle_to_lane(tx, p), vehicle_to_lane(rx, p))) for p in pose
+    ]
+    return make_run(
+        np.array(signal)[:, None], TONES, ["HH"], tx, rx, pose, attrs={"title": "drive"}
+    )
 
 
 def to(point, slow=1.0):
-    return lambda tx, rx: slow * (np.linalg.norm(tx - point, axis=1) + np.linalg.norm(rx - point, axis=1))
+    return lambda tx, rx: (
+        slow * (np.linalg.norm(tx - point, axis=1) + np.linalg.norm(rx - point, axis=1))
+    )
 
 
 @pytest.fixture
@@ -47,14 +53,18 @@ def test_the_aperture_image_is_the_sum_term_by_term():
     wanted = np.zeros(len(points), complex)
     for scan in (0, 1, 3, 4):
         pose = run["pose"].values[scan]
-        tx, rx = (vehicle_to_lane(run[name].values, pose)[0] for name in ("tx_position", "rx_position"))
+        tx, rx = (
+            vehicle_to_lane(run[name].values, pose)[0] for name in ("tx_position", "rx_position")
+        )
         for k, point in enumerate(points):
             path = np.linalg.norm(point - tx) + np.linalg.norm(point - rx)
             away = np.hypot(*(point - tx)[:2]) / reach
             seen = np.cos(np.pi / 2 * away) ** 2 if away < 1 else 0.0
             turn = np.exp(2j * np.pi * TONES * path / SPEED_OF_LIGHT)
             wanted[k] += seen * weights[scan] * (run["signal"].values[scan, 0, 0] * turn).sum()
-    made = aperture_image(run, points, [np.array([0, 1]), np.array([3, 4])], weights, reach, tolerance=1e-4)
+    made = aperture_image(
+        run, points, [np.array([0, 1]), np.array([3, 4])], weights, reach, tolerance=1e-4
+    )
     np.testing.assert_allclose(made[0], wanted, atol=1e-3 * np.abs(wanted).max())
     assert [len(one) for one in aperture_blocks(run, np.arange(5))] == [5]
 
@@ -81,9 +91,15 @@ def test_ground_ahead_is_chosen_where_nothing_is_told(stored):
 def test_antennas_on_the_ground_give_a_section_focused_by_the_ground_s_speed(tmp_path):
     buried = np.array([0.0, 1.0, -0.6])
     slow = 3.0
-    line = save_run(drive(to(buried, slow), scans=41, height=0.0, step=0.05), tmp_path / "line.zarr")
+    line = save_run(
+        drive(to(buried, slow), scans=41, height=0.0, step=0.05), tmp_path / "line.zarr"
+    )
     made = tasks.make_picture(line, tasks.View(permittivity=slow**2))
-    assert (made.image.sizes["x"], made.image.sizes["z"] > 1, made.image.sizes["y"] > 1) == (1, True, True)
+    assert (made.image.sizes["x"], made.image.sizes["z"] > 1, made.image.sizes["y"] > 1) == (
+        1,
+        True,
+        True,
+    )
     first = made.peaks.iloc[0]
     assert abs(first["y"] - 1.0) < 0.03
     assert abs(first["z"] + 0.6) < 0.03
@@ -117,10 +133,26 @@ def test_every_kind_of_file_is_written_and_holds_the_image(stored, tmp_path):
         (tasks.View(x=(0, 1)), "a.png", "y must be told beside the others"),
         (tasks.View(x=(0, 1), y=3.0), "a.png", "two of x, y and z must have two limits"),
         (tasks.View(x=(1, 0), y=(0, 1)), "a.png", "x must have limits that increase, got 1, 0"),
-        (tasks.View(x=(0, 1), y=(0, 1), spacing=1e-6), "a.png", "spacing must give 2 pixels or more"),
-        (tasks.View(x=(0, 1), y=(0, 1), spacing=float("nan")), "a.png", "spacing must be positive, got nan"),
-        (tasks.View(scans=(5, 90)), "a.png", "scans must have 0 <= first <= last < 20, the run's, got 5, 90"),
-        (tasks.View(polarizations=("VV",)), "a.png", "polarization must be one of the run's, HH, got VV"),
+        (
+            tasks.View(x=(0, 1), y=(0, 1), spacing=1e-6),
+            "a.png",
+            "spacing must give 2 pixels or more",
+        ),
+        (
+            tasks.View(x=(0, 1), y=(0, 1), spacing=float("nan")),
+            "a.png",
+            "spacing must be positive, got nan",
+        ),
+        (
+            tasks.View(scans=(5, 90)),
+            "a.png",
+            "scans must have 0 <= first <= last < 20, the run's, got 5, 90",
+        ),
+        (
+            tasks.View(polarizations=("VV",)),
+            "a.png",
+            "polarization must be one of the run's, HH, got VV",
+        ),
         (tasks.View(window="kaiser"), "a.png", "window must be one of"),
         (tasks.View(), "a.pdf", r"output must end in .png, .npz, .zarr, .tif, got 'a.pdf'"),
         (tasks.View(), "a.tif", "a GeoTIFF needs an anchor"),
@@ -138,7 +170,9 @@ def test_commands_prepare_and_image_go_together(tmp_path):
     ready = tmp_path / "ready.zarr"
     picture = tmp_path / "ready.png"
     run = CliRunner().invoke
-    done = run(app, ["prepare", str(source), "-o", str(ready), "--background", "--band", "0.5", "1.4"])
+    done = run(
+        app, ["prepare", str(source), "-o", str(ready), "--background", "--band", "0.5", "1.4"]
+    )
     assert done.exit_code == 0, done.output
     assert open_run(ready).attrs["history"] == [
         {"do": "background"}, {"do": "band", "low_ghz": 0.5, "high_ghz": 1.4, "taper": 0.1},
@@ -155,7 +189,9 @@ def test_commands_prepare_and_image_go_together(tmp_path):
 
 def test_steps_of_a_file_work_in_its_order_and_history_grows(stored, tmp_path):
     steps = tmp_path / "steps.toml"
-    steps.write_text(f'[[step]]\ndo = "time-zero"\ndelay_ns = 2.0\n[[step]]\ndo = "subtract"\nrun = "{stored}"\n')
+    steps.write_text(
+        f'[[step]]\ndo = "time-zero"\ndelay_ns = 2.0\n[[step]]\ndo = "subtract"\nrun = "{stored}"\n'
+    )
     first = tmp_path / "first.zarr"
     tasks.prepare_run(stored, tasks.check_steps([{"do": "dewow", "length_ns": 3}]), first)
     tasks.prepare_run(first, tasks.read_steps(steps), tmp_path / "second.zarr")
@@ -169,7 +205,10 @@ def test_steps_of_a_file_work_in_its_order_and_history_grows(stored, tmp_path):
     [
         ([{"do": "dewow", "length_ns": -1}], "length_ns: input should be greater than 0, got -1"),
         ([{"do": "smooth"}], "smooth"),
-        ([{"do": "gate", "start_ns": 9, "stop_ns": 5}], "step 1, gate: gate must have start < stop"),
+        (
+            [{"do": "gate", "start_ns": 9, "stop_ns": 5}],
+            "step 1, gate: gate must have start < stop",
+        ),
         ([], "at least one step"),
     ],
 )

@@ -35,7 +35,9 @@ def test_four_commands_take_a_recording_to_its_reflectors(name, tmp_path):
     run("prepare", line, "-o", ready, "--background")
     found = json.loads(run("calibrate", "permittivity", ready, "--json"))
     assert found["permittivity"] == pytest.approx(TRUE, rel=0.05)
-    peaks = json.loads(run("image", ready, "-o", picture, "--permittivity", found["permittivity"], "--json"))["peaks"]
+    peaks = json.loads(
+        run("image", ready, "-o", picture, "--permittivity", found["permittivity"], "--json")
+    )["peaks"]
     places = sorted((peak["y"], -peak["z"]) for peak in peaks[:2])
     np.testing.assert_allclose(places, REFLECTORS, atol=0.04)
     assert picture.read_bytes().startswith(b"\x89PNG")
@@ -49,7 +51,9 @@ def line(tmp_path):
 
 
 def test_antennas_on_the_ground_ask_for_its_permittivity(line):
-    with pytest.raises(ValueError, match="permittivity must be told for antennas that are coupled to the ground"):
+    with pytest.raises(
+        ValueError, match="permittivity must be told for antennas that are coupled to the ground"
+    ):
         tasks.make_picture(line)
 
 
@@ -62,7 +66,9 @@ def test_a_section_goes_down_to_the_end_of_the_record_and_z_alone_bounds_it(tmp_
     depth = -float(made.image["z"].values[0])
     assert depth == pytest.approx(1200e-9 * ground / 2, abs=0.5)
     assert made.image["z"].values[-1] == pytest.approx(0, abs=0.5)
-    part = tasks.make_picture(tmp_path / "a.zarr", tasks.View(permittivity=6.0, spacing=0.5, z=(-20.0, -5.0)))
+    part = tasks.make_picture(
+        tmp_path / "a.zarr", tasks.View(permittivity=6.0, spacing=0.5, z=(-20.0, -5.0))
+    )
     np.testing.assert_allclose(part.image["z"].values[[0, -1]], [-20, -5])
     np.testing.assert_allclose(part.image["y"].values, made.image["y"].values)
 
@@ -72,7 +78,9 @@ def test_a_section_begins_where_the_record_does(line):
     window = held.attrs["time_window_s"]
     first = held.attrs["first_sample_s"]
     made = tasks.make_picture(line, tasks.View(permittivity=TRUE))
-    assert -made.image["z"].values[0] == pytest.approx(SPEED * (window + first) / 2, abs=made.spacing)
+    assert -made.image["z"].values[0] == pytest.approx(
+        SPEED * (window + first) / 2, abs=made.spacing
+    )
 
 
 def test_the_label_of_the_colour_bar_is_whole(line):
@@ -93,7 +101,8 @@ def test_noise_tells_no_permittivity_and_an_edge_is_none(line, tmp_path):
     rng = np.random.default_rng(0)
     noise = rng.normal(size=(2, *held["signal"].shape))
     save_run(
-        held.assign(signal=(held["signal"].dims, (noise[0] + 1j * noise[1]).astype("c8"))), tmp_path / "noise.zarr"
+        held.assign(signal=(held["signal"].dims, (noise[0] + 1j * noise[1]).astype("c8"))),
+        tmp_path / "noise.zarr",
     )
     with pytest.raises(ValueError, match=r"stands out|the edge"):
         tasks.find_permittivity(tmp_path / "noise.zarr")

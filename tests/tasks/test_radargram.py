@@ -11,7 +11,17 @@ from flgpr import tasks
 from flgpr.cli import app
 from flgpr.io import read_gpr
 from flgpr.report.radargram import radargram_figure
-from io_gpr import INTERVAL, ZERO, section, write_dt1, write_dzt, write_ids, write_impulse, write_mala, write_segy
+from io_gpr import (
+    INTERVAL,
+    ZERO,
+    section,
+    write_dt1,
+    write_dzt,
+    write_ids,
+    write_impulse,
+    write_mala,
+    write_segy,
+)
 
 COUNTS = section(30)
 WRITERS = {
@@ -40,7 +50,9 @@ def test_one_command_draws_the_traces_of_every_format(name, tmp_path):
     assert done.exit_code == 0, done.output
     made = loaded(tmp_path / "a.npz")
     recorded = read_gpr(tmp_path / name)
-    np.testing.assert_array_equal(made["values"], recorded.traces[:, 0])  # every count as the reader gives it
+    np.testing.assert_array_equal(
+        made["values"], recorded.traces[:, 0]
+    )  # every count as the reader gives it
     np.testing.assert_array_equal(made["delay_s"], recorded.delay)
     for note in recorded.history:  # what was assumed is on the screen and in the file
         assert f"note: {note}" in done.output
@@ -50,7 +62,9 @@ def test_one_command_draws_the_traces_of_every_format(name, tmp_path):
 
 def test_steps_are_taken_in_their_order_and_told(tmp_path):
     path = write_dt1(tmp_path / "a.dt1", COUNTS + 500)
-    done = run("image", path, "-o", tmp_path / "a.npz", "--gain", "--background", "--dewow", "--json")
+    done = run(
+        "image", path, "-o", tmp_path / "a.npz", "--gain", "--background", "--dewow", "--json"
+    )
     assert done.exit_code == 0, done.output
     told = json.loads(done.output)
     assert told["steps"] == [
@@ -76,7 +90,9 @@ def test_a_window_without_an_antenna_is_a_tenth_of_the_record_and_a_given_one_is
 def test_a_part_of_the_line_and_of_the_time_and_another_channel(tmp_path):
     both = np.stack([COUNTS, -COUNTS], axis=1)
     path = write_dzt(tmp_path / "a.DZT", both, names=("50400", "50400"))
-    done = run("image", path, "-o", tmp_path / "a.npz", "--scans", 5, 9, "--until", 20, "--channel", 1)
+    done = run(
+        "image", path, "-o", tmp_path / "a.npz", "--scans", 5, 9, "--until", 20, "--channel", 1
+    )
     assert done.exit_code == 0, done.output
     made = loaded(tmp_path / "a.npz")
     samples = ZERO + int(20e-9 / INTERVAL) + 1
@@ -105,7 +121,9 @@ def test_the_axis_below_is_the_distance_where_it_is_even_and_the_trace_where_not
     axes = drawn(made).axes[0]
     assert axes.get_xlabel() == "distance along the line (m)"
     np.testing.assert_allclose(axes.get_xlim(), (-0.025, 29 * 0.05 + 0.025))
-    np.testing.assert_allclose(axes.get_ylim()[1] * 1e-9, made.delay[0] - INTERVAL / 2)  # time runs downwards
+    np.testing.assert_allclose(
+        axes.get_ylim()[1] * 1e-9, made.delay[0] - INTERVAL / 2
+    )  # time runs downwards
     uneven = np.cumsum(np.linspace(0.01, 0.2, 30))
     figure = radargram_figure(made.values, made.delay, made.number, uneven, None, "a", "counts", ())
     axes = figure.axes[0]
@@ -117,7 +135,9 @@ def test_the_axis_below_is_the_distance_where_it_is_even_and_the_trace_where_not
 
 
 def test_a_trace_without_data_is_told_and_left_blank(tmp_path):
-    made = tasks.make_radargram(write_dt1(tmp_path / "a.dt1", COUNTS, dead=4), tasks.RadargramView(gain=True))
+    made = tasks.make_radargram(
+        write_dt1(tmp_path / "a.dt1", COUNTS, dead=4), tasks.RadargramView(gain=True)
+    )
     assert np.isnan(made.values[4]).all()
     assert "1 of 30 traces hold no data and are left blank" in made.notes
 
@@ -129,7 +149,10 @@ def test_a_trace_without_data_is_told_and_left_blank(tmp_path):
         (["--scans", 3, 400], "scans must have 0 <= first <= last < 30"),
         (["--until", -90], "until must be a time after the first two samples"),
         (["--permittivity", 0.5], "permittivity must be from 1 to 100, got 0.5"),
-        (["--dewow", "--step-window", 900], "window must be from 0 to the record's 51.2 ns, got 900 ns"),
+        (
+            ["--dewow", "--step-window", 900],
+            "window must be from 0 to the record's 51.2 ns, got 900 ns",
+        ),
         (["--x", 0, 1], "x: a recording is drawn as it is; to focus it, import it first"),
     ],
 )
@@ -147,6 +170,10 @@ def test_another_ending_and_steps_on_a_run_are_refused(tmp_path):
     assert done.exit_code == 2
     assert "output of a recording must end in .png, .npz" in done.output
     tasks.import_gpr(path, tmp_path / "a.zarr")
-    done = run("image", tmp_path / "a.zarr", "-o", tmp_path / "b.png", "--dewow", "--permittivity", 9)
+    done = run(
+        "image", tmp_path / "a.zarr", "-o", tmp_path / "b.png", "--dewow", "--permittivity", 9
+    )
     assert done.exit_code == 2
-    assert "dewow: these are for recordings; of a run, `flgpr prepare` takes the steps" in done.output
+    assert (
+        "dewow: these are for recordings; of a run, `flgpr prepare` takes the steps" in done.output
+    )

@@ -76,7 +76,9 @@ def test_a_killed_simulation_goes_on_to_the_same_bits(small, tmp_path):
     """With grass, holes, shadows, all that lies in the soil, and an array that is not ideal."""
     _, sensor = small
     errors = sensor.errors
-    assert all([errors.antenna_drift, errors.isolation_db, errors.sweep_time, errors.burst_probability])
+    assert all(
+        [errors.antenna_drift, errors.isolation_db, errors.sweep_time, errors.burst_probability]
+    )
     positions = [0.05 * k for k in range(16)]
     (tmp_path / "scene.toml").write_text(
         f'site = "temperate"\nlength = 12.0\nsurface.density = 5.0\ntrack.positions = {positions}\n'
@@ -84,7 +86,14 @@ def test_a_killed_simulation_goes_on_to_the_same_bits(small, tmp_path):
     )
     (tmp_path / "sensor.toml").write_text(sensor_toml(sensor))
     lane = tmp_path / "lane.zarr"
-    command = ["simulate", str(tmp_path / "scene.toml"), "--sensor", str(tmp_path / "sensor.toml"), "--quiet", "-o"]
+    command = [
+        "simulate",
+        str(tmp_path / "scene.toml"),
+        "--sensor",
+        str(tmp_path / "sensor.toml"),
+        "--quiet",
+        "-o",
+    ]
     with subprocess.Popen(
         [sys.executable, "-m", "flgpr", *command, str(lane)], stderr=subprocess.PIPE, text=True
     ) as process:
@@ -105,10 +114,15 @@ def test_a_killed_simulation_goes_on_to_the_same_bits(small, tmp_path):
 def sensor_toml(sensor):
     """Write a sensor as TOML: its JSON has only tables, lists, strings, numbers and booleans, and no value is null."""
     data = json.loads(sensor.model_dump_json(exclude_none=True))
-    lines = [f"{key} = {json.dumps(value)}" for key, value in data.items() if not isinstance(value, dict)]
+    lines = [
+        f"{key} = {json.dumps(value)}" for key, value in data.items() if not isinstance(value, dict)
+    ]
     for key, table in data.items():
         if isinstance(table, dict):
-            lines += [f"[{key}]", *(f"{name} = {json.dumps(value)}" for name, value in table.items())]
+            lines += [
+                f"[{key}]",
+                *(f"{name} = {json.dumps(value)}" for name, value in table.items()),
+            ]
     return "\n".join(lines)
 
 

@@ -39,7 +39,18 @@ def test_lines_become_one_survey_whose_slices_show_the_bodies(zigzag, tmp_path):
     np.testing.assert_allclose(held["pose"].values[::44, 0], 0.25 * np.arange(8))
     if zigzag:
         np.testing.assert_allclose(held["pose"].values[44, 1:4], [43 * STEP, 0, np.pi])
-    words = ["image", tmp_path / "s.zarr", "--permittivity", PERMITTIVITY, "--x", 0, 1.75, "--y", 0, 2.15]
+    words = [
+        "image",
+        tmp_path / "s.zarr",
+        "--permittivity",
+        PERMITTIVITY,
+        "--x",
+        0,
+        1.75,
+        "--y",
+        0,
+        2.15,
+    ]
     words += ["--spacing", 0.05, "--depth", 0.4, "--depth", 0.7]
     good(*words, "-o", tmp_path / "s.png", "-o", tmp_path / "s.npz")
     with np.load(tmp_path / "s.npz") as archive:
@@ -56,12 +67,15 @@ def test_lines_lie_where_a_table_says_and_keep_their_own_distances(tmp_path):
     paths = write_lines(tmp_path, lines=2)
     table = tmp_path / "lines.csv"
     table.write_text(
-        "line,x_start_m,y_start_m,x_end_m,y_end_m\nline1.dt1,5,5,5,2.85\nline0.dt1,1,0,4,0\n"  # the second is 3 m
+        # the second is 3 m
+        "line,x_start_m,y_start_m,x_end_m,y_end_m\nline1.dt1,5,5,5,2.85\nline0.dt1,1,0,4,0\n"
     )
     told = good("import", "gpr", *paths, "-o", tmp_path / "s.zarr", "--lines", table)
     assert "line0.dt1: its ends lie 3 m apart, its own distance is 2.15 m, which is kept" in told
     pose = open_run(tmp_path / "s.zarr")["pose"].values
-    np.testing.assert_allclose(pose[[0, 43]], [[1, 0, 0, np.pi / 2, 0, 0], [3.15, 0, 0, np.pi / 2, 0, 0]], atol=1e-6)
+    np.testing.assert_allclose(
+        pose[[0, 43]], [[1, 0, 0, np.pi / 2, 0, 0], [3.15, 0, 0, np.pi / 2, 0, 0]], atol=1e-6
+    )
     np.testing.assert_allclose(pose[[44, 87], :2], [[5, 5], [5, 2.85]], atol=1e-6)
 
 
@@ -85,7 +99,16 @@ def test_all_channels_become_pairs_of_one_run(tmp_path):
     both = np.stack([section(20), -section(20)], axis=1)
     path = write_dzt(tmp_path / "a.DZT", both, names=("50400", "50400"))
     told = good(
-        "import", "gpr", path, "-o", tmp_path / "a.zarr", "--all-channels", "--channel-x", -0.3, "--channel-x", 0.3
+        "import",
+        "gpr",
+        path,
+        "-o",
+        tmp_path / "a.zarr",
+        "--all-channels",
+        "--channel-x",
+        -0.3,
+        "--channel-x",
+        0.3,
     )
     assert "all 2 channels in one run, a pair each" in told
     held = open_run(tmp_path / "a.zarr")
@@ -117,7 +140,10 @@ def hill(tmp_path):
     path = write_dt1(tmp_path / "hill.dt1", section(41))
     lines = []
     for trace in (0, 20, 40):
-        lines += [f"Trace #{trace + 1} at position 0", gga(50 + STEP * trace * NORTH, 8.0, 100 + 0.5 * STEP * trace)]
+        lines += [
+            f"Trace #{trace + 1} at position 0",
+            gga(50 + STEP * trace * NORTH, 8.0, 100 + 0.5 * STEP * trace),
+        ]
     path.with_suffix(".gps").write_text("\n".join(lines))
     return path
 
@@ -126,14 +152,20 @@ def test_heights_of_the_receiver_are_told_and_used_where_asked(hill, tmp_path):
     told = good("import", "gpr", hill, "-o", tmp_path / "a.zarr", "--anchor-from-track")
     assert "heights of the receiver from 0.00 to 1.00 m in the lane are not used" in told
     assert not open_run(tmp_path / "a.zarr")["pose"].values[:, 2].any()
-    told = good("import", "gpr", hill, "-o", tmp_path / "b.zarr", "--anchor-from-track", "--topography")
+    told = good(
+        "import", "gpr", hill, "-o", tmp_path / "b.zarr", "--anchor-from-track", "--topography"
+    )
     assert "antennas are put on the receiver's heights, 0.00 to 1.00 m in the lane" in told
     held = open_run(tmp_path / "b.zarr")
     np.testing.assert_allclose(held["pose"].values[:, 2], 0.5 * STEP * np.arange(41), atol=3e-3)
-    told = good("image", tmp_path / "b.zarr", "-o", tmp_path / "b.npz", "--permittivity", 9, "--json")
+    told = good(
+        "image", tmp_path / "b.zarr", "-o", tmp_path / "b.npz", "--permittivity", 9, "--json"
+    )
     assert json.loads(told)["scans"] == 41
     with np.load(tmp_path / "b.npz") as archive:
-        assert archive["z"].max() == pytest.approx(1.0, abs=0.05)  # a section below the line, up to its top
+        assert archive["z"].max() == pytest.approx(
+            1.0, abs=0.05
+        )  # a section below the line, up to its top
         assert archive["z"].min() < -2
 
 
@@ -164,5 +196,6 @@ def test_other_lines_and_depths_are_refused(tmp_path):
     assert "that increase, m, got [0.5, 0.2]" in run(*words, "--depth", 0.5, "--depth", 0.2).output
     assert "depth and z both say how deep" in run(*words, "--depth", 0.5, "--at-z", -1).output
     assert (
-        "topography needs an anchor" in run("import", "gpr", *paths, "-o", tmp_path / "b.zarr", "--topography").output
+        "topography needs an anchor"
+        in run("import", "gpr", *paths, "-o", tmp_path / "b.zarr", "--topography").output
     )

@@ -45,7 +45,8 @@ def browser():
         pytest.skip("needs chromium")
     with sync_api.sync_playwright() as play:
         instance = play.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        # A process that has drawn a page before draws the next one in half the time: one page stays, so that it lives.
+        # A process that has drawn a page before draws the next one in half the time: one page
+        # stays, so that it lives.
         context = instance.new_context(accept_downloads=True, reduced_motion="reduce")
         page = context.new_page()
         page.route("**", lambda route: route.fulfill(body=""))

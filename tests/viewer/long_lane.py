@@ -70,7 +70,9 @@ def make_long_lane(folder, rows=12_000, seed=3, alarms=900, title="long lane"):
     share += (table["confidence"].to_numpy() - share.sum(axis=1))[:, None] / 3
     names = ["C_HH", "M_VV", "P_alpha"]
     features = pd.DataFrame(share + rng.normal(0, 0.3, share.shape), columns=names)
-    training = pd.DataFrame(rng.normal(0, 1, (400, 3)) + 2 * (np.arange(400) < 150)[:, None], columns=names)
+    training = pd.DataFrame(
+        rng.normal(0, 1, (400, 3)) + 2 * (np.arange(400) < 150)[:, None], columns=names
+    )
     training["label"] = np.where(np.arange(400) < 150, "hit", "false alarm")
     detection = Detection(
         "main",

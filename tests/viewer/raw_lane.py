@@ -21,8 +21,12 @@ def make_raw_lane(path, scans=160, tones=None):
     signal = np.zeros((scans, 2, 2, frequency.size), complex)
     for x, y in TARGETS:
         for pair in range(2):
-            ways = [np.linalg.norm(pose[:, :3] + side[pair] - (x, y, 0), axis=1) for side in (TX, RX)]
-            signal[:, :, pair] += (path_phase(frequency, sum(ways)) / np.prod(ways, axis=0)[:, None])[:, None]
+            ways = [
+                np.linalg.norm(pose[:, :3] + side[pair] - (x, y, 0), axis=1) for side in (TX, RX)
+            ]
+            signal[:, :, pair] += (
+                path_phase(frequency, sum(ways)) / np.prod(ways, axis=0)[:, None]
+            )[:, None]
     signal += 5 * path_phase(frequency, 1.5 * SPEED_OF_LIGHT * 1e-9)
     signal += 0.02 * (rng.normal(size=signal.shape) + 1j * rng.normal(size=signal.shape))
     if scans > 54:

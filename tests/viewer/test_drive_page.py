@@ -193,9 +193,22 @@ def test_where_detection_starts_anew_the_alarms_of_before_lie_ahead_no_more(driv
     screen.alive()
     screen.pass_time(250)
     assert screen.says()["state-words"] == "Positions wrong"
-    anew = {"event": "anew", "scan": 4, "held": [2, 3], "pose": [0, -494.0, 5, 0, 0, 0], "forgotten": False}
-    feeder.give(anew, *(scan(number, -498.0 + number) for number in (2, 3, 4)), {"event": "counts", "restarts": 1})
-    feeder.give(alarm("alarm-1", 0.5, 12.0, 4.5, -494.0, "final"), alarm("alarm-2", 0.5, -480.0, 4.5, -494.0))
+    anew = {
+        "event": "anew",
+        "scan": 4,
+        "held": [2, 3],
+        "pose": [0, -494.0, 5, 0, 0, 0],
+        "forgotten": False,
+    }
+    feeder.give(
+        anew,
+        *(scan(number, -498.0 + number) for number in (2, 3, 4)),
+        {"event": "counts", "restarts": 1},
+    )
+    feeder.give(
+        alarm("alarm-1", 0.5, 12.0, 4.5, -494.0, "final"),
+        alarm("alarm-2", 0.5, -480.0, 4.5, -494.0),
+    )
     screen.alive()
     screen.pass_time(250)
     said = screen.says()
@@ -221,11 +234,15 @@ def test_a_loss_is_seen_at_the_desk_and_nothing_moves_for_it(driving):
     screen.alive()
     screen.pass_time(400)
     assert screen.page.locator("#state").is_hidden()
-    before = [screen.page.locator(name).bounding_box() for name in ("#lane", "#live", "#export-menu")]
+    before = [
+        screen.page.locator(name).bounding_box() for name in ("#lane", "#live", "#export-menu")
+    ]
     screen.pass_time(1000)
     assert screen.page.inner_text("#state-words").upper() == "NO RADAR"
     assert screen.page.locator("#state").is_visible()
-    assert [screen.page.locator(name).bounding_box() for name in ("#lane", "#live", "#export-menu")] == before
+    assert [
+        screen.page.locator(name).bounding_box() for name in ("#lane", "#live", "#export-menu")
+    ] == before
 
 
 def test_what_another_look_is_worth_is_told_while_it_may_be_waited_for(driving):
@@ -239,14 +256,20 @@ def test_what_another_look_is_worth_is_told_while_it_may_be_waited_for(driving):
     assert said[0] == "p 62 %, next 40\u201370 %"
     assert said[1].endswith(" m, look again")
     height = float(
-        screen.page.evaluate("parseFloat(getComputedStyle(document.getElementById('drive-chances')).fontSize)")
+        screen.page.evaluate(
+            "parseFloat(getComputedStyle(document.getElementById('drive-chances')).fontSize)"
+        )
     )
     assert height >= 38
     screen.page.set_viewport_size({"width": 1024, "height": 768})  # the least that the docs ask for
-    assert screen.page.evaluate("drive.scrollHeight <= drive.clientHeight && drive.scrollWidth <= drive.clientWidth")
+    assert screen.page.evaluate(
+        "drive.scrollHeight <= drive.clientHeight && drive.scrollWidth <= drive.clientWidth"
+    )
     line = screen.page.locator("#live li").first
     assert line.text_content().endswith("62 \u2192 40\u201370 % wait")
-    assert line.get_attribute("aria-label").endswith("p 62 %, next 40\u201370 %, worth another look")
+    assert line.get_attribute("aria-label").endswith(
+        "p 62 %, next 40\u201370 %, worth another look"
+    )
     feeder.give(scan(5, 5.0), one | {"state": "update", "y": 8.0})  # too near to stop by now
     screen.alive()
     screen.pass_time(400)
@@ -323,7 +346,9 @@ def test_a_page_whose_scripts_stand_still_says_so(driving):
 
 def test_whether_it_can_stop_follows_the_settings(driving):
     screen, feeder = driving
-    feeder.give(scan(1, 0.0), alarm("alarm-1", -0.6, 6.0, 4.5, 0.0), alarm("alarm-2", 0.6, 9.0, 3.0, 0.0))
+    feeder.give(
+        scan(1, 0.0), alarm("alarm-1", -0.6, 6.0, 4.5, 0.0), alarm("alarm-2", 0.6, 9.0, 3.0, 0.0)
+    )
     screen.alive()
     screen.pass_time(400)
     said = screen.says()
@@ -338,7 +363,9 @@ def test_whether_it_can_stop_follows_the_settings(driving):
     for button, times in (("Longer reaction", 10), ("Weaker brakes", 8)):
         for _ in range(times):
             screen.page.click(f"[aria-label='{button}']")
-    assert screen.page.inner_text("#set-sum") == "Stops in 9.1 m"  # 1.5 s and 3 m/s²: what the docs work out
+    assert (
+        screen.page.inner_text("#set-sum") == "Stops in 9.1 m"
+    )  # 1.5 s and 3 m/s²: what the docs work out
     feeder.give(scan(2, 0.0))
     screen.alive()
     screen.pass_time(400)
@@ -425,7 +452,10 @@ LOOK = """() => {
 def test_it_is_read_from_afar_in_any_light_and_touched_with_gloves(tmp_path, serving, watch, size):
     feeder = Feeder(tmp_path)
     feeder.give(
-        BEGIN, scan(0, 0.0) | {"arrived": 5.0}, scan(1, 1.0) | {"arrived": 6.0}, alarm("alarm-1", -1.6, 2.4, 4.5, 0.0)
+        BEGIN,
+        scan(0, 0.0) | {"arrived": 5.0},
+        scan(1, 1.0) | {"arrived": 6.0},
+        alarm("alarm-1", -1.6, 2.4, 4.5, 0.0),
     )
     feeder.give(*(alarm(f"alarm-{k}", 0.0, 10.0 + k, 4.5, 0.0) for k in range(2, 5)))
     feeder.give({"event": "counts", "missing": 88, "masked": 88, "duplicate": 88})
@@ -446,7 +476,9 @@ def test_it_is_read_from_afar_in_any_light_and_touched_with_gloves(tmp_path, ser
             if words == "settings":
                 page.page.click("#drive-set")
             for theme in ("light", "night", "sun"):
-                page.page.evaluate("(theme) => { document.documentElement.dataset.theme = theme; }", theme)
+                page.page.evaluate(
+                    "(theme) => { document.documentElement.dataset.theme = theme; }", theme
+                )
                 looks = page.page.evaluate(LOOK)
                 for one in looks["type"]:
                     assert one["size"] >= 38, one
@@ -461,7 +493,14 @@ def test_it_is_read_from_afar_in_any_light_and_touched_with_gloves(tmp_path, ser
                     assert right <= size[0]
                     assert bottom <= size[1], name
         page.close()
-    assert names >= {"drive-left", "drive-verdict", "drive-margin", "drive-speed", "state-words", "set-reaction-out"}
+    assert names >= {
+        "drive-left",
+        "drive-verdict",
+        "drive-margin",
+        "drive-speed",
+        "state-words",
+        "set-reaction-out",
+    }
     assert min(smallest[name] for name in ("drive-left", "drive-verdict", "state-words")) >= 48
 
 
@@ -498,12 +537,16 @@ def test_a_drive_at_the_speed_of_a_vehicle_with_faults(tmp_path, serving, watch)
     """15 km/h from the radar's files to the screen, scans lost, late, twice and holed on the way."""
     save_run(make_lane_run(), tmp_path / "run.zarr")
     (tmp_path / "recipe.toml").write_text(small_recipe())
-    options = LiveOptions(tmp_path / "recipe.toml", tmp_path / "out", tmp_path / "in", vehicle=VEHICLE, threshold=1.0)
+    options = LiveOptions(
+        tmp_path / "recipe.toml", tmp_path / "out", tmp_path / "in", vehicle=VEHICLE, threshold=1.0
+    )
     faults = ["lost:16:8", "late:27:2", "twice:30:3", "nan:33:2"]
     live = LiveRun(options)
     detection = threading.Thread(target=live.run)
     radar = threading.Thread(
-        target=feed, args=(tmp_path / "run.zarr", tmp_path / "in", 15 / 3.6 / STEP), kwargs={"faults": faults}
+        target=feed,
+        args=(tmp_path / "run.zarr", tmp_path / "in", 15 / 3.6 / STEP),
+        kwargs={"faults": faults},
     )
     seen = []
     with serving([], live=tmp_path / "out") as viewer:
@@ -525,7 +568,9 @@ def test_a_drive_at_the_speed_of_a_vehicle_with_faults(tmp_path, serving, watch)
         page.close()
     end = seen[-1]
     assert (end["state-words"], end["drive-left"], end["verdict"]) == ("Run ended", "–", "free")
-    assert end["drive-faults"] == "scans: lost 8, twice 3, holes 2"  # the late one still came in time
+    assert (
+        end["drive-faults"] == "scans: lost 8, twice 3, holes 2"
+    )  # the late one still came in time
     told = [one for one in seen if one["verdict"] in ("go", "halt")]
     assert told
     for one in told:
@@ -536,5 +581,10 @@ def test_a_drive_at_the_speed_of_a_vehicle_with_faults(tmp_path, serving, watch)
         assert left >= 0
         assert one["drive-margin"].endswith("to spare" if one["verdict"] == "go" else "too near")
     for one in seen:
-        if one["state-words"] in ("No radar", "No connection", "Detection stopped", "Scans unusable"):
+        if one["state-words"] in (
+            "No radar",
+            "No connection",
+            "Detection stopped",
+            "Scans unusable",
+        ):
             assert (one["drive-left"], one["verdict"]) == ("–", "blind")

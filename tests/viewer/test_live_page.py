@@ -32,7 +32,13 @@ START = {
 
 
 def scan(number, y):
-    return {"event": "scan", "scan": number, "pose": [0, y, 5, 0, 0, 0], "outcome": "taken", "latency_ms": 60 + number}
+    return {
+        "event": "scan",
+        "scan": number,
+        "pose": [0, y, 5, 0, 0, 0],
+        "outcome": "taken",
+        "latency_ms": 60 + number,
+    }
 
 
 def alarm(name, x, y, confidence, at, state="new"):
@@ -106,7 +112,9 @@ def test_new_alarms_are_told_to_screen_readers(live):
         "New alarm: alarm-2, 4.0 metres ahead, 0.5 metres left, too near to stop, confidence 3.00, and 1 more"
     )
     assert page.page.get_attribute("#said", "aria-live") == "polite"
-    labels = page.page.eval_on_selector_all("#live li", "(all) => all.map((one) => one.getAttribute('aria-label'))")
+    labels = page.page.eval_on_selector_all(
+        "#live li", "(all) => all.map((one) => one.getAttribute('aria-label'))"
+    )
     assert labels[0].startswith("alarm-2, 4.0 metres ahead, 0.5 metres left, too near to stop")
     assert "too near" not in labels[1]
     assert "too near" in page.text("#live li:first-child")
@@ -122,11 +130,16 @@ def test_alarms_that_come_with_the_page_are_not_all_read_out(tmp_path, follow):
 
 def test_a_known_alarm_changes_and_a_withdrawn_one_goes(live):
     page, feeder = live
-    feeder.give(scan(0, 2.0), alarm("alarm-1", 1.0, 14.5, 4.5, 2.0), alarm("alarm-2", 0.0, 16.0, 2.0, 2.0))
+    feeder.give(
+        scan(0, 2.0), alarm("alarm-1", 1.0, 14.5, 4.5, 2.0), alarm("alarm-2", 0.0, 16.0, 2.0, 2.0)
+    )
     wait_words(page, "2 alarms")
     page.page.keyboard.press("n")
     assert page.text("#alarm-title") == "alarm-1"
-    feeder.give(alarm("alarm-2", 0.1, 16.1, 9.0, 2.0, "update"), alarm("alarm-1", 1, 14.5, 1.0, 2.0, "withdrawn"))
+    feeder.give(
+        alarm("alarm-2", 0.1, 16.1, 9.0, 2.0, "update"),
+        alarm("alarm-1", 1, 14.5, 1.0, 2.0, "withdrawn"),
+    )
     wait_words(page, "1 alarms")
     assert page.page.locator("#alarm").is_hidden()  # what was selected is gone
     assert "Alarms (1 of 1)" in page.text("#list-title")
@@ -155,9 +168,14 @@ def test_the_run_view_grows_in_the_right_colours(live):
         for py in range(80, int(box["height"]) - 120, 43):
             page.page.mouse.move(box["x"] + px, box["y"] + py)
             words = page.text("#readout").replace("\u2212", "-")
-            y, x = (float(re.search(pattern, words).group(1)) for pattern in (r"y (\S+) m", r"x (\S+) m"))
+            y, x = (
+                float(re.search(pattern, words).group(1))
+                for pattern in (r"y (\S+) m", r"x (\S+) m")
+            )
             row, column = (y - GRID["y"]) / 0.1, (x - GRID["x"]) / 0.1
-            inside = max(abs(row % 1 - 0.5), abs(column % 1 - 0.5)) > 0.2 and 0 <= round(column) < 60
+            inside = (
+                max(abs(row % 1 - 0.5), abs(column % 1 - 0.5)) > 0.2 and 0 <= round(column) < 60
+            )
             if not inside or not np.isfinite(share[round(row), round(column)]):
                 continue
             want = viridis(np.clip(share[round(row), round(column)], 0, 1))
@@ -165,7 +183,9 @@ def test_the_run_view_grows_in_the_right_colours(live):
             total += 1
             assert re.search(r"48\.00\d{4}°, 11\.00\d{4}°|48\.00\d{4}°, 10\.99\d{4}°", words)
     assert total > 30
-    assert agree > 0.75 * total  # the lane's border, the track and half a pixel of rounding cost some
+    assert (
+        agree > 0.75 * total
+    )  # the lane's border, the track and half a pixel of rounding cost some
 
 
 def test_the_picture_follows_the_vehicle_until_it_is_moved(tmp_path, follow):
@@ -178,7 +198,9 @@ def test_the_picture_follows_the_vehicle_until_it_is_moved(tmp_path, follow):
 
         def middle():
             page.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 200)
-            return float(re.search(r"y (\S+) m", page.text("#readout").replace("\u2212", "-")).group(1))
+            return float(
+                re.search(r"y (\S+) m", page.text("#readout").replace("\u2212", "-")).group(1)
+            )
 
         feeder.give(scan(0, 20.0))
         wait_words(page, "1 scans")
@@ -221,27 +243,39 @@ def test_news_take_neither_focus_nor_clicks_away(live):
     box = button.bounding_box()
     page.page.mouse.move(box["x"] + 5, box["y"] + 5)
     page.page.mouse.down()
-    changed = [alarm(f"alarm-{k}", 0.1 * k, 10.0 + k, float(k) + 0.25, 2.0, "update") for k in range(1, 7)]
+    changed = [
+        alarm(f"alarm-{k}", 0.1 * k, 10.0 + k, float(k) + 0.25, 2.0, "update") for k in range(1, 7)
+    ]
     feeder.give(scan(1, 2.5), *changed, alarm("alarm-7", 0, 20.0, 0.5, 2.0))
     wait_words(page, "7 alarms")
     assert page.page.evaluate("document.activeElement.textContent") == "alarm-4"
     page.page.mouse.up()
     assert page.text("#alarm-title") == "alarm-4"
     assert "4.25" in page.text("#rows tr[aria-selected=true]")
-    feeder.give(alarm("alarm-1", 0.1, 11.0, 9.5, 2.0, "update"), alarm("alarm-6", 0.6, 16, 6.0, 2.0, "withdrawn"))
+    feeder.give(
+        alarm("alarm-1", 0.1, 11.0, 9.5, 2.0, "update"),
+        alarm("alarm-6", 0.6, 16, 6.0, 2.0, "withdrawn"),
+    )
     wait_words(page, "6 alarms")
-    names = page.page.eval_on_selector_all("#rows button", "(all) => all.map((one) => one.textContent)")
+    names = page.page.eval_on_selector_all(
+        "#rows button", "(all) => all.map((one) => one.textContent)"
+    )
     assert names == ["alarm-1", "alarm-5", "alarm-4", "alarm-3", "alarm-2", "alarm-7"]
     assert page.text("#alarm-title") == "alarm-4"
 
 
 def test_live_alarms_are_exported_with_their_place_on_earth(live):
     page, feeder = live
-    feeder.give(scan(0, 2.0), alarm("alarm-1", 1.0, 14.5, 4.5, 2.0), alarm("alarm-2", 0.0, 16.0, 2.0, 2.0))
+    feeder.give(
+        scan(0, 2.0), alarm("alarm-1", 1.0, 14.5, 4.5, 2.0), alarm("alarm-2", 0.0, 16.0, 2.0, 2.0)
+    )
     wait_words(page, "2 alarms")
     _, data = page.saved("#export-csv")
     rows = list(csv.DictReader(io.StringIO(data.decode())))
-    assert [(row["alarm_id"], float(row["y"])) for row in rows] == [("alarm-1", 14.5), ("alarm-2", 16.0)]
+    assert [(row["alarm_id"], float(row["y"])) for row in rows] == [
+        ("alarm-1", 14.5),
+        ("alarm-2", 16.0),
+    ]
     name, data = page.saved("#export-geojson")
     assert name == "flgpr-alarms.geojson"
     longitude, latitude = json.loads(data)["features"][0]["geometry"]["coordinates"]
@@ -256,7 +290,9 @@ def test_live_alarms_are_exported_with_their_place_on_earth(live):
 def test_nothing_is_cut_off_live(tmp_path, follow, scheme, size):
     feeder = Feeder(tmp_path)
     told = [alarm(f"alarm-{100 + k}", (-1) ** k * 0.3 * k, 6.0 + k, 12.34, 2.0) for k in range(9)]
-    counts = dict.fromkeys(("late", "duplicate", "corrupt", "masked", "pose_filled", "pose_missing"), 123)
+    counts = dict.fromkeys(
+        ("late", "duplicate", "corrupt", "masked", "pose_filled", "pose_missing"), 123
+    )
     feeder.give(START, scan(0, 2.0), *told, {"event": "counts", **counts})
     with follow(tmp_path, size=size, scheme=scheme) as page:
         wait_words(page, "9 alarms")
@@ -274,7 +310,11 @@ def test_a_live_run_is_shown_as_it_is(tmp_path, follow):
     (tmp_path / "recipe.toml").write_text(small_recipe())
     feed(tmp_path / "run.zarr", tmp_path / "incoming", float("inf"))
     with follow(tmp_path / "out") as page:
-        LiveRun(LiveOptions(tmp_path / "recipe.toml", tmp_path / "out", tmp_path / "incoming", vehicle=VEHICLE)).run()
+        LiveRun(
+            LiveOptions(
+                tmp_path / "recipe.toml", tmp_path / "out", tmp_path / "incoming", vehicle=VEHICLE
+            )
+        ).run()
         wait_words(page, "ended")
         alarms = read_table(tmp_path / "out" / "alarms.csv", "alarms")
         assert f"{SCANS} scans, {len(alarms)} alarms" in page.text("#live-words")
@@ -284,7 +324,9 @@ def test_a_live_run_is_shown_as_it_is(tmp_path, follow):
         _, data = page.saved("#export-csv")
         rows = list(csv.DictReader(io.StringIO(data.decode())))
         assert [row["alarm_id"] for row in rows] == alarms["alarm_id"].tolist()
-        assert [float(row["confidence"]) for row in rows] == pytest.approx(alarms["confidence"].tolist(), rel=1e-8)
+        assert [float(row["confidence"]) for row in rows] == pytest.approx(
+            alarms["confidence"].tolist(), rel=1e-8
+        )
         assert LANE.y_min < alarms["y"].min()
 
 

@@ -27,7 +27,14 @@ def test_one_click_saves_the_map_of_an_anchored_result(demo, anchor, serving, wa
     assert name == "flgpr-map.zip"
     with zipfile.ZipFile(io.BytesIO(data)) as bundle:
         names = {path.rpartition("/")[2] for path in bundle.namelist()}
-    assert names == {"alarms.gpkg", "lane.gpkg", "lane.qgs", "objects.gpkg", "run-view.tif", "truth.gpkg"}
+    assert names == {
+        "alarms.gpkg",
+        "lane.gpkg",
+        "lane.qgs",
+        "objects.gpkg",
+        "run-view.tif",
+        "truth.gpkg",
+    }
 
 
 def test_a_result_without_a_place_has_no_map(demo, anchor, serving, watch):

@@ -27,7 +27,9 @@ def ask(url):
 @pytest.fixture
 def kernel(monkeypatch):
     """Make this process look like a notebook's kernel."""
-    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: SimpleNamespace(kernel=1)))
+    monkeypatch.setitem(
+        sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: SimpleNamespace(kernel=1))
+    )
 
 
 def test_it_serves_until_closed_and_twice_the_same_is_one_server(demo, kernel, capsys):
@@ -53,11 +55,16 @@ def test_it_serves_until_closed_and_twice_the_same_is_one_server(demo, kernel, c
 
 def test_without_a_notebook_the_address_is_printed(demo, capsys):
     shown = flgpr.view(demo[0].folder)
-    assert capsys.readouterr().out == f"no notebook is here to show it; open {shown.url} in a browser\n"
+    assert (
+        capsys.readouterr().out
+        == f"no notebook is here to show it; open {shown.url} in a browser\n"
+    )
     shown.close()
     code = f"import flgpr; v = flgpr.view({str(demo[0].folder)!r}); assert 'IPython' not in __import__('sys').modules"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
-    assert (ran.returncode, ran.stderr) == (0, ""), ran.stderr  # it ends though nobody closed the view
+    assert (ran.returncode, ran.stderr) == (0, ""), (
+        ran.stderr
+    )  # it ends though nobody closed the view
     assert "open http://127.0.0.1:" in ran.stdout
 
 

@@ -52,14 +52,19 @@ def trained():
     values = rng.normal(0, 1, (60, 1)) + 6 * (np.arange(60) % 2)[:, None]
     label = np.arange(60) % 2
     normalizer = HistogramNormalizer().fit(values)
-    return Classifier(("C_HH_F1",), normalizer, FisherDiscriminant().fit(normalizer.transform(values), label))
+    return Classifier(
+        ("C_HH_F1",), normalizer, FisherDiscriminant().fit(normalizer.transform(values), label)
+    )
 
 
 def test_the_slider_says_which_way_is_stricter_and_what_it_costs(watch, shown):
     one = watch(shown)
     page = one.page
     slider = one.page.locator("#threshold")
-    place = {name: page.get_by_text(name, exact=True).bounding_box()["x"] for name in ("stricter", "more alarms")}
+    place = {
+        name: page.get_by_text(name, exact=True).bounding_box()["x"]
+        for name in ("stricter", "more alarms")
+    }
     assert place["stricter"] < slider.bounding_box()["x"] < place["more alarms"]
     assert one.text("#threshold-left") == "5 of 11 alarms left"
     slider.fill("0")
@@ -90,11 +95,15 @@ def test_the_legend_tells_halo_border_and_what_is_missed_as_it_is_drawn(watch, s
 
     def paths(name):
         drawn = page.locator("#legend li").filter(has_text=name).locator("path")
-        return drawn.evaluate_all("(all) => all.map((one) => [one.getAttribute('d'), one.getAttribute('stroke')])")
+        return drawn.evaluate_all(
+            "(all) => all.map((one) => [one.getAttribute('d'), one.getAttribute('stroke')])"
+        )
 
     shape = paths("plastic")
     missed = paths("missed")
-    assert [d for d, _ in missed] == [d for d, _ in shape]  # the plastic mine is missed: a triangle, not a hexagon
+    assert [d for d, _ in missed] == [
+        d for d, _ in shape
+    ]  # the plastic mine is missed: a triangle, not a hexagon
     assert shape[1][1] == "#ffffff"
     assert missed[1][1] == "#ff7a59"
     page.locator("#threshold").fill("0")
@@ -106,14 +115,19 @@ def test_the_legend_tells_halo_border_and_what_is_missed_as_it_is_drawn(watch, s
 def test_pictures_are_called_by_what_they_are(watch, shown, serving, tmp_path):
     """The demo suppresses nothing; the small result is of wang2007, which takes the self-signature away."""
     names = "#a-set option"
-    assert watch(shown).page.locator(names).all_inner_texts()[:2] == ["as imaged", "without suppression"]
+    assert watch(shown).page.locator(names).all_inner_texts()[:2] == [
+        "as imaged",
+        "without suppression",
+    ]
     small_result(tmp_path / "small")
     with serving([tmp_path / "small"]) as viewer:
         assert watch(viewer).page.locator(names).all_inner_texts() == ["after suppression"]
 
 
 def test_stages_follow_the_recipe():
-    demo, fused, fuse2018 = (parse_recipe(recipe_text(name)) for name in ("demo", "fused", "fuse2018"))
+    demo, fused, fuse2018 = (
+        parse_recipe(recipe_text(name)) for name in ("demo", "fused", "fuse2018")
+    )
     assert _stages(demo)["roadside-suppressed"] == "after clutter suppression"
     assert _stages(demo)["main"] == "without clutter suppression"
     assert _stages(fused)["main"] == "map by likelihood"
@@ -125,7 +139,10 @@ def test_a_result_of_a_trained_detector_opens_where_it_decides(watch, serving, t
     classifier = trained()
     assert classifier.border == 0
     small_result(tmp_path / "zero", classifier)
-    small_result(tmp_path / "four", type("Moved", (Classifier,), {"border": 4.0})(**vars(replace(classifier))))
+    small_result(
+        tmp_path / "four",
+        type("Moved", (Classifier,), {"border": 4.0})(**vars(replace(classifier))),
+    )
     for name, left in (("zero", 3), ("four", 2)):
         with serving([tmp_path / name]) as viewer:
             one = watch(viewer)

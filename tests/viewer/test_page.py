@@ -43,14 +43,19 @@ def test_the_picture_is_the_run_view(watch, shown, demo):
     for row, column in inner:
         px = 46 + place[0] / 2 + (view["y"].values[row] - 3.9) * scale
         py = 8 + place[1] / 2 + view["x"].values[column] * scale
-        agree += np.abs(seen[round(py), round(px)] - viridis(np.clip(share[row, column], 0, 1))).max() <= 6
+        agree += (
+            np.abs(seen[round(py), round(px)] - viridis(np.clip(share[row, column], 0, 1))).max()
+            <= 6
+        )
     assert agree > 0.93 * len(inner)  # the lane's border is drawn over some
 
 
 def test_cursor_tells_place_and_amplitude(watch, shown, demo):
     one = watch(shown)
     box = one.page.locator("#lane").bounding_box()
-    one.page.mouse.move(box["x"] + 46 + (box["width"] - 98) / 2, box["y"] + 8 + (box["height"] - 42) / 2)
+    one.page.mouse.move(
+        box["x"] + 46 + (box["width"] - 98) / 2, box["y"] + 8 + (box["height"] - 42) / 2
+    )
     words = one.text("#readout").replace("\u2212", "-")
     y, x, above, background = (
         float(re.search(pattern, words).group(1))
@@ -59,7 +64,9 @@ def test_cursor_tells_place_and_amplitude(watch, shown, demo):
     assert (y, x) == pytest.approx((3.9, 0.0), abs=0.02)
     view = demo[0].detections[0].view.sel(polarization="HH", subband="0.45-1.5")
     level = 20 * np.log10(view.values)
-    expected = level[int(np.abs(view["y"].values - y).argmin()), int(np.abs(view["x"].values - x).argmin())]
+    expected = level[
+        int(np.abs(view["y"].values - y).argmin()), int(np.abs(view["x"].values - x).argmin())
+    ]
     assert background == pytest.approx(expected, abs=0.1)
     assert above == pytest.approx(expected - np.nanmedian(level), abs=0.1)
     assert re.search(r"scan 2, range 2\.5 m|range 2\.6 m", words)
@@ -117,18 +124,30 @@ def test_everything_has_a_name_for_screen_readers(watch, shown):
     )
     assert nameless == []
     tree = one.page.locator("body").aria_snapshot()
-    for name in ("Lane picture", "Threshold", "Picture A: polarization", "scan 2, HH 0.45-1.5", "Verdict"):
+    for name in (
+        "Lane picture",
+        "Threshold",
+        "Picture A: polarization",
+        "scan 2, HH 0.45-1.5",
+        "Verdict",
+    ):
         assert name in tree
-    assert one.page.get_attribute("#threshold", "aria-valuetext") == ("confidence 3.778: 2 of 3 found, 1 false alarms")
+    assert one.page.get_attribute("#threshold", "aria-valuetext") == (
+        "confidence 3.778: 2 of 3 found, 1 false alarms"
+    )
 
 
-def test_the_page_opens_at_the_operating_point_with_chance_beside(watch, shown, demo, serving, long_lanes):
+def test_the_page_opens_at_the_operating_point_with_chance_beside(
+    watch, shown, demo, serving, long_lanes
+):
     """The demo lane is too small for 0.05 per m² and opens at one false alarm; a long lane does not."""
     one = watch(shown)
     main = demo[1][0]
     assert f"{main.point['n_detected']} of 3" in one.text("#counts")
     assert re.search(rf"chance\s+{main.point['chance']:.2g}", one.text("#counts"))
-    assert "Opened at one false alarm, 0.17 per m²: 6.0 m² are too small for 0.05." in one.text("#point")
+    assert "Opened at one false alarm, 0.17 per m²: 6.0 m² are too small for 0.05." in one.text(
+        "#point"
+    )
     assert "by chance" in one.page.get_attribute("#roc-plot", "aria-label")
     with serving(long_lanes[:1]) as viewer:
         other = watch(viewer)
@@ -167,7 +186,8 @@ def test_a_click_selects_the_alarm_and_explains_it(watch, shown, demo):
     scale = min(0.985 * width / (93 * 0.05), 0.96 * height / (57 * 0.05))
     alarm = demo[0].detections[0].alarms.iloc[2]
     page.mouse.click(
-        box["x"] + 46 + width / 2 + (alarm["y"] - 3.9) * scale, box["y"] + 8 + height / 2 + alarm["x"] * scale
+        box["x"] + 46 + width / 2 + (alarm["y"] - 3.9) * scale,
+        box["y"] + 8 + height / 2 + alarm["x"] * scale,
     )
     assert one.text("#alarm-title") == "alarm-3"
     page.wait_for_selector("#patches canvas")
@@ -225,7 +245,9 @@ def test_exports_are_what_is_shown(watch, shown, demo):
     assert (rows[0]["verdict"], rows[0]["note"]) == ("clutter", '\'=post, "roadside"')
     one.page.locator("#rows input").nth(1).check()
     name, data = one.saved("#export-geojson")
-    assert name == "flgpr-alarms.json"  # in the lane frame: no map shall take it for places on Earth
+    assert (
+        name == "flgpr-alarms.json"
+    )  # in the lane frame: no map shall take it for places on Earth
     features = json.loads(data)["features"]
     assert [f["properties"]["alarm_id"] for f in features] == ["alarm-2"]
     assert features[0]["geometry"]["coordinates"] == alarms[["x", "y"]].iloc[1].tolist()
@@ -255,7 +277,10 @@ def test_two_results_on_one_lane(watch, serving, long_lanes):
         assert "B two" in words
         slider = one.page.locator("#threshold")
         slider.fill("200")
-        false = [int(cell) for cell in re.search(r"false alarms\s+(\d+)\s+(\d+)", one.text("#counts")).groups()]
+        false = [
+            int(cell)
+            for cell in re.search(r"false alarms\s+(\d+)\s+(\d+)", one.text("#counts")).groups()
+        ]
         assert false[1] <= false[0]
         assert "alarm of B" in one.text("#legend")
         box = one.page.locator("#lane").bounding_box()
@@ -269,7 +294,9 @@ def test_a_long_lane_pans_and_zooms(watch, serving, long_lanes, tmp_path, capsys
         one = watch(viewer)
         page = one.page
         entry = "performance.getEntriesByName('flgpr:first-picture')[0].startTime"
-        first = page.evaluate(f"{entry} - performance.getEntriesByType('navigation')[0].domContentLoadedEventEnd")
+        first = page.evaluate(
+            f"{entry} - performance.getEntriesByType('navigation')[0].domContentLoadedEventEnd"
+        )
         assert "stretched" in one.text("#badge")
         box = page.locator("#lane").bounding_box()
         page.mouse.move(box["x"] + 400, box["y"] + 250)
@@ -283,9 +310,13 @@ def test_a_long_lane_pans_and_zooms(watch, serving, long_lanes, tmp_path, capsys
         page.mouse.up()
         after = one.settled()
         inner = np.abs(after[100:400, 60:400] - before[100:400, 260:600]).max(axis=2) > 0
-        assert inner.mean() < 0.2  # the picture moved with the pointer; rounding shifts the edges of pixels
+        assert (
+            inner.mean() < 0.2
+        )  # the picture moved with the pointer; rounding shifts the edges of pixels
         page.mouse.move(box["x"] + 200, box["y"] + 251)
-        assert float(re.search(r"y (\S+) m", one.text("#readout")).group(1)) == pytest.approx(start, abs=0.2)
+        assert float(re.search(r"y (\S+) m", one.text("#readout")).group(1)) == pytest.approx(
+            start, abs=0.2
+        )
         page.keyboard.press("f")
         for _ in range(6):
             page.keyboard.press("+")
@@ -295,7 +326,9 @@ def test_a_long_lane_pans_and_zooms(watch, serving, long_lanes, tmp_path, capsys
         drawn = page.evaluate("performance.getEntriesByName('flgpr:frame').map((e) => e.duration)")
         for name in ("magma", "cividis", "grey", "viridis"):
             page.select_option("#map", name)
-        spent = page.evaluate("performance.getEntriesByName('flgpr:recolour').map((e) => e.duration)")
+        spent = page.evaluate(
+            "performance.getEntriesByName('flgpr:recolour').map((e) => e.duration)"
+        )
     frames = 1000 / statistics.median(np.diff(times))
     with capsys.disabled():
         print(

@@ -54,7 +54,9 @@ def values_of(answer):
 
 def direct(signal, tones, delays):
     """Sum tone by tone, each with its share of the band under the window."""
-    share = np.sin(np.pi * np.arange(1, tones.size + 1) / (tones.size + 1)) ** 2 * np.gradient(tones)
+    share = np.sin(np.pi * np.arange(1, tones.size + 1) / (tones.size + 1)) ** 2 * np.gradient(
+        tones
+    )
     total = np.zeros((len(signal), delays.size), complex)
     for k, tone in enumerate(tones):
         total += share[k] / share.sum() * signal[:, k, None] * np.exp(2j * np.pi * tone * delays)
@@ -63,7 +65,13 @@ def direct(signal, tones, delays):
 
 def test_the_picture_is_what_prepare_stores(viewer, lane, tmp_path):
     """Every scan, those with a gap in another channel as well, for which steps in time leave the signal alone."""
-    asked = {"polarization": "HH", "pair": "0", "scale": "signed", "to_ns": "60", "steps": json.dumps(STEPS)}
+    asked = {
+        "polarization": "HH",
+        "pair": "0",
+        "scale": "signed",
+        "to_ns": "60",
+        "steps": json.dumps(STEPS),
+    }
     status, answer = ask(viewer, "bscan", **asked)
     assert status == 200
     (tmp_path / "steps.toml").write_text(answer["toml"])
@@ -71,7 +79,10 @@ def test_the_picture_is_what_prepare_stores(viewer, lane, tmp_path):
     assert steps == tasks.check_steps(STEPS)
     made = tasks.prepare_run(lane, steps, tmp_path / "made.zarr")
     delays = 60e-9 * (np.arange(800) + 0.5) / 800
-    expected = direct(made["signal"].values[:, 0, 0], made["frequency"].values, delays).real / answer["unit"]
+    expected = (
+        direct(made["signal"].values[:, 0, 0], made["frequency"].values, delays).real
+        / answer["unit"]
+    )
     seen = values_of(answer)
     np.testing.assert_allclose(seen, expected, atol=2e-3, rtol=2e-3)
     assert np.isnan(seen[50:55]).all()
@@ -87,14 +98,22 @@ def test_decibels_are_the_greatest_amplitude_of_a_bin(lane, monkeypatch):
     count = 200
     stop = answer["delays_ns"]["stop"] * 1e-9
     assert stop == pytest.approx(1 / (tones[1] - tones[0]))
-    delays = stop * (np.arange(4 * count) + 0.5) / (4 * count)  # 80 ns at four to a period of the band, 2 GHz
-    amplitude = np.abs(direct(run["signal"].values[:, 1, 1], tones, delays)).reshape(-1, count, 4).max(axis=2)
+    delays = (
+        stop * (np.arange(4 * count) + 0.5) / (4 * count)
+    )  # 80 ns at four to a period of the band, 2 GHz
+    amplitude = (
+        np.abs(direct(run["signal"].values[:, 1, 1], tones, delays))
+        .reshape(-1, count, 4)
+        .max(axis=2)
+    )
     one = [0, 20, 100, 159]
     seen = values_of(answer)[one]
     strong = amplitude[one] > 1e-2
     assert strong.sum() > 20
     np.testing.assert_allclose(seen[strong], 20 * np.log10(amplitude[one][strong]), atol=0.04)
-    assert answer["top_db"] == pytest.approx(20 * np.log10(np.nanpercentile(amplitude, 99.8)), abs=0.05)
+    assert answer["top_db"] == pytest.approx(
+        20 * np.log10(np.nanpercentile(amplitude, 99.8)), abs=0.05
+    )
 
 
 def test_uneven_tones_are_summed_as_they_are(tmp_path):
@@ -105,7 +124,9 @@ def test_uneven_tones_are_summed_as_they_are(tmp_path):
     answer = raw.answer("bscan", query)
     signal = open_run(tmp_path / "uneven.zarr")["signal"].values[:, 0, 0]
     expected = direct(signal, tones, 20e-9 * (np.arange(800) + 0.5) / 800).real
-    np.testing.assert_allclose(values_of(answer) * answer["unit"], expected, atol=3e-3 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        values_of(answer) * answer["unit"], expected, atol=3e-3 * np.abs(expected).max()
+    )
     with pytest.raises(ValueError, match="step 1, power: tones must be at least two and even"):
         raw.answer("bscan", query | {"steps": '[{"do": "power", "exponent": 1}]'})
 
@@ -116,23 +137,35 @@ def test_a_spectrum_stands_beside_the_median(viewer, lane):
     level = 20 * np.log10(np.abs(open_run(lane)["signal"].values[:, 0, 1]))
     np.testing.assert_allclose(answer["level_db"], level[7], atol=1e-3)
     np.testing.assert_allclose(answer["median_db"], np.nanmedian(level, axis=0), atol=1e-3)
-    assert set(ask(viewer, "spectrum", polarization="HH", pair="1", scan="3")[1]["level_db"]) == {None}
+    assert set(ask(viewer, "spectrum", polarization="HH", pair="1", scan="3")[1]["level_db"]) == {
+        None
+    }
 
 
 @pytest.mark.parametrize("whole", [False, True])
 def test_an_image_is_what_prepare_and_image_make(viewer, lane, tmp_path, whole):
     """Of one scan, or of all; the background is estimated from all scans either way."""
-    asked = {"polarization": "HH", "pair": "0", "steps": json.dumps(STEPS[1:2]), "scan": "20", "whole": str(whole)}
+    asked = {
+        "polarization": "HH",
+        "pair": "0",
+        "steps": json.dumps(STEPS[1:2]),
+        "scan": "20",
+        "whole": str(whole),
+    }
     status, answer = ask(viewer, "image", **asked)
     assert status == 200
     tasks.prepare_run(lane, tasks.check_steps(STEPS[1:2]), tmp_path / "made.zarr")
     scans = None if whole else (20, 20)
-    made = tasks.make_picture(tmp_path / "made.zarr", tasks.View(scans=scans, polarizations=("HH",)))
+    made = tasks.make_picture(
+        tmp_path / "made.zarr", tasks.View(scans=scans, polarizations=("HH",))
+    )
     flat = made.image[0, 0]
     assert answer["scans"] == made.scans == (154 if whole else 1)
     assert (answer["across"][0], answer["up"][0], answer["fixed"]) == ("x", "y", {"z": 0.0})
     np.testing.assert_allclose(answer["up"][1:3], flat["y"].values[[0, -1]])
-    seen = np.frombuffer(base64.b64decode(answer["halves"]), "<f2").astype(float).reshape(flat.shape)
+    seen = (
+        np.frombuffer(base64.b64decode(answer["halves"]), "<f2").astype(float).reshape(flat.shape)
+    )
     level = 20 * np.log10(np.abs(flat.values))
     strong = level > level.max() - 50
     np.testing.assert_allclose(seen[strong], level[strong], atol=0.05)
@@ -187,7 +220,9 @@ def test_long_runs_and_little_memory_take_every_so_many_scans(lane, monkeypatch)
     with pytest.raises(ValueError, match="scan must be one of those shown, of 160, got 1"):
         tasks.RawRun(lane).answer("spectrum", query | {"scan": "1"})
     size = open_run(lane)["signal"].nbytes // 2
-    assert len(tasks.RawRun(lane, size).answer("bscan", query)["scans"]) == 32  # a fifth, for the copies at work
+    assert (
+        len(tasks.RawRun(lane, size).answer("bscan", query)["scans"]) == 32
+    )  # a fifth, for the copies at work
     assert tasks.RawRun(lane, size).answer("health", {})["channels"]["missing"] == [5, 6, 5, 5]
 
 
@@ -207,7 +242,10 @@ def test_long_runs_and_little_memory_take_every_so_many_scans(lane, monkeypatch)
         ({"steps": "[" * 3000}, "steps must be a JSON list"),
         ({"steps": '[{"do": "magic"}]'}, "magic"),
         ({"steps": '[{"do": "dewow", "length_ns": -1}]'}, "greater than 0, got -1"),
-        ({"steps": '[{"do": "band", "low_ghz": 7, "high_ghz": 8}]'}, "step 1, band: band must hold a tone"),
+        (
+            {"steps": '[{"do": "band", "low_ghz": 7, "high_ghz": 8}]'},
+            "step 1, band: band must hold a tone",
+        ),
         ({"steps": '[{"do": "subtract", "run": "/etc"}]'}, "may not subtract another run"),
         ({"steps": json.dumps([{"do": "dewow", "length_ns": 1}] * 17)}, "at most 16, got 17"),
     ],
@@ -236,7 +274,9 @@ def test_nothing_else_is_found(viewer, lane, demo, serving):
 def test_a_store_that_changes_is_an_error_of_the_server(tmp_path, serving):
     make_raw_lane(tmp_path / "run.zarr", 8)
     with serving([tmp_path / "run.zarr"], raw=tasks.RawRun) as shown:
-        chunk = next(path for path in (tmp_path / "run.zarr" / "signal" / "c").rglob("*") if path.is_file())
+        chunk = next(
+            path for path in (tmp_path / "run.zarr" / "signal" / "c").rglob("*") if path.is_file()
+        )
         data = bytearray(chunk.read_bytes())
         data[9] ^= 1
         chunk.write_bytes(data)
@@ -249,7 +289,9 @@ def test_the_page_shows_scans_and_ties_them_to_the_track(watch, viewer):
     one.until("document.getElementById('health-rows').children.length === 4")
     assert "all 4 channels are alive" in one.text("#health-words")
     box = page.locator("#bscan").bounding_box()
-    page.mouse.click(box["x"] + 46 + (box["width"] - 150) * 100.5 / 160, box["y"] + box["height"] / 2)
+    page.mouse.click(
+        box["x"] + 46 + (box["width"] - 150) * 100.5 / 160, box["y"] + box["height"] / 2
+    )
     assert one.text("#raw-scan") == "scan 100"
     assert page.text_content("#said") == "scan 100"
     page.keyboard.press("ArrowRight")
@@ -265,7 +307,9 @@ def test_the_page_shows_scans_and_ties_them_to_the_track(watch, viewer):
     page.fill("#step-power", "2")
     page.press("#step-power", "Tab")
     one.until("document.getElementById('raw-toml').textContent.includes('exponent = 2')")
-    page.context.grant_permissions(["clipboard-read", "clipboard-write"], origin=one.origin.rstrip("/"))
+    page.context.grant_permissions(
+        ["clipboard-read", "clipboard-write"], origin=one.origin.rstrip("/")
+    )
     page.click("#raw-copy")
     one.until("document.getElementById('raw-copied').textContent === 'copied'")
     copied = page.evaluate("() => navigator.clipboard.readText()")
@@ -323,7 +367,14 @@ def test_a_map_lies_below_the_track(watch, lane, serving, tmp_path):
     rasterio = pytest.importorskip("rasterio")
     from flgpr.viewer import Viewer
 
-    about = {"driver": "GTiff", "width": 100, "height": 100, "count": 3, "dtype": "uint8", "crs": "EPSG:4326"}
+    about = {
+        "driver": "GTiff",
+        "width": 100,
+        "height": 100,
+        "count": 3,
+        "dtype": "uint8",
+        "crs": "EPSG:4326",
+    }
     spread = rasterio.transform.from_bounds(10.99, 47.99, 11.01, 48.01, 100, 100)
     with rasterio.open(tmp_path / "map.tif", "w", transform=spread, **about) as file:
         file.write(np.stack([np.full((100, 100), one, np.uint8) for one in (10, 180, 20)]))
@@ -333,7 +384,9 @@ def test_a_map_lies_below_the_track(watch, lane, serving, tmp_path):
     )
     with pytest.raises(ValueError, match="map needs a result or run that is tied to the Earth"):
         Viewer([lane], backdrop=tmp_path / "map.tif")
-    with serving([lane], raw=tasks.RawRun, anchor=tmp_path / "anchor.toml", backdrop=tmp_path / "map.tif") as viewer:
+    with serving(
+        [lane], raw=tasks.RawRun, anchor=tmp_path / "anchor.toml", backdrop=tmp_path / "map.tif"
+    ) as viewer:
         one = watch(viewer)
         one.until("document.getElementById('health-rows').children.length === 4")
         seen = "[...document.getElementById('lane').getContext('2d').getImageData(60, 20, 1, 1).data].join()"
@@ -374,7 +427,9 @@ def test_one_scan_on_the_ground_has_no_image(tmp_path):
 def test_a_window_of_agc_longer_than_the_trace_is_as_long_as_it(lane, window):
     query = {"polarization": "HH", "pair": "0", "to_ns": "60"}
     answers = [
-        tasks.RawRun(lane).answer("bscan", query | {"steps": json.dumps([{"do": "agc", "window_ns": one}])})["halves"]
+        tasks.RawRun(lane).answer(
+            "bscan", query | {"steps": json.dumps([{"do": "agc", "window_ns": one}])}
+        )["halves"]
         for one in (80.5, window)
     ]
     assert answers[0] == answers[1]

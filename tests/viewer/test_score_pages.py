@@ -23,7 +23,15 @@ def scores(tmp_path_factory):
     """Two vendors on six targets, A better at plastic; a score of each, one by another halo, and their comparison."""
     home = tmp_path_factory.mktemp("vendors")
     y = [5.0, 15, 25, 35, 45, 55]
-    truth = pd.DataFrame({"target_id": [*"abcdef"], "x": 0.0, "y": y, "kind": ["metal", "plastic"] * 3, "depth": 0.05})
+    truth = pd.DataFrame(
+        {
+            "target_id": [*"abcdef"],
+            "x": 0.0,
+            "y": y,
+            "kind": ["metal", "plastic"] * 3,
+            "depth": 0.05,
+        }
+    )
     write_table(truth, home / "truth.csv")
     (home / "lane.toml").write_text(lane_text(LANE))
     false = [(1.7, 10.0), (-1.7, 20.0), (1.7, 30.0), (-1.7, 40.0)]
@@ -31,9 +39,19 @@ def scores(tmp_path_factory):
         rows = [(0.0, y["abcdef".index(hit)], 9.0 - n) for n, hit in enumerate(hits)]
         rows += [(px, py, 6.5 - n) for n, (px, py) in enumerate(false)]
         write_table(pd.DataFrame(rows, columns=["x", "y", "confidence"]), home / f"{name}.csv")
-        score_alarms(home / f"{name}.csv", home / "truth.csv", home / "lane.toml", home / f"score-{name}", draws=20)
-    score_alarms(home / "two.csv", home / "truth.csv", home / "lane.toml", home / "wide", draws=20, halo=1.5)
-    compare_alarms([home / "one.csv", home / "two.csv"], home / "truth.csv", home / "both", home / "lane.toml")
+        score_alarms(
+            home / f"{name}.csv",
+            home / "truth.csv",
+            home / "lane.toml",
+            home / f"score-{name}",
+            draws=20,
+        )
+    score_alarms(
+        home / "two.csv", home / "truth.csv", home / "lane.toml", home / "wide", draws=20, halo=1.5
+    )
+    compare_alarms(
+        [home / "one.csv", home / "two.csv"], home / "truth.csv", home / "both", home / "lane.toml"
+    )
     return home
 
 
@@ -52,11 +70,21 @@ def test_a_score_is_shown_with_its_points_and_targets(watch, serving, scores):
         assert page.locator("#lane").is_hidden()
         points = [row.split("\t") for row in rows_of(page, 0)]
         assert len(points) == 3 * 5  # all, metal, plastic at the usual rates
-        kinds = {name: [row for row in points if row[0] == name] for name in ("all", "metal", "plastic")}
+        kinds = {
+            name: [row for row in points if row[0] == name] for name in ("all", "metal", "plastic")
+        }
         for name, rows in kinds.items():
-            for row, point in zip(rows, told["kinds"].get(name, {}).get("points", []), strict=False):
-                assert (float(row[1]), row[2]) == (point["far_allowed"], f"{point['n_detected']} of 3")
-        assert kinds["all"][0][2] == f"{sum(int(kinds[k][0][2][0]) for k in ('metal', 'plastic'))} of 6"
+            for row, point in zip(
+                rows, told["kinds"].get(name, {}).get("points", []), strict=False
+            ):
+                assert (float(row[1]), row[2]) == (
+                    point["far_allowed"],
+                    f"{point['n_detected']} of 3",
+                )
+        assert (
+            kinds["all"][0][2]
+            == f"{sum(int(kinds[k][0][2][0]) for k in ('metal', 'plastic'))} of 6"
+        )
         page.locator("#threshold").fill("2")
         fates = {row.split("\t")[0]: row.split("\t")[2] for row in rows_of(page, 1)}
         assert fates == {**dict.fromkeys("ab", "found"), **dict.fromkeys("cdef", "missed")}
@@ -99,7 +127,9 @@ def test_a_comparison_shows_its_detectors(watch, serving, scores):
 def test_a_blind_score_tells_no_more_than_it_may(watch, serving, scores, tmp_path, show):
     pytest.importorskip("cryptography")
     phrase = "seven words that nobody else would guess"
-    sealed = seal(scores / "truth.csv", scores / "lane.toml", tmp_path / "sealed", phrase, show=show)
+    sealed = seal(
+        scores / "truth.csv", scores / "lane.toml", tmp_path / "sealed", phrase, show=show
+    )
     score_sealed(scores / "one.csv", sealed, phrase, tmp_path / "blind")
     with serving([tmp_path / "blind"]) as viewer:
         one = watch(viewer)
@@ -118,7 +148,9 @@ def test_a_result_stands_beside_a_score_by_its_own(watch, serving, scores, demo,
         assert "of 3" in one.text("#counts")
         assert "another truth" in one.text("#scores [role=alert]")
     small_result(tmp_path / "unscored")
-    with pytest.raises(ValueError, match=r"unscored: beside a score it must be scored, too: flgpr score"):
+    with pytest.raises(
+        ValueError, match=r"unscored: beside a score it must be scored, too: flgpr score"
+    ):
         open_sources([scores / "score-one", tmp_path / "unscored"])
 
 

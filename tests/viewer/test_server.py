@@ -41,7 +41,9 @@ latitude = 48.0
 
 def ask(viewer, path, method="GET", token=None, **headers):
     connection = http.client.HTTPConnection("127.0.0.1", viewer.port, timeout=10)
-    connection.putrequest(method, f"/{viewer.token if token is None else token}/{path}", skip_host="host" in headers)
+    connection.putrequest(
+        method, f"/{viewer.token if token is None else token}/{path}", skip_host="host" in headers
+    )
     for name, value in headers.items():
         for one in [value] if isinstance(value, str) else value:
             connection.putheader(name.replace("_", "-"), one)
@@ -57,7 +59,14 @@ def test_every_route_refuses_strangers(shown, path):
     for token in ("wrong", shown.token[:-1], shown.token + "x", ""):
         assert ask(shown, path, token=token).status == 403
     own = f"127.0.0.1:{shown.port}"
-    for host in ("evil.example", f"evil.example:{shown.port}", "127.0.0.1", "127.0.0.1:1", f"x@{own}", ""):
+    for host in (
+        "evil.example",
+        f"evil.example:{shown.port}",
+        "127.0.0.1",
+        "127.0.0.1:1",
+        f"x@{own}",
+        "",
+    ):
         assert ask(shown, path, host=host).status == 403
     assert ask(shown, path, host=[own, "evil.example"]).status in (400, 403)
     for origin in ("http://evil.example", "null", "https://" + own, "http://127.0.0.1:1", ""):
@@ -92,7 +101,9 @@ def test_head_is_answered_as_get_without_the_body(shown, path, token):
 @pytest.mark.parametrize("path", ROUTES)
 def test_every_answer_forbids_other_origins(shown, path):
     answer = ask(shown, path, origin=f"http://127.0.0.1:{shown.port}")
-    assert answer.status == (404 if path in ("data/9/index.json", "nowhere", "data/live", "data/0/map.zip") else 200)
+    assert answer.status == (
+        404 if path in ("data/9/index.json", "nowhere", "data/live", "data/0/map.zip") else 200
+    )
     policy = answer.getheader("content-security-policy")
     assert "default-src 'none'" in policy
     assert "unsafe" not in policy
@@ -193,7 +204,9 @@ def test_no_name_leads_out_of_the_folder(demo, tmp_path):
     layer.symlink_to(tmp_path / "secret")
     source = ResultFiles(copy)
     listed = source._files.listed
-    listed["view/layers/main.0.0.0.f16"] = listed["view/../../secret"] = Listed((sha256(secret),), (len(secret),))
+    listed["view/layers/main.0.0.0.f16"] = listed["view/../../secret"] = Listed(
+        (sha256(secret),), (len(secret),)
+    )
     number = next(i for i, one in enumerate(source.index["layers"]) if one["detection"] == "main")
     with pytest.raises(ViewError, match="must be a regular file, got a symbolic link"):
         source.tile(number, 0, 0)
@@ -232,7 +245,8 @@ def test_a_run_shows_its_track(serving):
 
 
 @pytest.mark.parametrize(
-    ("name", "match"), [("nothing", "nothing to view"), ("empty", "folder, a run, a recording or a score")]
+    ("name", "match"),
+    [("nothing", "nothing to view"), ("empty", "folder, a run, a recording or a score")],
 )
 def test_what_cannot_be_viewed_is_named(tmp_path, name, match):
     (tmp_path / "empty").mkdir()
@@ -294,7 +308,11 @@ viewer.stop(); thread.join()
 print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
 """
     done = subprocess.run(
-        [sys.executable, "-c", code, str(demo[0].folder)], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-c", code, str(demo[0].folder)],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
     )
     assert int(done.stdout) < 300 * 1024
 
@@ -322,7 +340,9 @@ def test_the_command_needs_little_memory_too(demo):
                     urllib.request.urlopen(url + "data/0/index.json").read()
                     break
                 time.sleep(0.05)
-            peak = int(Path(f"/proc/{process.pid}/status").read_text().split("VmHWM:")[1].split()[0])
+            peak = int(
+                Path(f"/proc/{process.pid}/status").read_text().split("VmHWM:")[1].split()[0]
+            )
             loaded = Path(f"/proc/{process.pid}/maps").read_text()
         finally:
             process.terminate()
@@ -330,7 +350,9 @@ def test_the_command_needs_little_memory_too(demo):
     assert "llvmlite" not in loaded
 
 
-@pytest.mark.parametrize(("arguments", "words"), [([], "got none"), (["nothing"], "nothing to view at nothing")])
+@pytest.mark.parametrize(
+    ("arguments", "words"), [([], "got none"), (["nothing"], "nothing to view at nothing")]
+)
 def test_the_command_names_what_is_wrong(arguments, words):
     done = CliRunner().invoke(app, ["view", *arguments])
     assert done.exit_code == 2

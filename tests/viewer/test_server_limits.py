@@ -76,7 +76,12 @@ def request(viewer, method="GET", path="", **headers):
 
 @pytest.mark.parametrize(
     ("begun", "drip"),
-    [(b"", b""), (b"GET / HT", b""), (b"GET /", b"a"), (b"GET / HTTP/1.1\r\nHost: x\r\nlong: ", b"a")],
+    [
+        (b"", b""),
+        (b"GET / HT", b""),
+        (b"GET /", b"a"),
+        (b"GET / HTTP/1.1\r\nHost: x\r\nlong: ", b"a"),
+    ],
 )
 def test_a_header_that_does_not_come_whole_in_time_ends_the_connection(serving, begun, drip):
     with serving(limited(SHORT)) as viewer, connect(viewer, begun) as sender:
@@ -119,7 +124,9 @@ def test_a_body_that_does_not_come_whole_in_time_ends_the_connection(judged, dri
         assert ends(sender, drip) == b""
     assert page(viewer)[0] == 200
     assert not file.exists()
-    assert [record.getMessage() for record in caplog.records] == []  # a client that leaves is no fault of the server
+    assert [
+        record.getMessage() for record in caplog.records
+    ] == []  # a client that leaves is no fault of the server
 
 
 def test_a_body_of_a_stranger_is_answered_and_not_waited_for(judged):
@@ -133,7 +140,9 @@ def test_head_of_the_verdicts_is_answered_as_get(judged):
     viewer, _ = judged
     answers = []
     for method in ("GET", "HEAD"):
-        with connect(viewer, request(viewer, method, "data/verdicts.json", Connection="close")) as sender:
+        with connect(
+            viewer, request(viewer, method, "data/verdicts.json", Connection="close")
+        ) as sender:
             answers.append(ends(sender))
     body = answers[0].partition(b"\r\n\r\n")[2]
     assert json.loads(body) == {"sha256": "", "notes": []}
@@ -158,7 +167,10 @@ def large(serving, monkeypatch):
 def test_an_answer_that_is_not_taken_ends_the_connection(large):
     with large() as viewer, connect(viewer, request(viewer, path="data/session.json")) as sender:
         for _ in range(400):
-            if viewer._server.server_state.total_requests and not viewer._server.server_state.connections:
+            if (
+                viewer._server.server_state.total_requests
+                and not viewer._server.server_state.connections
+            ):
                 break
             time.sleep(0.05)
         assert not viewer._server.server_state.connections
@@ -202,7 +214,9 @@ def test_when_all_connections_are_busy_a_further_one_is_told_so(serving, monkeyp
             asking = request(viewer, path="data/session.json", Connection="close")
             busy = [held.enter_context(connect(viewer, asking)) for _ in range(PATIENT.connections)]
             for _ in range(200):
-                if sum(one.cycle is not None for one in viewer._server.server_state.connections) == len(busy):
+                if sum(
+                    one.cycle is not None for one in viewer._server.server_state.connections
+                ) == len(busy):
                     break
                 time.sleep(0.02)
             with connect(viewer) as further:
@@ -273,7 +287,9 @@ def test_a_server_without_file_descriptors_waits_and_says_so_once():
         answer = kept.getresponse()
         words = json.loads(answer.read())["error"]
         waiting = [socket.create_connection(("127.0.0.1", port), timeout=20) for _ in range(5)]
-        waiting[0].sendall(f"GET /{token}/ HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n".encode())
+        waiting[0].sendall(
+            f"GET /{token}/ HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n".encode()
+        )
         time.sleep(1.5)
         seconds = time.monotonic() - began
         faults = order("give back")[2]
@@ -283,16 +299,27 @@ def test_a_server_without_file_descriptors_waits_and_says_so_once():
         kept.close()
         process.stdin.close()
         said = process.stderr.read()
-    assert (answer.status, words) == (500, "what is shown must be readable, got: Too many open files")
+    assert (answer.status, words) == (
+        500,
+        "what is shown must be readable, got: Too many open files",
+    )
     assert said.count("no more files or connections") == len(said.splitlines()) == 1
-    assert 1 <= faults <= 32 * (seconds + 2)  # it tries again once a second, and not 2048 times then
+    assert (
+        1 <= faults <= 32 * (seconds + 2)
+    )  # it tries again once a second, and not 2048 times then
 
 
 @LINUX
 def test_connections_fit_into_the_files_that_may_be_open(monkeypatch):
     import resource
 
-    for files, connections in ((1024, 64), (256, 32), (64, 8), (16, 4), (resource.RLIM_INFINITY, 64)):
+    for files, connections in (
+        (1024, 64),
+        (256, 32),
+        (64, 8),
+        (16, 4),
+        (resource.RLIM_INFINITY, 64),
+    ):
         monkeypatch.setattr(resource, "getrlimit", lambda which, soft=files: (soft, soft))
         assert fit_to_process(Limits(header=1.5)) == Limits(connections, header=1.5)
 
@@ -304,10 +331,14 @@ def test_messages_of_the_server_are_few_and_the_others_are_counted(monkeypatch):
     passed = []
     for moment in [0.0] * 1000 + [59.0, 61.0]:
         now[0] = 100.0 + moment
-        record = logging.LogRecord("uvicorn.error", logging.WARNING, "", 0, "bad request %d", (7,), None)
+        record = logging.LogRecord(
+            "uvicorn.error", logging.WARNING, "", 0, "bad request %d", (7,), None
+        )
         if few.filter(record):
             passed.append(record.getMessage())
-    assert passed == ["bad request 7"] * 3 + ["bad request 7 (998 messages before it were left out)"]
+    assert passed == ["bad request 7"] * 3 + [
+        "bad request 7 (998 messages before it were left out)"
+    ]
 
 
 def test_requests_that_are_none_do_not_fill_the_log(serving, capfd):
@@ -343,8 +374,16 @@ def test_a_port_in_use_is_named_with_what_to_do(taken_port):
     [
         ("192.0.2.1", None, "host must be an address of this machine, got 192.0.2.1"),
         ("nowhere.invalid", None, "host must be an address of this machine, got nowhere.invalid"),
-        ("127.0.0.1", PermissionError(13, "Permission denied"), r"port must be one that this user .* got 80: give"),
-        ("127.0.0.1", OSError(24, "Too many open files"), r"got 80 of 127.0.0.1 \(Too many open files\): give"),
+        (
+            "127.0.0.1",
+            PermissionError(13, "Permission denied"),
+            r"port must be one that this user .* got 80: give",
+        ),
+        (
+            "127.0.0.1",
+            OSError(24, "Too many open files"),
+            r"got 80 of 127.0.0.1 \(Too many open files\): give",
+        ),
     ],
 )
 def test_what_cannot_be_listened_on_is_told_in_words(monkeypatch, host, error, words):

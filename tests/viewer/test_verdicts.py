@@ -26,7 +26,10 @@ def put(viewer, body, path=PATH, method="PUT", token=None, **headers):
 
 
 def told(*verdicts, before=""):
-    notes = [{"result": "r", "alarm_id": str(i), "verdict": one, "text": "é"} for i, one in enumerate(verdicts)]
+    notes = [
+        {"result": "r", "alarm_id": str(i), "verdict": one, "text": "é"}
+        for i, one in enumerate(verdicts)
+    ]
     return {"format": "flgpr-notes", "version": 1, "before": before, "notes": notes}
 
 
@@ -48,7 +51,11 @@ def test_only_the_right_page_writes_and_only_where_that_was_asked_for(serving, r
     with serving([result], verdicts=file) as viewer:
         own = f"127.0.0.1:{viewer.port}"
         assert put(viewer, told("mine"), token="wrong")[0] == 403
-        for headers in ({"Origin": "http://evil.example"}, {"Host": "evil.example"}, {"Sec-Fetch-Site": "cross-site"}):
+        for headers in (
+            {"Origin": "http://evil.example"},
+            {"Host": "evil.example"},
+            {"Sec-Fetch-Site": "cross-site"},
+        ):
             assert put(viewer, told("mine"), **headers)[0] == 403
         for method in ("POST", "DELETE", "PATCH", "OPTIONS"):
             assert put(viewer, told("mine"), method=method)[0] == 405
@@ -105,7 +112,9 @@ def test_a_place_in_the_result_or_another_file_is_refused(result, tmp_path):
     for place, words in cases.items():
         with pytest.raises(ValueError, match=words):
             Viewer([result], verdicts=place)
-        ran = CliRunner().invoke(app, ["view", str(result), "--no-browser", "--verdicts", str(place)])
+        ran = CliRunner().invoke(
+            app, ["view", str(result), "--no-browser", "--verdicts", str(place)]
+        )
         assert (ran.exit_code, ran.output.count("\n")) == (2, 1)
     assert (tmp_path / "other.json").read_text() == '{"format": "flgpr-score"}'
 
@@ -133,7 +142,11 @@ def test_two_analysts_judge_and_a_third_goes_on(watch, serving, result, tmp_path
         one.page.wait_for_timeout(400)
         _, exported = one.saved("#export-notes")
     notes = {note["alarm_id"]: note for note in read_verdicts(anna)}
-    assert {name: note["verdict"] for name, note in notes.items()} == {"a": "mine", "b": "mine", "c": "clutter"}
+    assert {name: note["verdict"] for name, note in notes.items()} == {
+        "a": "mine",
+        "b": "mine",
+        "c": "clutter",
+    }
     assert notes["c"]["text"] == "tyre"
     assert (notes["a"]["x"], notes["a"]["y"]) == (0.1, 3.0)
     with serving([result], verdicts=ben) as viewer:
@@ -150,7 +163,9 @@ def test_two_analysts_judge_and_a_third_goes_on(watch, serving, result, tmp_path
     assert {note["alarm_id"]: note["verdict"] for note in read_verdicts(anna)}["a"] == "unsure"
     saved = tmp_path / "exported.json"
     saved.write_bytes(exported)
-    with serving([result], verdicts=tmp_path / "carl.json") as viewer:  # or with what the first exported
+    with serving(
+        [result], verdicts=tmp_path / "carl.json"
+    ) as viewer:  # or with what the first exported
         four = watch(viewer)
         four.page.set_input_files("#load-notes", saved)
         four.until("document.getElementById('notes-state').textContent.startsWith('3 notes saved')")
@@ -161,7 +176,12 @@ def test_two_analysts_judge_and_a_third_goes_on(watch, serving, result, tmp_path
 
 def test_verdicts_on_another_result_are_kept_and_not_shown(watch, serving, result, tmp_path):
     manifest = json.loads((result / "manifest.json").read_text())
-    other = {"result": "result (small)", "result_sha256": "ff" * 32, "detection": "main", "alarm_id": "a"}
+    other = {
+        "result": "result (small)",
+        "result_sha256": "ff" * 32,
+        "detection": "main",
+        "alarm_id": "a",
+    }
     other["verdict"] = "mine"
     own = other | {"result_sha256": manifest["identity"], "alarm_id": "b", "verdict": "clutter"}
     file = tmp_path / "anna.json"

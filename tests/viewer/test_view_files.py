@@ -33,7 +33,11 @@ def slow_trace(signal, frequency, tx, rx, point, offset):
         path = np.linalg.norm(tx[p] - point) + np.linalg.norm(rx[p] - point)
         for k, f in enumerate(frequency):
             weight = np.cos(np.pi * (f - frequency[0] - half) / half / 2) ** 2
-            total += weight * signal[p, k] * np.exp(2j * np.pi * f * (path + 2 * offset) / SPEED_OF_LIGHT)
+            total += (
+                weight
+                * signal[p, k]
+                * np.exp(2j * np.pi * f * (path + 2 * offset) / SPEED_OF_LIGHT)
+            )
             weights += weight
     return abs(total) / weights
 
@@ -60,7 +64,10 @@ def test_trace_is_its_definition(array):
     offsets = np.array([-1.0, 0.0, 0.3])
     points = np.stack([point, [-0.2, 9.0, 0.0]])
     fast = focused_trace(signal, frequency, tx, rx, points, range_kernel(frequency, offsets))
-    slow = [[[slow_trace(one, frequency, tx, rx, p, offset) for offset in offsets] for one in signal] for p in points]
+    slow = [
+        [[slow_trace(one, frequency, tx, rx, p, offset) for offset in offsets] for one in signal]
+        for p in points
+    ]
     np.testing.assert_allclose(fast, slow, atol=1e-6)  # a ten-thousandth of the noise
 
 
@@ -70,9 +77,9 @@ def test_trace_of_a_point_scatterer_peaks_on_it_at_unit_height(array):
     signal = echo(frequency, tx, rx, point)[None]
     offsets = np.linspace(-2, 2, 161)
     away = point + 0.5 * point * [1, 1, 0] / np.hypot(*point[:2])
-    here, there = focused_trace(signal, frequency, tx, rx, np.stack([point, away]), range_kernel(frequency, offsets))[
-        :, 0
-    ]
+    here, there = focused_trace(
+        signal, frequency, tx, rx, np.stack([point, away]), range_kernel(frequency, offsets)
+    )[:, 0]
     assert here[80] == pytest.approx(1, abs=1e-6)
     assert here.argmax() == 80
     assert offsets[there.argmax()] == pytest.approx(-0.5, abs=0.06)
@@ -93,7 +100,9 @@ def test_patches_and_cuts_hold_the_image(demo):
         own = values[entry["start"][row] : entry["start"][row + 1]].reshape(len(scans), block)
         place = alarms[["x", "y"]].to_numpy()[row]
         for one, look in zip(own, scans, strict=True):
-            assert look["distance"] == pytest.approx(np.hypot(*(place - pose[look["scan"], :2])), abs=1e-3)
+            assert look["distance"] == pytest.approx(
+                np.hypot(*(place - pose[look["scan"], :2])), abs=1e-3
+            )
             patches = one[: 16 * size**2].reshape(16, size, size)
             cuts = one[16 * size**2 : 16 * (size**2 + cut)].reshape(16, cut)
             # The middle of the patch and of the cut are both the pixel of the alarm.
@@ -111,8 +120,16 @@ def approach():
         values = np.full((1, 1, y.size, x.size), 10.0 ** (scan / 20), np.complex64)
         coords = {"polarization": ["HH"], "subband": ["all"], "y": y, "x": x}
         attrs = {"scan": scan, "pose": [0, 1.0 * scan, 5, 0, 0, 0]}
-        images.append(xr.DataArray(values, dims=("polarization", "subband", "y", "x"), coords=coords, attrs=attrs))
-    return images, pd.DataFrame({"x": [0.0, 1.0, 50.0], "y": [12.0, 3.5, 12.0]}), PatchShape(5, 0.1, (1, 1), (3, 3))
+        images.append(
+            xr.DataArray(
+                values, dims=("polarization", "subband", "y", "x"), coords=coords, attrs=attrs
+            )
+        )
+    return (
+        images,
+        pd.DataFrame({"x": [0.0, 1.0, 50.0], "y": [12.0, 3.5, 12.0]}),
+        PatchShape(5, 0.1, (1, 1), (3, 3)),
+    )
 
 
 def gathered(images, *arguments):
@@ -134,9 +151,14 @@ def test_only_the_nearest_scans_are_kept(approach):
 def polarized(image):
     """Three polarizations of which the second turns with every scan."""
     turn = np.exp(0.5j * image.attrs["scan"])
-    values = np.concatenate([image.values, turn * image.values, 0.1j * image.values]).astype(np.complex64)
+    values = np.concatenate([image.values, turn * image.values, 0.1j * image.values]).astype(
+        np.complex64
+    )
     return xr.DataArray(
-        values, dims=image.dims, coords={**image.coords, "polarization": ["HH", "VV", "HV"]}, attrs=image.attrs
+        values,
+        dims=image.dims,
+        coords={**image.coords, "polarization": ["HH", "VV", "HV"]},
+        attrs=image.attrs,
     )
 
 
@@ -168,7 +190,9 @@ def test_entropy_and_alpha_of_canonical_scatterers():
     dipole = [1 / np.sqrt(2), 1 / np.sqrt(2), 0]
     pure = [np.outer(v, v).astype(complex) for v in (trihedral, dihedral, dipole)]
     mixed = np.diag([1.0, 1.0, 0.0]).astype(complex)
-    table = entropy_alpha_points(np.array([*pure, np.eye(3), mixed, np.zeros((3, 3))], dtype=complex))
+    table = entropy_alpha_points(
+        np.array([*pure, np.eye(3), mixed, np.zeros((3, 3))], dtype=complex)
+    )
     np.testing.assert_allclose(table["entropy"][:5], [0, 0, 0, 1, np.log(2) / np.log(3)], atol=1e-6)
     np.testing.assert_allclose(np.degrees(table["alpha"][:5]), [0, 90, 45, 60, 45], atol=1e-4)
     assert table.iloc[5].isna().all()
@@ -199,7 +223,10 @@ def test_every_level_keeps_the_brightest(rows):
 
 def test_view_files_are_under_the_manifests_digests(demo):
     files = demo[0].manifest["files"]
-    written = {path.relative_to(demo[0].folder).as_posix() for path in (demo[0].folder / "view").rglob("*.*")}
+    written = {
+        path.relative_to(demo[0].folder).as_posix()
+        for path in (demo[0].folder / "view").rglob("*.*")
+    }
     assert written - {"view/score.json"} == {name for name in files if name.startswith("view/")}
     layer = demo[0].folder / "view" / "layers" / "main.0.0.0.f16"
     whole = layer.read_bytes()
@@ -240,15 +267,23 @@ def test_every_subset_of_the_score_adds_up(demo):
     for name, one in content["detections"].items():
         curves = {(curve["kind"], curve["depth"]): curve for curve in one["curves"]}
         whole = curves[None, None]
-        for group in ([(kind, None) for kind in content["kinds"]], [(None, depth) for depth in content["depths"]]):
+        for group in (
+            [(kind, None) for kind in content["kinds"]],
+            [(None, depth) for depth in content["depths"]],
+        ):
             parts = [curves[key] for key in group]
             assert sum(part["n_targets"] for part in parts) == whole["n_targets"]
-            assert np.sum([part["n_detected"] for part in parts], axis=0).tolist() == whole["n_detected"]
+            assert (
+                np.sum([part["n_detected"] for part in parts], axis=0).tolist()
+                == whole["n_detected"]
+            )
         scored = next(score for score in demo[1] if score.name == name)
         np.testing.assert_allclose(one["shared"]["far"], scored.curve["far"], rtol=1e-4)
         np.testing.assert_allclose(whole["pd_high"], scored.curve["pd_high"], rtol=1e-4)
         np.testing.assert_allclose(whole["chance"], scored.curve["chance"], rtol=1e-4)
-        assert one["shared"]["threshold"][one["shared"]["point"]["row"]] == scored.point["threshold"]
+        assert (
+            one["shared"]["threshold"][one["shared"]["point"]["row"]] == scored.point["threshold"]
+        )
 
 
 def test_depth_classes_hold_every_target_once():
@@ -265,7 +300,12 @@ def test_depth_classes_hold_every_target_once():
 
 
 def test_plain_json_leaves_nothing_that_json_lacks():
-    value = {"a": np.float32(1.5), "b": [np.nan, np.inf, np.int64(3)], "c": np.array([True]), 4: None}
+    value = {
+        "a": np.float32(1.5),
+        "b": [np.nan, np.inf, np.int64(3)],
+        "c": np.array([True]),
+        4: None,
+    }
     assert plain_json(value) == {"a": 1.5, "b": [None, None, 3], "c": [True], "4": None}
 
 
@@ -285,7 +325,12 @@ def test_the_signal_is_read_once_per_scan_and_not_altered():
         xr.DataArray(
             np.ones((1, 1, 3, 3), np.complex64),
             dims=("polarization", "subband", "y", "x"),
-            coords={"polarization": ["HH"], "subband": ["all"], "y": [2.0, 3.0, 4.0], "x": [-1.0, 0.0, 1.0]},
+            coords={
+                "polarization": ["HH"],
+                "subband": ["all"],
+                "y": [2.0, 3.0, 4.0],
+                "x": [-1.0, 0.0, 1.0],
+            },
             attrs={"scan": 0, "pose": run["pose"].values[0].tolist()},
         )
     ]

@@ -49,7 +49,10 @@ class Watched:
         self.closed = False
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.on("console", lambda line: line.type in ("error", "warning") and self.errors.append(line.text))
+        self.page.on(
+            "console",
+            lambda line: line.type in ("error", "warning") and self.errors.append(line.text),
+        )
         self.origin = f"http://127.0.0.1:{viewer.port}/"
         self.page.goto(viewer.url)
         self.until("performance.getEntriesByName('flgpr:first-picture').length > 0")
@@ -75,9 +78,13 @@ class Watched:
     def pixels(self):
         """The lane's picture as an array, once what was asked for has come and is drawn."""
         for _ in range(2):
-            self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+            self.page.evaluate(
+                "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+            )
             self.until("document.getElementById('stage').getAttribute('aria-busy') !== 'true'")
-        seen = Image.open(io.BytesIO(self.page.screenshot(clip=self.page.locator("#lane").bounding_box())))
+        seen = Image.open(
+            io.BytesIO(self.page.screenshot(clip=self.page.locator("#lane").bounding_box()))
+        )
         return np.asarray(seen.convert("RGB")).astype(int)
 
     def settled(self):

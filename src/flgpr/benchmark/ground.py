@@ -102,7 +102,9 @@ class Description(Table):
     reference: str
     scene: dict[str, Any]
     sites: dict[str, str] = Field(default_factory=dict)  #: of a ground without tiers
-    tiers: dict[str, TierRow] = Field(default_factory=dict)  #: grounds of the same design at other sites, scored apart
+    tiers: dict[str, TierRow] = Field(
+        default_factory=dict
+    )  #: grounds of the same design at other sites, scored apart
     sorts: dict[str, dict[str, str]]
     lanes: dict[str, LaneRow]
     splits: dict[str, SplitRow]
@@ -113,13 +115,19 @@ class Description(Table):
             raise ValueError("sites must be given, or tiers that have their own, and not both")
         names = {tuple(row.sites) for row in self.tiers.values()}
         if len(names) > 1:
-            raise ValueError("tiers must name the same sites in the same order, so that they are of one design")
+            raise ValueError(
+                "tiers must name the same sites in the same order, so that they are of one design"
+            )
         for name, row in self.tiers.items():
             strange = sorted(set(row.surface) - set(self.lanes))
             if strange:
-                raise ValueError(f"surface of the tier {name} must name designs of lanes, got {', '.join(strange)}")
+                raise ValueError(
+                    f"surface of the tier {name} must name designs of lanes, got {', '.join(strange)}"
+                )
         if ALL_TIERS in self.tiers:
-            raise ValueError(f"tiers must not be called {ALL_TIERS!r}, which stands for every one of them")
+            raise ValueError(
+                f"tiers must not be called {ALL_TIERS!r}, which stands for every one of them"
+            )
         return self
 
 
@@ -154,14 +162,19 @@ class GroundLane:
 
     def truth(self) -> pd.DataFrame:
         """Make the table of its targets."""
-        return draw_world(self.scene, self.seed).truth() if self.stored is None else read_table(self.stored[1], "truth")
+        return (
+            draw_world(self.scene, self.seed).truth()
+            if self.stored is None
+            else read_table(self.stored[1], "truth")
+        )
 
     def truth_with_bodies(self) -> pd.DataFrame:
         """Make the table of its targets with the packaged ``body`` of each, empty for a generic mine of its kind."""
         truth = self.truth()
         if self.stored is not None:
             return truth.assign(body="")
-        # Targets are named by their number in the world, from T001 on; those outside the lane are not in the table.
+        # Targets are named by their number in the world, from T001 on; those outside the lane are
+        # not in the table.
         numbers = truth["target_id"].str.removeprefix("T").astype(int) - 1
         targets = draw_world(self.scene, self.seed).targets
         return truth.assign(body=[targets[number].body or "" for number in numbers])
@@ -229,17 +242,23 @@ class Ground:
         """All lanes by name."""
         return {lane.name: lane for lane in self._make_lanes()}
 
-    def matching(self, patterns: tuple[str, ...], without: tuple[str, ...] = ()) -> list[GroundLane]:
+    def matching(
+        self, patterns: tuple[str, ...], without: tuple[str, ...] = ()
+    ) -> list[GroundLane]:
         """Find lanes by patterns of their names, without that of the tier, in the ground's order."""
 
         def fits(lane: GroundLane, some: tuple[str, ...]) -> bool:
             return any(fnmatchcase(lane.name_in_tier, pattern) for pattern in some)
 
-        return [lane for lane in self.lanes.values() if fits(lane, patterns) and not fits(lane, without)]
+        return [
+            lane for lane in self.lanes.values() if fits(lane, patterns) and not fits(lane, without)
+        ]
 
     def tested(self, split: str) -> list[GroundLane]:
         """List the lanes that a split is scored on."""
-        return [lane for fold in self.table.splits[split].folds for lane in self.matching(fold.test)]
+        return [
+            lane for fold in self.table.splits[split].folds for lane in self.matching(fold.test)
+        ]
 
     def _make_lanes(self) -> Iterator[GroundLane]:
         preset = load_sensor(self.table.sensor)
@@ -257,13 +276,17 @@ class Ground:
                     name = f"{prefix}-{number}"
                     seed = zlib.crc32(f"{self.title} {name}".encode())
                     named = scene.model_copy(update={"name": name})
-                    yield GroundLane(name, site, row.part, scene.lane, seed, named, sensor, tier=tier)
+                    yield GroundLane(
+                        name, site, row.part, scene.lane, seed, named, sensor, tier=tier
+                    )
 
     def _sites_by_tier(self) -> dict[str, dict[str, str]]:
         """Give the packaged sites by their names on the ground, for the tiers whose lanes it has."""
         if not self.table.tiers:
             return {"": self.table.sites}
-        return {name: row.sites for name, row in self.table.tiers.items() if self.tier in ("", name)}
+        return {
+            name: row.sites for name, row in self.table.tiers.items() if self.tier in ("", name)
+        }
 
     def _tier_surface(self, tier: str, design: str) -> dict[str, float]:
         """Entries of the surface that a tier changes in lanes of a design."""
@@ -274,8 +297,13 @@ class Ground:
         table = self.table
         unknown = {sort for sort, _, _ in row.targets} - set(table.sorts)
         if unknown:
-            raise ValueError(f"targets must be of a sort that is described, got {', '.join(sorted(unknown))}")
-        draws = [{**table.sorts[sort], "depth": depth, "count": count} for sort, depth, count in row.targets]
+            raise ValueError(
+                f"targets must be of a sort that is described, got {', '.join(sorted(unknown))}"
+            )
+        draws = [
+            {**table.sorts[sort], "depth": depth, "count": count}
+            for sort, depth, count in row.targets
+        ]
         surface = {**table.scene.get("surface", {}), **row.surface, **tier_surface}
         own = {"site": site, "length": row.length, "draws": draws, "surface": surface}
         return Scene.model_validate({**table.scene, **own})
@@ -292,7 +320,9 @@ def _stored_lane(name: str, site: str, tier: str, row: LaneRow, preset: Sensor) 
 def _changed_sensor(preset: Sensor, row: LaneRow) -> Sensor:
     """Change the entries of the sensor and of its errors that a design names."""
     entries = preset.model_dump()
-    return Sensor.model_validate({**entries, **row.sensor, "errors": entries["errors"] | row.errors})
+    return Sensor.model_validate(
+        {**entries, **row.sensor, "errors": entries["errors"] | row.errors}
+    )
 
 
 def sample_files() -> tuple[Path, Path]:
@@ -321,7 +351,9 @@ def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground
         data = tomllib.loads(text)
     over = data.pop("quick", {})
     if quick and not over:
-        raise ValueError(f"quick must be asked of a ground that has such a form, got {data.get('name')}")
+        raise ValueError(
+            f"quick must be asked of a ground that has such a form, got {data.get('name')}"
+        )
     if quick:
         data = _quick_form(data, over)
     try:
@@ -334,12 +366,16 @@ def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground
 def _quick_form(data: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
     """Lay the table ``quick`` over a description: the lanes and splits that it names alone, and its sites."""
     for part in ("lanes", "splits"):
-        data[part] = {name: data[part].get(name, {}) | entries for name, entries in over.pop(part, {}).items()}
+        data[part] = {
+            name: data[part].get(name, {}) | entries for name, entries in over.pop(part, {}).items()
+        }
     if "sites" in over:
         data["sites"] = over.pop("sites")
     for tier, entries in over.pop("tiers", {}).items():
         data["tiers"][tier] = data["tiers"].get(tier, {}) | entries
     for row in data.get("tiers", {}).values():
         surface = row.get("surface", {})
-        row["surface"] = {design: entries for design, entries in surface.items() if design in data["lanes"]}
+        row["surface"] = {
+            design: entries for design, entries in surface.items() if design in data["lanes"]
+        }
     return laid_over(data, over)

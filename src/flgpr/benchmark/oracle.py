@@ -52,25 +52,27 @@ def run_oracle(
 ) -> pd.DataFrame:
     r"""Tell for every mine of the test lanes at how many false alarms it would be found by who knows it beforehand.
 
-    Of a place seen in scans k, x_k holds the cleaned image about it: all polarizations and sub-bands, 3 x 3 pixels
-    0.2 m apart. Known are the mine's own s_k, what its body returns through the ground and the hole it lies in, and
-    R_k, the covariance of target-free ground of the site at that distance ahead. As the ground's texture changes from
-    place to place, x_k is divided by its own rms, sqrt(x^H R^-1 x) over all values. In Gaussian clutter that differs
-    from look to look, the logarithm of the likelihood ratio is, but for a constant,
+    Of a place seen in scans k, x_k holds the cleaned image about it: all polarizations and
+    sub-bands, 3 x 3 pixels 0.2 m apart. Known are the mine's own s_k, what its body returns through
+    the ground and the hole it lies in, and R_k, the covariance of target-free ground of the site at
+    that distance ahead. As the ground's texture changes from place to place, x_k is divided by its
+    own rms, sqrt(x^H R^-1 x) over all values. In Gaussian clutter that differs from look to look,
+    the logarithm of the likelihood ratio is, but for a constant,
 
     - with the phase known, :math:`\sum_k 2\,\mathrm{Re}\, s_k^H R_k^{-1} x_k`,
     - with a phase of its own in every look, :math:`\sum_k \ln I_0(2 |s_k^H R_k^{-1} x_k|)`
 
-    (Van Trees, "Detection, Estimation, and Modulation Theory", part I, 1968, Sec. 4.2 and 4.4). Each mine's statistic
-    is tried on the site's target-free lane, too, at every place, with the looks nearest in distance: local maxima that
-    reach the mine's own value are the false alarms at which it is found. So dependent looks count as they are; what
-    knew of that, too, could still do a little better.
+    (Van Trees, "Detection, Estimation, and Modulation Theory", part I, 1968, Sec. 4.2 and 4.4).
+    Each mine's statistic is tried on the site's target-free lane, too, at every place, with the
+    looks nearest in distance: local maxima that reach the mine's own value are the false alarms at
+    which it is found. So dependent looks count as they are; what knew of that, too, could still do
+    a little better.
 
     Parameters
     ----------
     folder : str or path
-        Folder of ``flgpr benchmark run``; its truth is opened, which is logged. ``oracle.csv`` is written there, of a
-        ground with tiers ``oracle-TIER.csv`` for each.
+        Folder of ``flgpr benchmark run``; its truth is opened, which is logged. ``oracle.csv`` is
+        written there, of a ground with tiers ``oracle-TIER.csv`` for each.
     recipe : str
         Recipe whose images it looks at, with their self-signature and gain.
     how : How, optional
@@ -81,15 +83,16 @@ def run_oracle(
     Returns
     -------
     DataFrame
-        A row per mine in the test lanes of sites that have target-free lanes: lane, target_id, kind, ``looks``, ``far``
-        and ``far_phase`` (false alarms per m² without and with the phase), ``area`` of the target-free ground (m²). On
-        a ground with tiers also ``body``, if it is a packaged one, and ``tier``.
+        A row per mine in the test lanes of sites that have target-free lanes: lane, target_id,
+        kind, ``looks``, ``far`` and ``far_phase`` (false alarms per m² without and with the phase),
+        ``area`` of the target-free ground (m²). On a ground with tiers also ``body``, if it is a
+        packaged one, and ``tier``.
 
     Raises
     ------
     ValueError
-        If the folder is no benchmark's, its lanes are not there, no site has a target-free test lane, or the ground has
-        no such tier.
+        If the folder is no benchmark's, its lanes are not there, no site has a target-free test
+        lane, or the ground has no such tier.
     """
     home = Path(folder)
     tiers = read_ground(home).chosen_tiers(tier)
@@ -101,9 +104,13 @@ def run_oracle(
             )
         missing = [name for name in needed if not (home / "lanes" / f"{name}.zarr").is_dir()]
         if missing:
-            raise ValueError(f"lanes must be made by `flgpr benchmark run` first, not there: {', '.join(missing)}")
+            raise ValueError(
+                f"lanes must be made by `flgpr benchmark run` first, not there: {', '.join(missing)}"
+            )
     truth = open_truth(home / "lanes" / SEALED, passphrase(tiers[0]))[0]
-    return pd.concat([_look_at_tier(part, home, recipe, how, truth) for part in tiers], ignore_index=True)
+    return pd.concat(
+        [_look_at_tier(part, home, recipe, how, truth) for part in tiers], ignore_index=True
+    )
 
 
 def _needed(ground: Ground) -> list[str]:
@@ -116,7 +123,9 @@ def _needed(ground: Ground) -> list[str]:
     return names
 
 
-def _look_at_tier(ground: Ground, home: Path, recipe: str, how: How, truth: pd.DataFrame) -> pd.DataFrame:
+def _look_at_tier(
+    ground: Ground, home: Path, recipe: str, how: How, truth: pd.DataFrame
+) -> pd.DataFrame:
     """Look at a ground or at one of its tiers, and write what was found."""
     jobs: list[tuple[Any, ...]] = []
     for site in ground.sites:
@@ -124,10 +133,15 @@ def _look_at_tier(ground: Ground, home: Path, recipe: str, how: How, truth: pd.D
         if bare is not None and tested:
             names = [lane.name for lane in (bare, *tested)]
             rows = truth[truth["lane"].isin(names)].to_dict("list")
-            jobs.append(((ground.quick, ground.text), str(home.resolve()), recipe, site, names, rows))
+            jobs.append(
+                ((ground.quick, ground.text), str(home.resolve()), recipe, site, names, rows)
+            )
     name = f"oracle, {ground.tier}" if ground.tier else "oracle"
     with how.executor() as executor:
-        tables = {one["lane"]: one["found"] for one in how.track(executor.run(_of_site, jobs), name, len(jobs))}
+        tables = {
+            one["lane"]: one["found"]
+            for one in how.track(executor.run(_of_site, jobs), name, len(jobs))
+        }
     found = pd.DataFrame([row for job in jobs for row in tables[job[3]]])
     if ground.tier:
         found = found.assign(tier=ground.tier)
@@ -137,16 +151,27 @@ def _look_at_tier(ground: Ground, home: Path, recipe: str, how: How, truth: pd.D
 
 def _lanes(ground: Ground, site: str) -> tuple[GroundLane | None, list[GroundLane]]:
     """Find a site's test lane without targets, and those with some on ground, and seen by an array, like its own."""
-    some = [lane for lane in ground.lanes.values() if (lane.site, lane.part, lane.stored) == (site, "test", None)]
+    some = [
+        lane
+        for lane in ground.lanes.values()
+        if (lane.site, lane.part, lane.stored) == (site, "test", None)
+    ]
     bare = next((lane for lane in some if lane.empty), None)
     if bare is None:
         return None, []
-    like = [one for one in some if (one.sensor, one.scene.surface) == (bare.sensor, bare.scene.surface)]
+    like = [
+        one for one in some if (one.sensor, one.scene.surface) == (bare.sensor, bare.scene.surface)
+    ]
     return bare, [lane for lane in like if not lane.empty]
 
 
 def _of_site(
-    form: tuple[bool, str], home: str, recipe: str, site: str, names: Sequence[str], truth: dict[str, list[Any]]
+    form: tuple[bool, str],
+    home: str,
+    recipe: str,
+    site: str,
+    names: Sequence[str],
+    truth: dict[str, list[Any]],
 ) -> Report:
     """Find the false alarms per m² of every mine of a site; the first of the lanes is the one without."""
     (bare, *tested), rows = (load_ground(*form).lanes[name] for name in names), pd.DataFrame(truth)
@@ -172,7 +197,9 @@ class Clutter:
         self.looks = looks_at(chain, self.grid.points().reshape(-1, 3))
         self.area = lane.area
         metre = self.looks.ahead.astype(int)
-        self._inverse = {int(one): _inverted(self.looks.chip[metre == one]) for one in np.unique(metre)}
+        self._inverse = {
+            int(one): _inverted(self.looks.chip[metre == one]) for one in np.unique(metre)
+        }
         for one, inverse in self._inverse.items():
             self.looks.chip[metre == one] = _evened(self.looks.chip[metre == one], inverse)
 
@@ -183,9 +210,13 @@ class Clutter:
     def rates(self, ahead: FloatArray, chip: ComplexArray, own: ComplexArray) -> dict[str, float]:
         """Count false alarms per m² that reach a mine's statistics, from its looks and its own echoes in them."""
         filters = np.array([self.inverse(y) @ echo for y, echo in zip(ahead, own, strict=True)])
-        even = np.array([_evened(one[None], self.inverse(y))[0] for y, one in zip(ahead, chip, strict=True)])
+        even = np.array(
+            [_evened(one[None], self.inverse(y))[0] for y, one in zip(ahead, chip, strict=True)]
+        )
         of_mine = _statistics(np.einsum("kc,kc->k", filters.conj(), even)[None])
-        values = np.stack([self._nearest(y) @ one.conj() for y, one in zip(ahead, filters, strict=True)], axis=1)
+        values = np.stack(
+            [self._nearest(y) @ one.conj() for y, one in zip(ahead, filters, strict=True)], axis=1
+        )
         counts = [
             _maxima(one.reshape(self.grid.ny, self.grid.nx), float(level[0]))
             for level, one in zip(of_mine, _statistics(values), strict=True)
@@ -196,7 +227,9 @@ class Clutter:
         """Chips (place, value) of every place's look that is nearest to a distance; zero for places never seen."""
         order = np.lexsort((-np.abs(self.looks.ahead - ahead), self.looks.place))
         chips = np.zeros((self.grid.nx * self.grid.ny, self.looks.chip.shape[1]), np.complex64)
-        chips[self.looks.place[order]] = self.looks.chip[order]  # of one place's looks the nearest is the last
+        chips[self.looks.place[order]] = self.looks.chip[
+            order
+        ]  # of one place's looks the nearest is the last
         return chips
 
 
@@ -249,10 +282,17 @@ def _mines(chain: LaneChain, lane: GroundLane, mines: pd.DataFrame) -> tuple[Loo
 
 
 def _joined(parts: Sequence[Looks]) -> Looks:
-    return Looks(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("place", "ahead", "chip")))
+    return Looks(
+        *(
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("place", "ahead", "chip")
+        )
+    )
 
 
-def _seen(chain: LaneChain, points: FloatArray, image: xr.DataArray) -> tuple[NDArray[np.int64], FloatArray]:
+def _seen(
+    chain: LaneChain, points: FloatArray, image: xr.DataArray
+) -> tuple[NDArray[np.int64], FloatArray]:
     """Tell which places have their chips in what the run-view takes of an image, and where in the scan frame."""
     where = lane_to_scan(points, np.asarray(image.attrs["pose"]))[:, :2]
     x_min, x_max, y_min, _ = chain.cleaned.grid.extent()
@@ -270,7 +310,9 @@ def _chips(image: ComplexArray, grid: Grid, where: FloatArray) -> ComplexArray:
     down, across = (np.round(STEP * np.arange(-1, 2) / step) for step in (grid.dy, grid.dx))
     rows, columns = row[:, None, None] + down[:, None], column[:, None, None] + across
     cut = image[:, :, rows.astype(int), columns.astype(int)]
-    return np.ascontiguousarray(np.moveaxis(cut, 2, 0).reshape(len(where), math.prod(image.shape[:2]) * 9))
+    return np.ascontiguousarray(
+        np.moveaxis(cut, 2, 0).reshape(len(where), math.prod(image.shape[:2]) * 9)
+    )
 
 
 def _statistics(values: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
@@ -284,4 +326,8 @@ def _maxima(values: FloatArray, level: float) -> int:
     reach = round(RADIUS / STEP)
     v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = (u**2 + v**2) * STEP**2 <= RADIUS**2
-    return int(np.count_nonzero((values >= level) & (values == maximum_filter(values, footprint=disc, mode="nearest"))))
+    return int(
+        np.count_nonzero(
+            (values >= level) & (values == maximum_filter(values, footprint=disc, mode="nearest"))
+        )
+    )

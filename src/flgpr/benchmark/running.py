@@ -36,7 +36,10 @@ COSTS = "costs.json"
 MARK = "ground.json"
 ABOUT = "entry.json"
 ORACLES = {
-    "oracle": ("far", "knows every mine's echo but for a phase in each look, and the clutter's covariance"),
+    "oracle": (
+        "far",
+        "knows every mine's echo but for a phase in each look, and the clutter's covariance",
+    ),
     "oracle-phase": ("far_phase", "knows the phases, too"),
 }
 """What :func:`flgpr.benchmark.oracle.run_oracle` gives, as rows of the table: column, title."""
@@ -68,7 +71,9 @@ def packaged_entries(ground: Ground) -> dict[str, Entry]:
         text = recipe_text(own or row["recipe"])
         for old, new in (*row.get("replace", []), *(row.get("quick", []) if ground.quick else [])):
             if text.count(old) != 1:
-                raise ValueError(f"entry {name} must replace what stands once in {row['recipe']}, got {old!r}")
+                raise ValueError(
+                    f"entry {name} must replace what stands once in {row['recipe']}, got {old!r}"
+                )
             text = text.replace(old, new)
         top = f"confidence = {json.dumps(row['confidence'])}\n" if "confidence" in row else ""
         found[name] = Entry(name, row["title"], f"{top}{text}\n{row.get('add', '')}")
@@ -83,7 +88,9 @@ def find_entry(what: str | Path, ground: Ground) -> Entry:
     path = Path(what)
     if path.is_dir():
         if not list(path.glob("*.csv")):
-            raise ValueError(f"a folder that enters must hold alarm lists, SPLIT.csv, got none in {path}")
+            raise ValueError(
+                f"a folder that enters must hold alarm lists, SPLIT.csv, got none in {path}"
+            )
         return Entry(path.name, f"alarms of {path.name}", alarms=path)
     text = recipe_text(what)
     return Entry(path.stem, parse_recipe(text, str(what)).description, text)
@@ -118,7 +125,9 @@ def make_lanes(ground: Ground, home: Path, how: How, tiers: Sequence[Ground] | N
             pass
     prints = home / PRINTS
     held = Folder(home).read_if_listed(PRINTS)
-    known = {} if held is None else parse_columns(held).set_index("sha256", drop=False).to_dict("index")
+    known = (
+        {} if held is None else parse_columns(held).set_index("sha256", drop=False).to_dict("index")
+    )
     rows = [
         known.get(read_manifest(home / f"{name}.zarr")["sha256"]) or fingerprint(home, name)
         for name in ground.lanes
@@ -139,7 +148,11 @@ def seal_tested(ground: Ground, home: Path) -> None:
         tables = [_truth(lane, with_bodies=bool(ground.table.tiers)) for lane in tested]
         borders = {lane.name: lane.lane for lane in tested}
         seal_truth(
-            pd.concat(tables, ignore_index=True), borders, home / SEALED, passphrase(ground), halo=ground.table.halo
+            pd.concat(tables, ignore_index=True),
+            borders,
+            home / SEALED,
+            passphrase(ground),
+            halo=ground.table.halo,
         )
 
 
@@ -164,7 +177,11 @@ def fingerprint(home: Path, name: str) -> dict[str, Any]:
     run = open_run(store)
     level = np.sqrt(np.nanmean(np.abs(run["signal"].values) ** 2, axis=(0, 2, 3), dtype=float))
     labels = [str(label) for label in run["polarization"].values]
-    return {"lane": name, "sha256": read_manifest(store)["sha256"], **dict(zip(labels, level, strict=True))}
+    return {
+        "lane": name,
+        "sha256": read_manifest(store)["sha256"],
+        **dict(zip(labels, level, strict=True)),
+    }
 
 
 def read_costs(folder: Path) -> Costs:
@@ -189,24 +206,37 @@ class Course:
         """Write the alarms of every split, fold by fold; those that are there are left alone."""
         for split, row in self.ground.table.splits.items():
             (self.folder / split).mkdir(exist_ok=True)
-            folds = [self.folder / split / f"fold-{number}.csv" for number in range(1, len(row.folds) + 1)]
+            folds = [
+                self.folder / split / f"fold-{number}.csv"
+                for number in range(1, len(row.folds) + 1)
+            ]
             for fold, path in zip(row.folds, folds, strict=True):
                 if not path.is_file():
                     known = self.ground.matching(fold.train, fold.without)
                     write_table(self._alarms(known, self.ground.matching(fold.test)), path)
-            parts = [read_table_in(self.folder, path.relative_to(self.folder), "alarms") for path in folds]
+            parts = [
+                read_table_in(self.folder, path.relative_to(self.folder), "alarms")
+                for path in folds
+            ]
             write_table(pd.concat(parts, ignore_index=True), self.folder / split / ALARMS)
             write_whole(self.folder / COSTS, json.dumps(self.costs, indent=1) + "\n")
 
     def _alarms(self, known: Sequence[GroundLane], tested: Sequence[GroundLane]) -> pd.DataFrame:
         """Train on lanes, detect on others and give the alarms of these, with their lane."""
-        model = self._trained(known) if self.recipe.learning() or self.recipe.detector is not None else None
+        model = (
+            self._trained(known)
+            if self.recipe.learning() or self.recipe.detector is not None
+            else None
+        )
         results = self.folder / "results"
         with self._spending(results) as (how, spent):
             runs, borders = self._files(tested)
             detect_runs(runs, self.file, results, borders, model, report=False, how=how)
         self.costs |= spent
-        found = [read_table_in(results, f"{one.name}/alarms.csv", "alarms").assign(lane=one.name) for one in tested]
+        found = [
+            read_table_in(results, f"{one.name}/alarms.csv", "alarms").assign(lane=one.name)
+            for one in tested
+        ]
         shutil.rmtree(results)
         return pd.concat(found, ignore_index=True)
 
@@ -217,7 +247,15 @@ class Course:
         if not model.is_dir():
             with self._spending(model.with_name(f"{name}-costs")) as (how, spent):
                 runs, borders, truths = self._files(known, "-truth.csv")
-                train_runs(runs, truths, self.file, model, lanes=borders, label_radius=self.ground.table.halo, how=how)
+                train_runs(
+                    runs,
+                    truths,
+                    self.file,
+                    model,
+                    lanes=borders,
+                    label_radius=self.ground.table.halo,
+                    how=how,
+                )
             self.costs[f"training {name}"] = {
                 "processor_seconds": sum(one["processor_seconds"] for one in spent.values()),
                 "peak_bytes": max(one["peak_bytes"] for one in spent.values()),
@@ -226,7 +264,10 @@ class Course:
 
     def _files(self, lanes: Sequence[GroundLane], *more: str) -> list[list[Path]]:
         """List the runs and the borders of lanes, and files of other endings."""
-        return [[self.home / f"{lane.name}{end}" for lane in lanes] for end in (".zarr", "-lane.toml", *more)]
+        return [
+            [self.home / f"{lane.name}{end}" for lane in lanes]
+            for end in (".zarr", "-lane.toml", *more)
+        ]
 
     @contextmanager
     def _spending(self, folder: Path) -> Iterator[tuple[How, Costs]]:
@@ -265,7 +306,9 @@ def submitted(ground: Ground, home: Path) -> dict[str, pd.DataFrame]:
     A list may hold alarms in lanes of every tier. For one tier of a ground its own alarms are given, and no list that
     names none of its lanes.
     """
-    tables = {path.stem: read_table_in(home, path.name, "alarms") for path in sorted(home.glob("*.csv"))}
+    tables = {
+        path.stem: read_table_in(home, path.name, "alarms") for path in sorted(home.glob("*.csv"))
+    }
     for split, table in tables.items():
         if split not in ground.table.splits:
             raise ValueError(
@@ -307,21 +350,24 @@ def run_benchmark(
 ) -> Path:
     """Run detectors on the proving ground: make its lanes, train, freeze, detect; an interrupted run resumes.
 
-    The lanes of all chosen tiers are made first. Then all entries run on one tier before the first runs on the next, so
-    that a run that is interrupted leaves whole tiers behind.
+    The lanes of all chosen tiers are made first. Then all entries run on one tier before the first
+    runs on the next, so that a run that is interrupted leaves whole tiers behind.
 
     Parameters
     ----------
     entries : sequence of str or path
-        Names of packaged entries, recipes, or folders of alarm lists ``SPLIT.csv``; none takes all packaged entries.
+        Names of packaged entries, recipes, or folders of alarm lists ``SPLIT.csv``; none takes all
+        packaged entries.
     output : str or path
-        Folder that takes the lanes, ``lanes``, and a folder per entry, with one per tier in it where there are tiers.
+        Folder that takes the lanes, ``lanes``, and a folder per entry, with one per tier in it
+        where there are tiers.
     quick : bool
         The quick form, which shows that everything runs.
     how : How, optional
         Who does the work.
     ground : str or path, optional
-        Name of a packaged proving ground, by default the newest, or TOML file of one's own, as those are described.
+        Name of a packaged proving ground, by default the newest, or TOML file of one's own, as
+        those are described.
     tier : str, optional
         The tier to run on; by default, and with "all", every tier of the ground.
 
@@ -333,22 +379,26 @@ def run_benchmark(
     Raises
     ------
     ValueError
-        If an entry is not there, not valid or does not fit the lanes, the folder is of another form of the ground, or
-        the ground has no such tier.
+        If an entry is not there, not valid or does not fit the lanes, the folder is of another form
+        of the ground, or the ground has no such tier.
     """
     chosen = load_ground(quick, None if ground is None else Path(ground))
     folder = Path(output)
     tiers = chosen.chosen_tiers(tier)
     found = [find_entry(one, chosen) for one in entries] or list(packaged_entries(chosen).values())
     if {entry.name for entry in found} & set(ORACLES):
-        raise ValueError(f"entries must not be called {' or '.join(ORACLES)}, which are what the oracle gives")
+        raise ValueError(
+            f"entries must not be called {' or '.join(ORACLES)}, which are what the oracle gives"
+        )
     for entry in found:
         if entry.alarms is None:
             parse_recipe(entry.text, entry.name)
         else:
             submitted(chosen, entry.alarms)
     if Folder(folder).has(MARK) and read_ground(folder) != chosen:
-        raise ValueError(f"output must be a folder of {chosen.title} as it is now, got one of another ground: {folder}")
+        raise ValueError(
+            f"output must be a folder of {chosen.title} as it is now, got one of another ground: {folder}"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "ground.toml", chosen.text)
     write_whole(folder / MARK, json.dumps({"ground": chosen.title, "quick": quick}) + "\n")
@@ -359,7 +409,10 @@ def run_benchmark(
         own_folder = entry_folder(folder, entry.name, part)
         try:
             run_entry(part, entry, folder / "lanes", own_folder, how)
-        except (ValueError, ModuleNotFoundError) as error:  # the others shall not wait for one that cannot be trained
+        except (
+            ValueError,
+            ModuleNotFoundError,
+        ) as error:  # the others shall not wait for one that cannot be trained
             where = f" on the tier {part.tier}" if part.tier else ""
             warnings.warn(f"{entry.name} did not finish{where}: {error}", stacklevel=2)
             _tell(part, entry, own_folder, str(error))

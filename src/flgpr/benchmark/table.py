@@ -36,7 +36,16 @@ from flgpr.io.files import existing
 from flgpr.io.outputs import tell_finished
 from flgpr.io.tables import parse_columns, read_table_in
 from flgpr.report import render
-from flgpr.scoring import alarm_hash, chance, clopper_pearson, compare, match, operating_row, pd_mean, roc_of
+from flgpr.scoring import (
+    alarm_hash,
+    chance,
+    clopper_pearson,
+    compare,
+    match,
+    operating_row,
+    pd_mean,
+    roc_of,
+)
 from flgpr.scoring.blind import match_blind
 from flgpr.scoring.matching import Match
 
@@ -54,13 +63,14 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
     Returns
     -------
     scores : DataFrame
-        A row per entry, split, group of targets (``mines``, a site, a kind) and allowed FAR per m²: ``pd`` with
-        ``pd_low``, ``pd_high`` (95 %, exact), counts, ``chance``, ``area`` (m²); at the FAR of comparison also mines
-        that the entry alone finds (``only``), the reference alone (``reference_only``), and ``p`` of the paired test.
-        On a ground with tiers also a ``tier``, and groups of the targets with one packaged body, ``body BODY``.
+        A row per entry, split, group of targets (``mines``, a site, a kind) and allowed FAR per m²:
+        ``pd`` with ``pd_low``, ``pd_high`` (95 %, exact), counts, ``chance``, ``area`` (m²); at the
+        FAR of comparison also mines that the entry alone finds (``only``), the reference alone
+        (``reference_only``), and ``p`` of the paired test. On a ground with tiers also a ``tier``,
+        and groups of the targets with one packaged body, ``body BODY``.
     costs : DataFrame
-        A row per entry, and per ``tier`` where there are tiers: processor seconds per km in detection and of all
-        trainings, the largest process in bytes.
+        A row per entry, and per ``tier`` where there are tiers: processor seconds per km in
+        detection and of all trainings, the largest process in bytes.
 
     Raises
     ------
@@ -78,11 +88,15 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
         costs += [about | row for row in tier_costs]
     scores = pd.DataFrame(rows)
     if scores.empty:
-        raise ValueError(f"folders must hold entries that were run, got none in {', '.join(map(str, folders))}")
+        raise ValueError(
+            f"folders must hold entries that were run, got none in {', '.join(map(str, folders))}"
+        )
     return scores, pd.DataFrame(costs)
 
 
-def _score_tier(ground: Ground, homes: Sequence[Path]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def _score_tier(
+    ground: Ground, homes: Sequence[Path]
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Score all entries and the oracle on a ground or on one of its tiers: rows of scores and of costs."""
     reference = {split: _alarms_of(homes, ground, split) for split in ground.table.splits}
     rows: list[dict[str, Any]] = []
@@ -102,7 +116,9 @@ def _score_tier(ground: Ground, homes: Sequence[Path]) -> tuple[list[dict[str, A
 def _ground_of(homes: Sequence[Path]) -> Ground:
     grounds = [read_ground(home) for home in homes]
     if any(one != grounds[0] for one in grounds):
-        raise ValueError(f"folders must all be of one ground, got {', '.join(one.title for one in grounds)}")
+        raise ValueError(
+            f"folders must all be of one ground, got {', '.join(one.title for one in grounds)}"
+        )
     return grounds[0]
 
 
@@ -132,10 +148,13 @@ def _kept_score(
     alarms = read_table_in(entry, f"{split}/{ALARMS}", "alarms")
     other = None if reference is None or name == ground.table.reference else reference
     sealed = home / "lanes" / SEALED
-    # Without tiers nothing is said of them, so that scores of before there were tiers are found again.
+    # Without tiers nothing is said of them, so that scores of before there were tiers are found
+    # again.
     rules = ground.table.model_dump(mode="json", exclude=None if ground.table.tiers else {"tiers"})
     made_of = [rules, alarm_hash(alarms), other is not None and alarm_hash(other)]
-    key = sha256(json.dumps([made_of, sha256(Folder(sealed.parent).read(sealed.name))]).encode())[:12]
+    key = sha256(json.dumps([made_of, sha256(Folder(sealed.parent).read(sealed.name))]).encode())[
+        :12
+    ]
     kept = entry / split / f"score-{key}.json"
     if not Folder(entry).has(f"{split}/{kept.name}"):
         names = [lane.name for lane in ground.tested(split)]
@@ -148,11 +167,17 @@ def _kept_score(
     return [about | row for row in Folder(entry).json(f"{split}/{kept.name}")]
 
 
-def _rows(ground: Ground, split: str, matched: Match, reference: Match | None) -> Iterator[dict[str, Any]]:
+def _rows(
+    ground: Ground, split: str, matched: Match, reference: Match | None
+) -> Iterator[dict[str, Any]]:
     """Give the score of all mines, of every kind of target, of every packaged body, and of the mines of every site."""
     kind = matched.truth["kind"].astype(str)
     mines = _mines(ground, split, kind).to_numpy()
-    site = matched.truth["lane"].map({lane.name: lane.site for lane in ground.tested(split)}).to_numpy()
+    site = (
+        matched.truth["lane"]
+        .map({lane.name: lane.site for lane in ground.tested(split)})
+        .to_numpy()
+    )
     level = chance(matched)
     groups = {MINES: mines} | {str(one): (kind == one).to_numpy() for one in sorted(kind.unique())}
     groups |= {name: rows.to_numpy() for name, rows in _body_groups(matched.truth).items()}
@@ -182,15 +207,26 @@ def _oracle_rows(ground: Ground, found: pd.DataFrame) -> Iterator[dict[str, Any]
         if set(own["lane"]) != tested:
             continue
         mines = _mines(ground, split, own["kind"])
-        groups = {MINES: mines} | {str(one): own["kind"] == one for one in sorted(own["kind"].unique())}
+        groups = {MINES: mines} | {
+            str(one): own["kind"] == one for one in sorted(own["kind"].unique())
+        }
         groups |= _body_groups(own)
         groups |= {site: mines & (own["site"] == site) for site in ground.sites}
         for (group, rows), allowed in itertools.product(groups.items(), ground.table.fars):
             count = int((own.loc[rows, ORACLES[name][0]] <= allowed).sum())
             total = int(rows.sum())
             low, high = clopper_pearson(count, total)
-            told = {"pd": count / total, "pd_low": low, "pd_high": high, "n_detected": count, "n_targets": total}
-            told |= {"chance": -math.expm1(-allowed * math.pi * ground.table.halo**2), "far": allowed}
+            told = {
+                "pd": count / total,
+                "pd_low": low,
+                "pd_high": high,
+                "n_detected": count,
+                "n_targets": total,
+            }
+            told |= {
+                "chance": -math.expm1(-allowed * math.pi * ground.table.halo**2),
+                "far": allowed,
+            }
             area = float(own.drop_duplicates("site")["area"].sum())
             about = {"entry": name, "split": split, "group": group, "far_allowed": allowed}
             yield about | told | {"n_false": int(allowed * area), "area": area}
@@ -205,7 +241,8 @@ def _mines(ground: Ground, split: str, kind: Any) -> Any:
 def _part_of(matched: Match, lanes: Sequence[str]) -> Match:
     """Match of some of the lanes alone."""
     alarms, truth = (
-        table[table["lane"].isin(lanes)].reset_index(drop=True) for table in (matched.alarms, matched.truth)
+        table[table["lane"].isin(lanes)].reset_index(drop=True)
+        for table in (matched.alarms, matched.truth)
     )
     return match(alarms, truth, {name: matched.lanes[name] for name in lanes}, matched.halo)
 
@@ -215,14 +252,22 @@ def _points(
 ) -> Iterator[dict[str, Any]]:
     curve = level.beside(roc_of(matched, rows), rows)
     fars = ground.table.fars
-    for allowed, (_, row) in zip(fars, curve.iloc[operating_row(curve, np.array(fars))].iterrows(), strict=True):
+    for allowed, (_, row) in zip(
+        fars, curve.iloc[operating_row(curve, np.array(fars))].iterrows(), strict=True
+    ):
         told = {name: float(row[name]) for name in ("pd", "pd_low", "pd_high", "chance", "far")}
         told |= {name: int(row[name]) for name in _COUNTS} | {"area": float(curve.attrs["area"])}
         if allowed == ground.table.far:
             told["pd_mean"] = float(pd_mean(curve, max(fars)))
             if reference is not None:
-                paired = compare(matched, reference, rows, far=allowed, far_max=max(fars), draws=200)
-                told |= {"only": paired.only_a, "reference_only": paired.only_b, "p": paired.p_detections}
+                paired = compare(
+                    matched, reference, rows, far=allowed, far_max=max(fars), draws=200
+                )
+                told |= {
+                    "only": paired.only_a,
+                    "reference_only": paired.only_b,
+                    "p": paired.p_detections,
+                }
         yield {"group": group, "far_allowed": allowed, **told}
 
 
@@ -248,7 +293,9 @@ def of_tier(table: pd.DataFrame, ground: Ground) -> pd.DataFrame:
 
 def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str:
     """Write the table of all mines at the FAR of comparison, in words and figures."""
-    lines = [f"{ground.title}: Pd of mines at {ground.table.far:g} false alarms per m², 95 % interval, chance"]
+    lines = [
+        f"{ground.title}: Pd of mines at {ground.table.far:g} false alarms per m², 95 % interval, chance"
+    ]
     for tier in ground.chosen_tiers():
         own = of_tier(scores, tier)
         if len(own):
@@ -305,7 +352,9 @@ def write_table(folders: Sequence[str | Path], output: str | Path) -> str:
     titles, faults = _titles_and_faults(ground, homes)
     titles |= {name: title for name, (_, title) in ORACLES.items() if name in set(scores["entry"])}
     page = _page(ground, scores, costs, titles)
-    if (to / "index.html").is_file() and read_named(to / "index.html").decode("utf-8", "replace") == page:
+    if (to / "index.html").is_file() and read_named(to / "index.html").decode(
+        "utf-8", "replace"
+    ) == page:
         tell_finished(to / "index.html")
     write_whole(to / "index.html", page)
     return "\n".join([table_text(ground, scores, costs), *faults])
@@ -326,7 +375,9 @@ def _titles_and_faults(ground: Ground, homes: Sequence[Path]) -> tuple[dict[str,
     return titles, faults
 
 
-def _page(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame, titles: Mapping[str, str]) -> str:
+def _page(
+    ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame, titles: Mapping[str, str]
+) -> str:
     tiers = [tier for tier in ground.chosen_tiers() if len(of_tier(scores, tier))]
     return render(
         "benchmark.html",
@@ -348,7 +399,10 @@ def _opening(ground: Ground, scores: pd.DataFrame) -> dict[str, Figure]:
     """Draw the figure that opens the page of a ground with tiers, for wide screens and paper and for narrow screens."""
     if not ground.table.tiers:
         return {}
-    return {"wide": tiers_figure(ground, scores), "narrow": tiers_figure(ground, scores, narrow=True)}
+    return {
+        "wide": tiers_figure(ground, scores),
+        "narrow": tiers_figure(ground, scores, narrow=True),
+    }
 
 
 def _cost_cells(one: Mapping[Any, Any]) -> list[str]:
@@ -358,24 +412,39 @@ def _cost_cells(one: Mapping[Any, Any]) -> list[str]:
     return [*names, *figures, f"{one['peak_bytes'] / 2**20:.0f}"]
 
 
-def _page_splits(ground: Ground, scores: pd.DataFrame) -> Iterator[tuple[str, str, Figure, list[tuple[str, ...]]]]:
+def _page_splits(
+    ground: Ground, scores: pd.DataFrame
+) -> Iterator[tuple[str, str, Figure, list[tuple[str, ...]]]]:
     """Give name, title, figure and rows of the table of every split that was run."""
     for split, row in ground.table.splits.items():
         if (scores["split"] == split).any():
-            yield split, row.title, split_figure(ground, scores, split), list(_page_rows(ground, scores, split))
+            yield (
+                split,
+                row.title,
+                split_figure(ground, scores, split),
+                list(_page_rows(ground, scores, split)),
+            )
 
 
 def _page_rows(ground: Ground, scores: pd.DataFrame, split: str) -> Iterator[tuple[str, ...]]:
     mine = scores[(scores["split"] == split) & (scores["group"] == MINES)]
-    order = mine[mine["far_allowed"] == ground.table.far].sort_values("pd", ascending=False, kind="stable")["entry"]
+    order = mine[mine["far_allowed"] == ground.table.far].sort_values(
+        "pd", ascending=False, kind="stable"
+    )["entry"]
     mine = mine.set_index("entry", drop=False).loc[list(order)].rename_axis(None)
     for entry, rows in mine.groupby("entry", sort=False):
         at = {row["far_allowed"]: row for row in rows.to_dict("records")}
-        paired = "reference" if entry == ground.table.reference else paired_in_words(at[ground.table.far])
+        paired = (
+            "reference"
+            if entry == ground.table.reference
+            else paired_in_words(at[ground.table.far])
+        )
         yield (str(entry), *(pd_in_words(at[far]) for far in ground.table.fars), paired)
 
 
-def listing(quick: bool = False, lanes: str | Path | None = None, ground: str | Path | None = None) -> list[str]:
+def listing(
+    quick: bool = False, lanes: str | Path | None = None, ground: str | Path | None = None
+) -> list[str]:
     """Tell in lines what enters, which lanes there are and how they are split; with a folder whether they are alike.
 
     Lanes are the same bits, alike (the rms of the echoes of every polarization within 1e-4), or other lanes than those
@@ -387,9 +456,16 @@ def listing(quick: bool = False, lanes: str | Path | None = None, ground: str | 
     if chosen.table.tiers:
         lines += ["", "tiers, each with all splits:"]
         lines += [
-            f"  {name:20} {row.title}, at {', '.join(row.sites.values())}" for name, row in chosen.table.tiers.items()
+            f"  {name:20} {row.title}, at {', '.join(row.sites.values())}"
+            for name, row in chosen.table.tiers.items()
         ]
-    lines += ["", "splits:", *(f"  {name:20} {row.title}" for name, row in chosen.table.splits.items()), "", "lanes:"]
+    lines += [
+        "",
+        "splits:",
+        *(f"  {name:20} {row.title}" for name, row in chosen.table.splits.items()),
+        "",
+        "lanes:",
+    ]
     told = same_lanes(chosen, Path(lanes)) if lanes is not None else {}
     width = max(20, *(len(name) for name in chosen.lanes))
     for name, lane in chosen.lanes.items():
@@ -414,7 +490,9 @@ def same_lanes(ground: Ground, home: Path) -> dict[str, str]:
         if one["sha256"] == other["sha256"]:
             return "same bits"
         levels = [column for column in found.columns if column != "sha256"]
-        near = np.allclose(one[levels].astype(float), other[levels].astype(float), rtol=1e-4, atol=0)
+        near = np.allclose(
+            one[levels].astype(float), other[levels].astype(float), rtol=1e-4, atol=0
+        )
         return "alike" if near else "other"
 
     return {name: compared(name) for name in ground.lanes}

@@ -19,7 +19,8 @@ from flgpr.model.track import poses_at
 
 Operator = Callable[..., Any]
 """Makes an imaging operator from frequency, tx_position, rx_position and pixels: ``flgpr.imaging.ImagingOperator``."""
-_SHARPER = 1.3  # least sharpness of a trusted image over that of the worst; of noise alone 1.13 was the most seen
+# least sharpness of a trusted image over that of the worst; of noise alone 1.13 was the most seen
+_SHARPER = 1.3
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,9 @@ class ClockFit:
     doubt: str  #: why the answer is not to be trusted; empty if it is
 
 
-def with_track(run: xr.Dataset, track: pd.DataFrame, offset: float, rate: float = 1.0) -> xr.Dataset:
+def with_track(
+    run: xr.Dataset, track: pd.DataFrame, offset: float, rate: float = 1.0
+) -> xr.Dataset:
     """Give a run with times the poses of a track of the array's reference point.
 
     Time on the track's clock is ``offset + rate·(radar's time)``, s; a time that is missing or outside the track is a
@@ -63,8 +66,9 @@ def estimate_clock(
 ) -> ClockFit:  # fmt: skip
     """Find the clock offset at which the run focuses best; no reflector need be known.
 
-    All offsets are tried, then the best one's neighbourhood with steps halved ``refine`` times. The offset's step must
-    be short enough for the focus to be seen: a fraction of what the vehicle needs for the image's resolution.
+    All offsets are tried, then the best one's neighbourhood with steps halved ``refine`` times. The
+    offset's step must be short enough for the focus to be seen: a fraction of what the vehicle
+    needs for the image's resolution.
 
     Parameters
     ----------
@@ -73,15 +77,17 @@ def estimate_clock(
     pixels : (..., 3) array_like
         Where to look, in the lane frame, m.
     offsets, rates : (trial,), (rate,) array_like
-        Clock offsets (s) and rates to try. Offsets that leave the track are passed over; if all do, it is a ValueError.
+        Clock offsets (s) and rates to try. Offsets that leave the track are passed over; if all do,
+        it is a ValueError.
     operator : callable
         ``flgpr.imaging.ImagingOperator``.
 
     Returns
     -------
     ClockFit
-        With the reason in ``doubt`` if the sharpest image is less than 1.3 times as sharp as the worst one, or lies at
-        the edge of the offsets. That the ranges are right it cannot tell: see :func:`estimate_joint`.
+        With the reason in ``doubt`` if the sharpest image is less than 1.3 times as sharp as the
+        worst one, or lies at the edge of the offsets. That the ranges are right it cannot tell: see
+        :func:`estimate_joint`.
     """
     trials: list[tuple[float, float, float]] = []
     grid = np.asarray(pixels, dtype=np.float64)
@@ -123,7 +129,9 @@ def estimate_clock(
     return ClockFit(offset, rate, lowest, table, doubt)
 
 
-def track_trials(run: xr.Dataset, track: pd.DataFrame, offsets: ArrayLike) -> tuple[FloatArray, list[FloatArray]]:
+def track_trials(
+    run: xr.Dataset, track: pd.DataFrame, offsets: ArrayLike
+) -> tuple[FloatArray, list[FloatArray]]:
     """Clock offsets at which all scans lie within the track, and the poses there; no such offset is a ValueError."""
     found: list[tuple[float, FloatArray]] = []
     for offset in np.asarray(offsets, dtype=np.float64):
@@ -145,7 +153,9 @@ def _outside(run: xr.Dataset, track: pd.DataFrame, offsets: ArrayLike) -> str:
     )
 
 
-def brightest_points(image: ArrayLike, pixels: ArrayLike, count: int, apart: float) -> NDArray[np.float64]:
+def brightest_points(
+    image: ArrayLike, pixels: ArrayLike, count: int, apart: float
+) -> NDArray[np.float64]:
     """Find the brightest pixels, ``apart`` m or more from each other: at most ``count`` rows of x, y, z (m), magnitude.
 
     ``pixels`` (..., 3) are those of the image (...); the brightest come first.

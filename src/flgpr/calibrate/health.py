@@ -19,17 +19,19 @@ STEADY = 0.5
 def channel_health(run: xr.Dataset, quiet: float = QUIET) -> pd.DataFrame:
     """Look at every channel: its level, what is missing, whether it is dead, whether it drifts.
 
-    The standing part of a channel (antenna coupling and the vehicle's own reflections) is the same in every scan; the
-    complex factor by which it changes is the channel's drift in gain and phase. It is told only where the standing part
-    stands out: the ``coherence`` says how much of the power it is.
+    The standing part of a channel (antenna coupling and the vehicle's own reflections) is the same
+    in every scan; the complex factor by which it changes is the channel's drift in gain and phase.
+    It is told only where the standing part stands out: the ``coherence`` says how much of the power
+    it is.
 
     Returns
     -------
     DataFrame
-        A row per polarization and pair: ``polarization``, ``pair``, ``level_db`` (re the median pair), ``missing``
-        (sweeps), ``stuck`` (share of the band with one and the same value in all scans), ``coherence`` (0 to 1),
-        ``gain_drift_db`` and ``phase_drift_rad`` (last quarter of the scans against the first; NaN for fewer than four
-        scans), ``dead`` (true if under ``quiet`` dB, stuck or without any sweep).
+        A row per polarization and pair: ``polarization``, ``pair``, ``level_db`` (re the median
+        pair), ``missing`` (sweeps), ``stuck`` (share of the band with one and the same value in all
+        scans), ``coherence`` (0 to 1), ``gain_drift_db`` and ``phase_drift_rad`` (last quarter of
+        the scans against the first; NaN for fewer than four scans), ``dead`` (true if under
+        ``quiet`` dB, stuck or without any sweep).
     """
     check_run(run)
     rows = []
@@ -64,8 +66,12 @@ def health_summary(table: pd.DataFrame) -> list[str]:
     lines = []
     dead = table[table["dead"]]
     if len(dead):
-        names = ", ".join(f"{row.polarization} pair {row.pair}" for row in dead.head(8).itertuples())
-        lines.append(f"{len(dead)} of {len(table)} channels are dead: {names}{' ...' if len(dead) > 8 else ''}")
+        names = ", ".join(
+            f"{row.polarization} pair {row.pair}" for row in dead.head(8).itertuples()
+        )
+        lines.append(
+            f"{len(dead)} of {len(table)} channels are dead: {names}{' ...' if len(dead) > 8 else ''}"
+        )
     told = table[~table["dead"] & (table["coherence"] >= STEADY) & table["gain_drift_db"].notna()]
     moved = told[(told["gain_drift_db"].abs() > 1.0) | (told["phase_drift_rad"].abs() > 0.2)]
     if len(moved):
@@ -74,7 +80,9 @@ def health_summary(table: pd.DataFrame) -> list[str]:
             f"{len(moved)} of {len(told)} channels with a standing part drift by over 1 dB or 0.2 rad, the most "
             f"{worst['polarization']} pair {worst['pair']} by {worst['gain_drift_db']:+.1f} dB"
         )
-    return lines or [f"all {len(table)} channels are alive" + (", none drifts" if len(told) else "")]
+    return lines or [
+        f"all {len(table)} channels are alive" + (", none drifts" if len(told) else "")
+    ]
 
 
 def _power(sweeps: NDArray[np.complex64]) -> float:

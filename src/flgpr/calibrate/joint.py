@@ -34,8 +34,11 @@ class BiasFit:
     """Range bias of a radar, with the clock offset where that was looked for as well, and how good they are."""
 
     bias: float  #: by how much one-way ranges are measured too long, m
-    bias_sigma: float  #: one standard deviation, m, from the echoes' height over the background and their spread
-    offset: float | None  #: time on the track's clock less the radar's, s; None where the run's poses were taken
+    # : one standard deviation, m, from the echoes' height over the background and their spread
+    bias_sigma: float
+    offset: (
+        float | None
+    )  #: time on the track's clock less the radar's, s; None where the run's poses were taken
     offset_sigma: float | None  #: one standard deviation, s; 0 of a single offset tried
     #: height of the peak over the best answer elsewhere, two range resolutions away or more, and over the median, dB
     over_runner_up: float
@@ -50,7 +53,11 @@ class BiasFit:
 
 
 def estimate_range_bias(
-    run: xr.Dataset, points: ArrayLike, operator: Operator, search: float | None = None, tolerance: float = 0.15
+    run: xr.Dataset,
+    points: ArrayLike,
+    operator: Operator,
+    search: float | None = None,
+    tolerance: float = 0.15,
 ) -> BiasFit:
     """Find the range bias, at most ``search`` m to either side of zero, as :func:`estimate_joint` at the run's poses.
 
@@ -72,10 +79,11 @@ def estimate_joint(
 ) -> BiasFit:  # fmt: skip
     """Find the range bias, and the clock offset of a track with it, from reflectors at known places.
 
-    For every offset the scans are summed coherently at each reflector for all biases at once. The power there over its
-    median is multiplied over the reflectors, and the product's peak is refined. An image around each reflector then
-    tells a bias of its own: by how much its brightest pixel lies farther from the aperture than the reflector. What
-    stands still in the run should be out of it: see :func:`flgpr.calibrate.subtract_mean_scan`.
+    For every offset the scans are summed coherently at each reflector for all biases at once. The
+    power there over its median is multiplied over the reflectors, and the product's peak is
+    refined. An image around each reflector then tells a bias of its own: by how much its brightest
+    pixel lies farther from the aperture than the reflector. What stands still in the run should be
+    out of it: see :func:`flgpr.calibrate.subtract_mean_scan`.
 
     Parameters
     ----------
@@ -88,11 +96,12 @@ def estimate_joint(
     biases : tuple of float
         Least and greatest bias, m; ranges must not repeat within them.
     track, offsets : DataFrame, (trial,) array_like
-        Track of the array's reference point and evenly spaced clock offsets to try, s. Those that leave the track are
-        passed over; if all do, it is a ValueError. Without a track the run's poses are taken as they are.
+        Track of the array's reference point and evenly spaced clock offsets to try, s. Those that
+        leave the track are passed over; if all do, it is a ValueError. Without a track the run's
+        poses are taken as they are.
     tolerance : float
-        How far from a reflector's place, across the line of sight, its echo may come from, and how far apart the
-        biases of two reflectors may lie, m.
+        How far from a reflector's place, across the line of sight, its echo may come from, and how
+        far apart the biases of two reflectors may lie, m.
     refine : int
         How often the offsets' step is halved around the best.
     """
@@ -102,10 +111,15 @@ def estimate_joint(
     _check(places, biases, tolerance, cell, unambiguous_range(run["frequency"].values))
     run = run.compute()
     way = pd.DataFrame() if track is None else track
-    when, poses = (np.zeros(1), [run["pose"].values]) if track is None else track_trials(run, way, offsets)
+    when, poses = (
+        (np.zeros(1), [run["pose"].values]) if track is None else track_trials(run, way, offsets)
+    )
     across, fine = _across(run, poses[len(poses) // 2], places)
     # A quarter wavelength shows every lobe of whatever aperture.
-    lines = places[:, None] + _steps(tolerance, SPEED_OF_LIGHT / float(run["frequency"].values[-1]) / 4) * across
+    lines = (
+        places[:, None]
+        + _steps(tolerance, SPEED_OF_LIGHT / float(run["frequency"].values[-1]) / 4) * across
+    )
     level, bias = _levels(run, poses, lines, biases)
     background = np.maximum(np.median(level, axis=(0, 2)), np.finfo(np.float32).tiny)
     score = _score(level, background)
@@ -130,8 +144,14 @@ def estimate_joint(
     rival = int(np.where(elsewhere, over_bias, -np.inf).argmax())
     moved = _score_moved(found, places, across, fine, tolerance, biases, background)
     noise = np.maximum(level[..., elsewhere].mean(axis=(0, 2)), background)
-    middle = float(np.clip(best, when[0] + step / 2, when[-1] - step / 2))  # both neighbours inside the track
-    sigma = (np.inf, np.inf) if edge else _sigma(found, track, middle, step / 2, lines, (biases, peak), noise)
+    middle = float(
+        np.clip(best, when[0] + step / 2, when[-1] - step / 2)
+    )  # both neighbours inside the track
+    sigma = (
+        (np.inf, np.inf)
+        if edge
+        else _sigma(found, track, middle, step / 2, lines, (biases, peak), noise)
+    )
     table = _at_reflectors(found, places, operator, _summit(curve, bias, peak), tolerance)
     single = table["bias"].to_numpy()
     if single.size > 1:
@@ -144,10 +164,19 @@ def estimate_joint(
     return replace(fit, doubt=_doubt(fit, edge, tolerance, cell))
 
 
-def _check(places: FloatArray, biases: tuple[float, float], tolerance: float, cell: float, most: float) -> None:
+def _check(
+    places: FloatArray, biases: tuple[float, float], tolerance: float, cell: float, most: float
+) -> None:
     """Refuse a search that cannot be made: ``cell`` is the range resolution, ``most`` the unambiguous range, m."""
-    if places.ndim != 2 or places.shape[1:] != (3,) or not len(places) or not np.isfinite(places).all():
-        raise ValueError(f"points must be finite with the shape (reflector, 3) and at least one, got {places.shape}")
+    if (
+        places.ndim != 2
+        or places.shape[1:] != (3,)
+        or not len(places)
+        or not np.isfinite(places).all()
+    ):
+        raise ValueError(
+            f"points must be finite with the shape (reflector, 3) and at least one, got {places.shape}"
+        )
     low, high = biases
     if not (np.isfinite(biases).all() and 8 * cell <= high - low <= most):
         raise ValueError(
@@ -155,7 +184,9 @@ def _check(places: FloatArray, biases: tuple[float, float], tolerance: float, ce
             f"the ranges of this run repeat; got {low:g} to {high:g} m"
         )
     if not 0 < tolerance <= _COARSEST:
-        raise ValueError(f"tolerance must be positive and at most {_COARSEST:g} m, got {tolerance:g}")
+        raise ValueError(
+            f"tolerance must be positive and at most {_COARSEST:g} m, got {tolerance:g}"
+        )
 
 
 def _doubt(fit: BiasFit, edge: bool, tolerance: float, cell: float) -> str:
@@ -232,7 +263,13 @@ def _levels(
     run: xr.Dataset, poses: Sequence[ArrayLike], lines: FloatArray, biases: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray]:
     """Power (trial, reflector, bias) at the brightest point of each reflector's line, and biases."""
-    held = lines.shape[0] * lines.shape[1] * (biases[1] - biases[0]) / resolution(run["frequency"].values) * 8
+    held = (
+        lines.shape[0]
+        * lines.shape[1]
+        * (biases[1] - biases[0])
+        / resolution(run["frequency"].values)
+        * 8
+    )
     few = max(1, int(_SUMS / held))  # trials at a time
     parts = [_powers(run, poses[k : k + few], lines, biases) for k in range(0, len(poses), few)]
     return np.concatenate([power.max(axis=2) for power, _ in parts]), parts[0][1]
@@ -250,7 +287,9 @@ def _summit(curve: FloatArray, bias: FloatArray, peak: int) -> float:
         return float(bias[peak])
     left, top, right = curve[peak - 1 : peak + 2]
     bend = left - 2 * top + right
-    return float(bias[peak] + (bias[1] - bias[0]) * (left - right) / (2 * bend if bend < 0 else np.inf))
+    return float(
+        bias[peak] + (bias[1] - bias[0]) * (left - right) / (2 * bend if bend < 0 else np.inf)
+    )
 
 
 def _sigma(
@@ -266,9 +305,14 @@ def _sigma(
     level, bias = _levels(run, poses, lines, near[0])
     wide = float(bias[2] - bias[0])
     k = int(np.clip(near[1], 2, bias.size - 3))
-    # Near the peak the echoes' likelihood is the product's curvature times their power over the background in all.
+    # Near the peak the echoes' likelihood is the product's curvature times their power over the
+    # background in all.
     power = (level[1, :, k] / background).sum() * np.log(10) / 10 * _score(level, background)
-    curve = [2 * power[1, k] - power[1, k - 2] - power[1, k + 2], 2 * power[1, k] - power[0, k] - power[2, k], 0.0]
+    curve = [
+        2 * power[1, k] - power[1, k - 2] - power[1, k + 2],
+        2 * power[1, k] - power[0, k] - power[2, k],
+        0.0,
+    ]
     curve[2] = (power[0, k + 2] + power[2, k - 2] - power[0, k - 2] - power[2, k + 2]) / 4
     if fixed:
         return (wide / np.sqrt(curve[0]) if curve[0] > 0 else np.inf), 0.0
@@ -279,7 +323,12 @@ def _sigma(
 
 
 def _at_reflectors(
-    run: xr.Dataset, places: FloatArray, operator: Operator, bias: float, reach: float, passes: int = 3
+    run: xr.Dataset,
+    places: FloatArray,
+    operator: Operator,
+    bias: float,
+    reach: float,
+    passes: int = 3,
 ) -> pd.DataFrame:
     """Find each reflector's brightest pixel within ``reach``, and by how much it lies too far on average; m."""
     data, tx, rx = synthetic_aperture(run)
@@ -296,11 +345,15 @@ def _at_reflectors(
             image = operator(run["frequency"].values, tx, rx, pixels).adjoint(moved)
             power = (np.abs(image) ** 2).sum(axis=(0, 1))
             peak = pixels[np.unravel_index(power.argmax(), power.shape)]
-            off = float(np.average(_paths(tx, rx, peak) - _paths(tx, rx, place), weights=weight)) / 2
+            off = (
+                float(np.average(_paths(tx, rx, peak) - _paths(tx, rx, place), weights=weight)) / 2
+            )
             rows.append((*place, *peak[:2], bias + off))
         bias = float(np.mean([row[-1] for row in rows]))
     return pd.DataFrame(rows, columns=["x", "y", "z", "x_peak", "y_peak", "bias"])
 
 
 def _paths(tx: FloatArray, rx: FloatArray, point: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.norm(tx - point, axis=1) + np.linalg.norm(rx - point, axis=1), dtype=np.float64)
+    return np.asarray(
+        np.linalg.norm(tx - point, axis=1) + np.linalg.norm(rx - point, axis=1), dtype=np.float64
+    )

@@ -30,14 +30,14 @@ def estimate_lever_arm(
 ) -> LeverFit:
     """Find lever arm and latency by least squares.
 
-    Latency and the lever arm along the way are told apart only by turns and changes of speed: a straight drive at one
-    speed is refused, and so are tracks that do not overlap.
+    Latency and the lever arm along the way are told apart only by turns and changes of speed: a
+    straight drive at one speed is refused, and so are tracks that do not overlap.
 
     Parameters
     ----------
     antenna, reference : DataFrame
-        Tracks of the positioning antenna, and of the array's reference point with attitude, such as by a total station,
-        which may be shorter.
+        Tracks of the positioning antenna, and of the array's reference point with attitude, such as
+        by a total station, which may be shorter.
     latencies : (trial,) array_like
         Latencies to try, s; more than one makes it be found, with steps halved ``refine`` times.
     """
@@ -46,12 +46,16 @@ def estimate_lever_arm(
     trials = np.sort(np.asarray(latencies, dtype=np.float64))
     fits = [fit for fit in (_fit(antenna, reference, float(t)) for t in trials) if fit is not None]
     if not fits:
-        raise ValueError("the tracks must overlap in time by three fixes or more at some latency, they do not")
+        raise ValueError(
+            "the tracks must overlap in time by three fixes or more at some latency, they do not"
+        )
     best = min(fits, key=lambda fit: fit.rms)
     if trials.size == 1:
         return best
     if max(fit.rms for fit in fits) < 1.001 * best.rms + 1e-9:
-        raise ValueError("the drive must turn or change its speed for the latency to be told, it does not")
+        raise ValueError(
+            "the drive must turn or change its speed for the latency to be told, it does not"
+        )
     step = float(np.diff(trials).max())
     for _ in range(refine):
         step /= 2
@@ -71,7 +75,9 @@ def _fit(antenna: pd.DataFrame, reference: pd.DataFrame, latency: float) -> Leve
     turns = pose_matrix(pose).reshape(-1, 3)
     lever, *_ = np.linalg.lstsq(turns, apart.ravel(), rcond=None)
     rest = apart.ravel() - turns @ lever
-    return LeverFit(np.asarray(lever, dtype=np.float64), latency, float(np.sqrt(np.mean(rest**2) * 3)))
+    return LeverFit(
+        np.asarray(lever, dtype=np.float64), latency, float(np.sqrt(np.mean(rest**2) * 3))
+    )
 
 
 def vehicle_velocity(run: xr.Dataset) -> FloatArray:
@@ -85,20 +91,26 @@ def vehicle_velocity(run: xr.Dataset) -> FloatArray:
 
 
 def remove_in_scan_motion(
-    run: xr.Dataset, focus: ArrayLike, pair_time: ArrayLike, tone_time: ArrayLike, velocity: ArrayLike | None = None
+    run: xr.Dataset,
+    focus: ArrayLike,
+    pair_time: ArrayLike,
+    tone_time: ArrayLike,
+    velocity: ArrayLike | None = None,
 ) -> xr.Dataset:
     """Bring all tones and pairs of a scan to the scan's time, as if the vehicle had stood still in it.
 
-    A sample taken at ``pair_time + tone_time`` after the pose was measured with the antennas displaced by velocity
-    times that. Its phase is turned by the difference of the path to the focus: exact there, and elsewhere off by the
-    displacement times the difference of the directions.
+    A sample taken at ``pair_time + tone_time`` after the pose was measured with the antennas
+    displaced by velocity times that. Its phase is turned by the difference of the path to the
+    focus: exact there, and elsewhere off by the displacement times the difference of the
+    directions.
 
     Parameters
     ----------
     run : xarray.Dataset
         A run. A shape below that does not fit it, or a value that is not finite, is a ValueError.
     focus : (3,) array_like
-        The place that stays exact, in the vehicle frame, m; on the ground in the middle of the images.
+        The place that stays exact, in the vehicle frame, m; on the ground in the middle of the
+        images.
     pair_time, tone_time : (pair,), (frequency,) array_like
         When each pair is measured after the time of the pose, and each tone sent after that, s.
     velocity : (scan, 3) array_like, optional
@@ -125,7 +137,9 @@ def remove_in_scan_motion(
         longer = np.zeros(time.shape)
         for name in ("tx_position", "rx_position"):
             antenna = run[name].values[:, None]
-            longer += np.linalg.norm(antenna + moved - place, axis=-1) - np.linalg.norm(antenna - place, axis=-1)
+            longer += np.linalg.norm(antenna + moved - place, axis=-1) - np.linalg.norm(
+                antenna - place, axis=-1
+            )
         one = run["signal"][scan].values
         signal[scan] = lengthen(one[..., None], frequency[:, None], -longer)[..., 0]
     return run.assign(signal=(run["signal"].dims, signal))

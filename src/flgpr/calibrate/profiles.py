@@ -34,10 +34,14 @@ def subtract_mean_scan(run: xr.Dataset) -> xr.Dataset:
     """
     scans = np.flatnonzero(complete_scans(run))
     if scans.size < 5:
-        raise ValueError(f"run must have five complete scans to tell what stands still in them, got {scans.size}")
+        raise ValueError(
+            f"run must have five complete scans to tell what stands still in them, got {scans.size}"
+        )
     signal = run["signal"].values
     change = [np.linalg.norm(signal[b] - signal[a]) for a, b in pairwise(scans)]
-    field = np.tensordot(half_steps(np.array(change)) / scans.size, signal[scans], axes=1).astype(signal.dtype)
+    field = np.tensordot(half_steps(np.array(change)) / scans.size, signal[scans], axes=1).astype(
+        signal.dtype
+    )
     return run.assign(signal=(run["signal"].dims, signal - field))
 
 
@@ -77,7 +81,9 @@ def fields_over_bias(
     signal = run["signal"].values
     scans = np.flatnonzero(complete_scans(run))
     if not scans.size:
-        raise ValueError(f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}")
+        raise ValueError(
+            f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}"
+        )
     ways = [np.asarray(pose, dtype=np.float64)[scans] for pose in poses]
     weights = [way_weights(pose[:, :3]) for pose in ways]
     field = np.zeros((len(ways), len(places), signal.shape[1], last - first + 1), np.complex64)
@@ -85,12 +91,16 @@ def fields_over_bias(
     for begin in range(0, scans.size, block):
         part = slice(begin, begin + block)
         table = _profiles(signal[scans[part]], tones, spacing, slot, size)
-        table = np.concatenate([table, np.take(table, np.arange(last - first + 2), axis=-1, mode="wrap")], axis=-1)
+        table = np.concatenate(
+            [table, np.take(table, np.arange(last - first + 2), axis=-1, mode="wrap")], axis=-1
+        )
         for way, weight, out in zip(ways, weights, field, strict=True):
             ends = antennas_in_lane(run, way[part])
             share = np.repeat(weight[part], signal.shape[2])
             sum_over_biases(table, *ends, share, places, step, middle / SPEED_OF_LIGHT, first, out)
-    return field.swapaxes(1, 2), np.asarray(np.arange(first, last + 1) * (0.5 * step), dtype=np.float64)
+    return field.swapaxes(1, 2), np.asarray(
+        np.arange(first, last + 1) * (0.5 * step), dtype=np.float64
+    )
 
 
 def lattice(frequency: ArrayLike) -> tuple[float, NDArray[np.int64]]:
@@ -114,7 +124,9 @@ def _profiles(
 ) -> NDArray[np.complex64]:
     """Make range profiles (polarization, scan·pair, size) of a signal (scan, polarization, pair, frequency)."""
     taper = np.hanning(tones.size + 2)[1:-1]
-    data = (signal * taper.astype(np.float32)).swapaxes(0, 1).reshape(signal.shape[1], -1, tones.size)
+    data = (
+        (signal * taper.astype(np.float32)).swapaxes(0, 1).reshape(signal.shape[1], -1, tones.size)
+    )
     centre = int(slot[-1]) // 2
     if np.abs(tones - tones[0] - slot * spacing).max() > 1e-3 * spacing:
         step = SPEED_OF_LIGHT / spacing / size

@@ -32,12 +32,15 @@ class PairFit:
     contrast: NDArray[np.float64]
 
 
-def estimate_pairs(run: xr.Dataset, point: ArrayLike, kind: str = "sphere", search: float = 0.5) -> PairFit:
+def estimate_pairs(
+    run: xr.Dataset, point: ArrayLike, kind: str = "sphere", search: float = 0.5
+) -> PairFit:
     """Find delay and gain of every pair, in HH and VV, from the echo of a reflector at a known place.
 
-    The echo of a unit reflector is ``f^slope·exp(-j2πfL/c)/(R_t·R_r)``, R in metres and f over its mean. Scans are
-    averaged after each is brought to its own path, so that clutter at other places averages out. A corner sends its
-    echo back to where it came from: for pairs far apart take a sphere. Neither answers in HV and VH.
+    The echo of a unit reflector is ``f^slope·exp(-j2πfL/c)/(R_t·R_r)``, R in metres and f over its
+    mean. Scans are averaged after each is brought to its own path, so that clutter at other places
+    averages out. A corner sends its echo back to where it came from: for pairs far apart take a
+    sphere. Neither answers in HV and VH.
 
     Parameters
     ----------
@@ -62,7 +65,9 @@ def estimate_pairs(run: xr.Dataset, point: ArrayLike, kind: str = "sphere", sear
     rows = [k for k, label in enumerate(labels) if label in ("HH", "VV")]
     scans = np.flatnonzero(complete_scans(run))
     if not rows or not scans.size:
-        raise ValueError(f"run must have HH or VV and a complete scan, got {labels} and {scans.size} complete scans")
+        raise ValueError(
+            f"run must have HH or VV and a complete scan, got {labels} and {scans.size} complete scans"
+        )
     frequency = run["frequency"].values
     aligned = np.zeros((len(rows), run.sizes["pair"], frequency.size), np.complex128)
     for scan in scans:
@@ -78,7 +83,10 @@ def estimate_pairs(run: xr.Dataset, point: ArrayLike, kind: str = "sphere", sear
 
 
 def _fit(
-    labels: tuple[str, ...], aligned: NDArray[np.complex128], frequency: NDArray[np.float64], search: float
+    labels: tuple[str, ...],
+    aligned: NDArray[np.complex128],
+    frequency: NDArray[np.float64],
+    search: float,
 ) -> PairFit:
     resolution = SPEED_OF_LIGHT / max(float(np.ptp(frequency)), 1.0)
     offsets = np.arange(-search, search + resolution / 16, resolution / 8)
@@ -102,7 +110,9 @@ def apply_pairs(run: xr.Dataset, fit: PairFit) -> xr.Dataset:
     ValueError.
     """
     if fit.delay.shape[1] != run.sizes["pair"]:
-        raise ValueError(f"run must have {fit.delay.shape[1]} pairs as the calibration has, got {run.sizes['pair']}")
+        raise ValueError(
+            f"run must have {fit.delay.shape[1]} pairs as the calibration has, got {run.sizes['pair']}"
+        )
     if (np.abs(fit.gain) == 0).any():
         dead = np.argwhere(np.abs(fit.gain) == 0)[0]
         raise ValueError(
@@ -114,7 +124,9 @@ def apply_pairs(run: xr.Dataset, fit: PairFit) -> xr.Dataset:
     for k, label in enumerate(fit.polarization):
         if label in labels:
             row = labels.index(label)
-            shifted = lengthen(signal[:, row], run["frequency"].values, -fit.delay[k] * SPEED_OF_LIGHT)
+            shifted = lengthen(
+                signal[:, row], run["frequency"].values, -fit.delay[k] * SPEED_OF_LIGHT
+            )
             signal[:, row] = shifted * (scale / fit.gain[k])[:, None]
     return run.assign(signal=(run["signal"].dims, signal))
 
@@ -152,22 +164,26 @@ def scattering_matrices(run: xr.Dataset) -> NDArray[Any]:
 def estimate_distortion(measured: ArrayLike, known: ArrayLike, iterations: int = 500) -> Distortion:
     """Find receive and transmit distortion from reflectors of known scattering matrix and unknown strength.
 
-    Least squares in R, T and the strengths in turn, from the undistorted pair, in at most ``iterations`` rounds. Three
-    reflectors are needed, such as a trihedral, a dihedral and a dihedral turned by 45°; a ValueError says where the
-    known matrices do not tell R and T. As strengths are free, the sign of both imbalances together stays open; the one
-    nearer to no distortion is taken.
+    Least squares in R, T and the strengths in turn, from the undistorted pair, in at most
+    ``iterations`` rounds. Three reflectors are needed, such as a trihedral, a dihedral and a
+    dihedral turned by 45°; a ValueError says where the known matrices do not tell R and T. As
+    strengths are free, the sign of both imbalances together stays open; the one nearer to no
+    distortion is taken.
 
     Parameters
     ----------
     measured : (..., reflector, 2, 2) array_like of complex
-        Measured matrices, rows receive, columns transmit; leading axes such as pair or frequency are fitted one by one.
+        Measured matrices, rows receive, columns transmit; leading axes such as pair or frequency
+        are fitted one by one.
     known : (reflector, 2, 2) array_like
         Scattering matrices.
     """
     m = np.asarray(measured, dtype=np.complex128)
     s = np.asarray(known, dtype=np.complex128)
     if s.ndim != 3 or s.shape[1:] != (2, 2) or m.shape[-3:] != s.shape:
-        raise ValueError(f"measured must have the shape (..., reflector, 2, 2) of known {s.shape}, got {m.shape}")
+        raise ValueError(
+            f"measured must have the shape (..., reflector, 2, 2) of known {s.shape}, got {m.shape}"
+        )
     if not (np.isfinite(m).all() and np.isfinite(s).all()):
         raise ValueError("measured and known must be finite")
     if np.linalg.matrix_rank(s.reshape(len(s), 4)) < 3:
@@ -184,7 +200,9 @@ def estimate_distortion(measured: ArrayLike, known: ArrayLike, iterations: int =
             break
     model = r[..., None, :, :] @ s @ t[..., None, :, :]
     rest = m - _strength(m, model)[..., None, None] * model
-    misfit = np.sqrt((np.abs(rest) ** 2).sum(axis=(-3, -2, -1)) / (np.abs(m) ** 2).sum(axis=(-3, -2, -1)))
+    misfit = np.sqrt(
+        (np.abs(rest) ** 2).sum(axis=(-3, -2, -1)) / (np.abs(m) ** 2).sum(axis=(-3, -2, -1))
+    )
     return Distortion(r, t, misfit)
 
 
@@ -200,7 +218,9 @@ def remove_distortion(run: xr.Dataset, distortion: Distortion) -> xr.Dataset:
     except np.linalg.LinAlgError:
         raise ValueError("distortion must be invertible, it is not: a dead channel?") from None
     clean = left @ scattering_matrices(run) @ right
-    signal = np.stack([clean[(..., *_PLACE[str(label)])] for label in run["polarization"].values], axis=1)
+    signal = np.stack(
+        [clean[(..., *_PLACE[str(label)])] for label in run["polarization"].values], axis=1
+    )
     return run.assign(signal=(run["signal"].dims, signal.astype(run["signal"].dtype)))
 
 
@@ -215,7 +235,9 @@ def _side(m: NDArray[Any], x: NDArray[Any], r: NDArray[Any]) -> NDArray[Any]:
 
 def _strength(m: NDArray[Any], model: NDArray[Any]) -> NDArray[Any]:
     power = (np.abs(model) ** 2).sum(axis=(-2, -1))
-    return np.asarray((model.conj() * m).sum(axis=(-2, -1)) / np.maximum(power, np.finfo(float).tiny))
+    return np.asarray(
+        (model.conj() * m).sum(axis=(-2, -1)) / np.maximum(power, np.finfo(float).tiny)
+    )
 
 
 def _turned(m: NDArray[Any]) -> NDArray[Any]:

@@ -24,15 +24,18 @@ def divide_by_through(run: xr.Dataset, through: xr.Dataset, length: ArrayLike = 
     Parameters
     ----------
     run, through : xarray.Dataset
-        A run, and sweeps of the same pairs, polarizations and tones with the antennas' cables joined, which are
-        averaged; others, or ones that are missing or zero somewhere, are a ValueError.
+        A run, and sweeps of the same pairs, polarizations and tones with the antennas' cables
+        joined, which are averaged; others, or ones that are missing or zero somewhere, are a
+        ValueError.
     length : (pair,) array_like or float
         Electrical length of the joint that takes the antennas' place, m.
     """
     mean = _mean(run, through).values
     if (mean == 0).any():
         where = np.argwhere(mean == 0)[0]
-        raise ValueError(f"through must not be zero, it is for pair {where[1]} at tone {where[2]}: is a channel dead?")
+        raise ValueError(
+            f"through must not be zero, it is for pair {where[1]} at tone {where[2]}: is a channel dead?"
+        )
     path = np.broadcast_to(np.asarray(length, dtype=np.float64), (run.sizes["pair"],))
     signal = lengthen(run["signal"].values / mean, run["frequency"].values, path)
     return run.assign(signal=(run["signal"].dims, signal.astype(np.complex64)))
@@ -43,9 +46,13 @@ def remove_delay(run: xr.Dataset, delay: ArrayLike) -> xr.Dataset:
     check_run(run)
     value = np.asarray(delay, dtype=np.float64)
     if value.shape not in ((), (run.sizes["pair"],)) or not np.isfinite(value).all():
-        raise ValueError(f"delay must be one finite value or one for each of {run.sizes['pair']} pairs")
+        raise ValueError(
+            f"delay must be one finite value or one for each of {run.sizes['pair']} pairs"
+        )
     path = np.broadcast_to(-SPEED_OF_LIGHT * value, (run.sizes["pair"],))
-    return run.assign(signal=(run["signal"].dims, lengthen(run["signal"].values, run["frequency"].values, path)))
+    return run.assign(
+        signal=(run["signal"].dims, lengthen(run["signal"].values, run["frequency"].values, path))
+    )
 
 
 def _mean(run: xr.Dataset, standard: xr.Dataset) -> xr.DataArray:
@@ -55,7 +62,9 @@ def _mean(run: xr.Dataset, standard: xr.Dataset) -> xr.DataArray:
         if not np.array_equal(run[name].values, standard[name].values):
             raise ValueError(f"run and standard must have the same {name}, they differ")
     if run.sizes["pair"] != standard.sizes["pair"]:
-        raise ValueError(f"standard must have {run.sizes['pair']} pairs as the run has, got {standard.sizes['pair']}")
+        raise ValueError(
+            f"standard must have {run.sizes['pair']} pairs as the run has, got {standard.sizes['pair']}"
+        )
     if not standard["valid"].values.all():
         raise ValueError("standard must have every sweep, some are missing")
     return standard["signal"].mean("scan")

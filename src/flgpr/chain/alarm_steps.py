@@ -33,21 +33,30 @@ class AlarmSteps:
     """How many targets and alarms each step before the training of a detector left."""
 
     targets: Tally
-    spent: Mapping[str, int]  #: targets by the stage that took them, which the detector does not learn from
+    spent: Mapping[
+        str, int
+    ]  #: targets by the stage that took them, which the detector does not learn from
     left: int  #: targets that no stage took
     raised: int  #: alarms, of which those with a confidence are labelled
     hits: int
     false_alarms: int
     neither: int
     hits_left: int  #: hits on targets that no stage took
-    complete: tuple[int, int]  #: hits and false alarms that have all features, on targets that no stage took
+    complete: tuple[
+        int, int
+    ]  #: hits and false alarms that have all features, on targets that no stage took
     radius: float  #: of hits about a target, m
-    have: Mapping[str, tuple[int, int]] = field(default_factory=dict)  #: of these, how many have a feature, by feature
+    have: Mapping[str, tuple[int, int]] = field(
+        default_factory=dict
+    )  #: of these, how many have a feature, by feature
 
     def counts(self, recipe: Recipe) -> list[Tally]:
         """List what each step left, in their order."""
         taken = [Tally(number, f"taken by {name}") for name, number in self.spent.items()]
-        lost = [Tally(number, f"alarms without the feature {name}") for name, number in self._lacking().items()]
+        lost = [
+            Tally(number, f"alarms without the feature {name}")
+            for name, number in self._lacking().items()
+        ]
         unranked = self.raised - self.hits - self.false_alarms - self.neither
         return [
             self.targets,
@@ -68,7 +77,9 @@ class AlarmSteps:
         """Word that a detector, shown both classes or one, has too few examples."""
         lost = self.ran_out(recipe, shown)
         why = f"it needs {error.needed}" + (f": {lost}" if lost else "")
-        return cannot_be_trained("detector", why, self.counts(recipe), [*error.changes, *self.changes(recipe, shown)])
+        return cannot_be_trained(
+            "detector", why, self.counts(recipe), [*error.changes, *self.changes(recipe, shown)]
+        )
 
     def _lacking(self) -> dict[str, int]:
         """Count the hits and false alarms left without a feature, by feature."""
@@ -89,7 +100,9 @@ class AlarmSteps:
             return f"no hit has all features ({names})"
         if shown != "mines" and not self.complete[1]:
             return (
-                f"no false alarm has all features ({names})" if self.false_alarms else f"{screen} raised no false alarm"
+                f"no false alarm has all features ({names})"
+                if self.false_alarms
+                else f"{screen} raised no false alarm"
             )
         return ""
 
@@ -101,7 +114,11 @@ class AlarmSteps:
         if no_hit and not self.left:
             named = recipe.named()
             shares = {name: getattr(named[name].settings, "share", 0.0) for name in self.spent}
-            return [Change("share", HALF, share, header(name)) for name, share in shares.items() if share > HALF]
+            return [
+                Change("share", HALF, share, header(name))
+                for name, share in shares.items()
+                if share > HALF
+            ]
         no_false_alarm = shown != "mines" and not self.complete[1]
         if (no_hit and self.hits_left) or (not no_hit and no_false_alarm and self.false_alarms):
             return self._fewer_features(recipe, shown)
@@ -115,7 +132,11 @@ class AlarmSteps:
             if (hits or shown == "clutter") and (false_alarms or shown == "mines")
         ]
         present = list(recipe.detector.features) if recipe.detector is not None else list(self.have)
-        return [Change("features", usable, present, "[detector]")] if 0 < len(usable) < len(self.have) else []
+        return (
+            [Change("features", usable, present, "[detector]")]
+            if 0 < len(usable) < len(self.have)
+            else []
+        )
 
 
 def screen_changes(recipe: Recipe) -> list[Change]:
@@ -154,8 +175,12 @@ def count_alarm_steps(
     """
     truths = [truth for *_, truth, _ in lanes]
     taken = np.concatenate([_taken(truth, number, spent) for number, truth in enumerate(truths)])
-    labels = label_lanes([(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes], label_radius)
-    known = np.isfinite(pd.concat([one[2] for one in lanes])[list(columns)].to_numpy(dtype=np.float64))
+    labels = label_lanes(
+        [(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes], label_radius
+    )
+    known = np.isfinite(
+        pd.concat([one[2] for one in lanes])[list(columns)].to_numpy(dtype=np.float64)
+    )
     hit = (labels["label"] == "hit").to_numpy()
     false = (labels["label"] == "false").to_numpy()
     hit_left = hit & ~np.append(taken, True)[labels["target"].to_numpy()]
@@ -171,11 +196,16 @@ def count_alarm_steps(
         hits_left=int(hit_left.sum()),
         complete=(int((hit_left & whole).sum()), int((false & whole).sum())),
         radius=label_radius,
-        have={name: (int(known[hit_left, k].sum()), int(known[false, k].sum())) for k, name in enumerate(columns)},
+        have={
+            name: (int(known[hit_left, k].sum()), int(known[false, k].sum()))
+            for k, name in enumerate(columns)
+        },
     )
 
 
-def _taken(truth: pd.DataFrame, lane: int, spent: Mapping[str, Sequence[pd.DataFrame]]) -> NDArray[np.bool_]:
+def _taken(
+    truth: pd.DataFrame, lane: int, spent: Mapping[str, Sequence[pd.DataFrame]]
+) -> NDArray[np.bool_]:
     """Tell which targets of a lane, by its number, some stage took."""
     taken = np.zeros(len(truth), bool)
     for rows in spent.values():

@@ -10,7 +10,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr import detect  # what it offers loads scikit-learn, which only what has learnt or learns needs
+from flgpr import (
+    detect,
+)  # what it offers loads scikit-learn, which only what has learnt or learns needs
 from flgpr.chain.too_few import check_classes
 from flgpr.detect.scorers.checks import Checked
 from flgpr.model import Lane
@@ -58,7 +60,11 @@ class Classifier:
 
     def about(self) -> dict[str, Any]:
         """Tell what JSON can hold of it."""
-        return {"estimator": "fisher", "features": list(self.features), "threshold": self.discriminant.threshold_}
+        return {
+            "estimator": "fisher",
+            "features": list(self.features),
+            "threshold": self.discriminant.threshold_,
+        }
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Give its arrays."""
@@ -78,7 +84,9 @@ class Classifier:
         checked.done()
         for name, one in zip(names, knots, strict=True):
             if one.shape[1] < 1 or not (np.diff(one[0]) > 0).all():
-                raise ValueError(f"detector's knots of {name!r} must rise, one at least, got {one.shape[1]}")
+                raise ValueError(
+                    f"detector's knots of {name!r} must rise, one at least, got {one.shape[1]}"
+                )
         normalizer = detect.HistogramNormalizer()
         normalizer.knots_ = knots
         discriminant = detect.FisherDiscriminant()
@@ -93,7 +101,9 @@ class Classifier:
         values, whole = feature_values(features, self.features)
         result = np.full(len(values), np.nan)
         if whole.any():
-            result[whole] = self.discriminant.decision_function(self.normalizer.transform(values[whole]))
+            result[whole] = self.discriminant.decision_function(
+                self.normalizer.transform(values[whole])
+            )
         return result
 
 
@@ -101,15 +111,21 @@ def checked_names(names: Any) -> tuple[str, ...]:
     """Take names of columns from a model's words: different texts, at least one."""
     texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
     if not texts or not names or len(set(names)) < len(names):
-        raise ValueError(f"detector.features must be a list of different names, got {str(names)[:60]!r}")
+        raise ValueError(
+            f"detector.features must be a list of different names, got {str(names)[:60]!r}"
+        )
     return tuple(names)
 
 
-def feature_values(features: pd.DataFrame, names: Sequence[str]) -> tuple[FloatArray, NDArray[np.bool_]]:
+def feature_values(
+    features: pd.DataFrame, names: Sequence[str]
+) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Take columns out of a feature table: values (alarm, feature), and which alarms have all of them."""
     missing = [name for name in names if name not in features.columns]
     if missing:
-        raise ValueError(f"features must hold the columns the model reads; missing: {', '.join(missing)}")
+        raise ValueError(
+            f"features must hold the columns the model reads; missing: {', '.join(missing)}"
+        )
     values = features[list(names)].to_numpy(dtype=np.float64)
     return values, np.isfinite(values).all(axis=1)
 
@@ -146,8 +162,9 @@ def count_mines(truths: Iterable[pd.DataFrame]) -> int:
 def duplication(labels: pd.DataFrame, mines: int, label_radius: float = 1.0) -> NDArray[np.int64]:
     """Weigh labelled alarms (alarm,) by Eq. 18 and 19 of Wang et al. 2007.
 
-    W0 is "the ratio between the number of FAs and the number of actual targets"; simulants are not counted among these
-    (:func:`count_mines`), as the paper speaks of an "actual mine" or a simulant where it defines β.
+    W0 is "the ratio between the number of FAs and the number of actual targets"; simulants are not
+    counted among these (:func:`count_mines`), as the paper speaks of an "actual mine" or a simulant
+    where it defines β.
 
     Parameters
     ----------
@@ -159,7 +176,9 @@ def duplication(labels: pd.DataFrame, mines: int, label_radius: float = 1.0) -> 
         r_label, m.
     """
     W0 = float((labels["label"] == "false").sum() / max(mines, 1))
-    return detect.hit_weights(labels["target"], labels["distance"].fillna(0.0), W0, labels["beta"], label_radius)
+    return detect.hit_weights(
+        labels["target"], labels["distance"].fillna(0.0), W0, labels["beta"], label_radius
+    )
 
 
 def make_training_set(
@@ -173,20 +192,32 @@ def make_training_set(
     Left out are those that are neither hit nor false, that lack one of the ``columns`` (default all), and hits on the
     rows of each lane's truth that are ``spent``, as they made templates or thresholds.
     """
-    labels = label_lanes([(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes], label_radius)
+    labels = label_lanes(
+        [(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes], label_radius
+    )
     table = pd.concat([features for _, _, features, _, _ in lanes], ignore_index=True)
-    known = np.isfinite(table[list(columns or table.columns)].to_numpy(dtype=np.float64)).all(axis=1)
+    known = np.isfinite(table[list(columns or table.columns)].to_numpy(dtype=np.float64)).all(
+        axis=1
+    )
     keep = known & (labels["label"] != "neither").to_numpy()
     if spent:
-        used = np.concatenate([truth.index.isin(one.index) for (*_, truth, _), one in zip(lanes, spent, strict=True)])
-        keep &= ~np.append(used, False)[labels["target"].to_numpy()]  # those that hit nothing have the number -1
+        used = np.concatenate(
+            [truth.index.isin(one.index) for (*_, truth, _), one in zip(lanes, spent, strict=True)]
+        )
+        keep &= ~np.append(used, False)[
+            labels["target"].to_numpy()
+        ]  # those that hit nothing have the number -1
     labels = labels[keep]
     weight = duplication(labels, count_mines(truth for *_, truth, _ in lanes), label_radius)
     label = (labels["label"] == "hit").to_numpy().astype(np.int64)
-    return TrainingSet(table[keep].reset_index(drop=True), label, weight, labels["lane"].to_numpy(dtype=str))
+    return TrainingSet(
+        table[keep].reset_index(drop=True), label, weight, labels["lane"].to_numpy(dtype=str)
+    )
 
 
-def train(examples: TrainingSet, features: Sequence[str] = CLASSIFIER_B, duplicate: bool = True) -> Classifier:
+def train(
+    examples: TrainingSet, features: Sequence[str] = CLASSIFIER_B, duplicate: bool = True
+) -> Classifier:
     """Train a classifier on some columns; without ``duplicate`` every hit counts once. Each class needs an example."""
     missing = [name for name in features if name not in examples.features.columns]
     if missing:
@@ -195,7 +226,9 @@ def train(examples: TrainingSet, features: Sequence[str] = CLASSIFIER_B, duplica
     values = examples.features[list(features)].to_numpy(dtype=np.float64)
     weight = examples.weight if duplicate else np.ones_like(examples.weight)
     normalizer = detect.HistogramNormalizer().fit(values, sample_weight=weight)
-    discriminant = detect.FisherDiscriminant().fit(normalizer.transform(values), examples.label, sample_weight=weight)
+    discriminant = detect.FisherDiscriminant().fit(
+        normalizer.transform(values), examples.label, sample_weight=weight
+    )
     notes = {
         "hits": int(examples.label.sum()),
         "false_alarms": int((examples.label == 0).sum()),

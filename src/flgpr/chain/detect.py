@@ -37,12 +37,16 @@ def detect(
     track : Track
         Shows progress.
     model : Model or its detector, optional
-        What the recipe's stages have learnt; its detector's score is the confidence, by default the local contrast.
+        What the recipe's stages have learnt; its detector's score is the confidence, by default the
+        local contrast.
     section : Section, optional
         Part of the lane, for recipes without variants; default all of it.
     others : mapping of str to xarray.Dataset, optional
-        Runs taken together with this one, such as a second band, by the names that the recipe gives them.
+        Runs taken together with this one, such as a second band, by the names that the recipe gives
+        them.
     """
-    chain = LaneChain(run, recipe, area_of(run, recipe, lane), model, section=section, others=others)
+    chain = LaneChain(
+        run, recipe, area_of(run, recipe, lane), model, section=section, others=others
+    )
     chain.go(track)
     return chain.detections()

@@ -47,7 +47,9 @@ def find_estimator(name: str) -> Any:
     except ModuleNotFoundError as error:
         if not module.startswith("pyod"):
             raise
-        raise ModuleNotFoundError(f"estimator {name} needs PyOD: pip install 'flgpr[benchmark]'") from error
+        raise ModuleNotFoundError(
+            f"estimator {name} needs PyOD: pip install 'flgpr[benchmark]'"
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,9 @@ class TrainedEstimator:
 
     def contributions(self, features: pd.DataFrame) -> pd.DataFrame:
         """Give the confidences under the estimator's name: what is not linear has no shares of single features."""
-        return pd.DataFrame({self.name: self.confidence(features) if len(features) else np.zeros(0)})
+        return pd.DataFrame(
+            {self.name: self.confidence(features) if len(features) else np.zeros(0)}
+        )
 
     def about(self) -> dict[str, Any]:
         """Tell what JSON can hold of it."""
@@ -138,13 +142,22 @@ class TrainedEstimator:
 
 def _vector(name: str, arrays: dict[str, NDArray[Any]], length: int) -> FloatArray:
     value = arrays.pop(name, None)
-    if value is None or value.dtype != np.float64 or value.shape != (length,) or not np.isfinite(value).all():
+    if (
+        value is None
+        or value.dtype != np.float64
+        or value.shape != (length,)
+        or not np.isfinite(value).all()
+    ):
         got = "none" if value is None else f"{value.dtype} {value.shape}"
-        raise ValueError(f"detector.{name} must hold a finite float64 number for each of {length} features, got {got}")
+        raise ValueError(
+            f"detector.{name} must hold a finite float64 number for each of {length} features, got {got}"
+        )
     return value
 
 
-def train_estimator(examples: TrainingSet, table: DetectorTable, features: Sequence[str]) -> TrainedEstimator:
+def train_estimator(
+    examples: TrainingSet, table: DetectorTable, features: Sequence[str]
+) -> TrainedEstimator:
     """Train the estimator that a recipe names on some columns of labelled alarms.
 
     A class without an example, options that do not fit the estimator, or options with which it cannot be kept as plain
@@ -170,7 +183,11 @@ def train_estimator(examples: TrainingSet, table: DetectorTable, features: Seque
         scorer = scorer_of(table.estimator, estimator)
     except ValueError as error:
         raise ValueError(f"detector {table.estimator} cannot be kept: {error}") from None
-    notes = {"hits": int(mines.sum()), "false_alarms": int((~mines).sum()), "lanes": np.unique(examples.lane).tolist()}
+    notes = {
+        "hits": int(mines.sum()),
+        "false_alarms": int((~mines).sum()),
+        "lanes": np.unique(examples.lane).tolist(),
+    }
     return TrainedEstimator(
         table.estimator, tuple(features), centre, scale, scorer, notes, unlike=table.on == "clutter"
     )
@@ -183,6 +200,10 @@ def _check_examples(table: DetectorTable, hits: int, false_alarms: int) -> None:
     neighbours = int(table.options.get("n_neighbors", _NEIGHBOURS))
     least = {"mixture": 2, "lda": 3, "knn": neighbours + 1}.get(table.estimator, 1)
     if shown < least:
-        fewer = [Change("n_neighbors", shown - 1, neighbours, "[detector.options]")] if shown > 1 else []
+        fewer = (
+            [Change("n_neighbors", shown - 1, neighbours, "[detector.options]")]
+            if shown > 1
+            else []
+        )
         needed = f"{least} examples or more for {table.estimator}, got {shown}"
         raise TooFewExamplesError(needed, changes=fewer if table.estimator == "knn" else [])

@@ -47,7 +47,9 @@ class Evidence:
     #: per alarm (scan, value), dB: patches (polarization, subband, y, x), cuts (polarization, subband, cut), A-scans
     #: (polarization, trace), one after the other; NaN outside the image
     blocks: list[NDArray[np.float16]]
-    polarimetric: pd.DataFrame  #: ``entropy`` and ``alpha`` (rad) per alarm; NaN where a polarization is missing
+    polarimetric: (
+        pd.DataFrame
+    )  #: ``entropy`` and ``alpha`` (rad) per alarm; NaN where a polarization is missing
     #: adds, alone: what a look's value is made of, where the map tells, and what explains it without adding up
     adds: list[str] = field(default_factory=list)
     alone: list[str] = field(default_factory=list)
@@ -72,7 +74,9 @@ def in_order(evidence: Evidence, rows: NDArray[np.intp]) -> Evidence:
     known = len(evidence.scans)
     wanted = rows[:MOST_ALARMS]
     scans = [evidence.scans[row] if row < known else [] for row in wanted]
-    blocks = [evidence.blocks[row] if row < known else np.zeros((0, 0), np.float16) for row in wanted]
+    blocks = [
+        evidence.blocks[row] if row < known else np.zeros((0, 0), np.float16) for row in wanted
+    ]
     points = evidence.polarimetric.reindex(wanted).reset_index(drop=True)
     columns = 3 + len(evidence.adds) + len(evidence.alone)
     causes = [evidence.causes[row] if row < known else np.zeros((0, columns)) for row in wanted]
@@ -126,20 +130,26 @@ class EvidenceSums:
         self._parts = parts
         self._falloff = falloff
         self._names: tuple[list[str], list[str]] = ([], [])
-        self._causes: list[tuple[NDArray[np.intp], NDArray[np.float64]]] = []  # numbers of alarms, and a row each
+        self._causes: list[
+            tuple[NDArray[np.intp], NDArray[np.float64]]
+        ] = []  # numbers of alarms, and a row each
         self._poses = poses
         self._nearest: list[set[int]] | None = None
 
     @cached_property
     def _kernel(self) -> NDArray[np.complex128]:
-        return range_kernel(np.zeros(2) if self._run is None else self._run["frequency"].values, _TRACE)
+        return range_kernel(
+            np.zeros(2) if self._run is None else self._run["frequency"].values, _TRACE
+        )
 
     def add(self, image: xr.DataArray, signal: NDArray[np.complex64] | None = None) -> None:
         """Take in a cleaned scan image (polarization, subband, y, x) in the scan frame with ``scan`` and ``pose``.
 
         ``signal`` is the run's data of the scan, where it has been read already.
         """
-        polarization, subband = ([str(label) for label in image[n].values] for n in ("polarization", "subband"))
+        polarization, subband = (
+            [str(label) for label in image[n].values] for n in ("polarization", "subband")
+        )
         self._channels = (polarization, subband)
         scan = int(image.attrs["scan"])
         pose = np.asarray(image.attrs["pose"])
@@ -147,25 +157,42 @@ class EvidenceSums:
         if self._poses is not None and self._nearest is None:
             self._nearest = self._nearest_scans(image, self._poses)
         seen = _in_sight(image, local, self._y_max)
-        wanted = [int(number) for number in seen if self._nearest is None or scan in self._nearest[number]]
+        wanted = [
+            int(number) for number in seen if self._nearest is None or scan in self._nearest[number]
+        ]
         if wanted:
             parts = _samples(image, local[wanted], self._patch)
             if self._run is not None:
-                read = np.asarray(self._run["signal"].isel(scan=scan).values) if signal is None else signal
-                tx, rx = (vehicle_to_scan(self._run[name].values, pose) for name in ("tx_position", "rx_position"))
+                read = (
+                    np.asarray(self._run["signal"].isel(scan=scan).values)
+                    if signal is None
+                    else signal
+                )
+                tx, rx = (
+                    vehicle_to_scan(self._run[name].values, pose)
+                    for name in ("tx_position", "rx_position")
+                )
                 frequency = self._run["frequency"].values
                 parts.append(focused_trace(read, frequency, tx, rx, local[wanted], self._kernel))
-            values = np.concatenate([decibels(part).reshape(len(wanted), -1) for part in parts], axis=1)
+            values = np.concatenate(
+                [decibels(part).reshape(len(wanted), -1) for part in parts], axis=1
+            )
             for number, one in zip(wanted, values, strict=True):
                 self._look(number, _Look(scan, _distance(local[number]), one.copy()))
         self._seen[seen] = True
         if seen.size and self._parts is not None:
             self._cause(image, seen, local[seen], self._parts(image))
         if seen.size:
-            self._coherency[seen] += _coherency(image.sel(subband=self._subband or subband[0]), local[seen])
+            self._coherency[seen] += _coherency(
+                image.sel(subband=self._subband or subband[0]), local[seen]
+            )
 
     def _cause(
-        self, image: xr.DataArray, seen: NDArray[np.intp], local: NDArray[np.float64], parts: tuple[Maps, Maps]
+        self,
+        image: xr.DataArray,
+        seen: NDArray[np.intp],
+        local: NDArray[np.float64],
+        parts: tuple[Maps, Maps],
     ) -> None:
         """Take in what a look's value at each alarm in sight is made of."""
         self._names = list(parts[0]), list(parts[1])
@@ -179,7 +206,9 @@ class EvidenceSums:
             scan = np.full(len(seen), float(image.attrs["scan"]))
             self._causes.append((seen, np.column_stack([scan, distance, weight, values])))
 
-    def _nearest_scans(self, image: xr.DataArray, poses: Mapping[int, NDArray[np.float64]]) -> list[set[int]]:
+    def _nearest_scans(
+        self, image: xr.DataArray, poses: Mapping[int, NDArray[np.float64]]
+    ) -> list[set[int]]:
         """Find the scans of every alarm that will be kept; all images have the pixels of this one."""
         seeing: list[list[tuple[float, int]]] = [[] for _ in self._points]
         for scan, pose in poses.items():
@@ -211,7 +240,10 @@ class EvidenceSums:
     def merge(self, state: dict[str, NDArray[Any]]) -> None:
         """Take in what another gathered of other scans for the same alarms."""
         if state["polarization"].size:
-            self._channels = ([str(n) for n in state["polarization"]], [str(n) for n in state["subband"]])
+            self._channels = (
+                [str(n) for n in state["polarization"]],
+                [str(n) for n in state["subband"]],
+            )
         if state["cause"].size:
             self._names = [str(n) for n in state["adds"]], [str(n) for n in state["alone"]]
             self._causes.append((state["cause"], state["causes"]))
@@ -228,7 +260,10 @@ class EvidenceSums:
             self._patch,
             _CUT,
             _TRACE if self._run is not None else np.zeros(0),
-            [[{"scan": look.scan, "distance": round(look.distance, 3)} for look in one] for one in self._looks],
+            [
+                [{"scan": look.scan, "distance": round(look.distance, 3)} for look in one]
+                for one in self._looks
+            ],
             [_stacked(one) for one in self._looks],
             entropy_alpha_points(self._coherency),
             *self._names,
@@ -265,11 +300,18 @@ def _distance(point: NDArray[np.float64]) -> float:
 
 def _in_sight(image: xr.DataArray, local: NDArray[np.float64], y_max: float) -> NDArray[np.intp]:
     x, y = image["x"].values, image["y"].values
-    inside = (local[:, 0] >= x[0]) & (local[:, 0] <= x[-1]) & (local[:, 1] >= y[0]) & (local[:, 1] <= y[-1])
+    inside = (
+        (local[:, 0] >= x[0])
+        & (local[:, 0] <= x[-1])
+        & (local[:, 1] >= y[0])
+        & (local[:, 1] <= y[-1])
+    )
     return np.flatnonzero(inside & (local[:, 1] <= y_max))
 
 
-def _samples(image: xr.DataArray, points: NDArray[np.float64], patch: PatchShape) -> list[NDArray[np.float32]]:
+def _samples(
+    image: xr.DataArray, points: NDArray[np.float64], patch: PatchShape
+) -> list[NDArray[np.float32]]:
     """Magnitudes about points (alarm, 3), by alarm and channel: patches (y, x), and cuts along the line of sight."""
     grid = grid_of(image)
     magnitude = np.abs(image.values)
@@ -281,14 +323,20 @@ def _samples(image: xr.DataArray, points: NDArray[np.float64], patch: PatchShape
         _CUT[:, None] * away[:, None],
     ):
         at = where.reshape(-1, *[1] * (offsets.ndim - 2), 2) + offsets
-        sampled = bilinear(magnitude, (at[..., 1] - grid.y_min) / grid.dy, (at[..., 0] - grid.x_min) / grid.dx)
+        sampled = bilinear(
+            magnitude, (at[..., 1] - grid.y_min) / grid.dy, (at[..., 0] - grid.x_min) / grid.dx
+        )
         parts.append(np.moveaxis(sampled, 2, 0))
     return parts
 
 
-def range_kernel(frequency: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.complex128]:
+def range_kernel(
+    frequency: NDArray[np.float64], offsets: NDArray[np.float64]
+) -> NDArray[np.complex128]:
     """Make the matrix (frequency, offset) ``w(f)·exp(+j4πfr/c)``, w the Hann window of sum one, r in m."""
-    weight = band_weights(frequency, ((float(frequency[0]), float(frequency[-1])),), WINDOWS["hann"])[0]
+    weight = band_weights(
+        frequency, ((float(frequency[0]), float(frequency[-1])),), WINDOWS["hann"]
+    )[0]
     scale = weight / max(float(weight.sum()), np.finfo(float).tiny)
     phase = 4 * np.pi * frequency[:, None] * offsets / SPEED_OF_LIGHT
     return np.asarray(scale[:, None] * np.exp(1j * phase), dtype=np.complex128)
@@ -328,7 +376,9 @@ def _coherency(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.c
     pixels = np.broadcast_arrays(row, column)
     hh, vv = (bilinear(image.values[labels.index(name)], *pixels) for name in ("HH", "VV"))
     hv = np.mean([bilinear(image.values[labels.index(name)], *pixels) for name in cross], axis=0)
-    vector = np.nan_to_num(np.stack([hh + vv, hh - vv, 2 * hv], axis=1).reshape(len(points), 3, -1)) / np.sqrt(2)
+    vector = np.nan_to_num(
+        np.stack([hh + vv, hh - vv, 2 * hv], axis=1).reshape(len(points), 3, -1)
+    ) / np.sqrt(2)
     return np.asarray(vector @ vector.conj().swapaxes(1, 2), dtype=np.complex128)
 
 

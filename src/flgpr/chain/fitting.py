@@ -59,8 +59,13 @@ _SPACINGS = (0.01, 0.02, 0.025, 0.03, 0.04, 0.05, 0.1)
 _PIXEL = 2 / 3  # of a resolution cell, as in the paper's images
 _GAP = 20  # usual steps without a tone that divide two bands
 _ALIKE = 0.95  # length of the mean of the headings' unit vectors of a radar that looks one way
-_ACROSS = 0.5, 2.0  # m, and array widths, that a radar goes across its course at least to be a synthetic aperture
-_FAR_APERTURE = 8.0  # antenna heights up to which such an aperture looks: it is as wide as what it looks at
+_ACROSS = (
+    0.5,
+    2.0,
+)  # m, and array widths, that a radar goes across its course at least to be a synthetic aperture
+_FAR_APERTURE = (
+    8.0  # antenna heights up to which such an aperture looks: it is as wide as what it looks at
+)
 _OUTSIDE = 0.1  # part of a sub-band that may lie outside the run's band
 _HEIGHTS = (0.5, 3.5)  # antenna heights ahead at which an image may begin without a warning
 
@@ -115,8 +120,13 @@ class _Setup:
 def _setup_of(run: xr.Dataset, aperture: bool = False) -> _Setup:
     poses = run["pose"].values[complete_scans(run)]
     if not len(poses):
-        raise ValueError(f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}")
-    tx, rx = (vehicle_to_scan(run[f"{end}_position"].values, np.median(poses, axis=0)) for end in ("tx", "rx"))
+        raise ValueError(
+            f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}"
+        )
+    tx, rx = (
+        vehicle_to_scan(run[f"{end}_position"].values, np.median(poses, axis=0))
+        for end in ("tx", "rx")
+    )
     labels = [str(label) for label in run["polarization"].values]
     return _Setup(labels, run["frequency"].values, tx, rx, poses, aperture)
 
@@ -215,11 +225,16 @@ def _channel_faults(recipe: Recipe, polarizations: Sequence[str], tones: FloatAr
     wants = [("contrast.polarization", recipe.contrast.polarization)]
     if recipe.map is None:
         wants.insert(0, ("prescreen.polarization", recipe.prescreen.polarization))
-    for name, wanted in [*wants, *(("image.polarizations", one) for one in recipe.image.polarizations)]:
+    for name, wanted in [
+        *wants,
+        *(("image.polarizations", one) for one in recipe.image.polarizations),
+    ]:
         if wanted not in polarizations:
             faults.append(f"{name} must be one the run has ({known}), got {wanted!r}")
     if recipe.features is not None and not _allow_features(polarizations):
-        faults.append(f"features must be left out unless the run has HH, VV and HV or VH, got {known}")
+        faults.append(
+            f"features must be left out unless the run has HH, VV and HV or VH, got {known}"
+        )
     for name, (low, high) in recipe.image.subbands.items():
         outside = max(tones[0] - low, 0.0) + max(high - tones[-1], 0.0)
         if outside > _OUTSIDE * (high - low) or not ((tones >= low) & (tones <= high)).any():
@@ -234,7 +249,9 @@ def _allow_features(polarizations: Sequence[str]) -> bool:
     return {"HH", "VV"} <= set(polarizations) and bool({"HV", "VH"} & set(polarizations))
 
 
-def recipe_for(run: str | Path, output: str | Path | None = None, max_memory: int = MAX_MEMORY) -> str:
+def recipe_for(
+    run: str | Path, output: str | Path | None = None, max_memory: int = MAX_MEMORY
+) -> str:
     """Make a recipe for a stored run, see :func:`fit_recipe`; write it if asked, where no other file is yet."""
     text = fit_recipe(open_run(run, max_memory))
     if output is not None:
@@ -245,11 +262,12 @@ def recipe_for(run: str | Path, output: str | Path | None = None, max_memory: in
 def fit_recipe(run: xr.Dataset) -> str:
     """Make a recipe from what a run is: its band, polarizations, array and course.
 
-    Lengths that belong to a mine are those of Wang et al. 2007; the rest follows from the run, and a comment beside
-    every entry says how. The same run gives the same text: with the table features where the run has HH, VV and HV
-    or VH, with a lane where it is shorter than its images. A run without a complete scan or height, or with tones
-    too few or too far apart to make an image, is a ValueError. A radar that moves past what it looks at, farther than
-    twice its array's width, gets an image over the whole run (``frames = "all"``).
+    Lengths that belong to a mine are those of Wang et al. 2007; the rest follows from the run, and
+    a comment beside every entry says how. The same run gives the same text: with the table features
+    where the run has HH, VV and HV or VH, with a lane where it is shorter than its images. A run
+    without a complete scan or height, or with tones too few or too far apart to make an image, is a
+    ValueError. A radar that moves past what it looks at, farther than twice its array's width, gets
+    an image over the whole run (``frames = "all"``).
 
     Examples
     --------
@@ -284,7 +302,9 @@ class _Choice:
 def _choose(setup: _Setup) -> _Choice:
     height = setup.height
     if not height >= 0.05:
-        raise ValueError(f"run.pose must put the antennas at least 0.05 m above the ground, got {height:.3g} m")
+        raise ValueError(
+            f"run.pose must put the antennas at least 0.05 m above the ground, got {height:.3g} m"
+        )
     blur = 1 if setup.drives else 2  # the main lobe of a Hann window is twice as wide
     bands = _divide(setup.tones, blur * _WIDTH)
     near = _NEAR * height
@@ -294,14 +314,18 @@ def _choose(setup: _Setup) -> _Choice:
     half = min(max(near, _VIEW), 2 * _VIEW)
     if setup.aperture:
         half = float(np.ptp(setup.tx[:, 0])) / 2 + max(near, _VIEW) + _PATCH / 2
-    reach = min((_FAR_APERTURE if setup.aperture else _FAR) * height, max(setup.reach(bands[subband]), middle))
+    reach = min(
+        (_FAR_APERTURE if setup.aperture else _FAR) * height,
+        max(setup.reach(bands[subband]), middle),
+    )
     far = _clear(setup, list(bands.values()), half, middle, reach + (_PATCH + _MEAN) / 2)
     reach = min(reach, max(far - _PATCH / 2, middle))
     own = bands[subband]
     widest = max(high - low for low, high in bands.values())
     fine = min(blur * SPEED_OF_LIGHT / (2 * widest), setup.cross(float(setup.tones[-1]), near))
     coarse = min(
-        blur * SPEED_OF_LIGHT / (2 * (own[1] - own[0])), setup.cross((own[0] + own[1]) / 2, (near + reach) / 2)
+        blur * SPEED_OF_LIGHT / (2 * (own[1] - own[0])),
+        setup.cross((own[0] + own[1]) / 2, (near + reach) / 2),
     )
     return _Choice(bands, subband, half, reach, far, _sensible(fine, 0.05), _sensible(coarse, 0.1))
 
@@ -309,7 +333,9 @@ def _choose(setup: _Setup) -> _Choice:
 def _divide(tones: FloatArray, least: float) -> dict[str, Band]:
     """Divide a band, or what gaps make of it, into the most equal parts of at least so many Hz that overlap."""
     steps = np.diff(tones)
-    pieces = np.split(tones, np.flatnonzero(steps > _GAP * np.median(steps)) + 1) if steps.size else []
+    pieces = (
+        np.split(tones, np.flatnonzero(steps > _GAP * np.median(steps)) + 1) if steps.size else []
+    )
     parts: list[Band] = []
     for piece in pieces:
         low = float(piece[0])
@@ -319,8 +345,12 @@ def _divide(tones: FloatArray, least: float) -> dict[str, Band]:
         starts = [low + number * width * (1 - _OVERLAP) for number in range(count)]
         parts += [(start, start + width) for start in starts if band > 0]
     if not parts:
-        raise ValueError(f"run.frequency must hold neighbouring tones, which make a band, got {tones.size} tone")
-    whole = {"F0": (float(tones[0]), float(tones[-1]))} if len(pieces) == 1 and len(parts) > 1 else {}
+        raise ValueError(
+            f"run.frequency must hold neighbouring tones, which make a band, got {tones.size} tone"
+        )
+    whole = (
+        {"F0": (float(tones[0]), float(tones[-1]))} if len(pieces) == 1 and len(parts) > 1 else {}
+    )
     return whole | {f"F{number}": part for number, part in enumerate(parts, 1)}
 
 
@@ -353,7 +383,9 @@ def _pixels(lengths: Sequence[float], spacing: float) -> list[int]:
 
 def _text(setup: _Setup, choice: _Choice) -> str:
     """Write a recipe, and beside every entry where it comes from."""
-    near, far, reach = (round(20 * (setup.ahead + y)) / 20 for y in (_NEAR * setup.height, choice.far, choice.reach))
+    near, far, reach = (
+        round(20 * (setup.ahead + y)) / 20 for y in (_NEAR * setup.height, choice.far, choice.reach)
+    )
     features = _allow_features(setup.polarizations)
     labels = ", ".join(setup.polarizations)
     polarization = next(label for label in ("HH", "VV", "HV", "VH") if label in setup.polarizations)
@@ -367,7 +399,9 @@ def _text(setup: _Setup, choice: _Choice) -> str:
     counts = f"{len(setup.poses)} complete scans and {len(setup.tx)} pairs"
     if setup.aperture:
         counts = f"{len(setup.tx)} places of antennas, one aperture"
-        ground = [(side, ahead, 0.0) for side in (-choice.half, choice.half) for ahead in (near, reach)]
+        ground = [
+            (side, ahead, 0.0) for side in (-choice.half, choice.half) for ahead in (near, reach)
+        ]
         covered = scan_to_lane(ground, setup.poses[0])[:, 0]
         view = (float(covered.min()), float(covered.max()))
         beside = "what the image covers"
@@ -377,13 +411,18 @@ def _text(setup: _Setup, choice: _Choice) -> str:
     fine = choice.fine
     coarse = choice.coarse
     paper = "as in Wang et al. 2007"
-    bands = "\n".join(f"{name} = [{low / 1e9:.6g}e9, {high / 1e9:.6g}e9]" for name, (low, high) in choice.bands.items())
+    bands = "\n".join(
+        f"{name} = [{low / 1e9:.6g}e9, {high / 1e9:.6g}e9]"
+        for name, (low, high) in choice.bands.items()
+    )
     window = 'window = "hann"  # its low sidelobes keep the direct coupling out, for no self-signature is subtracted'
-    signature = f'self_signature = "none"  # the mean of fewer than {_SCANS} scans {_APART:g} m apart holds the targets'
+    few = f"the mean of fewer than {_SCANS} scans {_APART:g} m apart holds the targets"
+    signature = f'self_signature = "none"  # {few}'
     if setup.drives:
-        window = (
-            'window = "boxcar"  # as in Wang et al. 2007: subtracting the self-signature removes the direct coupling'
+        reason = (
+            "as in Wang et al. 2007: subtracting the self-signature removes the direct coupling"
         )
+        window = f'window = "boxcar"  # {reason}'
         signature = 'self_signature = "mean"  # the vehicle drives on, so the mean scan holds little of any target'
     more = ""
     if features:

@@ -33,7 +33,9 @@ OTHER_PSI: dict[str, Literal["circular", "linear"]] = {"circular": "linear", "li
 _PSI_OF_GAIN: dict[str, Literal["circular", "linear"]] = {"shared": "circular", "own": "linear"}
 
 
-def look_sums(table: RunViewTable, grid: Grid, rows: slice | None = None) -> RunViewSums | MeanViewSums | RangeViewSums:
+def look_sums(
+    table: RunViewTable, grid: Grid, rows: slice | None = None
+) -> RunViewSums | MeanViewSums | RangeViewSums:
     """Make the sums of the recipe's look, on rows of a grid of the lane frame."""
     if table.look == "ranges":
         return RangeViewSums(grid, table.y_max, rows, table.ranges, table.within)
@@ -74,8 +76,12 @@ class StageSums:
 
     def add(self, image: xr.DataArray) -> None:
         """Take in one cleaned image."""
-        found = self.stage.of_image(image, lane_to_scan(self._points, np.asarray(image.attrs["pose"]))[:, :2])
-        values = np.stack([np.asarray(found[name], dtype=np.float64) for name in self.stage.columns], axis=1)
+        found = self.stage.of_image(
+            image, lane_to_scan(self._points, np.asarray(image.attrs["pose"]))[:, :2]
+        )
+        values = np.stack(
+            [np.asarray(found[name], dtype=np.float64) for name in self.stage.columns], axis=1
+        )
         self._total += np.nan_to_num(values)
         self._count += np.isfinite(values)
 
@@ -108,11 +114,15 @@ class AlarmFeatures:
     subbands: Sequence[str]
     grid: Grid
     stages: Mapping[str, FeatureStage]
-    polarimetric: tuple[str, ...] | None = None  #: sub-bands whose polarimetric features are read; None reads all
+    polarimetric: tuple[str, ...] | None = (
+        None  #: sub-bands whose polarimetric features are read; None reads all
+    )
 
     def channel(self, table: ContrastTable | PrescreenTable) -> tuple[int, int]:
         """Tell where the polarization and sub-band of a table stand in the images."""
-        return list(self.polarizations).index(table.polarization), list(self.subbands).index(table.subband)
+        return list(self.polarizations).index(table.polarization), list(self.subbands).index(
+            table.subband
+        )
 
     def clean(
         self,
@@ -127,7 +137,11 @@ class AlarmFeatures:
         table = self.recipe.features
         rows = self.grid.ny
         shared = table is not None and (table.gain == "shared" or table.variants)
-        own = own or bool(self.stages) or (table is not None and (table.gain == "own" or table.variants))
+        own = (
+            own
+            or bool(self.stages)
+            or (table is not None and (table.gain == "own" or table.variants))
+        )
         return CleanedScan(
             number,
             pose,
@@ -154,7 +168,9 @@ class AlarmFeatures:
             return self.recipe.confidence
         return f"C_{table.polarization}_{table.subband}"
 
-    def confidence(self, features: pd.DataFrame, magnitude: pd.Series[float], detector: Detector | None) -> Any:
+    def confidence(
+        self, features: pd.DataFrame, magnitude: pd.Series[float], detector: Detector | None
+    ) -> Any:
         """Score alarms by their features and magnitude; NaN where one that is read is missing."""
         read = features.assign(magnitude=magnitude)
         return read[self.single] if detector is None else detector.confidence(read)
@@ -166,7 +182,9 @@ class AlarmSums:
     ``rows``, ascending, are their numbers among all.
     """
 
-    def __init__(self, how: AlarmFeatures, alarms: pd.DataFrame, rows: NDArray[np.intp] | None = None) -> None:
+    def __init__(
+        self, how: AlarmFeatures, alarms: pd.DataFrame, rows: NDArray[np.intp] | None = None
+    ) -> None:
         self._how = how
         self.rows = np.arange(len(alarms)) if rows is None else rows
         recipe = how.recipe
@@ -177,7 +195,9 @@ class AlarmSums:
         if table is None:
             self._contrast = ContrastSums(alarms, how.grid, recipe.run_view.y_max, patch)
         else:
-            main = FeatureSettings(patch, table.inner, recipe.run_view.y_max, table.psi, how.polarimetric)
+            main = FeatureSettings(
+                patch, table.inner, recipe.run_view.y_max, table.psi, how.polarimetric
+            )
             settings = {"": main}
             self._gain: dict[str, str] = {"": table.gain, SWAPPED: table.gain}
             if table.variants:
@@ -185,7 +205,9 @@ class AlarmSums:
                 prefix = OTHER_GAIN[table.gain]
                 self._gain[prefix] = other
                 settings[SWAPPED] = main.swapped()
-                settings[prefix] = FeatureSettings(patch, main.inner, main.y_max, _PSI_OF_GAIN[other])
+                settings[prefix] = FeatureSettings(
+                    patch, main.inner, main.y_max, _PSI_OF_GAIN[other]
+                )
             self._ten = {
                 prefix: FeatureSums(alarms, how.polarizations, how.subbands, how.grid, one)
                 for prefix, one in settings.items()
@@ -201,10 +223,15 @@ class AlarmSums:
         """Take in scans, one after the other."""
         for prefix, ten in self._ten.items():
             own = self._gain[prefix] == "own"
-            ten.add_all((one.magnitude, _phased(one.own if own else one.coherent), one.pose) for one in scans)
+            ten.add_all(
+                (one.magnitude, _phased(one.own if own else one.coherent), one.pose)
+                for one in scans
+            )
         for one in scans:
             if self._contrast is not None:
-                self._contrast.add(one.magnitude[self._how.channel(self._how.recipe.contrast)], one.pose)
+                self._contrast.add(
+                    one.magnitude[self._how.channel(self._how.recipe.contrast)], one.pose
+                )
             if self._stages:
                 image = self._how.labelled(one)
                 for stage in self._stages.values():
@@ -232,12 +259,16 @@ class AlarmSums:
         for prefix, ten in self._ten.items():
             columns = ten.table()
             if prefix in OTHER_GAIN.values():
-                columns = columns[[f"{p}_{band}" for band in self._how.subbands for p in POLARIMETRIC]]
+                columns = columns[
+                    [f"{p}_{band}" for band in self._how.subbands for p in POLARIMETRIC]
+                ]
             if len(self._ten) > 1 and prefix != SWAPPED:
                 other = OTHER_PSI[ten.settings.psi]
                 names = [f"{other}.P_psi_{band}" for band in self._how.subbands]
                 columns = columns.join(pd.DataFrame(ten.psi(other), columns.index, names))
-            tables.append((columns.drop(columns="scans") if prefix == SWAPPED else columns).add_prefix(prefix))
+            tables.append(
+                (columns.drop(columns="scans") if prefix == SWAPPED else columns).add_prefix(prefix)
+            )
         return pd.concat([*tables, *(stage.table() for stage in self._stages.values())], axis=1)
 
 

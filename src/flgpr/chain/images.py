@@ -17,7 +17,10 @@ from flgpr.model import Lane, lane_to_scan, scan_to_lane
 
 
 def imager_of(
-    run: xr.Dataset, table: ImageTable, subbands: Sequence[str] = (), polarizations: Sequence[str] = ()
+    run: xr.Dataset,
+    table: ImageTable,
+    subbands: Sequence[str] = (),
+    polarizations: Sequence[str] = (),
 ) -> ScanImager:
     """Make the imager of a run on a recipe's grid, of some of its sub-bands and polarizations; default all."""
     bands = {name: table.subbands[name] for name in subbands or table.subbands}
@@ -70,7 +73,9 @@ class RunImages:
         """List the passes that the clutter stages need beforehand."""
         return [each for stage in self.stages.values() for each in stage.passes()]
 
-    def image(self, index: int, data: ComplexArray | None = None, rows: int | None = None) -> xr.DataArray:
+    def image(
+        self, index: int, data: ComplexArray | None = None, rows: int | None = None
+    ) -> xr.DataArray:
         """Image of the scan at an index among the complete ones, at least its nearest ``rows``, by default all.
 
         ``data`` stands in for a plain scan's own.

@@ -62,7 +62,10 @@ class Variation(NamedTuple):
 def variations_of(recipe: Recipe) -> list[Variation]:
     """List a recipe's own way and its variants'."""
     own = recipe.background.self_signature
-    others = (Variation(v.name, v.title, v.self_signature or own, v.suppress_roadside) for v in recipe.variants)
+    others = (
+        Variation(v.name, v.title, v.self_signature or own, v.suppress_roadside)
+        for v in recipe.variants
+    )
     return [Variation(MAIN, recipe.description, own), *others]
 
 
@@ -89,9 +92,13 @@ class Detection:
     frames: tuple[pd.DataFrame, dict[int, FloatArray]] | None = None
 
 
-def ranked(alarms: pd.DataFrame, features: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, NDArray[np.intp]]:
+def ranked(
+    alarms: pd.DataFrame, features: pd.DataFrame
+) -> tuple[pd.DataFrame, pd.DataFrame, NDArray[np.intp]]:
     """Drop alarms without a confidence, sort and name the rest, and keep their features, of the same index, in step."""
-    table = alarms[alarms["confidence"].notna()].sort_values("confidence", ascending=False, kind="stable")
+    table = alarms[alarms["confidence"].notna()].sort_values(
+        "confidence", ascending=False, kind="stable"
+    )
     features = features.loc[table.index].reset_index(drop=True)
     rows = table.index.to_numpy()
     table = table.reset_index(drop=True)
@@ -116,9 +123,13 @@ class CleanedRun:
         self._whole = whole if images.plain else images.image
         self.gains: FloatArray = background["gains"]
         imager = images.imager
-        self.whole_background = Background(**{name: background[name] for name in background if name != "gains"})
+        self.whole_background = Background(
+            **{name: background[name] for name in background if name != "gains"}
+        )
         self.background: Background = self.whole_background.cropped(self.grid.ny)
-        self.imager = ScanImager(imager.run, self.grid, imager.subbands, imager.window, imager.tolerance, imager.device)
+        self.imager = ScanImager(
+            imager.run, self.grid, imager.subbands, imager.window, imager.tolerance, imager.device
+        )
 
     def __len__(self) -> int:
         return len(self.imager)
@@ -169,20 +180,28 @@ class LaneChain(Chain):
         table = recipe.image
         names = recipe.named()
         self.untrained = unlearnt(recipe, self.model, training=truth is not None)
-        self.images = RunImages(as_imaged(run, recipe), recipe, lane, self.model, known, others or {})
+        self.images = RunImages(
+            as_imaged(run, recipe), recipe, lane, self.model, known, others or {}
+        )
         self.imager = self.images.imager
         self.setup = self.images.setup
         (median, _), (mean, _), _ = recipe.smoothing
         reach = self.imager.grid.ny if whole else self.images.grid.ny + median // 2 + mean // 2
-        self._reach = min(reach, self.imager.grid.ny)  # rows of the images that the background is estimated on
+        self._reach = min(
+            reach, self.imager.grid.ny
+        )  # rows of the images that the background is estimated on
         made = {
             name: stage.of(stage.settings, self.setup, self.model.stages.get(name))
             for name, stage in names.items()
             if not name.startswith("clutter.")
         }
         self.mapper = next((stage for stage in made.values() if isinstance(stage, MapStage)), None)
-        self._screener = next((stage for stage in made.values() if isinstance(stage, ScreenStage)), None)
-        self._columns = {name: stage for name, stage in made.items() if isinstance(stage, FeatureStage)}
+        self._screener = next(
+            (stage for stage in made.values() if isinstance(stage, ScreenStage)), None
+        )
+        self._columns = {
+            name: stage for name, stage in made.items() if isinstance(stage, FeatureStage)
+        }
         labels = [str(label) for label in self.imager.run["polarization"].values]
         stages = {name: one for name, one in self._columns.items() if one.columns}
         self._reads = AlarmFeatures(recipe, labels, list(table.subbands), self.images.grid, stages)
@@ -193,8 +212,11 @@ class LaneChain(Chain):
             check_confidence(recipe, self._column_names())
         self.section = Section(0, self.grid.ny) if section is None else section
         self._kept = kept_rows(recipe, lane, self.section)
-        channels = len(self.setup.imaged) * len(table.subbands) * self.imager.grid.nx * self.imager.grid.ny
-        # Variants go through the images again and again, and an aperture's is dear: those of a short run are kept.
+        channels = (
+            len(self.setup.imaged) * len(table.subbands) * self.imager.grid.nx * self.imager.grid.ny
+        )
+        # Variants go through the images again and again, and an aperture's is dear: those of a
+        # short run are kept.
         again = len(self.variations) > 1 or len(self.imager) == 1
         self._remembers = again and 8 * len(self.imager) * channels <= CACHE
         self._images: dict[tuple[int, bool], xr.DataArray] = {}
@@ -209,10 +231,22 @@ class LaneChain(Chain):
         targets = pd.DataFrame({"x": [], "y": []}) if truth is None else truth
         if learner in self.images.stages:
             stage = self.images.stages[learner]
-            return [*passes, Pass(f"learn.{learner}", f"examples for {learner}", lambda _: stage.examples(targets))]
+            return [
+                *passes,
+                Pass(
+                    f"learn.{learner}", f"examples for {learner}", lambda _: stage.examples(targets)
+                ),
+            ]
         suppresses = any(variation.suppressed for variation in self.variations)
         if suppresses:
-            passes.append(Pass("roadside", "bright roadside", lambda _: self.roadside.find(self._image), whole=True))
+            passes.append(
+                Pass(
+                    "roadside",
+                    "bright roadside",
+                    lambda _: self.roadside.find(self._image),
+                    whole=True,
+                )
+            )
         for variation in self.variations:
             kinds = (self._signature, self._gain, self._view, self._alarms, self._features)
             for kind, title in zip(kinds, KINDS.values(), strict=True):
@@ -240,13 +274,30 @@ class LaneChain(Chain):
         """
         kind = name.partition(".")[0]
         clutter = any(one.of.learns for one in self.recipe.clutter)
-        mapped = self.recipe.map is not None and self.recipe.map.of.learns and kind not in ("signature", "gain")
-        read = [one for one in self.recipe.columns if getattr(one.of, "of_image", None) is not FeatureStage.of_image]
-        if kind not in KINDS or kind == "alarms" or clutter or mapped or any(one.of.learns for one in read):
+        mapped = (
+            self.recipe.map is not None
+            and self.recipe.map.of.learns
+            and kind not in ("signature", "gain")
+        )
+        read = [
+            one
+            for one in self.recipe.columns
+            if getattr(one.of, "of_image", None) is not FeatureStage.of_image
+        ]
+        if (
+            kind not in KINDS
+            or kind == "alarms"
+            or clutter
+            or mapped
+            or any(one.of.learns for one in read)
+        ):
             return None
         later = kind in ("view", "features")
         tables = IMAGING | VIEWING if later else IMAGING
-        told: dict[str, Any] = {"pass": name, "recipe": self.recipe.model_dump(mode="json", include=tables)}
+        told: dict[str, Any] = {
+            "pass": name,
+            "recipe": self.recipe.model_dump(mode="json", include=tables),
+        }
         told["rows"] = self._reach
         if later:
             told.update(explains=self._explains, kept=[self._kept.start, self._kept.stop])
@@ -277,7 +328,9 @@ class LaneChain(Chain):
         if variation.name not in self._cleaned:
             single = len(self.variations) == 1 and not self._remembers
             whole = None if single else partial(self._image, suppressed=variation.suppressed)
-            self._cleaned[variation.name] = CleanedRun(self.images, self.known[variation.of("gain")], whole)
+            self._cleaned[variation.name] = CleanedRun(
+                self.images, self.known[variation.of("gain")], whole
+            )
         return self._cleaned[variation.name]
 
     def raised(self, variation: Variation | None = None) -> pd.DataFrame:
@@ -289,7 +342,9 @@ class LaneChain(Chain):
             threshold = lane_threshold(self.recipe, self.lane, table, int(known["seen"]))
         return table[table["magnitude"] >= threshold].reset_index(drop=True)
 
-    def ranked_alarms(self, variation: Variation | None = None) -> tuple[pd.DataFrame, pd.DataFrame]:
+    def ranked_alarms(
+        self, variation: Variation | None = None
+    ) -> tuple[pd.DataFrame, pd.DataFrame]:
         """Give ranked alarms, those with a confidence, and their features of a variation; needs its pass "features"."""
         return self._ranked(variation or self.variations[0])[:2]
 
@@ -299,12 +354,16 @@ class LaneChain(Chain):
         alarms = self.raised(variation)
         more = alarms[[name for name in alarms.columns if name not in ("x", "y", "magnitude")]]
         features = pd.concat([features, more], axis=1)
-        alarms["confidence"] = self._reads.confidence(features, alarms["magnitude"], self.model.detector)
+        alarms["confidence"] = self._reads.confidence(
+            features, alarms["magnitude"], self.model.detector
+        )
         alarms["scans"] = features["scans"]
         if variation.name == MAIN and "share" in self.passes:
             total = self.known["share"]["total"]
             modelled = self.known["share"]["modelled"]
-            features = features.assign(roadside=np.sqrt(modelled / np.maximum(total, np.finfo(float).tiny)))
+            features = features.assign(
+                roadside=np.sqrt(modelled / np.maximum(total, np.finfo(float).tiny))
+            )
         alarms, features, numbers = ranked(alarms, features)
         if "roadside" in features:
             alarms = alarms.assign(roadside=features["roadside"])
@@ -319,7 +378,9 @@ class LaneChain(Chain):
         view = self._own_view(variation.of("view"))
         notes = self._notes(variation)
         frames = self._found_by_frames() if variation.name == MAIN else None
-        return Detection(variation.name, variation.title, alarms, view, notes, features=features, frames=frames)
+        return Detection(
+            variation.name, variation.title, alarms, view, notes, features=features, frames=frames
+        )
 
     def detections(self) -> list[Detection]:
         """Give what every variation found, the recipe's own first, and what explains it; needs all passes."""
@@ -333,22 +394,38 @@ class LaneChain(Chain):
             detector = self.model.detector
             explained = in_order(sums.result(), self._ranked(variation)[2])
             if detector is None or features is None:
-                shares = pd.DataFrame({self._reads.single: detection.alarms["confidence"].to_numpy()})
+                shares = pd.DataFrame(
+                    {self._reads.single: detection.alarms["confidence"].to_numpy()}
+                )
             else:
                 shares = detector.contributions(features)
-            if explained.adds and isinstance(detector, TrainedEstimator) and detector.linear_in_magnitude:
+            if (
+                explained.adds
+                and isinstance(detector, TrainedEstimator)
+                and detector.linear_in_magnitude
+            ):
                 low, high = detector.confidence(pd.DataFrame({"magnitude": [0.0, 1.0]}))
                 shares = caused(explained, high - low, detection.alarms["confidence"])
             before = self._before() if variation.name == MAIN else None
             channel = screen.polarization, screen.subband
-            several.append(replace(detection, channel=channel, contributions=shares, evidence=explained, before=before))
+            several.append(
+                replace(
+                    detection,
+                    channel=channel,
+                    contributions=shares,
+                    evidence=explained,
+                    before=before,
+                )
+            )
         return several
 
     def _notes(self, variation: Variation) -> dict[str, Any]:
         notes: dict[str, Any] = {}
         detector = self.model.detector
         if self.recipe.features is not None or detector is not None:
-            notes["confidence"] = self._reads.single if detector is None else " + ".join(detector.features)
+            notes["confidence"] = (
+                self._reads.single if detector is None else " + ".join(detector.features)
+            )
         if "share" in self.passes and (variation.name == MAIN or variation.suppressed):
             notes |= self.roadside.notes()
         for stage in self.images.stages.values():
@@ -378,7 +455,12 @@ class LaneChain(Chain):
             tool.first_result,
         )
 
-    def _map_examples(self, mapper: MapStage, truth: pd.DataFrame, block: range | None) -> Accumulator:  # noqa: ARG002
+    def _map_examples(
+        self,
+        mapper: MapStage,
+        truth: pd.DataFrame,
+        block: range | None,  # noqa: ARG002
+    ) -> Accumulator:
         return mapper.examples(truth, self.cleaned.coherent)
 
     def _gain(self, variation: Variation, block: range | None) -> Accumulator:
@@ -386,12 +468,16 @@ class LaneChain(Chain):
         first = self.known[variation.of("signature")]
         how = self.recipe.background.gain
         if how == "none":
-            return Accumulator(lambda _: None, lambda _: {}, lambda _: None, lambda: self._level(first, np.ones(1)))
+            return Accumulator(
+                lambda _: None, lambda _: {}, lambda _: None, lambda: self._level(first, np.ones(1))
+            )
         if how == "rows":
             return self._rows_gain(variation, first)
         tool.continue_from(first, slice(None) if block is None else slice(block.start, block.stop))
         return Accumulator(
-            lambda index: tool.add_gain(self._image(index, variation.suppressed, self._reach).values),
+            lambda index: tool.add_gain(
+                self._image(index, variation.suppressed, self._reach).values
+            ),
             lambda _: tool.second_sums(),
             tool.take_second,
             lambda: {"gains": first["gains"]} | vars(tool.result()),
@@ -403,18 +489,26 @@ class LaneChain(Chain):
         sums = {"total": np.zeros((*first["signature"].shape[:3], 1)), "count": np.zeros(1)}
 
         def add(index: int) -> None:
-            image = self._image(index, variation.suppressed, self._reach).values[..., : self._reach, :]
-            level = np.abs(image / first["gains"][index][..., None, None] - first["signature"])[..., near]
+            image = self._image(index, variation.suppressed, self._reach).values[
+                ..., : self._reach, :
+            ]
+            level = np.abs(image / first["gains"][index][..., None, None] - first["signature"])[
+                ..., near
+            ]
             sums["total"] += np.median(level, axis=-1, keepdims=True)
             sums["count"] += 1
 
-        return added(sums, add, lambda: self._level(first, sums["total"] / np.maximum(sums["count"], 1)))
+        return added(
+            sums, add, lambda: self._level(first, sums["total"] / np.maximum(sums["count"], 1))
+        )
 
     def _level(self, first: Mapping[str, NDArray[Any]], level: FloatArray) -> Arrays:
         """Give the result of the pass "gain" for a level that is broadcast over the image."""
         gain = np.broadcast_to(level, first["signature"].shape).astype(np.float32)
         if not (gain > 0).all():
-            raise ValueError("gain background must be positive everywhere, got zero: the images equal their signature")
+            raise ValueError(
+                "gain background must be positive everywhere, got zero: the images equal their signature"
+            )
         shared = shared_level(gain, first["gains"])
         background = Background(first["signature"], gain, first["shared"], shared)
         return {"gains": first["gains"]} | vars(background)
@@ -445,7 +539,9 @@ class LaneChain(Chain):
 
         def result() -> Arrays:
             values, looks = sums.result()
-            values = values.reshape(len(values), -1, *values.shape[-2:])  # ranges stand beside the sub-bands
+            values = values.reshape(
+                len(values), -1, *values.shape[-2:]
+            )  # ranges stand beside the sub-bands
             earlier: Arrays = {}
             if before is not None:
                 earlier["view"], earlier["looks"] = before.result()
@@ -454,7 +550,9 @@ class LaneChain(Chain):
 
         return Accumulator(add, lambda _: state(), merge, result)
 
-    def _magnitude(self, cleaned: CleanedRun, image: xr.DataArray, index: int) -> NDArray[np.float32]:
+    def _magnitude(
+        self, cleaned: CleanedRun, image: xr.DataArray, index: int
+    ) -> NDArray[np.float32]:
         """Magnitude (polarization, subband, y, x) of a cleaned image in units of its background, or the map of it."""
         if self.mapper is None:
             return cleaned.background.magnitude(image.values, cleaned.gains[index])
@@ -466,7 +564,10 @@ class LaneChain(Chain):
         cleaned = self._cleaned_by(self.variations[0])
         screen = self.recipe.prescreen
         labels = self._labels()
-        channel = labels["polarization"].index(screen.polarization), labels["subband"].index(screen.subband)
+        channel = (
+            labels["polarization"].index(screen.polarization),
+            labels["subband"].index(screen.subband),
+        )
         parts: list[Arrays] = []
 
         def add(index: int) -> None:
@@ -476,7 +577,11 @@ class LaneChain(Chain):
             level = self._magnitude(cleaned, image, index)[channel]
             alarms = frame_alarms(level, cleaned.grid, self.recipe.frame_area(), screen.radius)
             pose = np.asarray(image.attrs["pose"], dtype=np.float64)
-            frame: Arrays = {"frame": np.array([index]), "pose": pose[None], "count": np.array([len(alarms)])}
+            frame: Arrays = {
+                "frame": np.array([index]),
+                "pose": pose[None],
+                "count": np.array([len(alarms)]),
+            }
             parts.append(frame | table_arrays(alarms[["x", "y", "magnitude"]]))
 
         return gathered(parts, add)
@@ -487,7 +592,10 @@ class LaneChain(Chain):
             return None
         known = self.known["frames"]
         names = {"x": "across", "y": "ahead", "magnitude": "confidence"}
-        alarms = {"frame": np.repeat(known["frame"], known["count"]), **{names[one]: known[one] for one in names}}
+        alarms = {
+            "frame": np.repeat(known["frame"], known["count"]),
+            **{names[one]: known[one] for one in names},
+        }
         return pd.DataFrame(alarms), dict(zip(known["frame"].tolist(), known["pose"], strict=True))
 
     def _alarms(self, variation: Variation, block: range | None) -> Accumulator:  # noqa: ARG002
@@ -499,7 +607,9 @@ class LaneChain(Chain):
             view = self._as_view(known["view"], known["looks"], self._kept)
             chosen = select(view, screen.polarization, screen.subband)
             seen = np.count_nonzero(np.isfinite(chosen.values[self._own]))
-            return bundled({"maximum": table_arrays(self._raise(view, chosen))}) | {"seen": np.array(seen)}
+            return bundled({"maximum": table_arrays(self._raise(view, chosen))}) | {
+                "seen": np.array(seen)
+            }
 
         return added({}, lambda _: None, result)
 
@@ -513,7 +623,9 @@ class LaneChain(Chain):
         # what lies between two rows belongs to the nearer
         y = self.grid.y[self.section.rows]
         half = self.grid.dy / 2
-        own = maxima[(maxima["y"] >= y[0] - half) & (maxima["y"] < y[-1] + half)].reset_index(drop=True)
+        own = maxima[(maxima["y"] >= y[0] - half) & (maxima["y"] < y[-1] + half)].reset_index(
+            drop=True
+        )
         for stage in self._columns.values():
             own = own.assign(**stage.of_view(view, own[["x", "y"]].to_numpy(dtype=np.float64)))
         return own
@@ -524,9 +636,13 @@ class LaneChain(Chain):
         rows = min(2, self.grid.ny)
         shape = *map(len, channels.values()), rows, self.grid.nx
         looks = np.zeros(shape[-2:], np.int64)
-        empty = view_array(np.full(shape, np.nan, np.float32), looks, self.grid, channels, slice(rows))
+        empty = view_array(
+            np.full(shape, np.nan, np.float32), looks, self.grid, channels, slice(rows)
+        )
         stages = self._columns.values()
-        return [name for one in stages for name in (*one.columns, *one.of_view(empty, np.zeros((0, 2))))]
+        return [
+            name for one in stages for name in (*one.columns, *one.of_view(empty, np.zeros((0, 2))))
+        ]
 
     @property
     def training_view(self) -> xr.DataArray:
@@ -540,7 +656,9 @@ class LaneChain(Chain):
         sums = AlarmSums(self._reads, alarms.iloc[near], near)
         evidence = None
         if self._explains:
-            evidence = self._evidence_sums(variation, None if block is None else self._poses_near(block))
+            evidence = self._evidence_sums(
+                variation, None if block is None else self._poses_near(block)
+            )
         read_once = evidence is not None and self.imager.run is self.setup.run
 
         def add(index: int) -> None:
@@ -548,13 +666,17 @@ class LaneChain(Chain):
             image = cleaned.scan(index, data)
             gain = cleaned.gains[index]
             where = int(image.attrs["scan"]), np.asarray(image.attrs["pose"])
-            scan = self._reads.clean(*where, image.values, gain, cleaned.background, own=evidence is not None)
+            scan = self._reads.clean(
+                *where, image.values, gain, cleaned.background, own=evidence is not None
+            )
             sums.add(scan)
             if evidence is not None:
                 evidence.add(self._reads.labelled(scan), data)
 
         def state(_: bool) -> Arrays:
-            return sums.state() | ({} if evidence is None else bundled({"evidence": evidence.state()}))
+            return sums.state() | (
+                {} if evidence is None else bundled({"evidence": evidence.state()})
+            )
 
         def merge(state: Mapping[str, NDArray[Any]]) -> None:
             sums.merge(state)
@@ -573,9 +695,13 @@ class LaneChain(Chain):
         x_min, x_max, _, y_max = self.cleaned.grid.extent()
         farthest = np.hypot(max(abs(x_min), abs(x_max)), y_max)
         y = alarms["y"].to_numpy(dtype=np.float64)
-        return np.flatnonzero((y >= poses[:, 1].min() - farthest) & (y <= poses[:, 1].max() + farthest))
+        return np.flatnonzero(
+            (y >= poses[:, 1].min() - farthest) & (y <= poses[:, 1].max() + farthest)
+        )
 
-    def _evidence_sums(self, variation: Variation, poses: Mapping[int, FloatArray] | None = None) -> EvidenceSums:
+    def _evidence_sums(
+        self, variation: Variation, poses: Mapping[int, FloatArray] | None = None
+    ) -> EvidenceSums:
         contrast = self.recipe.contrast
         alarms = self.raised(variation).iloc[:MOST_GATHERED]
         return EvidenceSums(
@@ -590,7 +716,9 @@ class LaneChain(Chain):
         every = self.setup.run["pose"].values
         farthest = float(np.abs(self.cleaned.grid.extent()).max()) * np.sqrt(2)
         y = every[scans[block.start : block.stop], 1]
-        near = (every[scans, 1] >= y.min() - 2 * farthest) & (every[scans, 1] <= y.max() + 2 * farthest)
+        near = (every[scans, 1] >= y.min() - 2 * farthest) & (
+            every[scans, 1] <= y.max() + 2 * farthest
+        )
         return {int(scan): every[scan] for scan in scans[near]}
 
     def _rows(self, block: range | None) -> slice:
@@ -620,10 +748,16 @@ class LaneChain(Chain):
 
     def _of_section(self, known: Mapping[str, NDArray[Any]], plain: bool = False) -> xr.DataArray:
         """Give the section's own rows of a run-view."""
-        return self._as_view(known["view"][..., self._own, :], known["looks"][self._own], self.section.rows, plain)
+        return self._as_view(
+            known["view"][..., self._own, :], known["looks"][self._own], self.section.rows, plain
+        )
 
     def _as_view(
-        self, values: NDArray[np.float32], looks: NDArray[np.int64], rows: slice, plain: bool = False
+        self,
+        values: NDArray[np.float32],
+        looks: NDArray[np.int64],
+        rows: slice,
+        plain: bool = False,
     ) -> xr.DataArray:
         return view_array(values, looks, self.grid, self._labels(plain), rows)
 

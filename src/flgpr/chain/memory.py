@@ -21,7 +21,9 @@ _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _UNITS |= {"KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
 _PROGRAM = 350e6  # interpreter, libraries, compiled kernels
 _PER_PIXEL = 170.0  # image, its copies, totals and backgrounds, bytes per pixel and channel
-_PER_SAMPLE = 60.0  # a scan's data, range-compressed profiles and copies, bytes per sample and sub-band
+_PER_SAMPLE = (
+    60.0  # a scan's data, range-compressed profiles and copies, bytes per sample and sub-band
+)
 _PER_COMPLEX = 8.0  # an image's pixel, bytes
 _PER_VIEW_PIXEL = 30.0  # run-views, their sums and copies, bytes per pixel and channel
 _MEDIAN = 5.0  # copies of all images while their median is taken
@@ -52,12 +54,18 @@ def _per_thread(sizes: Mapping[str, int], recipe: Recipe) -> float:
 
 def check_scan_memory(shape: tuple[int, int, int], recipe: Recipe, limit: int = MAX_MEMORY) -> None:
     """Refuse scans (polarization, pair, frequency) one of which would take more than a limit (bytes)."""
-    needed = _PROGRAM + _per_thread(dict(zip(("polarization", "pair", "frequency"), shape, strict=True)), recipe)
+    needed = _PROGRAM + _per_thread(
+        dict(zip(("polarization", "pair", "frequency"), shape, strict=True)), recipe
+    )
     if needed > limit:
-        raise ValueError(f"scans of {shape} samples must take at most {limit / 1e9:.3g} GB, got {needed / 1e9:.3g} GB")
+        raise ValueError(
+            f"scans of {shape} samples must take at most {limit / 1e9:.3g} GB, got {needed / 1e9:.3g} GB"
+        )
 
 
-def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: int | None = None) -> float:
+def memory_needed(
+    sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: int | None = None
+) -> float:
     """Estimate from above the bytes of a process that works on a lane, or on some rows of its run-view at a time.
 
     It does not grow with the number of scans, but for a self-signature by the median, which keeps all images; what
@@ -68,13 +76,20 @@ def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: in
     view = recipe.run_view.grid(lane)
     channels = (len(recipe.image.polarizations) or sizes["polarization"]) * bands
     pixels = view.nx * (view.ny if rows is None else rows)
-    alarms = recipe.prescreen.density * pixels * view.dx * view.dy / (3.14 * recipe.prescreen.radius**2)
+    alarms = (
+        recipe.prescreen.density * pixels * view.dx * view.dy / (3.14 * recipe.prescreen.radius**2)
+    )
     several = 1 + len(recipe.variants)
     image = recipe.image.grid()
     images = _PER_COMPLEX * sizes["scan"] * channels * image.nx * image.ny
-    medians = "median" in [recipe.background.self_signature, *(v.self_signature for v in recipe.variants)]
+    medians = "median" in [
+        recipe.background.self_signature,
+        *(v.self_signature for v in recipe.variants),
+    ]
     kept = (2 * min(images, CACHE) if recipe.variants else 0) + (_MEDIAN * images if medians else 0)
-    names = 1 if recipe.map is not None else len(recipe.run_view.channels(list(recipe.image.subbands)))
+    names = (
+        1 if recipe.map is not None else len(recipe.run_view.channels(list(recipe.image.subbands)))
+    )
     shown = names if recipe.map is not None else names * channels // bands
     run_views = _PER_VIEW_PIXEL * (channels + shown) / 2 * pixels + _PER_ALARM * bands * alarms
     stages = sum(one.of.memory(one.settings, sizes, image) for one in recipe.named().values())
@@ -82,7 +97,11 @@ def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: in
 
 
 def plan_sections(
-    sizes: Mapping[str, int], recipe: Recipe, lane: Lane, limit: int = MAX_MEMORY, longest: float | None = None
+    sizes: Mapping[str, int],
+    recipe: Recipe,
+    lane: Lane,
+    limit: int = MAX_MEMORY,
+    longest: float | None = None,
 ) -> list[Section]:
     """Cut a lane into as few sections as the memory (bytes) allows, before anything is decoded.
 
@@ -95,7 +114,11 @@ def plan_sections(
         raise ValueError(f"section must be a positive length in metres, got {longest}")
     grid = recipe.run_view.grid(lane)
     needed = memory_needed(sizes, recipe, lane)
-    wanted = grid.ny if longest is None or longest == math.inf else max(1, math.floor(longest / grid.dy + 1e-9))
+    wanted = (
+        grid.ny
+        if longest is None or longest == math.inf
+        else max(1, math.floor(longest / grid.dy + 1e-9))
+    )
     if wanted >= grid.ny and needed <= limit:
         return [Section(0, grid.ny)]
     if recipe.variants and needed > limit:
@@ -114,7 +137,9 @@ def plan_sections(
     shortest = min(math.ceil(SHORTEST / grid.dy), wanted, grid.ny)
     least = memory_needed(sizes, recipe, lane, min(shortest + beyond, grid.ny))
     if least > limit:
-        raise ValueError(f"max-memory must be at least {least / 1e9:.3g} GB for this run, got {limit / 1e9:.3g} GB")
+        raise ValueError(
+            f"max-memory must be at least {least / 1e9:.3g} GB for this run, got {limit / 1e9:.3g} GB"
+        )
     each = memory_needed(sizes, recipe, lane, 1) - memory_needed(sizes, recipe, lane, 0)
     room = limit - least - _per_thread(sizes, recipe)  # for a second thread, if it may be
     sections = divide(grid.ny, min(wanted, shortest + int(max(room, 0) / each)))
@@ -124,9 +149,17 @@ def plan_sections(
 
 
 def threads_within(
-    sizes: Mapping[str, int], recipe: Recipe, lane: Lane, sections: Sequence[Section], limit: int = MAX_MEMORY
+    sizes: Mapping[str, int],
+    recipe: Recipe,
+    lane: Lane,
+    sections: Sequence[Section],
+    limit: int = MAX_MEMORY,
 ) -> int:
     """Tell how many threads may work on scans of a lane at once, in sections of :func:`plan_sections`; at least one."""
-    rows = max(section.stop - section.start for section in sections) + 2 * margin(recipe) if sections[1:] else None
+    rows = (
+        max(section.stop - section.start for section in sections) + 2 * margin(recipe)
+        if sections[1:]
+        else None
+    )
     room = limit - memory_needed(sizes, recipe, lane, rows)
     return 1 + max(0, int(room / _per_thread(sizes, recipe)))

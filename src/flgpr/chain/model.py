@@ -51,7 +51,9 @@ def unlearnt(recipe: Recipe, model: Model, training: bool = False) -> list[str]:
     return names
 
 
-def save_model(model: Model | Detector, folder: str | Path, notes: Mapping[str, Any] | None = None) -> Path:
+def save_model(
+    model: Model | Detector, folder: str | Path, notes: Mapping[str, Any] | None = None
+) -> Path:
     """Write a model, a folder with one bundle of arrays and words; whole or not at all.
 
     ``folder`` is made or, if it holds a model, replaced; anything else there is a FileExistsError. ``notes`` are
@@ -72,7 +74,9 @@ def save_model(model: Model | Detector, folder: str | Path, notes: Mapping[str, 
         "stages": list(model.stages),
         "notes": {**model.notes, **own, **(notes or {})},
     }
-    arrays = {f"{stage}.{name}": array for stage, group in groups.items() for name, array in group.items()}
+    arrays = {
+        f"{stage}.{name}": array for stage, group in groups.items() for name, array in group.items()
+    }
     folder.parent.mkdir(parents=True, exist_ok=True)
     with whole_output(folder, replace=True) as made:
         made.mkdir()
@@ -90,7 +94,9 @@ def read_model(folder: str | Path) -> bytes:
     try:
         return Folder(folder).read(MODEL_FILE)
     except FileNotFoundError as error:
-        raise ValueError(f"model {folder}: not a whole model: {error.filename} is missing") from None
+        raise ValueError(
+            f"model {folder}: not a whole model: {error.filename} is missing"
+        ) from None
     except NotADirectoryError:
         raise ValueError(f"model {folder}: not a whole model: it is no folder") from None
 
@@ -131,8 +137,9 @@ def describe_model(folder: str | Path) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``path``, ``format``, ``version``, ``flgpr`` (that wrote it), ``detector`` (its words, or None), ``stages``,
-        ``notes``, ``arrays`` (name, dtype, shape, bytes of each) and ``bytes`` of all.
+        ``path``, ``format``, ``version``, ``flgpr`` (that wrote it), ``detector`` (its words, or
+        None), ``stages``, ``notes``, ``arrays`` (name, dtype, shape, bytes of each) and ``bytes``
+        of all.
 
     Raises
     ------
@@ -147,8 +154,16 @@ def describe_model(folder: str | Path) -> dict[str, Any]:
         about = bundle.about
         if (about.get("format"), about.get("version")) != (FORMAT, VERSION):
             raise ValueError(f"format must be {FORMAT} version {VERSION}")
-        told = {name: about.get(name) for name in ("format", "version", "flgpr", "detector", "stages", "notes")}
+        told = {
+            name: about.get(name)
+            for name in ("format", "version", "flgpr", "detector", "stages", "notes")
+        }
     except (ValueError, TypeError, AttributeError) as error:
         raise ValueError(f"model {folder}: {error}") from None
     arrays = bundle.listed()
-    return {"path": str(path), **told, "arrays": arrays, "bytes": sum(one["bytes"] for one in arrays)}
+    return {
+        "path": str(path),
+        **told,
+        "arrays": arrays,
+        "bytes": sum(one["bytes"] for one in arrays),
+    }

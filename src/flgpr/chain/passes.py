@@ -9,7 +9,15 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import (
+    Callable,
+    Generator,
+    Iterable,
+    Iterator,
+    Mapping,
+    MutableMapping,
+    Sequence,
+)
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
@@ -25,7 +33,9 @@ from flgpr.chain.progress import Track, silent
 
 BLOCK = 16
 """Most scans in a block."""
-_THREADS = 16  # that take whole blocks at the most where nobody counts the memory: each holds a scan, a block's sums
+# that take whole blocks at the most where nobody counts the memory: each holds a scan, a block's
+# sums
+_THREADS = 16
 Arrays = dict[str, NDArray[Any]]
 T = TypeVar("T")
 
@@ -60,7 +70,9 @@ class Pass:
     title: str
     #: makes its accumulator for a block, or for all scans where it is given None, once earlier passes are known
     start: Callable[[range | None], Accumulator]
-    whole: bool = False  #: whether it goes through all scans where only a section of the lane is asked for
+    whole: bool = (
+        False  #: whether it goes through all scans where only a section of the lane is asked for
+    )
     #: whether what is gathered of each block is not folded but stays known by the block's :func:`part_name`
     stored: bool = False
     still: bool = False  #: whether it looks at what is known alone, at no scan
@@ -142,7 +154,9 @@ class Chain:
                         self.known[name] = self.merged(name, parts).result()
 
 
-def dealt(work: Callable[..., T], arguments: Sequence[tuple[Any, ...]], threads: int) -> Generator[T]:
+def dealt(
+    work: Callable[..., T], arguments: Sequence[tuple[Any, ...]], threads: int
+) -> Generator[T]:
     """Do a piece of work for each set of arguments, so many at once, and yield what it gives in their order.
 
     Threads take whole pieces, each with its share of numba's threads: those that share a kernel's loop wait for one
@@ -160,7 +174,9 @@ def dealt(work: Callable[..., T], arguments: Sequence[tuple[Any, ...]], threads:
         yield work(*some)
 
 
-def _at_once(work: Callable[..., T], arguments: Sequence[tuple[Any, ...]], threads: int, kernels: int) -> Generator[T]:
+def _at_once(
+    work: Callable[..., T], arguments: Sequence[tuple[Any, ...]], threads: int, kernels: int
+) -> Generator[T]:
     stop = threading.Event()
 
     def begin() -> None:
@@ -184,15 +200,23 @@ def _at_once(work: Callable[..., T], arguments: Sequence[tuple[Any, ...]], threa
 
 def bundled(groups: Mapping[str, Arrays]) -> Arrays:
     """Put groups of arrays into one, each array as GROUP|NAME."""
-    return {f"{group}|{name}": array for group, arrays in groups.items() for name, array in arrays.items()}
+    return {
+        f"{group}|{name}": array
+        for group, arrays in groups.items()
+        for name, array in arrays.items()
+    }
 
 
 def group_of(arrays: Mapping[str, NDArray[Any]], group: str) -> Arrays:
     """Take a group out of what :func:`bundled` made."""
-    return {key.removeprefix(f"{group}|"): arrays[key] for key in arrays if key.startswith(f"{group}|")}
+    return {
+        key.removeprefix(f"{group}|"): arrays[key] for key in arrays if key.startswith(f"{group}|")
+    }
 
 
-def added(sums: Arrays, add: Callable[[int], Any], result: Callable[[], Arrays] | None = None) -> Accumulator:
+def added(
+    sums: Arrays, add: Callable[[int], Any], result: Callable[[], Arrays] | None = None
+) -> Accumulator:
     """Accumulator of arrays of fixed shapes: ``add`` adds a scan's to ``sums``, and so are the states of others."""
 
     def merge(state: Mapping[str, NDArray[Any]]) -> None:
@@ -206,7 +230,11 @@ def gathered(parts: list[Arrays], add: Callable[[int], Any]) -> Accumulator:
     """Accumulator of arrays whose first axis grows: ``add`` appends a scan's to ``parts``, the result joins them."""
 
     def joined() -> Arrays:
-        return {name: np.concatenate([one[name] for one in parts]) for name in parts[0]} if parts else {}
+        return (
+            {name: np.concatenate([one[name] for one in parts]) for name in parts[0]}
+            if parts
+            else {}
+        )
 
     def merge(state: Mapping[str, NDArray[Any]]) -> None:
         if state:

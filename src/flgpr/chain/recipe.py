@@ -14,7 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from flgpr.chain.stages import ClutterNamed, FeaturesNamed, MapNamed, Named, Positive, ScreenNamed, Table
+from flgpr.chain.stages import (
+    ClutterNamed,
+    FeaturesNamed,
+    MapNamed,
+    Named,
+    Positive,
+    ScreenNamed,
+    Table,
+)
 from flgpr.door import read_named
 from flgpr.features import PatchShape
 from flgpr.kernels.windows import WINDOWS, ramp
@@ -95,7 +103,9 @@ class ImageTable(Table):
         (dx, dy), x, y = self.steps, self.x, self.y
         if dx == dy:
             return Grid.spanning(x, y, dx)
-        return Grid(x[0], y[0], round((x[1] - x[0]) / dx) + 1, round((y[1] - y[0]) / dy) + 1, dx, dy)
+        return Grid(
+            x[0], y[0], round((x[1] - x[0]) / dx) + 1, round((y[1] - y[0]) / dy) + 1, dx, dy
+        )
 
     def weights(self, frequency: FloatArray) -> str | FloatArray:
         """Window as the imaging operator takes it."""
@@ -117,7 +127,9 @@ class BackgroundTable(Table):
     median_step: Pixels = 1
     within: Positive | None = None
 
-    def windows(self, dx: float, dy: float | None = None) -> tuple[tuple[int, int], tuple[int, int]]:
+    def windows(
+        self, dx: float, dy: float | None = None
+    ) -> tuple[tuple[int, int], tuple[int, int]]:
         """Windows (y, x) of the median and the mean in odd numbers of pixels of a spacing (m)."""
         steps = (dx if dy is None else dy, dx)
         median, mean = (
@@ -150,9 +162,13 @@ class RunViewTable(Table):
     @model_validator(mode="after")
     def _ranged(self) -> RunViewTable:
         if (self.look == "ranges") != bool(self.ranges):
-            raise ValueError(f'ranges must be given with the look "ranges" and only then, got {self.ranges}')
+            raise ValueError(
+                f'ranges must be given with the look "ranges" and only then, got {self.ranges}'
+            )
         if self.falloff and self.look != "mean":
-            raise ValueError(f'falloff must be left out unless the look is "mean", got {self.falloff:g}')
+            raise ValueError(
+                f'falloff must be left out unless the look is "mean", got {self.falloff:g}'
+            )
         return self
 
     def grid(self, lane: Lane) -> Grid:
@@ -163,7 +179,11 @@ class RunViewTable(Table):
         """Names of the run-view's channels beside the polarizations: sub-bands, or ranges of each."""
         if self.look != "ranges":
             return list(subbands)
-        return [f"{band} {one:g} m" if len(subbands) > 1 else f"{one:g} m" for band in subbands for one in self.ranges]
+        return [
+            f"{band} {one:g} m" if len(subbands) > 1 else f"{one:g} m"
+            for band in subbands
+            for one in self.ranges
+        ]
 
 
 class PrescreenTable(Table):
@@ -227,7 +247,9 @@ class DetectorTable(Table):
         from flgpr.chain.estimators import ALLOWED  # only where a recipe has a detector
 
         if self.estimator not in ("fisher", *ALLOWED):
-            raise ValueError(f"estimator must be one of fisher, {', '.join(ALLOWED)}, got {self.estimator!r}")
+            raise ValueError(
+                f"estimator must be one of fisher, {', '.join(ALLOWED)}, got {self.estimator!r}"
+            )
         return self
 
 
@@ -323,12 +345,18 @@ class Recipe(Table):
         for name, window in zip(("median", "mean"), self.smoothing[:2], strict=True):
             if max(window) > MOST_WINDOW:
                 got = f"{getattr(self.background, name):g} m, {max(window)} pixels"
-                raise ValueError(f"background.{name} must be at most {MOST_WINDOW} pixels wide, got {got}")
+                raise ValueError(
+                    f"background.{name} must be at most {MOST_WINDOW} pixels wide, got {got}"
+                )
 
     def near_grid(self) -> Grid:
         """Pixels of the scan images as far ahead as counts: what the run-view takes and patches around alarms reach."""
         whole = self.image.grid()
-        reach = self.run_view.y_max + self.contrast.size * self.contrast.spacing / 2 + self.image.steps[1]
+        reach = (
+            self.run_view.y_max
+            + self.contrast.size * self.contrast.spacing / 2
+            + self.image.steps[1]
+        )
         rows = min(whole.ny, math.ceil((reach - whole.y_min) / whole.dy) + 1)
         return Grid(whole.x_min, whole.y_min, whole.nx, rows, whole.dx, whole.dy)
 
@@ -370,8 +398,18 @@ class Recipe(Table):
 
     def named(self) -> dict[str, Named]:
         """All stages that the recipe names, by kind and name, in the order in which they work and learn."""
-        kinds = {"clutter": self.clutter, "map": (self.map,), "screen": (self.screen,), "features": self.columns}
-        return {f"{kind}.{one.stage}": one for kind, some in kinds.items() for one in some if one is not None}
+        kinds = {
+            "clutter": self.clutter,
+            "map": (self.map,),
+            "screen": (self.screen,),
+            "features": self.columns,
+        }
+        return {
+            f"{kind}.{one.stage}": one
+            for kind, some in kinds.items()
+            for one in some
+            if one is not None
+        }
 
     def learning(self) -> list[str]:
         """Names of the stages that must be trained before the recipe can be run."""
@@ -382,11 +420,15 @@ class Recipe(Table):
         why = {name: one.of.waits for name, one in self.named().items() if one.of.waits}
         for name, one in self.named().items():
             if one.of.kind not in ("features", "map"):
-                why.setdefault(name, f"a stage of the kind {one.of.kind} is not run on scans as they come")
+                why.setdefault(
+                    name, f"a stage of the kind {one.of.kind} is not run on scans as they come"
+                )
         if self.image.frames != 1:
             why["image.frames"] = "several scans are summed"
         if self.run_view.look == "ranges":
-            why["run_view.look"] = f"the look {self.run_view.look!r} is complete only when a place is passed"
+            why["run_view.look"] = (
+                f"the look {self.run_view.look!r} is complete only when a place is passed"
+            )
         if self.background.self_signature != "mean":
             why["background.self_signature"] = (
                 f'must be "mean", whose estimate grows, got "{self.background.self_signature}"'
@@ -403,10 +445,14 @@ class Recipe(Table):
         for name, subband in used.items():
             if subband not in self.image.subbands:
                 known = ", ".join(self.image.subbands)
-                raise ValueError(f"{name}.subband must be one of image.subbands ({known}), got {subband!r}")
+                raise ValueError(
+                    f"{name}.subband must be one of image.subbands ({known}), got {subband!r}"
+                )
         views = self.view_channels
         if self.prescreen.subband not in views:
-            where = "image.subbands" if self.run_view.look != "ranges" else "the run-view's channels"
+            where = (
+                "image.subbands" if self.run_view.look != "ranges" else "the run-view's channels"
+            )
             raise ValueError(
                 f"prescreen.subband must be one of {where} ({', '.join(views)}), got {self.prescreen.subband!r}"
             )
@@ -416,19 +462,33 @@ class Recipe(Table):
             )
         if self.map is None and self.prescreen.polarization not in POLARIZATIONS:
             known = ", ".join(POLARIZATIONS)
-            raise ValueError(f"prescreen.polarization must be one of {known}, got {self.prescreen.polarization!r}")
-        if self.map is not None and getattr(self.map.of, "single", True) and len(self.image.subbands) > 1:
+            raise ValueError(
+                f"prescreen.polarization must be one of {known}, got {self.prescreen.polarization!r}"
+            )
+        if (
+            self.map is not None
+            and getattr(self.map.of, "single", True)
+            and len(self.image.subbands) > 1
+        ):
             raise ValueError(
                 f"image.subbands must be one band for the map {self.map.stage}, got {len(self.image.subbands)}"
             )
-        kinds = [f"clutter {one.stage}" for one in self.clutter] + [f"columns {one.stage}" for one in self.columns]
+        kinds = [f"clutter {one.stage}" for one in self.clutter] + [
+            f"columns {one.stage}" for one in self.columns
+        ]
         if len(set(kinds)) != len(kinds):
             raise ValueError(f"stages of a kind must have different names, got {', '.join(kinds)}")
         if self.confidence not in RANKS and not self.columns:
-            raise ValueError(f"confidence must be {' or '.join(RANKS)} without [[columns]], got {self.confidence!r}")
+            raise ValueError(
+                f"confidence must be {' or '.join(RANKS)} without [[columns]], got {self.confidence!r}"
+            )
         if self.variants and (self.named() or self.image.frames != 1):
-            raise ValueError("variants need a recipe without named stages and with image.frames = 1, got both")
-        if self.image.frames == "all" and (self.clutter or self.background.self_signature != "none"):
+            raise ValueError(
+                "variants need a recipe without named stages and with image.frames = 1, got both"
+            )
+        if self.image.frames == "all" and (
+            self.clutter or self.background.self_signature != "none"
+        ):
             raise ValueError(
                 'image.frames = "all" makes one image, which does not tell what stands still: leave out [[clutter]], '
                 'set background.self_signature = "none"; `flgpr prepare` takes out of a run what stands still'
@@ -448,13 +508,19 @@ class Recipe(Table):
 def recipe_names() -> list[str]:
     """Names of the packaged recipes."""
     folder = resources.files("flgpr.chain") / "recipes"
-    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    return sorted(
+        entry.name.removesuffix(".toml")
+        for entry in folder.iterdir()
+        if entry.name.endswith(".toml")
+    )
 
 
 def recipe_text(name: str | Path) -> str:
     """TOML text of a recipe: the name of a packaged one, or a file."""
     if str(name) in recipe_names():
-        return (resources.files("flgpr.chain") / "recipes" / f"{name}.toml").read_text(encoding="utf-8")
+        return (resources.files("flgpr.chain") / "recipes" / f"{name}.toml").read_text(
+            encoding="utf-8"
+        )
     if Path(name).is_file():
         try:
             return read_named(name).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")

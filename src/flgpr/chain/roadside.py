@@ -26,7 +26,9 @@ Image = Callable[[int, bool], xr.DataArray]
 class Roadside:
     """Passes "roadside" and "share" of a recipe with the table suppression; results are looked up in ``known``."""
 
-    def __init__(self, recipe: Recipe, imager: ScanImager, lane: Lane, known: Mapping[str, Any]) -> None:
+    def __init__(
+        self, recipe: Recipe, imager: ScanImager, lane: Lane, known: Mapping[str, Any]
+    ) -> None:
         if recipe.suppression is None:
             raise ValueError("a variant with suppress_roadside needs the table suppression")
         self.table = recipe.suppression
@@ -54,7 +56,9 @@ class Roadside:
 
         def add(index: int) -> None:
             whole = image(index, False)
-            power = np.mean(np.abs(whole.sel(subband=[table.subband]).values) ** 2, axis=0, keepdims=True)
+            power = np.mean(
+                np.abs(whole.sel(subband=[table.subband]).values) ** 2, axis=0, keepdims=True
+            )
             sums.add(np.sqrt(power), pixels, np.asarray(whole.attrs["pose"]))
 
         def result() -> Arrays:
@@ -93,7 +97,9 @@ class Roadside:
             power["total"] += np.nan_to_num(np.abs(before) ** 2)
             power["modelled"] += np.nan_to_num(np.abs(before - after) ** 2)
             for k, one in enumerate(both if len(points) else ()):
-                values = sample_scan(one.sel(subband=self.table.subband), lane_to_scan(points, pose))
+                values = sample_scan(
+                    one.sel(subband=self.table.subband), lane_to_scan(points, pose)
+                )
                 peaks[k] = max(peaks[k], float(np.nanmax(values, initial=0.0)))
 
         sums = added(power, add)
@@ -102,7 +108,9 @@ class Roadside:
             sums.merge(state)
             np.maximum(peaks, state["peaks"], out=peaks)
 
-        return Accumulator(add, lambda _: power | {"peaks": peaks}, merge, lambda: power | {"peaks": peaks})
+        return Accumulator(
+            add, lambda _: power | {"peaks": peaks}, merge, lambda: power | {"peaks": peaks}
+        )
 
     def notes(self) -> dict[str, Any]:
         """Tell the mask's size, middle and what its brightest pixel lost; needs both passes."""

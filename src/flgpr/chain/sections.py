@@ -46,7 +46,10 @@ def divide(rows: int, longest: int) -> list[Section]:
     [(0, 3), (3, 6), (6, 10)]
     """
     count = -(-rows // longest)
-    return [Section(start, stop) for start, stop in pairwise(rows * k // count for k in range(count + 1))]
+    return [
+        Section(start, stop)
+        for start, stop in pairwise(rows * k // count for k in range(count + 1))
+    ]
 
 
 def margin(recipe: Recipe) -> int:
@@ -63,20 +66,34 @@ def margin(recipe: Recipe) -> int:
 def kept_rows(recipe: Recipe, lane: Lane, section: Section) -> slice:
     """Give a section's rows of the lane's run-view and those beyond them that it must know."""
     more = margin(recipe)
-    return slice(max(section.start - more, 0), min(section.stop + more, recipe.run_view.grid(lane).ny))
+    return slice(
+        max(section.start - more, 0), min(section.stop + more, recipe.run_view.grid(lane).ny)
+    )
 
 
 def section_lane(recipe: Recipe, lane: Lane, section: Section) -> Lane:
     """Give the part of a lane that belongs to a section: parts of neighbours meet half a pixel before its first row."""
     grid = recipe.run_view.grid(lane)
-    begin = lane.y_min if section.start == 0 else max(lane.y_min, grid.y_min + (section.start - 0.5) * grid.dy)
-    end = lane.y_max if section.stop == grid.ny else min(lane.y_max, grid.y_min + (section.stop - 0.5) * grid.dy)
+    begin = (
+        lane.y_min
+        if section.start == 0
+        else max(lane.y_min, grid.y_min + (section.start - 0.5) * grid.dy)
+    )
+    end = (
+        lane.y_max
+        if section.stop == grid.ny
+        else min(lane.y_max, grid.y_min + (section.stop - 0.5) * grid.dy)
+    )
     return Lane(lane.x_min, lane.x_max, begin, end)
 
 
 def section_note(lane: Lane, section: Section) -> dict[str, Any]:
     """Write down a section for a manifest; its threshold as text, which holds an infinite one too."""
-    return {"lane": asdict(lane), "rows": [section.start, section.stop], "threshold": repr(section.threshold)}
+    return {
+        "lane": asdict(lane),
+        "rows": [section.start, section.stop],
+        "threshold": repr(section.threshold),
+    }
 
 
 def noted_section(note: Mapping[str, Any]) -> tuple[Lane, Section]:
@@ -94,4 +111,6 @@ def lane_threshold(recipe: Recipe, lane: Lane, maxima: pd.DataFrame, seen: int) 
         return -math.inf  # a stage of its own has judged already
     screen = recipe.prescreen
     grid = recipe.run_view.grid(lane)
-    return view_threshold(maxima, lane, seen * grid.dx * grid.dy, screen.radius, screen.density, screen.count)
+    return view_threshold(
+        maxima, lane, seen * grid.dx * grid.dy, screen.radius, screen.density, screen.count
+    )

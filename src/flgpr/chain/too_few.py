@@ -15,8 +15,14 @@ if TYPE_CHECKING:
     from flgpr.chain.stages import TrainingView
 
 Shown = Literal["all", "mines", "clutter"]
-_HEADERS = {"clutter": "[[clutter]]", "map": "[map]", "screen": "[screen]", "features": "[[columns]]"}
-HALF = 0.5  # of the mines make templates and thresholds, at most, where a detector learns from the others
+_HEADERS = {
+    "clutter": "[[clutter]]",
+    "map": "[map]",
+    "screen": "[screen]",
+    "features": "[[columns]]",
+}
+# of the mines make templates and thresholds, at most, where a detector learns from the others
+HALF = 0.5
 
 
 class Tally(NamedTuple):
@@ -54,7 +60,9 @@ class TooFewExamplesError(ValueError):
         Entries that let more through; without a ``table``, entries of the stage's own.
     """
 
-    def __init__(self, needed: str, counts: Sequence[Tally] = (), changes: Sequence[Change] = ()) -> None:
+    def __init__(
+        self, needed: str, counts: Sequence[Tally] = (), changes: Sequence[Change] = ()
+    ) -> None:
         super().__init__(f"training needs {needed}")
         self.needed = needed
         self.counts = tuple(counts)
@@ -73,7 +81,9 @@ def check_classes(shown: Shown, hits: int, false_alarms: int) -> None:
         raise TooFewExamplesError(f"{words}, got {hits} hits and {false_alarms} false alarms")
 
 
-def cannot_be_trained(name: str, why: str, counts: Sequence[Tally], changes: Sequence[Change] = ()) -> ValueError:
+def cannot_be_trained(
+    name: str, why: str, counts: Sequence[Tally], changes: Sequence[Change] = ()
+) -> ValueError:
     """Word that something cannot be trained: why, what each step left, and what to change."""
     parts = [f"{name} cannot be trained: {why.removesuffix('.')}."]
     if counts:
@@ -100,14 +110,20 @@ def _toml(value: Any) -> str:
 def looser_entries(settings: Any, values: Mapping[str, Any], table: str = "") -> list[Change]:
     """List the entries of a table that do not have these values yet."""
     present = {key: getattr(settings, key) for key in values}
-    return [Change(key, value, present[key], table) for key, value in values.items() if present[key] != value]
+    return [
+        Change(key, value, present[key], table)
+        for key, value in values.items()
+        if present[key] != value
+    ]
 
 
 def count_targets(truths: Sequence[pd.DataFrame]) -> Tally:
     """Count the targets of truth tables by kind."""
     kinds = pd.concat([truth["kind"] for truth in truths]).value_counts().sort_index()
     each = ", ".join(f"{number} {kind}" for kind, number in kinds.items())
-    return Tally(int(kinds.sum()), f"targets in the truth ({each})" if each else "targets in the truth")
+    return Tally(
+        int(kinds.sum()), f"targets in the truth ({each})" if each else "targets in the truth"
+    )
 
 
 def count_in_views(views: Sequence[TrainingView], spent: Sequence[pd.DataFrame]) -> list[Tally]:
@@ -123,7 +139,11 @@ def count_in_views(views: Sequence[TrainingView], spent: Sequence[pd.DataFrame])
     if not spent:
         return counts
     taken = sum(map(len, spent))
-    return [*counts, Tally(taken, "taken for this stage"), Tally(seen_of_spent, "of these seen in all channels")]
+    return [
+        *counts,
+        Tally(taken, "taken for this stage"),
+        Tally(seen_of_spent, "of these seen in all channels"),
+    ]
 
 
 def _inside(view: xr.DataArray, truth: pd.DataFrame) -> NDArray[np.bool_]:
@@ -155,4 +175,6 @@ def clear_change(settings: Any) -> Change:
 def kinds_change(settings: Any, views: Sequence[TrainingView]) -> list[Change]:
     """Offer the kinds of targets that the truth holds, where these are others than a stage learns from."""
     kinds = sorted(set(pd.concat([lane.truth["kind"] for lane in views])))
-    return [Change("kinds", kinds, list(settings.kinds))] if set(kinds) - set(settings.kinds) else []
+    return (
+        [Change("kinds", kinds, list(settings.kinds))] if set(kinds) - set(settings.kinds) else []
+    )

@@ -11,24 +11,36 @@ from typer import Argument, Option
 from flgpr.cli.common import Quiet, Scheduler, plain_errors, progress
 
 benchmark_app = typer.Typer(
-    name="benchmark", help="The proving ground: detectors side by side on the same sealed lanes.", no_args_is_help=True
+    name="benchmark",
+    help="The proving ground: detectors side by side on the same sealed lanes.",
+    no_args_is_help=True,
 )
 Chosen = Annotated[
     str | None,
-    Option(help="proving-ground-2 (the default), proving-ground-1, full-wave-1, or the TOML of a ground of your own."),
+    Option(
+        help="proving-ground-2 (the default), proving-ground-1, full-wave-1, or the TOML of a ground of your own."
+    ),
 ]
-Tier = Annotated[str | None, Option(help="prepared, as-found or another tier of the ground; all by default.")]
+Tier = Annotated[
+    str | None, Option(help="prepared, as-found or another tier of the ground; all by default.")
+]
 Workers = Annotated[int | None, Option(min=1, help="Processes that share the work.")]
-Quick = Annotated[bool, Option("--quick", help="The quick form, which only shows that all of it runs.")]
+Quick = Annotated[
+    bool, Option("--quick", help="The quick form, which only shows that all of it runs.")
+]
 
 
 @benchmark_app.command("run")
 def run_command(
     entries: Annotated[
         list[str] | None,
-        Argument(help="Packaged entries, recipes, or folders of alarm lists SPLIT.csv; none takes all packaged ones."),
+        Argument(
+            help="Packaged entries, recipes, or folders of alarm lists SPLIT.csv; none takes all packaged ones."
+        ),
     ] = None,
-    output: Annotated[Path, Option("-o", "--output", help="Folder to work in.")] = Path("proving-ground"),
+    output: Annotated[Path, Option("-o", "--output", help="Folder to work in.")] = Path(
+        "proving-ground"
+    ),
     quick: Quick = False,
     ground: Chosen = None,
     tier: Tier = None,
@@ -71,8 +83,12 @@ def oracle_command(
 
 @benchmark_app.command("table")
 def table_command(
-    folders: Annotated[list[Path], Argument(help="Folders of `flgpr benchmark run`, of one ground.")],
-    output: Annotated[Path | None, Option("-o", "--output", help="Folder of the table; default the first.")] = None,
+    folders: Annotated[
+        list[Path], Argument(help="Folders of `flgpr benchmark run`, of one ground.")
+    ],
+    output: Annotated[
+        Path | None, Option("-o", "--output", help="Folder of the table; default the first.")
+    ] = None,
 ) -> None:
     """Set entries side by side; alarms that were not scored yet are, and the look at the truth is logged."""
     from flgpr import benchmark
@@ -84,7 +100,9 @@ def table_command(
 @benchmark_app.command("list")
 def list_command(
     quick: Quick = False,
-    lanes: Annotated[Path | None, Option(help="Folder of lanes to compare with those of the authors.")] = None,
+    lanes: Annotated[
+        Path | None, Option(help="Folder of lanes to compare with those of the authors.")
+    ] = None,
     ground: Chosen = None,
 ) -> None:
     """Name the packaged entries, the lanes and the splits; with a folder of lanes, tell whether they are the same."""

@@ -17,9 +17,13 @@ from flgpr.cli.errors import MENDED, in_words
 
 Quiet = Annotated[bool, Option("--quiet", help="Print nothing but errors.")]
 Json = Annotated[bool, Option("--json", help="Print one JSON object instead of words.")]
-Scheduler = Annotated[str | None, Option(help="Dask scheduler (tcp://host:8786) whose workers do the work.")]
+Scheduler = Annotated[
+    str | None, Option(help="Dask scheduler (tcp://host:8786) whose workers do the work.")
+]
 Output = Annotated[Path, Option("-o", "--output", help="What to write.")]
-Overwrite = Annotated[bool, Option("--overwrite", help="Make it anew, whatever the output holds of an earlier one.")]
+Overwrite = Annotated[
+    bool, Option("--overwrite", help="Make it anew, whatever the output holds of an earlier one.")
+]
 
 
 _there_already: set[str] = set()

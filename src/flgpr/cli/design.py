@@ -20,35 +20,60 @@ _DEPTH = 0.05  # m, of the mines of the page
 
 def design(
     sensor: Annotated[str, typer.Argument(help="Sensor preset or TOML file.")],
-    compare: Annotated[list[str] | None, Option(help="Another one to set beside it; may repeat.")] = None,
+    compare: Annotated[
+        list[str] | None, Option(help="Another one to set beside it; may repeat.")
+    ] = None,
     output: Output = Path("design.html"),
-    band: Annotated[tuple[float, float] | None, Option(help="First and last tone, Hz; all by default.")] = None,
-    window: Annotated[str, Option(help="Window over the tones: boxcar, hann, hamming, taylor.")] = "hann",
-    site: Annotated[str, Option(help="Site whose soil and surface the mines lie in.")] = "arid-sand",
-    rms: Annotated[float | None, Option(help="Rms height of the surface, m; the site's by default.")] = None,
+    band: Annotated[
+        tuple[float, float] | None, Option(help="First and last tone, Hz; all by default.")
+    ] = None,
+    window: Annotated[
+        str, Option(help="Window over the tones: boxcar, hann, hamming, taylor.")
+    ] = "hann",
+    site: Annotated[
+        str, Option(help="Site whose soil and surface the mines lie in.")
+    ] = "arid-sand",
+    rms: Annotated[
+        float | None, Option(help="Rms height of the surface, m; the site's by default.")
+    ] = None,
     depth: Annotated[
-        list[float] | None, Option(help="Depth of the mines' top, m; may repeat with --signal-to-clutter.")
+        list[float] | None,
+        Option(help="Depth of the mines' top, m; may repeat with --signal-to-clutter."),
     ] = None,
     signal_to_clutter: Annotated[
-        bool, Option("--signal-to-clutter", help="Print the expected signal to clutter of bodies; write no page.")
+        bool,
+        Option(
+            "--signal-to-clutter",
+            help="Print the expected signal to clutter of bodies; write no page.",
+        ),
     ] = False,
     body: Annotated[
-        list[str] | None, Option(help="Signal to clutter: packaged body or table; may repeat; all by default.")
+        list[str] | None,
+        Option(help="Signal to clutter: packaged body or table; may repeat; all by default."),
     ] = None,
-    distance: Annotated[float | None, Option(help="Signal to clutter: ground range to the body, m; 12.")] = None,
-    height: Annotated[float | None, Option(help="Signal to clutter: of the array, m; the sensor's by default.")] = None,
+    distance: Annotated[
+        float | None, Option(help="Signal to clutter: ground range to the body, m; 12.")
+    ] = None,
+    height: Annotated[
+        float | None, Option(help="Signal to clutter: of the array, m; the sensor's by default.")
+    ] = None,
     permittivity: Annotated[
-        float | None, Option(help="Signal to clutter: of the soil, with --loss-tangent; the site's by default.")
+        float | None,
+        Option(help="Signal to clutter: of the soil, with --loss-tangent; the site's by default."),
     ] = None,
-    loss_tangent: Annotated[float | None, Option(help="Signal to clutter: of the soil; the site's by default.")] = None,
+    loss_tangent: Annotated[
+        float | None, Option(help="Signal to clutter: of the soil; the site's by default.")
+    ] = None,
     correlation_length: Annotated[
         float | None, Option(help="Signal to clutter: of the surface, m; the site's by default.")
     ] = None,
     unevenness: Annotated[
-        float | None, Option(help="Signal to clutter: of the ground, m³ (ISO 8608); the site's by default.")
+        float | None,
+        Option(help="Signal to clutter: of the ground, m³ (ISO 8608); the site's by default."),
     ] = None,
     measure: Annotated[
-        int | None, Option(help="Signal to clutter: measure it too, on simulated images of so many grounds.")
+        int | None,
+        Option(help="Signal to clutter: measure it too, on simulated images of so many grounds."),
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -90,7 +115,11 @@ def design(
             asked = tasks.Question(band, window, site, (depth or [_DEPTH])[0], rms)
             designs = tasks.design_report(sensors, output, asked, track)
     if as_json:
-        rows = [row for table in tables for row in json.loads(table.to_json(orient="records", double_precision=6))]
+        rows = [
+            row
+            for table in tables
+            for row in json.loads(table.to_json(orient="records", double_precision=6))
+        ]
         typer.echo(json.dumps({"signal_to_clutter": rows}))
     elif signal_to_clutter and not quiet:
         _print_tables(tables)
@@ -106,7 +135,9 @@ def _check_page_options(only_for_table: dict[str, Any], depth: list[float] | Non
         if value is not None:
             raise ValueError(f"{name} goes with --signal-to-clutter, got it without")
     if depth is not None and len(depth) > 1:
-        raise ValueError(f"--depth must be given once without --signal-to-clutter, got it {len(depth)} times")
+        raise ValueError(
+            f"--depth must be given once without --signal-to-clutter, got it {len(depth)} times"
+        )
 
 
 def _print_tables(tables: list[pd.DataFrame]) -> None:
@@ -141,7 +172,9 @@ def _cells(rows: pd.DataFrame, measured: bool) -> list[str]:
     for row in rows.to_dict("records"):
         cells.append(_decibels(row["signal_to_clutter_db"]))
         if measured:
-            cells.append(f"{_decibels(row['measured_db'])} ± {row['high_db'] - row['measured_db']:.1f}")
+            cells.append(
+                f"{_decibels(row['measured_db'])} ± {row['high_db'] - row['measured_db']:.1f}"
+            )
     return cells
 
 
@@ -153,7 +186,8 @@ def _decibels(value: float) -> str:
 def _caption(found: pd.DataFrame) -> str:
     """Tell the ground's roughness and backscatter and the resolution cell of a table of one band."""
     surface = [
-        f"{row.polarization} {row.sigma0_db:.1f} dB" for row in found.drop_duplicates("polarization").itertuples()
+        f"{row.polarization} {row.sigma0_db:.1f} dB"
+        for row in found.drop_duplicates("polarization").itertuples()
     ]
     first = found.iloc[0]
     return (

@@ -10,7 +10,16 @@ import typer
 from typer import Argument, Option
 
 from flgpr import tasks, viewer
-from flgpr.cli.common import Json, Output, Overwrite, Quiet, Scheduler, plain_errors, progress, tell_written
+from flgpr.cli.common import (
+    Json,
+    Output,
+    Overwrite,
+    Quiet,
+    Scheduler,
+    plain_errors,
+    progress,
+    tell_written,
+)
 from flgpr.cli.show import info_lines, model_lines, print_scores, score_summary
 
 if TYPE_CHECKING:
@@ -19,7 +28,10 @@ if TYPE_CHECKING:
 app = typer.Typer()
 With = Annotated[
     list[str] | None,
-    Option("--with", help="NAME=RUN: a run taken together with it, such as a second band; once per name and run."),
+    Option(
+        "--with",
+        help="NAME=RUN: a run taken together with it, such as a second band; once per name and run.",
+    ),
 ]
 
 
@@ -33,7 +45,9 @@ def _others(beside: list[str] | None, runs: int) -> list[dict[str, Path]]:
         named.setdefault(name, []).append(Path(path))
     for name, paths in named.items():
         if len(paths) != runs:
-            raise ValueError(f"with must give {name} once per run, got {len(paths)} for {runs} runs")
+            raise ValueError(
+                f"with must give {name} once per run, got {len(paths)} for {runs} runs"
+            )
     return [{name: paths[number] for name, paths in named.items()} for number in range(runs)]
 
 
@@ -47,15 +61,19 @@ def view(
     ] = None,
     port: Annotated[int, Option(help="Port; 0 takes a free one.", min=0, max=65535)] = 0,
     host: Annotated[str, Option(help="Address to listen on.")] = "127.0.0.1",
-    allow_remote: Annotated[bool, Option("--allow-remote", help="Let other machines see it.")] = False,
+    allow_remote: Annotated[
+        bool, Option("--allow-remote", help="Let other machines see it.")
+    ] = False,
     no_browser: Annotated[bool, Option("--no-browser", help="Print the address only.")] = False,
     live: Annotated[Path | None, Option(help="JSON lines of a live detection to follow.")] = None,
     anchor: Annotated[Path | None, Option(help="TOML that ties the lane to the Earth.")] = None,
     backdrop: Annotated[
-        Path | None, Option("--map", help="Map or photograph below the lane: GeoTIFF, MBTiles, GeoPackage.")
+        Path | None,
+        Option("--map", help="Map or photograph below the lane: GeoTIFF, MBTiles, GeoPackage."),
     ] = None,
     verdicts: Annotated[
-        Path | None, Option(help="JSON beside the result that keeps an analyst's verdicts and notes.")
+        Path | None,
+        Option(help="JSON beside the result that keeps an analyst's verdicts and notes."),
     ] = None,
 ) -> None:
     """Show results in the browser, on this machine; nothing is written but what --verdicts asks for."""
@@ -92,16 +110,24 @@ def demo(
 def detect(
     runs: Annotated[list[Path], Argument(help="Run stores; several make a survey.")],
     output: Output,
-    recipe: Annotated[str | None, Option(help="Packaged recipe or TOML file; else one is made for the run.")] = None,
-    lane: Annotated[list[Path] | None, Option(help="TOML with x_min, x_max, y_min, y_max, m; once per run.")] = None,
+    recipe: Annotated[
+        str | None, Option(help="Packaged recipe or TOML file; else one is made for the run.")
+    ] = None,
+    lane: Annotated[
+        list[Path] | None, Option(help="TOML with x_min, x_max, y_min, y_max, m; once per run.")
+    ] = None,
     model: Annotated[Path | None, Option(help="What `flgpr train` made for the recipe.")] = None,
     workers: Annotated[int | None, Option(help="Processes; the result is the same.", min=1)] = None,
     scheduler: Scheduler = None,
     lanes_at_once: Annotated[
         int | None, Option(help="Lanes at the same time; needs workers or a scheduler.", min=1)
     ] = None,
-    max_memory: Annotated[str, Option(help="Memory of each process; larger lanes are taken in sections.")] = "2GB",
-    section: Annotated[float | None, Option(help="Longest section of a lane, m, for recipes without variants.")] = None,
+    max_memory: Annotated[
+        str, Option(help="Memory of each process; larger lanes are taken in sections.")
+    ] = "2GB",
+    section: Annotated[
+        float | None, Option(help="Longest section of a lane, m, for recipes without variants.")
+    ] = None,
     beside: With = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -118,19 +144,29 @@ def detect(
         how = tasks.How(workers, scheduler, tasks.parse_size(max_memory), track)
         others = _others(beside, len(runs))
         if len(runs) > 1:
-            options: dict[str, Any] = {"lanes_at_once": lanes_at_once, "how": how, "overwrite": overwrite}
-            folders = tasks.detect_runs(runs, recipe, output, lane, model, section, others, **options)
+            options: dict[str, Any] = {
+                "lanes_at_once": lanes_at_once,
+                "how": how,
+                "overwrite": overwrite,
+            }
+            folders = tasks.detect_runs(
+                runs, recipe, output, lane, model, section, others, **options
+            )
         elif lane is not None and len(lane) > 1:
             raise ValueError(f"lane must be one per run, got {len(lane)} for 1 run")
         else:
             where = lane[0] if lane else None
             chosen: dict[str, Any] = {"how": how, "overwrite": overwrite}
-            folders = tasks.detect_long(runs[0], recipe, output, where, model, section, others[0], **chosen)
+            folders = tasks.detect_long(
+                runs[0], recipe, output, where, model, section, others[0], **chosen
+            )
         summaries = [_detected(tasks.read_result(folder), quiet or as_json) for folder in folders]
     if as_json:
         typer.echo(json.dumps(summaries if len(runs) > 1 or len(folders) > 1 else summaries[0]))
     elif not quiet and len(runs) == 1 and len(folders) > 1:
-        typer.echo(f"the lane was taken in {len(folders)} sections; all alarms: {(output / 'alarms.csv').resolve()}")
+        typer.echo(
+            f"the lane was taken in {len(folders)} sections; all alarms: {(output / 'alarms.csv').resolve()}"
+        )
 
 
 def _detected(result: Result, silently: bool) -> dict[str, Any]:
@@ -140,10 +176,14 @@ def _detected(result: Result, silently: bool) -> dict[str, Any]:
     motion = run.get("motion", {"scans": [], "notes": []})
     if not silently:
         if masked:
-            typer.echo(f"{len(masked)} of {run['scans']} scans left out for missing sweeps: {masked}")
+            typer.echo(
+                f"{len(masked)} of {run['scans']} scans left out for missing sweeps: {masked}"
+            )
         for note in motion["notes"]:
             typer.echo(note)
-        typer.echo(f"{len(main.alarms)} alarms; report: {(result.folder / 'report.html').resolve()}")
+        typer.echo(
+            f"{len(main.alarms)} alarms; report: {(result.folder / 'report.html').resolve()}"
+        )
     left_out = {"masked_scans": masked, "implausible_scans": motion["scans"]}
     return {"alarms": len(main.alarms), **left_out, "result": str(result.folder)}
 
@@ -153,13 +193,19 @@ def train(
     runs: Annotated[list[Path], Argument(help="Run stores, one lane each.")],
     truth: Annotated[list[Path], Option(help="CSV of the targets of each run, in the same order.")],
     output: Output,
-    recipe: Annotated[str, Option(help="Recipe with features, or with stages that learn.")] = "wang2007",
+    recipe: Annotated[
+        str, Option(help="Recipe with features, or with stages that learn.")
+    ] = "wang2007",
     lane: Annotated[list[Path] | None, Option(help="TOML of each lane, in the same order.")] = None,
-    feature: Annotated[list[str] | None, Option(help="Feature in place of the recipe's; once per feature.")] = None,
+    feature: Annotated[
+        list[str] | None, Option(help="Feature in place of the recipe's; once per feature.")
+    ] = None,
     beside: With = None,
     workers: Annotated[int | None, Option(help="Processes; the model is the same.", min=1)] = None,
     scheduler: Scheduler = None,
-    max_memory: Annotated[str, Option(help="Memory of each process; a lane that takes more is refused.")] = "2GB",
+    max_memory: Annotated[
+        str, Option(help="Memory of each process; a lane that takes more is refused.")
+    ] = "2GB",
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -181,11 +227,16 @@ def info(
         ),
     ],
     recipe: Annotated[
-        str | None, Option(help="Recipe whose images and lane decide what is covered; tells whether it fits.")
+        str | None,
+        Option(help="Recipe whose images and lane decide what is covered; tells whether it fits."),
     ] = None,
-    recipes: Annotated[bool, Option("--recipes", help="Tell of every packaged recipe whether it fits.")] = False,
+    recipes: Annotated[
+        bool, Option("--recipes", help="Tell of every packaged recipe whether it fits.")
+    ] = False,
     plot: Annotated[Path | None, Option(help="PNG to write: plan, coverage and side view.")] = None,
-    mapping: Annotated[Path | None, Option(help="TOML to write: the draft of the files' mapping.")] = None,
+    mapping: Annotated[
+        Path | None, Option(help="TOML to write: the draft of the files' mapping.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Tell what a run, a file or a model holds, in plain words and units; a model is not loaded for it.
@@ -218,7 +269,9 @@ def _explain(paths: list[Path], mapping: Path | None, as_json: bool) -> None:
     told = tasks.explain_files(paths, beside=mapping) if several else tasks.explain_file(paths[0])
     if mapping is not None:
         if not told.mapping:
-            raise ValueError(f"{paths[0]}: a {told.kind} needs no mapping, none is written to {mapping}")
+            raise ValueError(
+                f"{paths[0]}: a {told.kind} needs no mapping, none is written to {mapping}"
+            )
         tasks.write_draft(told.mapping, mapping)
     if as_json:
         typer.echo(json.dumps({"kind": told.kind, "lines": told.lines, "mapping": told.mapping}))
@@ -236,7 +289,9 @@ def _explain(paths: list[Path], mapping: Path | None, as_json: bool) -> None:
 @app.command()
 def replay(
     result: Annotated[Path, Argument(help="Result folder.")],
-    run: Annotated[Path | None, Option(help="Run store, if it is no longer where the result says.")] = None,
+    run: Annotated[
+        Path | None, Option(help="Run store, if it is no longer where the result says.")
+    ] = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
@@ -250,6 +305,8 @@ def replay(
     else:
         word = "agrees" if outcome["agrees"] else "DIFFERS"
         others = ", ".join(outcome["files"])
-        typer.echo(f"{word}: run-views differ by {outcome['difference']:.1e}; other bytes in {others}")
+        typer.echo(
+            f"{word}: run-views differ by {outcome['difference']:.1e}; other bytes in {others}"
+        )
     if not outcome["agrees"]:
         raise typer.Exit(1)

@@ -11,8 +11,22 @@ import typer
 from typer import Argument, Option
 
 from flgpr import tasks
-from flgpr.cli.common import Json, Overwrite, Quiet, plain_errors, progress, tell_written, with_witness
-from flgpr.cli.show import agreement_json, agreement_lines, comparison_lines, print_scores, score_summary
+from flgpr.cli.common import (
+    Json,
+    Overwrite,
+    Quiet,
+    plain_errors,
+    progress,
+    tell_written,
+    with_witness,
+)
+from flgpr.cli.show import (
+    agreement_json,
+    agreement_lines,
+    comparison_lines,
+    print_scores,
+    score_summary,
+)
 from flgpr.door import MOST_JSON, Folder, parse_json
 
 
@@ -26,45 +40,75 @@ class Show(StrEnum):
 def score(
     alarms: Annotated[
         list[Path],
-        Argument(help="Result folder, or an alarm list (CSV) of any detector; several are compared; see --agreement."),
+        Argument(
+            help="Result folder, or an alarm list (CSV) of any detector; several are compared; see --agreement."
+        ),
     ],
     truth: Annotated[Path | None, Option(help="CSV of the targets.")] = None,
-    objects: Annotated[Path | None, Option(help="CSV of rocks, posts and the like, for a result's pictures.")] = None,
-    lane: Annotated[Path | None, Option(help="TOML or CSV of the lane or lanes; a result folder has its own.")] = None,
+    objects: Annotated[
+        Path | None, Option(help="CSV of rocks, posts and the like, for a result's pictures.")
+    ] = None,
+    lane: Annotated[
+        Path | None, Option(help="TOML or CSV of the lane or lanes; a result folder has its own.")
+    ] = None,
     output: Annotated[
-        Path | None, Option("-o", "--output", help="Folder for report and JSON; or the sealed file.")
+        Path | None,
+        Option("-o", "--output", help="Folder for report and JSON; or the sealed file."),
     ] = None,
     halo: Annotated[
-        float | None, Option(help="Halo radius in metres, for alarm lists (1 m by default); a result has its recipe's.")
+        float | None,
+        Option(
+            help="Halo radius in metres, for alarm lists (1 m by default); a result has its recipe's."
+        ),
     ] = None,
     far: Annotated[
-        float | None, Option(help="Operating point at which targets count as found, false alarms per m² (0.05).")
+        float | None,
+        Option(help="Operating point at which targets count as found, false alarms per m² (0.05)."),
     ] = None,
-    seal: Annotated[bool, Option("--seal", help="Encrypt the truth given as the argument for blind scoring.")] = False,
+    seal: Annotated[
+        bool, Option("--seal", help="Encrypt the truth given as the argument for blind scoring.")
+    ] = False,
     show: Annotated[
-        Show | None, Option(help="With --seal: scores may tell the curve and counts (default), or also which targets.")
+        Show | None,
+        Option(
+            help="With --seal: scores may tell the curve and counts (default), or also which targets."
+        ),
     ] = None,
     sealed: Annotated[
         Path | None, Option(help="Sealed truth to score against, by the rules it was sealed with.")
     ] = None,
     recipe: Annotated[
-        list[str] | None, Option(help="Recipe that must stand in the register; once per alarm list.")
+        list[str] | None,
+        Option(help="Recipe that must stand in the register; once per alarm list."),
     ] = None,
     book: Annotated[
         Path | None, Option(help="Register of recipes and openings; a planned truth names its own.")
     ] = None,
     witness: Annotated[
-        Path | None, Option(help="With --book: a file elsewhere that must know the register's lines; told of new ones.")
+        Path | None,
+        Option(
+            help="With --book: a file elsewhere that must know the register's lines; told of new ones."
+        ),
     ] = None,
     agreement: Annotated[
-        bool, Option("--agreement", help="Compare verdicts of analysts (JSON of flgpr view) with one another.")
+        bool,
+        Option(
+            "--agreement",
+            help="Compare verdicts of analysts (JSON of flgpr view) with one another.",
+        ),
     ] = False,
     columns: Annotated[
-        str | None, Option(help="Columns of the alarm lists that have other names: x=Rechts,y=Hoch,confidence=Score.")
+        str | None,
+        Option(
+            help="Columns of the alarm lists that have other names: x=Rechts,y=Hoch,confidence=Score."
+        ),
     ] = None,
     truth_columns: Annotated[str | None, Option(help="The same of the truth.")] = None,
     anchor: Annotated[
-        Path | None, Option(help="TOML that ties the lane to the Earth, for lists and truth by longitude and latitude.")
+        Path | None,
+        Option(
+            help="TOML that ties the lane to the Earth, for lists and truth by longitude and latitude."
+        ),
     ] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -78,23 +122,37 @@ def score(
         watched = with_witness(book, witness)
         if agreement:
             more = {"output": output, "book": book, "seal": seal or None}
-            _refuse(given | more, (), "--agreement compares verdicts with one another and prints the table")
+            _refuse(
+                given | more,
+                (),
+                "--agreement compares verdicts with one another and prints the table",
+            )
             _say_agreement(alarms, quiet, as_json)
             return
         if seal:
             _refuse(given, ("lane", "halo", "show"), "--seal seals a truth with its lane and halo")
-            path = _seal(alarms, lane, output, {"halo": halo, "show": show and show.value, "book": watched})
+            path = _seal(
+                alarms, lane, output, {"halo": halo, "show": show and show.value, "book": watched}
+            )
             tell_written(quiet, path)
             return
         several = len(alarms) > 1
         home = output or Path("score")
         recipes: list[Any] = recipe or []
         if not several and len(recipes) > 1:
-            raise ValueError(f"recipe must be given once per alarm list, got {len(recipes)} for 1 list")
-        how: dict[str, Any] = {"recipes": recipes} if several else {"recipe": recipes[0] if recipes else None}
+            raise ValueError(
+                f"recipe must be given once per alarm list, got {len(recipes)} for 1 list"
+            )
+        how: dict[str, Any] = (
+            {"recipes": recipes} if several else {"recipe": recipes[0] if recipes else None}
+        )
         how["book"] = watched
         if sealed is not None:
-            _refuse(given, ("sealed", "recipe"), "--sealed scores by the rules that the truth was sealed with")
+            _refuse(
+                given,
+                ("sealed", "recipe"),
+                "--sealed scores by the rules that the truth was sealed with",
+            )
             tasks.require_seal()
             if not overwrite and tasks.holds_sealed_score(alarms, sealed, home, recipes, watched):
                 if as_json:
@@ -105,23 +163,45 @@ def score(
                 pairs = tasks.compare_sealed(alarms, sealed, _passphrase, home, **how)
                 _say_comparison(pairs, home, quiet, as_json)
             else:
-                _say_blind(tasks.score_sealed(alarms[0], sealed, _passphrase, home, **how), home, quiet, as_json)
+                _say_blind(
+                    tasks.score_sealed(alarms[0], sealed, _passphrase, home, **how),
+                    home,
+                    quiet,
+                    as_json,
+                )
             return
         readings = ("columns", "truth-columns", "anchor")
-        _refuse(given, ("truth", "objects", "lane", "halo", "far", "recipe", *readings), "--show goes with --seal")
+        _refuse(
+            given,
+            ("truth", "objects", "lane", "halo", "far", "recipe", *readings),
+            "--show goes with --seal",
+        )
         if truth is None:
             raise ValueError("score needs --truth or --sealed, got neither")
-        rules: dict[str, Any] = {name: value for name, value in (("halo", halo), ("far", far)) if value is not None}
+        rules: dict[str, Any] = {
+            name: value for name, value in (("halo", halo), ("far", far)) if value is not None
+        }
         how["truth_reading"] = tasks.table_reading(truth_columns, anchor)
         reading = tasks.table_reading(columns, anchor)
         if reading is not None:
             how["reading"] = reading
         if several:
             _refuse({"objects": objects}, (), "several lists are compared without pictures")
-            told = tasks.compare_alarms(alarms, truth, home, lane, overwrite=overwrite, **rules, **how)
+            told = tasks.compare_alarms(
+                alarms, truth, home, lane, overwrite=overwrite, **rules, **how
+            )
             _say_comparison(told, home, quiet, as_json)
             return
-        _score_one(alarms[0], truth, objects, lane, output, rules | how | {"overwrite": overwrite}, quiet, as_json)
+        _score_one(
+            alarms[0],
+            truth,
+            objects,
+            lane,
+            output,
+            rules | how | {"overwrite": overwrite},
+            quiet,
+            as_json,
+        )
 
 
 def _say_agreement(files: list[Path], quiet: bool, as_json: bool) -> None:
@@ -134,7 +214,9 @@ def _say_agreement(files: list[Path], quiet: bool, as_json: bool) -> None:
 
 def _refuse(given: dict[str, Any], allowed: tuple[str, ...], why: str) -> None:
     """Refuse options that would be dropped."""
-    strange = [f"--{name}" for name, value in given.items() if value is not None and name not in allowed]
+    strange = [
+        f"--{name}" for name, value in given.items() if value is not None and name not in allowed
+    ]
     if strange:
         raise ValueError(f"{why}, got {' and '.join(strange)}")
 
@@ -150,7 +232,9 @@ def _score_one(
     as_json: bool,
 ) -> None:
     if lane is None and alarms.suffix == ".csv" and not (alarms.parent / "manifest.json").is_file():
-        raise ValueError(f"an alarm list needs --lane (x_min, x_max, y_min, y_max), got {alarms} without it")
+        raise ValueError(
+            f"an alarm list needs --lane (x_min, x_max, y_min, y_max), got {alarms} without it"
+        )
     with progress(quiet or as_json) as track:
         if lane is not None:
             _refuse({"objects": objects}, (), "an alarm list is scored without pictures")
@@ -160,7 +244,9 @@ def _score_one(
             _refuse({"halo": how.get("halo")}, (), "a result is scored by the halo of its recipe")
             reading = how.pop("reading", None)
             if reading is not None and reading.columns:
-                raise ValueError("columns are of alarm lists: a result's list has its own; see --truth-columns")
+                raise ValueError(
+                    "columns are of alarm lists: a result's list has its own; see --truth-columns"
+                )
             folder = alarms.parent if alarms.name == "alarms.csv" else alarms
             home = output or tasks.score_home(folder)
             _, scored = tasks.score_result(folder, truth, objects, home, track, **how)
@@ -171,9 +257,13 @@ def _score_one(
         typer.echo(f"report: {(home / 'report.html').resolve()}")
 
 
-def _seal(truths: list[Path], lane: Path | None, output: Path | None, rules: dict[str, Any]) -> Path:
+def _seal(
+    truths: list[Path], lane: Path | None, output: Path | None, rules: dict[str, Any]
+) -> Path:
     if lane is None or output is None or len(truths) > 1:
-        raise ValueError("--seal needs one truth, --lane and --output, got none or several of one of them")
+        raise ValueError(
+            "--seal needs one truth, --lane and --output, got none or several of one of them"
+        )
     tasks.require_seal()
     chosen = {name: value for name, value in rules.items() if value is not None}
     return tasks.seal(truths[0], lane, output, _new_passphrase, **chosen)
@@ -188,7 +278,9 @@ def _new_passphrase() -> str:
     phrase = str(typer.prompt(f"passphrase ({tasks.PASSPHRASE_RULE})", hide_input=True, err=True))
     tasks.check_passphrase(phrase)
     if phrase != typer.prompt("Repeat for confirmation", hide_input=True, err=True):
-        raise ValueError("passphrase must be typed twice alike, got two different ones: nothing was sealed")
+        raise ValueError(
+            "passphrase must be typed twice alike, got two different ones: nothing was sealed"
+        )
     return phrase
 
 
@@ -199,8 +291,15 @@ def _say_blind(told: Any, home: Path, quiet: bool, as_json: bool) -> None:
         return
     typer.echo(told.points.to_string(index=False, float_format=lambda value: f"{value:.3g}"))
     if told.targets is not None:
-        typer.echo(told.targets.to_string(index=False, na_rep="never", float_format=lambda value: f"{value:.3g}"))
-    counts = {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in told.counts.items()}
+        typer.echo(
+            told.targets.to_string(
+                index=False, na_rep="never", float_format=lambda value: f"{value:.3g}"
+            )
+        )
+    counts = {
+        name: f"{value:.6g}" if isinstance(value, float) else value
+        for name, value in told.counts.items()
+    }
     typer.echo(", ".join(f"{name} {value}" for name, value in counts.items()))
     typer.echo(
         f"look {told.looks} at this truth, different alarm lists so far: {told.lists}; "

@@ -13,7 +13,9 @@ import typer
 from flgpr import tasks
 from flgpr.door import Folder
 
-_AIRBORNE = 100.0  # m above the ground, from where on coverage ahead of a vehicle is not what is asked for
+_AIRBORNE = (
+    100.0  # m above the ground, from where on coverage ahead of a vehicle is not what is asked for
+)
 
 
 def score_summary(folder: Path, scored: list[Any]) -> dict[str, Any]:
@@ -28,7 +30,11 @@ def score_summary(folder: Path, scored: list[Any]) -> dict[str, Any]:
         "found": point["n_detected"],
         "false_alarms": point["n_false"],
         "operating_point": point,
-        "all_alarms": {"found": last["n_detected"], "false_alarms": last["n_false"], "chance": last["chance"]},
+        "all_alarms": {
+            "found": last["n_detected"],
+            "false_alarms": last["n_false"],
+            "chance": last["chance"],
+        },
         "area_m2": main["area"],
         "pd_mean": main["pd_mean"],
         "rules": told["rules"],
@@ -45,21 +51,34 @@ def print_scores(scored: list[Any]) -> None:
     title = f"What became of each target at {scored[0].far:.2g} false alarms per m²"
     table = Table(title=title, caption="first seen: at so many false alarms per m²")
     for name in ("target", "outcome", "first seen", "rank", "above", "off by"):
-        table.add_column(name, justify="left" if name in ("target", "outcome") else "right", no_wrap=True)
+        table.add_column(
+            name, justify="left" if name in ("target", "outcome") else "right", no_wrap=True
+        )
     for one in scored:
         table.add_section()
         table.add_row(f"[bold]{one.name}[/bold]")
         for row in one.outcomes.to_dict("records"):
             target = f"  {row['target_id']}: {row['kind']}, {100 * row['depth']:.1f} cm"
-            seen = [f"{row['far']:.2g}", str(row["rank"]), str(row["n_false"]), f"{row['distance']:.2f} m"]
-            table.add_row(target, "found" if row["found"] else "missed", *(seen if row["detected"] else ["never"]))
+            seen = [
+                f"{row['far']:.2g}",
+                str(row["rank"]),
+                str(row["n_false"]),
+                f"{row['distance']:.2f} m",
+            ]
+            table.add_row(
+                target,
+                "found" if row["found"] else "missed",
+                *(seen if row["detected"] else ["never"]),
+            )
     Console().print(table)
     typer.echo(f"{scored[0].name}: {scored[0].in_words()}")
 
 
 def comparison_lines(told: Any) -> list[str]:
     """Say detectors side by side: each Pd with interval, counts and chance, and their differences."""
-    lines = ["95 % intervals in brackets; chance is the Pd of alarms that know nothing of the targets"]
+    lines = [
+        "95 % intervals in brackets; chance is the Pd of alarms that know nothing of the targets"
+    ]
     width = max(map(len, told.points["detector"]))
     for far, rows in told.points.groupby("far_allowed"):
         lines += ["", f"at most {far:g} false alarms per m²"]
@@ -104,7 +123,10 @@ def agreement_lines(pairs: Mapping[tuple[str, str], Any]) -> list[str]:
         width = max(len(first), *map(len, table.index)) + 2
         head = "".join(f"{name:>9}" for name in table.columns)
         lines.append(f"  {first:{width}}{head}  {second}")
-        lines += [f"  {name:{width}}" + "".join(f"{count:9d}" for count in row) for name, *row in table.itertuples()]
+        lines += [
+            f"  {name:{width}}" + "".join(f"{count:9d}" for count in row)
+            for name, *row in table.itertuples()
+        ]
     return lines
 
 
@@ -112,7 +134,11 @@ def agreement_json(pairs: Mapping[tuple[str, str], Any]) -> list[dict[str, Any]]
     """Tell a machine how far every two analysts agree; what is not defined is null."""
     return [
         {"first": first, "second": second, "only_first": only_first, "only_second": only_second}
-        | {name: None if value != value else value for name, value in vars(told).items() if name != "table"}
+        | {
+            name: None if value != value else value
+            for name, value in vars(told).items()
+            if name != "table"
+        }
         | {"table": told.table.to_dict("index")}
         for (first, second), (told, only_first, only_second) in pairs.items()
     ]
@@ -125,7 +151,11 @@ def info_lines(told: dict[str, Any]) -> list[str]:
     between = f", {spacing[0]:.2f} to {spacing[1]:.2f} m between scans" if spacing else ""
     missing = f"{told['missing_sweeps']} missing" if told["missing_sweeps"] else "none missing"
     masked = f"; scans left out for it: {told['masked_scans']}" if told["masked_scans"] else ""
-    even = "evenly spaced" if told["uniform_tones"] else f"uneven, up to {told['largest_step_hz'] / 1e6:.3g} MHz apart"
+    even = (
+        "evenly spaced"
+        if told["uniform_tones"]
+        else f"uneven, up to {told['largest_step_hz'] / 1e6:.3g} MHz apart"
+    )
     lines = [
         f"{told['title']}" + (f" ({told['source']})" if told["source"] else ""),
         f"  scans          {told['scans']} over {told['travelled_m']:.2f} m of travel{between}",
@@ -138,7 +168,8 @@ def info_lines(told: dict[str, Any]) -> list[str]:
             f"{told['unambiguous_path_m']:.1f} m"
         )
     heights = [
-        told["height_m"] + pose[2] - sum(one[2] for one in told["pose"]) / len(told["pose"]) for pose in told["pose"]
+        told["height_m"] + pose[2] - sum(one[2] for one in told["pose"]) / len(told["pose"])
+        for pose in told["pose"]
     ]
     across, along, _ = told["array_m"]
     lines += [
@@ -180,7 +211,9 @@ def model_lines(held: dict[str, Any]) -> list[str]:
         for name, value in held["notes"].items():
             lines.append(f"  note           {_quoted(name)}: {_quoted(value)}")
     for one in held["arrays"]:
-        lines.append(f"  array          {_quoted(one['name'])} {_quoted(one['dtype'])} {one['shape']}")
+        lines.append(
+            f"  array          {_quoted(one['name'])} {_quoted(one['dtype'])} {one['shape']}"
+        )
     return lines
 
 
@@ -192,7 +225,11 @@ def _quoted(value: Any, most: int = 100) -> str:
 
 def _recipe_lines(faults: dict[str, list[str]]) -> list[str]:
     """Say which recipes fit, and of the others what does not."""
-    lines = [f"{name} fits" if not some else f"{name}: {one}" for name, some in faults.items() for one in some or [""]]
+    lines = [
+        f"{name} fits" if not some else f"{name}: {one}"
+        for name, some in faults.items()
+        for one in some or [""]
+    ]
     if any(faults.values()):
         lines.append("`flgpr recipe for RUN` makes one that fits")
     return [f"  {'recipe' if k == 0 else '':<15}{line}" for k, line in enumerate(lines)]

@@ -1,7 +1,7 @@
 """Self-signature and gain background, equation by equation (Wang et al. 2007, Sec. II-A).
 
-With v_k = m_k exp(iθ_k) the image of scan k, of one polarization and sub-band, μ_k and σ_k the mean and the standard
-deviation of m_k over its pixels, and r_k the rms of the lowest 75 % of m_k:
+With v_k = m_k exp(iθ_k) the image of scan k, of one polarization and sub-band, μ_k and σ_k the mean
+and the standard deviation of m_k over its pixels, and r_k the rms of the lowest 75 % of m_k:
 
 - B1 = 1/N Σ_k 1/r_k min[m_k, μ_k + 5σ_k] exp(iθ_k)  (Eq. 2) is :func:`self_signature`,
 - m'_k = |v_k/r_k - B1|  (Eq. 3) is filtered, first by the median and then by the mean, in
@@ -43,7 +43,9 @@ def check_windows(median_size: tuple[int, int], mean_size: tuple[int, int]) -> N
 def check_gain(gain: NDArray[np.float64]) -> None:
     """Refuse a scan without a gain r_k."""
     if not (np.isfinite(gain).all() and (gain > 0).all()):
-        raise ValueError(f"image must be finite and not zero everywhere to have a gain, got a gain of {gain.min()}")
+        raise ValueError(
+            f"image must be finite and not zero everywhere to have a gain, got a gain of {gain.min()}"
+        )
 
 
 def scan_gain(image: ComplexArray) -> NDArray[np.float64]:
@@ -66,9 +68,10 @@ def self_signature(images: Iterable[ComplexArray], method: SelfSignature = "mean
     images : iterable of (..., y, x) ndarray of complex
         Scan images of a run, at least two unless the method is "none".
     method : {"none", "mean", "median"}
-        "mean" is Eq. 2: the mean of the images with magnitudes clipped at μ + 5σ. "median" takes the median of the real
-        and of the imaginary part, which a target that is elsewhere in the other scans does not enter; it holds all
-        images in memory. "none" is zero: for windows that keep the direct coupling out of sight.
+        "mean" is Eq. 2: the mean of the images with magnitudes clipped at μ + 5σ. "median" takes
+        the median of the real and of the imaginary part, which a target that is elsewhere in the
+        other scans does not enter; it holds all images in memory. "none" is zero: for windows that
+        keep the direct coupling out of sight.
 
     Examples
     --------
@@ -92,7 +95,9 @@ def self_signature(images: Iterable[ComplexArray], method: SelfSignature = "mean
     if method == "none":
         return np.zeros(np.shape(first[0]), np.complex64)
     if len(first) == 1:
-        raise ValueError(f"self_signature by {method} needs at least two scans, got one: it would be all of the image")
+        raise ValueError(
+            f"self_signature by {method} needs at least two scans, got one: it would be all of the image"
+        )
     scans = chain(first, scans)
     if method == "median":
         return complex_median(np.stack([v_k / scan_gain(v_k) for v_k in scans]))
@@ -109,7 +114,9 @@ def self_signature(images: Iterable[ComplexArray], method: SelfSignature = "mean
 
 def complex_median(stack: NDArray[Any]) -> ComplexArray:
     """Take the median of the real and of the imaginary part over the first axis."""
-    return np.asarray(np.median(stack.real, axis=0) + 1j * np.median(stack.imag, axis=0), dtype=np.complex64)
+    return np.asarray(
+        np.median(stack.real, axis=0) + 1j * np.median(stack.imag, axis=0), dtype=np.complex64
+    )
 
 
 def gain_background(
@@ -136,11 +143,15 @@ def gain_background(
         raise ValueError("images must hold at least one scan, got none")
     B2 = total / count
     if not (B2 > 0).all():
-        raise ValueError("gain background must be positive everywhere, got zero: the images equal their self-signature")
+        raise ValueError(
+            "gain background must be positive everywhere, got zero: the images equal their self-signature"
+        )
     return B2.astype(np.float32)
 
 
-def remove_background(image: ComplexArray, signature: ComplexArray, gain: NDArray[np.float32]) -> ComplexArray:
+def remove_background(
+    image: ComplexArray, signature: ComplexArray, gain: NDArray[np.float32]
+) -> ComplexArray:
     """Subtract the self-signature B1 and divide by the gain background B2, all (..., y, x).
 
     The modulus, in units of the background, is Eq. 5 of Wang et al. 2007.

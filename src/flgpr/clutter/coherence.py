@@ -63,10 +63,15 @@ def iterate_frames(
     :func:`iterate_suppression`.
     """
     frames = zip(np.asarray(data), operator_on, strict=True)
-    return [iterate_suppression(one, make, pixels, mask, region, iterations, amplitude) for one, make in frames]
+    return [
+        iterate_suppression(one, make, pixels, mask, region, iterations, amplitude)
+        for one, make in frames
+    ]
 
 
-def averaged_frames(courses: Sequence[Iterated], combination: int, fall_back: bool = True) -> ComplexArray:
+def averaged_frames(
+    courses: Sequence[Iterated], combination: int, fall_back: bool = True
+) -> ComplexArray:
     """Average the iterations of a combination in every frame, see :func:`averaged`; (frame, ...) ndarray."""
     return np.stack([averaged(course, combination, fall_back) for course in courses])
 
@@ -74,9 +79,10 @@ def averaged_frames(courses: Sequence[Iterated], combination: int, fall_back: bo
 def coherent_loss_db(error: ArrayLike, frequency: ArrayLike) -> FloatArray:
     """Loss, dB, of a coherent sum over many frames whose ranges are wrong (deviation σ, m), for tones in Hz.
 
-    An error δ along the line of sight turns a tone by 4πfδ/c; with independent normal errors of deviation σ the mean
-    field over the frames falls by ``exp(-(4πfσ/c)²/2)``, averaged over the tones. An error of the heading turns the
-    array about its middle: it shifts the image across and hardly changes its phase, so it does not enter.
+    An error δ along the line of sight turns a tone by 4πfδ/c; with independent normal errors of
+    deviation σ the mean field over the frames falls by ``exp(-(4πfσ/c)²/2)``, averaged over the
+    tones. An error of the heading turns the array about its middle: it shifts the image across and
+    hardly changes its phase, so it does not enter.
 
     Examples
     --------
@@ -87,15 +93,20 @@ def coherent_loss_db(error: ArrayLike, frequency: ArrayLike) -> FloatArray:
     >>> [round(float(coherent_loss_db(0.01, np.linspace(*band))), 1) for band in ((0.75e9, 3.2e9), (8.4e9, 10.4e9))]
     [3.1, 64.0]
     """
-    turn = 4 * np.pi / SPEED_OF_LIGHT * np.multiply.outer(np.asarray(error, float), np.asarray(frequency, float))
+    turn = (
+        4
+        * np.pi
+        / SPEED_OF_LIGHT
+        * np.multiply.outer(np.asarray(error, float), np.asarray(frequency, float))
+    )
     return np.asarray(0.0 - 20 * np.log10(np.exp(-(turn**2) / 2).mean(axis=-1)))
 
 
 def accuracy_needed(frequency: ArrayLike, loss_db: float = 1.0) -> float:
     """Compute the accuracy of the range that a coherent sum over frames needs (Fuse et al. 2018, Eq. 4).
 
-    It is the standard deviation along the line of sight from frame to frame, m, for tones in Hz and the loss, dB, that
-    is put up with.
+    It is the standard deviation along the line of sight from frame to frame, m, for tones in Hz and
+    the loss, dB, that is put up with.
 
     Examples
     --------
@@ -110,18 +121,23 @@ def accuracy_needed(frequency: ArrayLike, loss_db: float = 1.0) -> float:
     turn = 4 * np.pi * tones.min() / SPEED_OF_LIGHT
     # The lowest tone alone would stand an error of `most`; all tones together stand less.
     most = np.sqrt(loss_db * np.log(10) / 10) / turn
-    return float(brentq(lambda sigma: float(coherent_loss_db(sigma, tones)) - loss_db, 0.0, 1.001 * most))
+    return float(
+        brentq(lambda sigma: float(coherent_loss_db(sigma, tones)) - loss_db, 0.0, 1.001 * most)
+    )
 
 
 @dataclass(frozen=True)
 class Coherence:
     """How well frames agree at strong pixels."""
 
-    loss_db: FloatArray  #: magnitude of the sum under the sum of the frames' own peaks, dB, by pixel, strongest first
+    # : magnitude of the sum under the sum of the frames' own peaks, dB, by pixel, strongest first
+    loss_db: FloatArray
     at: NDArray[np.int64]  #: (pixel, 2): row and column of each
 
 
-def measured_coherence(images: ArrayLike, reach: int = 2, apart: int = 10, most: int = 20) -> Coherence:
+def measured_coherence(
+    images: ArrayLike, reach: int = 2, apart: int = 10, most: int = 20
+) -> Coherence:
     """Measure the loss of the coherent sum at the strongest pixels of images (frame, y, x), at least two.
 
     A frame's own peak may lie ``reach`` pixels from one of the sum; at ``most`` so many peaks, that many pixels
@@ -130,7 +146,9 @@ def measured_coherence(images: ArrayLike, reach: int = 2, apart: int = 10, most:
     """
     frames = np.asarray(images)
     if frames.ndim != 3 or len(frames) < 2:
-        raise ValueError(f"images must be (frame, y, x) with at least two frames, got {frames.shape}")
+        raise ValueError(
+            f"images must be (frame, y, x) with at least two frames, got {frames.shape}"
+        )
     total = np.abs(frames.sum(axis=0))
     single = np.sum([maximum_filter(np.abs(one), size=2 * reach + 1) for one in frames], axis=0)
     peak = (total == maximum_filter(total, size=2 * apart + 1)) & (total > 0)

@@ -15,7 +15,15 @@ ComplexArray = NDArray[np.complex64]
 OperatorOn = Callable[[NDArray[np.float64]], Operator]
 Amplitude = Literal["region", "whole"]
 
-TABLE_II: dict[int, tuple[int, ...]] = {0: (0,), 1: (1, 2), 2: (2, 3), 3: (3, 4), 4: (4, 5), 5: (5, 6), 6: (6, 7)}
+TABLE_II: dict[int, tuple[int, ...]] = {
+    0: (0,),
+    1: (1, 2),
+    2: (2, 3),
+    3: (3, 4),
+    4: (4, 5),
+    5: (5, 6),
+    6: (6, 7),
+}
 """Iterations whose images each combination averages (Table II); 0 is the original."""
 _ROUNDING = 1e-3
 
@@ -24,8 +32,12 @@ _ROUNDING = 1e-3
 class Iterated:
     """Course of an iterated suppression."""
 
-    data: tuple[ComplexArray, ...]  #: (..., polarization, pair, frequency): data after 0, 1, ... iterations
-    residual: NDArray[np.float64]  #: (iteration + 1, polarization): norm of the cleaned data over that of the data
+    data: tuple[
+        ComplexArray, ...
+    ]  #: (..., polarization, pair, frequency): data after 0, 1, ... iterations
+    residual: NDArray[
+        np.float64
+    ]  #: (iteration + 1, polarization): norm of the cleaned data over that of the data
     amplitude: NDArray[np.float64]  #: (iteration, region, polarization): B of Eq. 7
     #: (iteration + 1, polarization): energy of the cleaned data less that of the data, and how far it must differ
     #: between two iterations to be told from rounding, both over the energy of the data
@@ -94,18 +106,20 @@ def iterate_suppression(
 ) -> Iterated:
     """Suppress what lies under a mask by iterating Eq. 5 to 8 of Fuse et al. 2018.
 
-    With m_r the part of the mask in sub-region r, an iteration takes x = A^H b and ``x̂_r = m_r∘x``, and subtracts, all
-    at once, ``B_r b̂_r`` with ``b̂_r = A x̂_r`` (Eq. 5) and ``B_r = max|x̂_r| / max|x'_2|`` (Eq. 7), the second maximum
-    over all pixels of the sub-region. The paper wants B "in each sub-region area, respectively", which can be read in
-    two ways: ``x'_2 = A^H b̂_r`` (Eq. 8) of the sub-region's own response, so that sidelobes of a strong one elsewhere
-    do not enter, or ``x'_2 = A^H Σ b̂_r`` of the whole response, the b̂ of Eq. 5 to the letter.
+    With m_r the part of the mask in sub-region r, an iteration takes x = A^H b and ``x̂_r =
+    m_r∘x``, and subtracts, all at once, ``B_r b̂_r`` with ``b̂_r = A x̂_r`` (Eq. 5) and ``B_r =
+    max|x̂_r| / max|x'_2|`` (Eq. 7), the second maximum over all pixels of the sub-region. The paper
+    wants B "in each sub-region area, respectively", which can be read in two ways: ``x'_2 = A^H
+    b̂_r`` (Eq. 8) of the sub-region's own response, so that sidelobes of a strong one elsewhere do
+    not enter, or ``x'_2 = A^H Σ b̂_r`` of the whole response, the b̂ of Eq. 5 to the letter.
 
-    The iteration is stable while the spectrum of ``Σ B_r m_r A^H A m_r`` lies within 0 to 2, which Eq. 7 does not
-    warrant: B follows the one pixel that is strongest, and where another takes its place the residual can rise for an
-    iteration and fall below all earlier ones afterwards. All iterations are therefore run, as in the paper, and the
-    residual of every polarization is kept; :func:`averaged` falls back to the best iteration where all went wrong.
-    The residual is followed by ``|b - r|² - |b|²`` in double precision against ``|r|²``, r being what is subtracted,
-    so that echoes outside the mask, however strong, hide no rise.
+    The iteration is stable while the spectrum of ``Σ B_r m_r A^H A m_r`` lies within 0 to 2, which
+    Eq. 7 does not warrant: B follows the one pixel that is strongest, and where another takes its
+    place the residual can rise for an iteration and fall below all earlier ones afterwards. All
+    iterations are therefore run, as in the paper, and the residual of every polarization is kept;
+    :func:`averaged` falls back to the best iteration where all went wrong. The residual is followed
+    by ``|b - r|² - |b|²`` in double precision against ``|r|²``, r being what is subtracted, so that
+    echoes outside the mask, however strong, hide no rise.
 
     Parameters
     ----------
@@ -116,12 +130,13 @@ def iterate_suppression(
     pixels : (y, x, 3) array_like
         Pixel centres, m.
     mask, region : (y, x) array_like of bool, of int
-        Where to suppress, and the sub-region of every pixel: -1 for none, which the mask must not hold.
+        Where to suppress, and the sub-region of every pixel: -1 for none, which the mask must not
+        hold.
     iterations : int
         How many.
     amplitude : {"region", "whole"}
-        Which response the second maximum of Eq. 7 is taken of: "region", ``b̂_r`` of the sub-region alone; "whole",
-        ``b̂ = Σ b̂_r`` of all sub-regions, both over the sub-region's pixels.
+        Which response the second maximum of Eq. 7 is taken of: "region", ``b̂_r`` of the sub-region
+        alone; "whole", ``b̂ = Σ b̂_r`` of all sub-regions, both over the sub-region's pixels.
     """
     points = np.asarray(pixels, dtype=np.float64)
     chosen = np.asarray(mask, dtype=bool)
@@ -136,7 +151,9 @@ def iterate_suppression(
             f"{part.shape}"
         )
     if (part[chosen] < 0).any():
-        raise ValueError(f"mask must lie within the sub-regions, got {int((part[chosen] < 0).sum())} pixels outside")
+        raise ValueError(
+            f"mask must lie within the sub-regions, got {int((part[chosen] < 0).sum())} pixels outside"
+        )
     b = np.array(data, dtype=np.complex64)
     used = np.unique(part[chosen])
     under = [points[chosen & (part == r)] for r in used]
@@ -181,7 +198,9 @@ def averaged(course: Iterated, combination: int, fall_back: bool = True) -> Comp
         If there is no such combination, or it needs more iterations than there are.
     """
     wanted = _parts(course, combination)
-    mean = np.asarray(np.sum([course.data[number] for number in wanted], axis=0) / len(wanted), dtype=np.complex64)
+    mean = np.asarray(
+        np.sum([course.data[number] for number in wanted], axis=0) / len(wanted), dtype=np.complex64
+    )
     if fall_back:
         for polarization, number in fallen_back(course, combination).items():
             mean[..., polarization, :, :] = course.data[number][..., polarization, :, :]
@@ -211,10 +230,14 @@ def fallen_back(course: Iterated, combination: int) -> dict[int, int]:
 def _parts(course: Iterated, combination: int) -> tuple[int, ...]:
     """Look up the iterations of a combination, which must be there."""
     if combination not in TABLE_II:
-        raise ValueError(f"combination must be one of {', '.join(map(str, TABLE_II))}, got {combination}")
+        raise ValueError(
+            f"combination must be one of {', '.join(map(str, TABLE_II))}, got {combination}"
+        )
     wanted = TABLE_II[combination]
     if max(wanted) > course.iterations:
-        raise ValueError(f"combination {combination} needs {max(wanted)} iterations, got {course.iterations}")
+        raise ValueError(
+            f"combination {combination} needs {max(wanted)} iterations, got {course.iterations}"
+        )
     return wanted
 
 
@@ -237,7 +260,9 @@ def _norms(data: ComplexArray) -> NDArray[np.float64]:
     return np.asarray(np.sqrt(power.sum(axis=_but_polarization(data))))
 
 
-def _energy_change(data: ComplexArray, response: ComplexArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _energy_change(
+    data: ComplexArray, response: ComplexArray
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Compute ``|b - r|² - |b|²`` and ``|r|²`` of every polarization."""
     size = _norms(response) ** 2
     overlap = np.multiply(data.real, response.real, dtype=np.float64)

@@ -34,8 +34,8 @@ class Thresholds:
 def roadside_mask(level: NDArray[np.floating], inside: BoolArray, grow: int = 0) -> BoolArray:
     """Find the ground beside a lane that outshines everything in it, as a mask (y, x).
 
-    ``level`` is a run-view of magnitudes, NaN where nothing was seen, and ``inside`` the pixels of the lane; the mask
-    is grown by ``grow`` pixels, never into the lane.
+    ``level`` is a run-view of magnitudes, NaN where nothing was seen, and ``inside`` the pixels of
+    the lane; the mask is grown by ``grow`` pixels, never into the lane.
 
     Examples
     --------
@@ -56,8 +56,8 @@ def roadside_mask(level: NDArray[np.floating], inside: BoolArray, grow: int = 0)
 def subregions(distance: ArrayLike, edges: ArrayLike) -> IntArray:
     """Tell the sub-region in range of pixels (Fuse et al. 2018, Sec. 2.2, which takes four), -1 outside all.
 
-    ``distance`` is the range of every pixel and ``edges`` are the borders, m, rising; a lower border is within, the
-    last one too.
+    ``distance`` is the range of every pixel and ``edges`` are the borders, m, rising; a lower
+    border is within, the last one too.
 
     Examples
     --------
@@ -82,9 +82,13 @@ def above(image: ArrayLike, threshold: ArrayLike, region: IntArray) -> BoolArray
     magnitude = np.abs(np.asarray(image))
     limit = np.asarray(threshold, dtype=np.float64)
     if magnitude.shape != region.shape:
-        raise ValueError(f"image must have the shape of region, {region.shape}, got {magnitude.shape}")
+        raise ValueError(
+            f"image must have the shape of region, {region.shape}, got {magnitude.shape}"
+        )
     if limit.ndim != 1 or limit.size <= region.max(initial=-1) or not (limit >= 0).all():
-        raise ValueError(f"threshold must hold one number of at least 0 per sub-region, got {threshold!r}")
+        raise ValueError(
+            f"threshold must hold one number of at least 0 per sub-region, got {threshold!r}"
+        )
     return np.asarray((region >= 0) & (magnitude > limit[np.maximum(region, 0)]))
 
 
@@ -140,7 +144,11 @@ def fundamental_mask(
 
 
 def extended_mask(
-    vh: ArrayLike, thresholds: Thresholds, region: IntArray, across: ArrayLike, roadside: tuple[float, float] = ROADSIDE
+    vh: ArrayLike,
+    thresholds: Thresholds,
+    region: IntArray,
+    across: ArrayLike,
+    roadside: tuple[float, float] = ROADSIDE,
 ) -> BoolArray:
     """Make the extended mask of the roadside (Fuse et al. 2018, Fig. 2b) from a VH image (y, x) and its low threshold.
 
@@ -154,7 +162,9 @@ def extended_mask(
     return above(vh, thresholds.low_vh, region) & (away >= least) & (away <= greatest)
 
 
-def roadside_level(image: ArrayLike, region: IntArray, roadside: BoolArray, regions: int) -> FloatArray:
+def roadside_level(
+    image: ArrayLike, region: IntArray, roadside: BoolArray, regions: int
+) -> FloatArray:
     """Average the magnitude of an image (y, x) at the roadside, sub-region by sub-region; NaN where there is none.
 
     Of the VH image of the frame under test it is the threshold of the extended mask as the paper has it: "the average
@@ -200,7 +210,9 @@ class ThresholdCalibration:
 
     def __init__(self, regions: int, response_db: float = 6.0) -> None:
         if regions < 1 or not response_db > 0:
-            raise ValueError(f"regions and response_db must be positive, got {regions} and {response_db}")
+            raise ValueError(
+                f"regions and response_db must be positive, got {regions} and {response_db}"
+            )
         self.regions = regions
         self.response_db = response_db
         self.targets = np.zeros(regions, np.int64)
@@ -246,21 +258,32 @@ class ThresholdCalibration:
     def state(self) -> dict[str, NDArray[Any]]:
         """Give what was gathered, to be taken in by another."""
         levels = np.asarray(self._roadside).reshape(-1, self.regions)
-        kept = {"targets": self.targets, "vv": self._vv, "vh": self._vh, "second": self._second, "roadside": levels}
+        kept = {
+            "targets": self.targets,
+            "vv": self._vv,
+            "vh": self._vh,
+            "second": self._second,
+            "roadside": levels,
+        }
         return kept | {"has_second": np.array(self._has_second)}
 
     def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take in what another gathered of other frames or lanes."""
         self.targets = self.targets + state["targets"]
         self._vv = np.minimum(self._vv, state["vv"])
-        self._vh, self._second = np.maximum(self._vh, state["vh"]), np.maximum(self._second, state["second"])
+        self._vh, self._second = (
+            np.maximum(self._vh, state["vh"]),
+            np.maximum(self._second, state["second"]),
+        )
         self._has_second |= bool(state["has_second"])
         self._roadside += list(state["roadside"])
 
     def result(self) -> Thresholds:
         """Compute the thresholds of every sub-region; each must have shown a target and roadside."""
         if (self.targets == 0).any():
-            raise ValueError(f"every sub-region must have shown a target, got {self.targets.tolist()} looks")
+            raise ValueError(
+                f"every sub-region must have shown a target, got {self.targets.tolist()} looks"
+            )
         levels = np.asarray(self._roadside)
         if np.isnan(levels).all(axis=0).any():
             raise ValueError("every sub-region must have shown roadside, got one without")

@@ -50,15 +50,18 @@ def remove_mean_trace(traces: FloatArray) -> FloatArray:
     known = _known(traces)
     count = int(np.count_nonzero(known))
     if count < 2:
-        raise ValueError(f"background must be estimated from at least 2 traces with data, got {count}")
+        raise ValueError(
+            f"background must be estimated from at least 2 traces with data, got {count}"
+        )
     return traces - traces[known].mean(axis=0)
 
 
 def level_traces(traces: FloatArray, window: int) -> FloatArray:
     """Divide all traces by the line's root mean square level at each time: late echoes come up beside early ones.
 
-    One curve serves all traces (trace, sample), so that amplitudes along the line stay comparable. The level is that
-    of the power over traces and over ``window`` samples; it is never taken as less than 1/1000 of its greatest value.
+    One curve serves all traces (trace, sample), so that amplitudes along the line stay comparable.
+    The level is that of the power over traces and over ``window`` samples; it is never taken as
+    less than 1/1000 of its greatest value.
 
     Raises
     ------

@@ -16,8 +16,15 @@ def standing_field(signal: ArrayLike) -> ComplexArray:
     """
     data = np.asarray(signal, dtype=np.complex64)
     if len(data) < 3:
-        raise ValueError(f"signal must hold at least three scans to tell what stands still, got {len(data)}")
-    return np.stack([np.median(one.real, axis=0) + 1j * np.median(one.imag, axis=0) for one in data.swapaxes(0, 1)])
+        raise ValueError(
+            f"signal must hold at least three scans to tell what stands still, got {len(data)}"
+        )
+    return np.stack(
+        [
+            np.median(one.real, axis=0) + 1j * np.median(one.imag, axis=0)
+            for one in data.swapaxes(0, 1)
+        ]
+    )
 
 
 def subtract_standing(data: ArrayLike, field: ComplexArray) -> ComplexArray:

@@ -60,37 +60,55 @@ class Background:
 
     def cropped(self, rows: int) -> Background:
         """Give the background of the nearest ``rows`` image rows."""
-        return Background(**{name: np.ascontiguousarray(one[..., :rows, :]) for name, one in vars(self).items()})
+        return Background(
+            **{name: np.ascontiguousarray(one[..., :rows, :]) for name, one in vars(self).items()}
+        )
 
-    def magnitude(self, image: ComplexArray, gain: FloatArray, rows: int | None = None) -> MagnitudeArray:
+    def magnitude(
+        self, image: ComplexArray, gain: FloatArray, rows: int | None = None
+    ) -> MagnitudeArray:
         """Clean an image by channel with its scan gain: m'', in units of the background (Wang et al. 2007, Eq. 5).
 
         ``rows`` are those nearest, by default all of the image's; the background may reach farther.
         """
         out = np.empty(_near(image, rows), np.float32)
-        magnitude_over_background(_flat(image), gain.ravel(), _flat(self.signature), _flat(self.gain), _flat(out))
+        magnitude_over_background(
+            _flat(image), gain.ravel(), _flat(self.signature), _flat(self.gain), _flat(out)
+        )
         return out
 
-    def own_coherent(self, image: ComplexArray, gain: FloatArray, rows: int | None = None) -> ComplexArray:
+    def own_coherent(
+        self, image: ComplexArray, gain: FloatArray, rows: int | None = None
+    ) -> ComplexArray:
         """Clean an image channel by channel and keep its phase, as the paper's polarimetric features have it.
 
         Its modulus is :meth:`magnitude`.
         """
         out = np.empty(_near(image, rows), np.complex64)
-        subtract_and_divide(_flat(image), gain.ravel(), _flat(self.signature), _flat(self.gain), _flat(out))
+        subtract_and_divide(
+            _flat(image), gain.ravel(), _flat(self.signature), _flat(self.gain), _flat(out)
+        )
         return out
 
-    def coherent(self, image: ComplexArray, gain: FloatArray, rows: int | None = None) -> ComplexArray:
+    def coherent(
+        self, image: ComplexArray, gain: FloatArray, rows: int | None = None
+    ) -> ComplexArray:
         """Clean an image with what the polarizations of a sub-band share: ``(v/r̄ - B1)/B̄2``."""
         out = np.empty(_near(image, rows), np.complex64)
         shared = np.broadcast_to(shared_gain(gain), gain.shape).ravel()
-        subtract_and_divide(_flat(image), shared, _flat(self.shared_signature), _flat(self.shared_gain), _flat(out))
+        subtract_and_divide(
+            _flat(image), shared, _flat(self.shared_signature), _flat(self.shared_gain), _flat(out)
+        )
         return out
 
 
 def _near(image: ComplexArray, rows: int | None) -> tuple[int, ...]:
     """Shape of the nearest rows of an image."""
-    return (*image.shape[:-2], image.shape[-2] if rows is None else min(rows, image.shape[-2]), image.shape[-1])
+    return (
+        *image.shape[:-2],
+        image.shape[-2] if rows is None else min(rows, image.shape[-2]),
+        image.shape[-1],
+    )
 
 
 def shared_gain(gain: FloatArray) -> FloatArray:
@@ -120,7 +138,9 @@ class BackgroundEstimator:
         check_windows(median_size, mean_size)
         check_method(method)
         if not 1 <= step <= max(1, min(mean_size) // 2):
-            raise ValueError(f"step must lie between 1 and half of mean_size {mean_size}, got {step}")
+            raise ValueError(
+                f"step must lie between 1 and half of mean_size {mean_size}, got {step}"
+            )
         self.median_size = median_size
         self.mean_size = mean_size
         self.step = step
@@ -141,10 +161,13 @@ class BackgroundEstimator:
             self._begin(near.shape)
         r, limit = self._measure(image)
         if self.method == "mean":
-            # The sum over k of Eq. 2, min(m_k, μ_k + 5σ_k) exp(iθ_k) over r_k, and the same over the shared gain.
+            # The sum over k of Eq. 2, min(m_k, μ_k + 5σ_k) exp(iθ_k) over r_k, and the same over
+            # the shared gain.
             r_shared = np.broadcast_to(shared_gain(r), r.shape)
             weights = 1 / r.ravel(), np.ascontiguousarray(1 / r_shared).ravel()
-            add_clipped(_flat(image), limit.ravel(), *weights, self._B1_total, self._B1_shared_total)
+            add_clipped(
+                _flat(image), limit.ravel(), *weights, self._B1_total, self._B1_shared_total
+            )
         elif self.method == "median":
             self._scaled.append((near / r[..., None, None]).astype(np.complex64))
         self.gains.append(r)
@@ -158,7 +181,9 @@ class BackgroundEstimator:
                 f"add_gain must be called once per scan of the first pass, got more than {len(self.gains)}"
             )
         if image[..., self._rows, :].shape != signature.shape:
-            raise ValueError(f"image must have the shape {signature.shape} of those before, got {image.shape}")
+            raise ValueError(
+                f"image must have the shape {signature.shape} of those before, got {image.shape}"
+            )
         smooth = self._smooth(image, self.gains[self._smoothed], signature)
         self._median = smooth if self._median is None else self._median + smooth
         self._smoothed += 1
@@ -190,7 +215,9 @@ class BackgroundEstimator:
         """Assemble the background once both passes have seen every scan."""
         signature = self.signature()
         if self._median is None or self._smoothed != len(self.gains) or self._shared is None:
-            raise ValueError(f"add_gain must be called for all {len(self.gains)} scans, got {self._smoothed}")
+            raise ValueError(
+                f"add_gain must be called for all {len(self.gains)} scans, got {self._smoothed}"
+            )
         N_scan = self._smoothed
         B2 = self._spread_out(self._median / N_scan)  # Eq. 4
         return Background(signature, B2, self._shared, shared_level(B2, np.stack(self.gains)))
@@ -209,8 +236,14 @@ class BackgroundEstimator:
         if self.method == "median":
             return found | {"scaled": np.stack(self._scaled)}
         kind = np.complex128 if exact else np.complex64
-        totals = {"own": self._B1_total, "shared": self._B1_shared_total} if self.method == "mean" else {}
-        return found | {name: total.astype(kind).reshape(self._shape) for name, total in totals.items()}
+        totals = (
+            {"own": self._B1_total, "shared": self._B1_shared_total}
+            if self.method == "mean"
+            else {}
+        )
+        return found | {
+            name: total.astype(kind).reshape(self._shape) for name, total in totals.items()
+        }
 
     def take_first(self, sums: dict[str, NDArray[Any]]) -> None:
         """Take in what another estimator gathered in its first pass (:meth:`first_sums`) over the scans that follow."""
@@ -218,7 +251,9 @@ class BackgroundEstimator:
         if self._shape is None:
             self._begin(shape)
         if shape != self._shape:
-            raise ValueError(f"image must have the shape {self._shape} of those before, got {shape}")
+            raise ValueError(
+                f"image must have the shape {self._shape} of those before, got {shape}"
+            )
         if self.method == "mean":
             self._B1_total += _flat(sums["own"])
             self._B1_shared_total += _flat(sums["shared"])
@@ -261,11 +296,15 @@ class BackgroundEstimator:
     def _measure(self, image: ComplexArray) -> tuple[FloatArray, FloatArray]:
         """Return r_k, the rms of the lowest 75 % of the magnitudes m_k, and μ_k + 5σ_k, by channel (Eq. 2)."""
         if image[..., self._rows, :].shape != self._shape:
-            raise ValueError(f"image must have the shape {self._shape} of those before, got {image.shape}")
+            raise ValueError(
+                f"image must have the shape {self._shape} of those before, got {image.shape}"
+            )
         gain = np.empty(image.shape[:2])
         limit = np.empty(image.shape[:2])
         pixels = image.shape[2] * image.shape[3]
-        gain_and_limit(_flat(image), max(1, int(_LOWEST * pixels)), _CLIP, gain.ravel(), limit.ravel())
+        gain_and_limit(
+            _flat(image), max(1, int(_LOWEST * pixels)), _CLIP, gain.ravel(), limit.ravel()
+        )
         check_gain(gain)
         if not np.isfinite(limit).all():
             raise ValueError("image must be finite, got pixels that are not")
@@ -288,7 +327,9 @@ class BackgroundEstimator:
         level = np.empty((len(medians), *self._shape[2:]), np.float32)
         mean_of_nodes(sums, row, column, level)
         if not (level > 0).all():
-            raise ValueError("gain background must be positive everywhere, got zero: images equal their self-signature")
+            raise ValueError(
+                "gain background must be positive everywhere, got zero: images equal their self-signature"
+            )
         return level.reshape(self._shape)
 
 
@@ -306,10 +347,11 @@ def shared_level(level: MagnitudeArray, gains: FloatArray) -> MagnitudeArray:
 class CausalBackground:
     """Background from the scans so far, for live use: nothing waits for the end of the run.
 
-    Self-signature and medians are running means, over all scans or, with ``span``, fading with that many scans, which
-    follows a self-signature that drifts. The residuals of earlier scans are not made anew when the self-signature
-    improves. A scan is cleaned with what those before it taught, so that nothing of a target in it is taken away and
-    its alarms need not wait while it teaches (:meth:`learn`); the first that is cleaned is number ``warm_up``, at least
+    Self-signature and medians are running means, over all scans or, with ``span``, fading with that
+    many scans, which follows a self-signature that drifts. The residuals of earlier scans are not
+    made anew when the self-signature improves. A scan is cleaned with what those before it taught,
+    so that nothing of a target in it is taken away and its alarms need not wait while it teaches
+    (:meth:`learn`); the first that is cleaned is number ``warm_up``, at least
     3. The windows and ``rows`` are those of :class:`BackgroundEstimator`.
     """
 
@@ -323,7 +365,9 @@ class CausalBackground:
         rows: int | None = None,
     ) -> None:
         if warm_up < LEAST_WARM_UP:
-            raise ValueError(f"warm_up must be at least {LEAST_WARM_UP} scans, got {warm_up}: two teach the background")
+            raise ValueError(
+                f"warm_up must be at least {LEAST_WARM_UP} scans, got {warm_up}: two teach the background"
+            )
         if span is not None and span < LEAST_SPAN:
             raise ValueError(f"span must be at least {LEAST_SPAN} scans, got {span}")
         self._tool = BackgroundEstimator(median_size, mean_size, step, rows=rows)
@@ -332,9 +376,13 @@ class CausalBackground:
         self._count = 0
         self._means: list[Any] = []  # own and shared signature, ratios of the gains, medians
         self._given = False  # whether someone else has hold of them
-        self._signatures: tuple[ComplexArray, ComplexArray] | None = None  # the first two means, as images
+        self._signatures: tuple[ComplexArray, ComplexArray] | None = (
+            None  # the first two means, as images
+        )
         self._ready: Background | None = None  # of all that was learnt
-        self._waiting: tuple[ComplexArray, FloatArray, FloatArray] | None = None  # a scan that was not learnt yet
+        self._waiting: tuple[ComplexArray, FloatArray, FloatArray] | None = (
+            None  # a scan that was not learnt yet
+        )
 
     def add(self, image: ComplexArray) -> tuple[FloatArray, Background | None]:
         """Take the next scan; give its gain and what to clean it with, None during the warm-up."""
@@ -360,12 +408,22 @@ class CausalBackground:
         signatures = []
         ratio = gain / common
         if not self._means:
-            self._means = [*(np.zeros((near[0] * near[1], near[2] * near[3]), np.complex128) for _ in range(2)), ratio]
-        for i, scale in enumerate((1 / gain.ravel(), (1 / np.broadcast_to(common, gain.shape)).ravel())):
+            self._means = [
+                *(
+                    np.zeros((near[0] * near[1], near[2] * near[3]), np.complex128)
+                    for _ in range(2)
+                ),
+                ratio,
+            ]
+        for i, scale in enumerate(
+            (1 / gain.ravel(), (1 / np.broadcast_to(common, gain.shape)).ravel())
+        ):
             mean = self._means[i]
             signature = np.empty(near, np.complex64)
             self._means[i] = np.empty_like(mean) if self._given else mean
-            blend_clipped(_flat(image), limit.ravel(), scale, weight, mean, self._means[i], _flat(signature))
+            blend_clipped(
+                _flat(image), limit.ravel(), scale, weight, mean, self._means[i], _flat(signature)
+            )
             signatures.append(signature)
         self._means[2] = _blend(self._means[2], ratio, weight)
         self._given = False
@@ -373,7 +431,9 @@ class CausalBackground:
         if self._count >= 2:
             smooth = tool._smooth(image, gain, own)
             share = 1 / min(self._count - 1, self._span or self._count)
-            self._means[3:] = [_blend(self._means[3] if len(self._means) > 3 else smooth, smooth, share)]
+            self._means[3:] = [
+                _blend(self._means[3] if len(self._means) > 3 else smooth, smooth, share)
+            ]
         self._signatures = (own, shared)
         self._ready = None
         if self._count + 1 >= self._warm_up:
@@ -383,7 +443,9 @@ class CausalBackground:
     def _prepare(self) -> None:
         """Make of the means what a scan is cleaned with."""
         if self._signatures is None:
-            self._signatures = tuple(one.astype(np.complex64).reshape(self._tool._shape) for one in self._means[:2])
+            self._signatures = tuple(
+                one.astype(np.complex64).reshape(self._tool._shape) for one in self._means[:2]
+            )
         (own, shared), level = self._signatures, self._tool._spread_out(self._means[3])
         self._ready = Background(own, level, shared, shared_level(level, self._means[2][None]))
 
@@ -391,7 +453,10 @@ class CausalBackground:
         """Give what has been learnt, for a later :meth:`restore`; later scans do not change it."""
         self.learn()
         self._given = True
-        found = {"count": np.array(self._count), "shape": np.array(self._tool._shape or (), np.int64)}
+        found = {
+            "count": np.array(self._count),
+            "shape": np.array(self._tool._shape or (), np.int64),
+        }
         return found | {f"mean{i}": value for i, value in enumerate(self._means)}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
@@ -411,7 +476,9 @@ class CausalBackground:
 def _nodes(count: int, half: int, step: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """First of every ``step``-th pixel inside the window of each of ``count`` pixels, and the one after the last."""
     centre = np.arange(count)
-    return -(-np.maximum(centre - half, 0) // step), np.minimum(centre + half, count - 1) // step + 1
+    return -(-np.maximum(centre - half, 0) // step), np.minimum(
+        centre + half, count - 1
+    ) // step + 1
 
 
 def _blend(old: Any, new: Any, weight: float) -> Any:

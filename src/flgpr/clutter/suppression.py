@@ -23,7 +23,9 @@ class Operator(Protocol):
 class Suppression:
     """Outcome of a suppression."""
 
-    data: NDArray[np.complex64]  #: (..., polarization, pair, frequency): data less the modelled response
+    data: NDArray[
+        np.complex64
+    ]  #: (..., polarization, pair, frequency): data less the modelled response
     #: weighted norm of what the fit leaves over that of the data, from 1 before the first iteration on
     residual: NDArray[np.float64]
 
@@ -37,10 +39,11 @@ def suppress_by_model(
 ) -> Suppression:
     """Subtract the best fit of data by reflectivities under a mask.
 
-    Minimises ``||w (b - A x)||`` over the reflectivity x of the operator's pixels, which are the mask, by conjugate
-    gradients on the normal equations (Hestenes and Stiefel 1952), stopped after a few iterations: what converges first
-    is what is strong under the mask. This is the least-squares form of Fuse et al. 2018, Eq. 5-6; it needs no amplitude
-    B. The iterates are those of LSQR (Paige and Saunders 1982) on A restricted to the mask. The residual never rises.
+    Minimises ``||w (b - A x)||`` over the reflectivity x of the operator's pixels, which are the
+    mask, by conjugate gradients on the normal equations (Hestenes and Stiefel 1952), stopped after
+    a few iterations: what converges first is what is strong under the mask. This is the
+    least-squares form of Fuse et al. 2018, Eq. 5-6; it needs no amplitude B. The iterates are those
+    of LSQR (Paige and Saunders 1982) on A restricted to the mask. The residual never rises.
 
     Parameters
     ----------
@@ -51,11 +54,12 @@ def suppress_by_model(
     iterations : int
         Number of iterations.
     weight : (frequency,) array_like, optional
-        w, a taper over the band: it keeps strong echoes far from the mask, such as the direct coupling between
-        antennas, from leaking into the fit. Default: one.
+        w, a taper over the band: it keeps strong echoes far from the mask, such as the direct
+        coupling between antennas, from leaking into the fit. Default: one.
     spared : (...,) array_like of bool, optional
-        Pixels of the operator that are fitted and not subtracted, such as the road's. What they explain is then not
-        taken for a response of the mask that is not orthogonal to theirs. Default: none.
+        Pixels of the operator that are fitted and not subtracted, such as the road's. What they
+        explain is then not taken for a response of the mask that is not orthogonal to theirs.
+        Default: none.
 
     Examples
     --------
@@ -86,7 +90,9 @@ def suppress_by_model(
     course = [1.0]
     gradient = operator.adjoint(w * w * rest)
     if kept is not None and kept.shape != gradient.shape[2:]:
-        raise ValueError(f"spared must have the shape of the pixels, {gradient.shape[2:]}, got {kept.shape}")
+        raise ValueError(
+            f"spared must have the shape of the pixels, {gradient.shape[2:]}, got {kept.shape}"
+        )
     if kept is not None and not kept.any():
         kept = None  # nothing is given back, so that nothing has to be modelled for it
     direction = gradient

@@ -23,7 +23,9 @@ GAINS = ("power", "agc")
 
 def shift_time(run: xr.Dataset, delay: float) -> xr.Dataset:
     """Put time zero ``delay`` later (s): every echo then comes that much earlier."""
-    return _with(run, lengthen(run["signal"].values, run["frequency"].values, -SPEED_OF_LIGHT * delay))
+    return _with(
+        run, lengthen(run["signal"].values, run["frequency"].values, -SPEED_OF_LIGHT * delay)
+    )
 
 
 def dewow(run: xr.Dataset, length: float) -> xr.Dataset:
@@ -42,7 +44,9 @@ def band_pass(run: xr.Dataset, low: float, high: float, taper: float = 0.1) -> x
     A band that is empty or holds no tone is a ValueError.
     """
     if not (0 <= low < high and 0 <= taper <= 1):
-        raise ValueError(f"band must have 0 <= low < high and a taper from 0 to 1, got {low:g}, {high:g}, {taper:g}")
+        raise ValueError(
+            f"band must have 0 <= low < high and a taper from 0 to 1, got {low:g}, {high:g}, {taper:g}"
+        )
     frequency = run["frequency"].values
     keep = (frequency >= low) & (frequency <= high)
     if not keep.any():
@@ -51,7 +55,11 @@ def band_pass(run: xr.Dataset, low: float, high: float, taper: float = 0.1) -> x
         )
     inner = run.isel(frequency=keep)
     from_edge = np.minimum(frequency[keep] - low, high - frequency[keep]) / (high - low)
-    weight = np.ones(from_edge.size) if taper == 0 else np.sin(np.pi / 2 * np.clip(2 * from_edge / taper, 0, 1)) ** 2
+    weight = (
+        np.ones(from_edge.size)
+        if taper == 0
+        else np.sin(np.pi / 2 * np.clip(2 * from_edge / taper, 0, 1)) ** 2
+    )
     return _with(inner, inner["signal"].values * weight)
 
 
@@ -86,9 +94,13 @@ def subtract_run(run: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
         if mine.shape != its.shape or not (
             np.allclose(mine, its, rtol=1e-9) if axis == "frequency" else (mine == its).all()
         ):
-            raise ValueError(f"subtract must be a run of the same {axis}, got {its.size} beside {mine.size}, or others")
+            raise ValueError(
+                f"subtract must be a run of the same {axis}, got {its.size} beside {mine.size}, or others"
+            )
     if run.sizes["pair"] != other.sizes["pair"]:
-        raise ValueError(f"subtract must be a run of {run.sizes['pair']} pairs, got {other.sizes['pair']}")
+        raise ValueError(
+            f"subtract must be a run of {run.sizes['pair']} pairs, got {other.sizes['pair']}"
+        )
     there = other["signal"].values
     if other.sizes["scan"] != run.sizes["scan"]:
         complete = complete_scans(other)
@@ -104,11 +116,17 @@ def gate(run: xr.Dataset, start: float, stop: float = np.inf, ramp: float = 0.0)
     The direct wave goes so. It needs even tones, for time is read from their transform.
     """
     if not (start < stop and ramp >= 0):
-        raise ValueError(f"gate must have start < stop and a ramp that is not negative, got {start:g}, {stop:g} s")
+        raise ValueError(
+            f"gate must have start < stop and a ramp that is not negative, got {start:g}, {stop:g} s"
+        )
 
     def weight(time: FloatArray, _: NDArray[Any]) -> FloatArray:
         inside = np.minimum(time - start, stop - time)
-        return np.asarray(inside >= 0, float) if ramp == 0 else np.sin(np.pi / 2 * np.clip(inside / ramp, 0, 1)) ** 2
+        return (
+            np.asarray(inside >= 0, float)
+            if ramp == 0
+            else np.sin(np.pi / 2 * np.clip(inside / ramp, 0, 1)) ** 2
+        )
 
     return _in_time(run, weight)
 
@@ -126,12 +144,16 @@ def time_gain(run: xr.Dataset, kind: Literal["power", "agc"], value: float) -> x
     def weight(time: FloatArray, profile: NDArray[Any]) -> FloatArray:
         if kind == "power":
             return np.asarray((np.maximum(time, 0.0) / time.max()) ** value)
-        window = max(round(min(value / (time[1] - time[0]), time.size)), 1)  # no longer than the trace
+        window = max(
+            round(min(value / (time[1] - time[0]), time.size)), 1
+        )  # no longer than the trace
         kernel = np.fft.rfft(np.ones(window) / window, time.size)
         power = np.fft.irfft(np.fft.rfft(np.abs(profile) ** 2) * kernel, time.size)
         level = np.sqrt(np.maximum(np.roll(power, -(window // 2), axis=-1), 0.0))
         top = level.max(axis=-1, keepdims=True)
-        return np.asarray(1.0 / np.maximum(level, 1e-4 * np.where(top > 0, top, 1.0)))  # at most 80 dB
+        return np.asarray(
+            1.0 / np.maximum(level, 1e-4 * np.where(top > 0, top, 1.0))
+        )  # at most 80 dB
 
     return _in_time(run, weight)
 
@@ -141,11 +163,15 @@ def tone_step(run: xr.Dataset) -> float:
     frequency = run["frequency"].values
     step = float(np.diff(frequency).mean()) if frequency.size > 1 else 0.0
     if step <= 0 or np.abs(np.diff(frequency) - step).max() > 1e-3 * step:
-        raise ValueError("tones must be at least two and even to tell times, within a thousandth of their step")
+        raise ValueError(
+            "tones must be at least two and even to tell times, within a thousandth of their step"
+        )
     return step
 
 
-def _in_time(run: xr.Dataset, weight: Callable[[FloatArray, NDArray[Any]], FloatArray]) -> xr.Dataset:
+def _in_time(
+    run: xr.Dataset, weight: Callable[[FloatArray, NDArray[Any]], FloatArray]
+) -> xr.Dataset:
     """Multiply the range profiles by a weight (time), or (..., time) by what the profile is."""
     signal = run["signal"].values.copy()
     step = tone_step(run)

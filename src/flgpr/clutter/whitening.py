@@ -17,8 +17,9 @@ BASES = ("eigen", "cholesky", "symmetric")
 def whitening_matrix(covariance: ArrayLike, basis: str = "eigen") -> NDArray[Any]:
     """Matrix W with ``W C W^H = I``, of a covariance C (n_features, n_features), Hermitian and positive definite.
 
-    All such matrices differ by a unitary factor, to which linear-quadratic detectors are blind: the ``basis`` is
-    "eigen", scaled eigenvectors, "cholesky", the inverse Cholesky factor, or "symmetric", ``C^(-1/2)``.
+    All such matrices differ by a unitary factor, to which linear-quadratic detectors are blind: the
+    ``basis`` is "eigen", scaled eigenvectors, "cholesky", the inverse Cholesky factor, or
+    "symmetric", ``C^(-1/2)``.
 
     Examples
     --------
@@ -52,9 +53,10 @@ class ClutterWhitener(TransformerMixin, BaseEstimator):  # type: ignore[misc]
     Parameters
     ----------
     moments : {"sample", "ledoit-wolf", "oas", "ogk", "clipped"}
-        Estimator of mean and covariance: sample moments; two ways to shrink the covariance to a multiple of the
-        identity (Ledoit & Wolf 2004; Chen et al. 2010); sample moments of what orthogonal pairs do not find far out
-        (Maronna & Zamar 2002); or sample moments of vectors whose energy is clipped at the median.
+        Estimator of mean and covariance: sample moments; two ways to shrink the covariance to a
+        multiple of the identity (Ledoit & Wolf 2004; Chen et al. 2010); sample moments of what
+        orthogonal pairs do not find far out (Maronna & Zamar 2002); or sample moments of vectors
+        whose energy is clipped at the median.
     basis : {"eigen", "cholesky", "symmetric"}
         As in :func:`whitening_matrix`.
 
@@ -76,7 +78,9 @@ class ClutterWhitener(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         A covariance that is singular is a ValueError.
         """
         if self.moments not in ESTIMATORS:
-            raise ValueError(f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}")
+            raise ValueError(
+                f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}"
+            )
         samples = self._checked(X, reset=True, minimum=2)
         self.mean_, self.covariance_ = ESTIMATORS[self.moments](samples)
         self.matrix_ = whitening_matrix(self.covariance_, self.basis)
@@ -89,9 +93,16 @@ class ClutterWhitener(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         return np.asarray((samples - self.mean_) @ self.matrix_.T)
 
     def _checked(self, X: ArrayLike, reset: bool, minimum: int = 1) -> NDArray[Any]:
-        # scikit-learn's validation refuses complex numbers, so real and imaginary part go through it one by one.
+        # scikit-learn's validation refuses complex numbers, so real and imaginary part go through
+        # it one by one.
         if not np.iscomplexobj(np.asarray(X)):
-            return np.asarray(validate_data(self, X, reset=reset, dtype=np.float64, ensure_min_samples=minimum))
+            return np.asarray(
+                validate_data(self, X, reset=reset, dtype=np.float64, ensure_min_samples=minimum)
+            )
         values = np.asarray(X, dtype=np.complex128)
-        real = validate_data(self, values.real, reset=reset, dtype=np.float64, ensure_min_samples=minimum)
-        return np.asarray(real + 1j * validate_data(self, values.imag, reset=False, dtype=np.float64))
+        real = validate_data(
+            self, values.real, reset=reset, dtype=np.float64, ensure_min_samples=minimum
+        )
+        return np.asarray(
+            real + 1j * validate_data(self, values.imag, reset=False, dtype=np.float64)
+        )

@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 
 from flgpr.chain.progress import Track, silent
 from flgpr.design.point_spread import PointSpread, ground_plane
-from flgpr.design.signal_to_clutter import GroundModel, Viewing, expected_signal_to_clutter, ground_model
+from flgpr.design.signal_to_clutter import (
+    GroundModel,
+    Viewing,
+    expected_signal_to_clutter,
+    ground_model,
+)
 from flgpr.imaging import ScanImager
 from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor
 from flgpr.simulate import Scene, Simulator, sites
@@ -125,7 +130,9 @@ def _expect(design: Design, ground: GroundModel, asked: Question) -> None:
     bands = None if asked.band is None else {"all": asked.band}
     viewing = Viewing(distance=design.distance, subbands=bands, window=asked.window)
     try:
-        design.expected = expected_signal_to_clutter(design.sensor, ground, bodies, [asked.depth], viewing)
+        design.expected = expected_signal_to_clutter(
+            design.sensor, ground, bodies, [asked.depth], viewing
+        )
     except ValueError as error:
         design.not_expected = str(error)
 
@@ -158,7 +165,9 @@ def _close(spread: PointSpread, source: FloatArray) -> tuple[FloatArray, FloatAr
     return y, x, _decibels(spread(ground_plane(x + source[0], y + source[1]), source))
 
 
-def _over_ground(spread: PointSpread, source: FloatArray, sensor: Sensor) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _over_ground(
+    spread: PointSpread, source: FloatArray, sensor: Sensor
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     x_min, x_max, y_min, y_max = sensor.footprint
     down, cross = spread.expected_widths(np.array([0.0, max(y_min, 1.2 * sensor.height), 0.0]))
     y = np.linspace(y_min, y_max, min(400, math.ceil((y_max - y_min) / (0.4 * down))))
@@ -171,7 +180,8 @@ def _highest_lobe(
 ) -> dict[str, float]:
     y, x, power = response
     down, cross = (
-        w if math.isfinite(w) else e for w, e in zip(spread.widths(source), spread.expected_widths(source), strict=True)
+        w if math.isfinite(w) else e
+        for w, e in zip(spread.widths(source), spread.expected_widths(source), strict=True)
     )
     core = (np.abs(y - source[1])[:, None] < _CORE * down) & (np.abs(x - source[0]) < _CORE * cross)
     outside = np.where(core, -np.inf, power)
@@ -190,9 +200,13 @@ def _decibels(amplitude: FloatArray) -> FloatArray:
     return np.asarray(20 * np.log10(np.maximum(amplitude, 1e-6)))
 
 
-def _simulate_ratio(design: Design, sensor: Sensor, ground: GroundModel, asked: Question, track: Track) -> None:
+def _simulate_ratio(
+    design: Design, sensor: Sensor, ground: GroundModel, asked: Question, track: Track
+) -> None:
     """Simulate single mines and bare ground, image both, and divide peak by mean power."""
-    still = sensor.model_copy(update={"polarization": tuple(p for p in sensor.polarization if p[0] == p[1])})
+    still = sensor.model_copy(
+        update={"polarization": tuple(p for p in sensor.polarization if p[0] == p[1])}
+    )
     if not still.polarization:
         return
     band = {"band": asked.band or (float(sensor.tones.axis()[0]), float(sensor.tones.axis()[-1]))}
@@ -203,7 +217,9 @@ def _simulate_ratio(design: Design, sensor: Sensor, ground: GroundModel, asked: 
     for kind, column in track(steps, f"{sensor.name}: signal to clutter", len(steps)):
         peaks = _peaks(design, still, ground, asked, band, kind, float(design.ratio_x[column]))
         for p, label in enumerate(still.polarization):
-            grid = design.ratio.setdefault((kind, label), np.empty((design.ratio_y.size, design.ratio_x.size)))
+            grid = design.ratio.setdefault(
+                (kind, label), np.empty((design.ratio_y.size, design.ratio_x.size))
+            )
             grid[:, column] = 10 * np.log10(peaks[:, p] / clutter[p, :, column])
 
 
@@ -214,7 +230,11 @@ def _bare(ground: GroundModel, surface: dict[str, Any], **parts: Any) -> Scene:
 
 
 def _clutter(
-    design: Design, sensor: Sensor, ground: GroundModel, asked: Question, band: dict[str, tuple[float, float]]
+    design: Design,
+    sensor: Sensor,
+    ground: GroundModel,
+    asked: Question,
+    band: dict[str, tuple[float, float]],
 ) -> FloatArray:
     """Mean power (polarization, y, x) of bare ground around every position of the ratio map."""
     apart = design.y[-1] + 60.0
@@ -232,7 +252,10 @@ def _clutter(
         (float(design.ratio_y[0] - reach_y), float(design.ratio_y[-1] + reach_y)),
         0.15,
     )
-    power = np.mean([np.abs(image.values[:, 0]) ** 2 for image in ScanImager(run, grid, band, asked.window)], axis=0)
+    power = np.mean(
+        [np.abs(image.values[:, 0]) ** 2 for image in ScanImager(run, grid, band, asked.window)],
+        axis=0,
+    )
     out = np.empty((power.shape[0], design.ratio_y.size, design.ratio_x.size))
     for i, j in np.ndindex(*out.shape[1:]):
         rows = np.abs(grid.y - design.ratio_y[i]) <= reach_y
@@ -263,7 +286,9 @@ def _peaks(
     peaks = np.empty((design.ratio_y.size, len(sensor.polarization)))
     for scan, distance in enumerate(design.ratio_y):
         spread = min(float(np.nanmin(design.down)), float(np.nanmin(design.cross))) / 3
-        grid = Grid.spanning((x - 0.5, x + 0.5), (float(distance) - 0.5, float(distance) + 0.8), max(spread, 0.01))
+        grid = Grid.spanning(
+            (x - 0.5, x + 0.5), (float(distance) - 0.5, float(distance) + 0.8), max(spread, 0.01)
+        )
         image = ScanImager(run.isel(scan=[scan]), grid, band, asked.window).image(0)
         peaks[scan] = (np.abs(image.values[:, 0]) ** 2).max(axis=(1, 2))
     return peaks

@@ -60,10 +60,15 @@ class PointSpread:
     def paths(self, points: ArrayLike) -> FloatArray:
         """Paths (pair, ...) from transmitter to points (..., 3) on the ground to receiver, m."""
         p = np.asarray(points, dtype=np.float64)
-        ends = (np.linalg.norm(p - end.reshape(-1, *[1] * (p.ndim - 1), 3), axis=-1) for end in (self.tx, self.rx))
+        ends = (
+            np.linalg.norm(p - end.reshape(-1, *[1] * (p.ndim - 1), 3), axis=-1)
+            for end in (self.tx, self.rx)
+        )
         return np.asarray(sum(ends), dtype=np.float64)
 
-    def __call__(self, points: ArrayLike, source: ArrayLike, gain: FloatArray | None = None) -> FloatArray:
+    def __call__(
+        self, points: ArrayLike, source: ArrayLike, gain: FloatArray | None = None
+    ) -> FloatArray:
         """Amplitude at points (..., 3) of the image of a point at ``source`` (3,), relative to its peak.
 
         ``gain`` (pair, ...) is the amplitude of each pair's part in it, one by default.

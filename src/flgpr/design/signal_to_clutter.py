@@ -42,7 +42,9 @@ DEPTHS = (0.0, 0.05, 0.075, 0.10, 0.15)
 _COPOLAR = ("HH", "VV")
 _DEEPEST = 1.0  # m
 _DELAYS = 16  # delays per tone at which the range profile of a body is looked at
-_AROUND = 0.5  # m around the body, and behind where its bottom appears, in which its peak is looked for
+_AROUND = (
+    0.5  # m around the body, and behind where its bottom appears, in which its peak is looked for
+)
 _CLUTTER_ALONG = 1.0  # m before and behind the body from which clutter is taken
 _CLUTTER_ACROSS = 1.5  # m to each side
 _CLUTTER_STEP = 0.05  # pixel of the clutter's image, m
@@ -74,31 +76,39 @@ def ground_model(
     Parameters
     ----------
     site : str, optional
-        Packaged site, or the path of a TOML file like theirs. Without one the surface is that of a scene that says
-        nothing, and ``permittivity`` is required.
+        Packaged site, or the path of a TOML file like theirs. Without one the surface is that of a
+        scene that says nothing, and ``permittivity`` is required.
     permittivity, loss_tangent : float, optional
-        Real relative permittivity, which asks for a loss tangent, and loss tangent at all tones, which alone replaces
-        that of the site.
+        Real relative permittivity, which asks for a loss tangent, and loss tangent at all tones,
+        which alone replaces that of the site.
     rms_height, correlation_length : float, optional
         Of the exponential correlation of the surface, m.
     unevenness : float, optional
-        Spectral density of the ground's profile at 0.1 waves per metre, m³ (ISO 8608: 16e-6 in class A, 1024e-6 in D).
+        Spectral density of the ground's profile at 0.1 waves per metre, m³ (ISO 8608: 16e-6 in
+        class A, 1024e-6 in D).
 
     Raises
     ------
     ValueError
-        If there is no such site, if neither a site nor a permittivity is given, or if a value is out of its range.
+        If there is no such site, if neither a site nor a permittivity is given, or if a value is
+        out of its range.
     """
     if site is None and permittivity is None:
         raise ValueError("site or permittivity must be given, got neither")
     if permittivity is not None and loss_tangent is None:
-        raise ValueError(f"loss_tangent must be given with permittivity, got permittivity {permittivity:g} alone")
+        raise ValueError(
+            f"loss_tangent must be given with permittivity, got permittivity {permittivity:g} alone"
+        )
     soil: dict[str, Any] = {}
     if permittivity is not None:
         soil |= {"model": "fixed", "permittivity": permittivity, "layers": ()}
     if loss_tangent is not None:
         soil["loss_tangent"] = loss_tangent
-    shape = {"rms_height": rms_height, "correlation_length": correlation_length, "unevenness": unevenness}
+    shape = {
+        "rms_height": rms_height,
+        "correlation_length": correlation_length,
+        "unevenness": unevenness,
+    }
     surface = {name: value for name, value in shape.items() if value is not None}
     try:
         scene = Scene.model_validate({"site": site, "soil": soil, "surface": surface})
@@ -107,7 +117,9 @@ def ground_model(
     parts = [] if permittivity is None else [f"permittivity {permittivity:g}"]
     parts += [] if loss_tangent is None else [f"loss tangent {loss_tangent:g}"]
     name = str(site) if permittivity is None else "soil"
-    return GroundModel(f"{name} of {' and '.join(parts)}" if parts else name, scene.soil, scene.surface)
+    return GroundModel(
+        f"{name} of {' and '.join(parts)}" if parts else name, scene.soil, scene.surface
+    )
 
 
 @dataclass(frozen=True)
@@ -120,7 +132,9 @@ class Viewing:
     subbands: Subbands | None = None
     #: of HH and VV; None takes those of the two that the sensor has. A level round body has no HV
     polarizations: Sequence[str] | None = None
-    window: str = "boxcar"  #: over the tones of a sub-band, as of :class:`flgpr.imaging.ImagingOperator`
+    window: str = (
+        "boxcar"  #: over the tones of a sub-band, as of :class:`flgpr.imaging.ImagingOperator`
+    )
     heading: float = 0.0  #: direction of a box's long side, clockwise from ahead, rad
 
 
@@ -145,7 +159,10 @@ class _View:
     def step(self) -> float:
         """Pixel of a body's image, m."""
         place = np.array([self.x, self.distance, 0.0])
-        widths = [min(PointSpread(self.sensor, edges).expected_widths(place)) for edges in self.subbands.values()]
+        widths = [
+            min(PointSpread(self.sensor, edges).expected_widths(place))
+            for edges in self.subbands.values()
+        ]
         return float(np.clip(min(widths) / _PEAK_STEPS, 0.005, 0.05))
 
 
@@ -158,18 +175,25 @@ def expected_signal_to_clutter(
 ) -> pd.DataFrame:
     """Return the expected signal to clutter of level bodies by formula, and the factors that it is the product of.
 
-    ``signal_to_clutter_db`` is ``body + transmission + divergence + attenuation - sigma0 - cell`` in dB:
+    ``signal_to_clutter_db`` is ``body + transmission + divergence + attenuation - sigma0 - cell``
+    in dB:
 
-    - ``body_dbsm``: ``4π|max_τ Σ_f w(f)·F(f)·exp(j2πfτ)|²/(Σ_f w)²``, the amplitude F of the signature table, mean over
-      the array's pairs, as the band images it; w is the window times what the radar and its antennas do at a tone;
-    - ``transmission_db``, ``divergence_db``: ``|t12·t21|²`` and the spreading of the rays as they leave the ground;
-    - ``attenuation_db``: loss of the soil over the body, there and back. These three are those of the imaged peak;
-    - ``sigma0_db``: backscatter of the rough surface by small perturbation with a two-scale tilt and unevenness
+    - ``body_dbsm``: ``4π|max_τ Σ_f w(f)·F(f)·exp(j2πfτ)|²/(Σ_f w)²``, the amplitude F of the
+      signature table, mean over
+      the array's pairs, as the band images it; w is the window times what the radar and its
+      antennas do at a tone;
+    - ``transmission_db``, ``divergence_db``: ``|t12·t21|²`` and the spreading of the rays as they
+      leave the ground;
+    - ``attenuation_db``: loss of the soil over the body, there and back. These three are those of
+      the imaged peak;
+    - ``sigma0_db``: backscatter of the rough surface by small perturbation with a two-scale tilt
+      and unevenness
       (:func:`flgpr.simulate.roughness.surface_backscatter`), mean over the band by w²;
-    - ``cell_m2``: area of the resolution cell, the integral of the squared point spread over the ground.
+    - ``cell_m2``: area of the resolution cell, the integral of the squared point spread over the
+      ground.
 
-    What varies over a resolution cell (incidence, distance, antenna pattern), and the phase that the rough surface
-    gives to the waves that pass it, are left out.
+    What varies over a resolution cell (incidence, distance, antenna pattern), and the phase that
+    the rough surface gives to the waves that pass it, are left out.
 
     Parameters
     ----------
@@ -178,7 +202,8 @@ def expected_signal_to_clutter(
     ground : GroundModel
         Soil and surface, as :func:`ground_model` makes them.
     bodies : sequence of str
-        Packaged bodies ("tm-62m"; ``flgpr simulate signature`` lists them), or files of signature tables.
+        Packaged bodies ("tm-62m"; ``flgpr simulate signature`` lists them), or files of signature
+        tables.
     depths : sequence of float
         Soil over the top of each, m, from 0 (flush) to 1.
     viewing : Viewing, optional
@@ -187,14 +212,14 @@ def expected_signal_to_clutter(
     Returns
     -------
     pandas.DataFrame
-        A row for each body, depth, sub-band and polarization, in this order, with ``sensor``, ``height``,
-        ``distance``, ``ground``, ``rms_height`` and the columns above.
+        A row for each body, depth, sub-band and polarization, in this order, with ``sensor``,
+        ``height``, ``distance``, ``ground``, ``rms_height`` and the columns above.
 
     Raises
     ------
     ValueError
-        If a parameter breaks its rule: names it, the rule and the value. Sub-bands whose middle is beyond the
-        signature tables, at 3.225 GHz, are one of the cases.
+        If a parameter breaks its rule: names it, the rule and the value. Sub-bands whose middle is
+        beyond the signature tables, at 3.225 GHz, are one of the cases.
     """
     view = _view(sensor, viewing or Viewing())
     _check_ground(ground)
@@ -208,11 +233,18 @@ def expected_signal_to_clutter(
             for depth in depths:
                 factors = band.signal(_target(view, body, depth), ground.soil)
                 for polarization in view.polarizations:
-                    parts = {name: float(value[_COPOLAR.index(polarization)]) for name, value in factors.items()}
+                    parts = {
+                        name: float(value[_COPOLAR.index(polarization)])
+                        for name, value in factors.items()
+                    }
                     noise = float(sigma0[_COPOLAR.index(polarization)])
                     total = sum(parts.values()) - noise - 10 * math.log10(cell)
                     key = _key(view, ground, body, depth, subband, polarization)
-                    rows.append(key | parts | {"sigma0_db": noise, "cell_m2": cell, "signal_to_clutter_db": total})
+                    rows.append(
+                        key
+                        | parts
+                        | {"sigma0_db": noise, "cell_m2": cell, "signal_to_clutter_db": total}
+                    )
     return _in_order(pd.DataFrame(rows), bodies, depths)
 
 
@@ -229,8 +261,8 @@ def measure_signal_to_clutter(
 ) -> pd.DataFrame:
     """Measure the signal to clutter of level bodies on simulated images, over several random grounds.
 
-    The signal is the peak power around the body, which alone echoes but is seen through the rough surface of each
-    seed; the clutter is the mean power of the bare ground there.
+    The signal is the peak power around the body, which alone echoes but is seen through the rough
+    surface of each seed; the clutter is the mean power of the bare ground there.
 
     Parameters
     ----------
@@ -246,9 +278,9 @@ def measure_signal_to_clutter(
     Returns
     -------
     pandas.DataFrame
-        Rows as of :func:`expected_signal_to_clutter`; ``signal_to_clutter_db`` is the ratio of the means over the
-        seeds, ``low_db`` and ``high_db`` are the ends of its interval of 95 %, from the spread between the seeds by
-        Student's distribution.
+        Rows as of :func:`expected_signal_to_clutter`; ``signal_to_clutter_db`` is the ratio of the
+        means over the seeds, ``low_db`` and ``high_db`` are the ends of its interval of 95 %, from
+        the spread between the seeds by Student's distribution.
 
     Raises
     ------
@@ -316,9 +348,17 @@ class _Band:
     def sigma0(self, ground: GroundModel) -> FloatArray:
         """Backscatter of the surface, HH and VV (2,), dB, mean over the band by the square of the weights."""
         surface = ground.surface
-        shape = surface.rms_height, surface.correlation_length, surface.slope, surface.unevenness, surface.waviness
+        shape = (
+            surface.rms_height,
+            surface.correlation_length,
+            surface.slope,
+            surface.unevenness,
+            surface.waviness,
+        )
         media = ground.soil.media(self._tones)[0]
-        both = surface_backscatter(self._tones, np.full(self._tones.shape, self._sine), media, *shape)
+        both = surface_backscatter(
+            self._tones, np.full(self._tones.shape, self._sine), media, *shape
+        )
         power = np.array([np.average(one, weights=self._weights**2) for one in both])
         with np.errstate(divide="ignore"):
             return np.asarray(10 * np.log10(power) + surface.level_db)
@@ -385,7 +425,9 @@ def _checked_bands(sensor: Sensor, subbands: Subbands | None) -> dict[str, tuple
     for name, (low, high) in bands.items():
         inside = tones[(tones >= low) & (tones <= high)]
         if inside.size < 2:
-            raise ValueError(f"sub-band {name} must hold at least two tones, got {low:g} to {high:g} Hz")
+            raise ValueError(
+                f"sub-band {name} must hold at least two tones, got {low:g} to {high:g} Hz"
+            )
         if inside.mean() > FREQUENCY[-1]:
             raise ValueError(
                 f"sub-band {name} must have its middle at or below {FREQUENCY[-1] / 1e9:g} GHz, where the signature "
@@ -409,7 +451,9 @@ def _checked_polarizations(sensor: Sensor, polarizations: Sequence[str] | None) 
 def _check_ground(ground: GroundModel) -> None:
     """Refuse a smooth surface."""
     if ground.surface.rms_height <= 0 and ground.surface.unevenness <= 0:
-        raise ValueError("rms_height or unevenness must be greater than 0, for a smooth surface has no clutter, got 0")
+        raise ValueError(
+            "rms_height or unevenness must be greater than 0, for a smooth surface has no clutter, got 0"
+        )
 
 
 def _check_bodies(bodies: Sequence[str], depths: Sequence[float]) -> None:
@@ -426,10 +470,14 @@ def _check_bodies(bodies: Sequence[str], depths: Sequence[float]) -> None:
 
 
 def _target(view: _View, body: str, depth: float) -> Target:
-    return Target(kind=body, body=body, x=view.x, y=view.distance, depth=depth, heading=view.heading)
+    return Target(
+        kind=body, body=body, x=view.x, y=view.distance, depth=depth, heading=view.heading
+    )
 
 
-def _key(view: _View, ground: GroundModel, body: str, depth: float, subband: str, polarization: str) -> dict[str, Any]:
+def _key(
+    view: _View, ground: GroundModel, body: str, depth: float, subband: str, polarization: str
+) -> dict[str, Any]:
     return {
         "sensor": view.sensor.name,
         "height": view.sensor.height,
@@ -445,7 +493,9 @@ def _key(view: _View, ground: GroundModel, body: str, depth: float, subband: str
 
 def _in_order(table: pd.DataFrame, bodies: Sequence[str], depths: Sequence[float]) -> pd.DataFrame:
     """Sort rows by body and depth as they were asked for, else as they stand."""
-    place = table["body"].map(list(bodies).index) * len(depths) + table["depth"].map([*map(float, depths)].index)
+    place = table["body"].map(list(bodies).index) * len(depths) + table["depth"].map(
+        [*map(float, depths)].index
+    )
     return table.iloc[np.argsort(place.to_numpy(), kind="stable")].reset_index(drop=True)
 
 
@@ -469,7 +519,9 @@ def _simulator(
     return Simulator(scene, view.sensor, seed, errors=False)
 
 
-def _clutter_power(view: _View, ground: GroundModel, seed: int, looks: int, imager: ImagingOperator) -> FloatArray:
+def _clutter_power(
+    view: _View, ground: GroundModel, seed: int, looks: int, imager: ImagingOperator
+) -> FloatArray:
     """Mean power (polarization, subband) of the images of bare ground around the body's place."""
     positions = tuple(_LOOKS_APART * look for look in range(looks))
     simulator = _simulator(view, ground, seed, echo=True, positions=positions)
@@ -485,7 +537,9 @@ def _shift(view: _View, target: Target, ground: GroundModel) -> float:
     return float(apparent_shift(target.depth + target.height, permittivity, sine))
 
 
-def _peak_power(view: _View, ground: GroundModel, target: Target, seed: int, imager: ImagingOperator) -> FloatArray:
+def _peak_power(
+    view: _View, ground: GroundModel, target: Target, seed: int, imager: ImagingOperator
+) -> FloatArray:
     """Peak power (polarization, subband) of the image of a body that alone echoes, under a rough surface."""
     simulator = _simulator(view, ground, seed, echo=False, targets=(target,))
     return np.asarray(_power(imager, simulator.scan(0)).max(axis=(2, 3)))
@@ -496,7 +550,9 @@ def _power(imager: ImagingOperator, scan: NDArray[np.complex64]) -> FloatArray:
     return np.asarray(np.abs(imager.adjoint(scan).astype(np.complex128)) ** 2)
 
 
-def _imager(view: _View, across: float, before: float, behind: float, step: float) -> ImagingOperator:
+def _imager(
+    view: _View, across: float, before: float, behind: float, step: float
+) -> ImagingOperator:
     """Make the operator that images the ground around the body's place."""
     x_edges = (view.x - across, view.x + across)
     y_edges = (view.distance - before, view.distance + behind)
@@ -514,6 +570,9 @@ def _imager(view: _View, across: float, before: float, behind: float, step: floa
 def _margin_db(signal: FloatArray, clutter: FloatArray) -> FloatArray:
     """Half the interval of the ratio of two means over seeds (seed, ...), dB."""
     count = len(signal)
-    spread = [power.std(axis=0, ddof=1) / power.mean(axis=0) / math.sqrt(count) for power in (signal, clutter)]
+    spread = [
+        power.std(axis=0, ddof=1) / power.mean(axis=0) / math.sqrt(count)
+        for power in (signal, clutter)
+    ]
     factor = float(stdtrit(count - 1, (1 + _CONFIDENCE) / 2))
     return np.asarray(10 / math.log(10) * factor * np.hypot(*spread))

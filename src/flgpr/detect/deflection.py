@@ -10,7 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
-from flgpr.detect.linear_quadratic import LinearQuadraticForm, as_moments, check_samples, hermitian_form
+from flgpr.detect.linear_quadratic import (
+    LinearQuadraticForm,
+    as_moments,
+    check_samples,
+    hermitian_form,
+)
 from flgpr.kernels.moments import ESTIMATORS, sample_moments
 
 
@@ -19,9 +24,10 @@ def deflection_form(
 ) -> LinearQuadraticForm:
     """Form that maximises the deflection for known moments of the signal.
 
-    The clutter is CN(0, I) and the data under H1 have the mean μ and the covariance C + I. With γ = 1 nothing else is
-    needed (Cosgrove et al. 2004, Eq. 5 and 6). With γ < 1 the generalised deflection (Eq. 3) also holds the variance
-    under H1, which is taken as that of a circular Gaussian; its maximum solves::
+    The clutter is CN(0, I) and the data under H1 have the mean μ and the covariance C + I. With γ =
+    1 nothing else is needed (Cosgrove et al. 2004, Eq. 5 and 6). With γ < 1 the generalised
+    deflection (Eq. 3) also holds the variance under H1, which is taken as that of a circular
+    Gaussian; its maximum solves::
 
         γA + (1-γ) R A R = C - μμ^H + γ(bμ^H + μb^H),   γb + (1-γ) R (b + Aμ) = μ,   R = C + I
 
@@ -32,7 +38,8 @@ def deflection_form(
     gamma : float
         γ, from 0 (variance under H1 only) to 1 (under H0 only).
     rank : int, optional
-        Number of eigenvectors of A kept: the largest eigenvalues, for γ < 1 the largest in magnitude. None keeps all.
+        Number of eigenvectors of A kept: the largest eigenvalues, for γ < 1 the largest in
+        magnitude. None keeps all.
     """
     mu, C = as_moments(mean, covariance)
     if not 0 <= gamma <= 1:
@@ -44,7 +51,9 @@ def deflection_form(
     return hermitian_form(A, b, rank, by_magnitude=True)
 
 
-def _generalised(mu: NDArray[Any], C: NDArray[Any], gamma: float) -> tuple[NDArray[Any], NDArray[Any]]:
+def _generalised(
+    mu: NDArray[Any], C: NDArray[Any], gamma: float
+) -> tuple[NDArray[Any], NDArray[Any]]:
     """Solve for A and b in the eigenbasis of R, where A ↦ γA + (1-γ)RAR is a product element by element."""
     values, basis = np.linalg.eigh(C)
     d = values + 1
@@ -52,8 +61,8 @@ def _generalised(mu: NDArray[Any], C: NDArray[Any], gamma: float) -> tuple[NDArr
     weight = 1 / (gamma + (1 - gamma) * np.outer(d, d))
     fixed = weight * (np.diag(values) - np.outer(m, m.conj()))
 
-    # b enters conjugated as well, so the system is linear over the reals only: column k of each half answers a unit
-    # vector, real or imaginary.
+    # b enters conjugated as well, so the system is linear over the reals only: column k of each
+    # half answers a unit vector, real or imaginary.
     def respond(b: NDArray[Any]) -> NDArray[Any]:
         cross = np.outer(b, m.conj())
         return gamma * b + (1 - gamma) * d * (b + (gamma * weight * (cross + cross.conj().T)) @ m)
@@ -90,31 +99,33 @@ def standardize(form: LinearQuadraticForm) -> LinearQuadraticForm:
 class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
     """Detector that maximises the deflection, trained on a few whitened target examples.
 
-    ``Â = Σ x x^H / (N - ddof) - I``, ``b̂ = mean x``, and the score is
-    ``Σ σ_j |u_j^H x|² + 2 Re(b̂^H x)`` over the largest eigenvalues of Â (Cosgrove et al. 2004, Eq. 7-12).
+    ``Â = Σ x x^H / (N - ddof) - I``, ``b̂ = mean x``, and the score is ``Σ σ_j |u_j^H x|² + 2
+    Re(b̂^H x)`` over the largest eigenvalues of Â (Cosgrove et al. 2004, Eq. 7-12).
 
-    With fewer examples than features, Eq. 7 gives the eigenvalue -1 in every direction that no example reaches, against
-    the paper's "all > 0". Nothing was learned there, so these directions are never used; ``n_unseen_`` counts them.
+    With fewer examples than features, Eq. 7 gives the eigenvalue -1 in every direction that no
+    example reaches, against the paper's "all > 0". Nothing was learned there, so these directions
+    are never used; ``n_unseen_`` counts them.
 
     Parameters
     ----------
     rank : int or None
-        M', number of eigenvectors kept; 0 leaves the linear part alone, the matched filter. None keeps all that the
-        examples reach.
+        M', number of eigenvectors kept; 0 leaves the linear part alone, the matched filter. None
+        keeps all that the examples reach.
     ddof : int
-        Divisor N - ddof of Eq. 7: 0 is unbiased, 1 is the paper's. Only ``moments="sample"`` has it; with another
-        estimator a value other than 0 is a UserWarning.
+        Divisor N - ddof of Eq. 7: 0 is unbiased, 1 is the paper's. Only ``moments="sample"`` has
+        it; with another estimator a value other than 0 is a UserWarning.
     gamma : float
         γ of the generalised deflection (Eq. 3); 1 is the paper's.
     positive : bool
-        Whether to leave out eigenvectors with negative eigenvalues, the projection of Â on the positive semidefinite
-        matrices.
+        Whether to leave out eigenvectors with negative eigenvalues, the projection of Â on the
+        positive semidefinite matrices.
     moments : {"sample", "ledoit-wolf", "oas", "ogk", "clipped"}
-        Estimator of mean and covariance of the examples; "sample" is Eq. 7 and 8. "ogk" leaves out examples far from
-        the rest (the paper's reference 29); it works with fewer examples than features, too.
+        Estimator of mean and covariance of the examples; "sample" is Eq. 7 and 8. "ogk" leaves out
+        examples far from the rest (the paper's reference 29); it works with fewer examples than
+        features, too.
     classes : {"pooled", "separate"}
-        Whether examples of all classes train one form, or each class its own. The score is then the largest over the
-        classes' forms, each scaled to mean zero and variance one on clutter.
+        Whether examples of all classes train one form, or each class its own. The score is then the
+        largest over the classes' forms, each scaled to mean zero and variance one on clutter.
 
     Attributes
     ----------
@@ -193,7 +204,9 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
         if not 0 <= self.gamma <= 1:
             raise ValueError(f"gamma must lie between 0 and 1, got {self.gamma}")
         if self.moments not in ESTIMATORS:
-            raise ValueError(f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}")
+            raise ValueError(
+                f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}"
+            )
         if self.classes not in ("pooled", "separate"):
             raise ValueError(f"classes must be pooled or separate, got {self.classes!r}")
         _warn_of_unused_ddof(self.moments, self.ddof)
@@ -202,7 +215,9 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
         """Return the form, all eigenvalues of Â and the number of unseen directions of one class."""
         N, M = x.shape
         if self.ddof >= N:
-            raise ValueError(f"ddof must be smaller than the number of examples, got {self.ddof} with n_samples = {N}")
+            raise ValueError(
+                f"ddof must be smaller than the number of examples, got {self.ddof} with n_samples = {N}"
+            )
         if self.moments == "sample":
             b_hat = x.mean(axis=0)  # Eq. 8
             second_moment = x.T @ x.conj() / (N - self.ddof)
@@ -226,12 +241,15 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
         return form, sigma, unseen
 
     def _generalised(self, mean: NDArray[Any], second: NDArray[Any]) -> LinearQuadraticForm:
-        # The signal's covariance must be one: what the estimate has below zero is noise of the estimate.
+        # The signal's covariance must be one: what the estimate has below zero is noise of the
+        # estimate.
         values, vectors = np.linalg.eigh(second - np.outer(mean, mean.conj()) - np.eye(mean.size))
         covariance = (vectors * np.clip(values, 0, None)) @ vectors.conj().T
         form = deflection_form(mean, covariance, self.gamma, self.rank)
         kept = form.strength > 0 if self.positive else np.ones(form.rank, bool)
-        return LinearQuadraticForm(form.strength[kept], form.vectors[kept], form.linear, form.offset[kept])
+        return LinearQuadraticForm(
+            form.strength[kept], form.vectors[kept], form.linear, form.offset[kept]
+        )
 
 
 def _warn_of_unused_ddof(moments: str, ddof: int) -> None:
@@ -244,7 +262,9 @@ def _warn_of_unused_ddof(moments: str, ddof: int) -> None:
         )
 
 
-def neyman_pearson_form(mean: ArrayLike, covariance: ArrayLike, rank: int | None = None) -> LinearQuadraticForm:
+def neyman_pearson_form(
+    mean: ArrayLike, covariance: ArrayLike, rank: int | None = None
+) -> LinearQuadraticForm:
     """Log-likelihood ratio of CN(μ, C + I) to CN(0, I), without its constant determinant.
 
     ``T = -(x-μ)^H (C+I)^-1 (x-μ) + x^H x = Σ λ_j/(1+λ_j) |u_j^H (x-μ)|² + 2 Re(μ^H x) - |μ|²`` with the eigenvalues λ
@@ -259,7 +279,9 @@ def neyman_pearson_form(mean: ArrayLike, covariance: ArrayLike, rank: int | None
     return _from_eigenvectors(mu, values[::-1][:rank], vectors[:, ::-1][:, :rank])
 
 
-def _from_eigenvectors(mu: NDArray[Any], values: NDArray[np.float64], vectors: NDArray[Any]) -> LinearQuadraticForm:
+def _from_eigenvectors(
+    mu: NDArray[Any], values: NDArray[np.float64], vectors: NDArray[Any]
+) -> LinearQuadraticForm:
     rows = vectors.T.copy()
     energy = float(np.sum(np.abs(mu) ** 2))
     return LinearQuadraticForm(values / (1 + values), rows, mu, rows.conj() @ mu, -energy)
@@ -268,8 +290,9 @@ def _from_eigenvectors(mu: NDArray[Any], values: NDArray[np.float64], vectors: N
 class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
     """Gaussian likelihood ratio (Cosgrove et al. 2004, Eq. 2) with moments estimated from whitened target examples.
 
-    The covariance of the examples less I estimates C. As a covariance has no negative eigenvalue, negative ones are set
-    to zero; a low rank and shrinkage keep the inverse in Eq. 2 from following the noise of a few examples.
+    The covariance of the examples less I estimates C. As a covariance has no negative eigenvalue,
+    negative ones are set to zero; a low rank and shrinkage keep the inverse in Eq. 2 from following
+    the noise of a few examples.
 
     Parameters
     ----------
@@ -278,19 +301,23 @@ class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
     shrinkage : float
         Share by which the estimate of C is moved towards zero, from 0 to 1.
     ddof : int
-        Divisor N - ddof of the covariance; 0 is maximum likelihood. Only ``moments="sample"`` has it.
+        Divisor N - ddof of the covariance; 0 is maximum likelihood. Only ``moments="sample"`` has
+        it.
     moments : {"sample", "ledoit-wolf", "oas", "ogk", "clipped"}
         Estimator of mean and covariance.
 
     Attributes
     ----------
     eigenvalues_ : (n_features,) ndarray
-        Eigenvalues of the estimate of C from the largest down, before negative ones are set to zero.
+        Eigenvalues of the estimate of C from the largest down, before negative ones are set to
+        zero.
     forms_ : tuple of LinearQuadraticForm
         The form.
     """
 
-    def __init__(self, rank: int | None = 3, shrinkage: float = 0.0, ddof: int = 0, moments: str = "sample") -> None:
+    def __init__(
+        self, rank: int | None = 3, shrinkage: float = 0.0, ddof: int = 0, moments: str = "sample"
+    ) -> None:
         self.rank = rank
         self.shrinkage = shrinkage
         self.ddof = ddof
@@ -303,11 +330,15 @@ class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
         if not 0 <= self.shrinkage <= 1:
             raise ValueError(f"shrinkage must lie between 0 and 1, got {self.shrinkage}")
         if self.moments not in ESTIMATORS:
-            raise ValueError(f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}")
+            raise ValueError(
+                f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}"
+            )
         _warn_of_unused_ddof(self.moments, self.ddof)
         samples = check_samples(self, X, reset=True)
         if not 0 <= self.ddof < samples.shape[0]:
-            raise ValueError(f"ddof must be from 0 to below n_samples = {samples.shape[0]}, got {self.ddof}")
+            raise ValueError(
+                f"ddof must be from 0 to below n_samples = {samples.shape[0]}, got {self.ddof}"
+            )
         if self.moments == "sample":
             mean, covariance = sample_moments(samples, self.ddof)
         else:
@@ -315,7 +346,9 @@ class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
         values, vectors = np.linalg.eigh(covariance - np.eye(mean.size))
         self.eigenvalues_ = values[::-1].copy()
         kept = np.flatnonzero(values > 0)[::-1][: self.rank]
-        self.forms_ = (_from_eigenvectors(mean, (1 - self.shrinkage) * values[kept], vectors[:, kept]),)
+        self.forms_ = (
+            _from_eigenvectors(mean, (1 - self.shrinkage) * values[kept], vectors[:, kept]),
+        )
         return self
 
     def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
@@ -327,9 +360,9 @@ class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
 class PolarimetricWhiteningFilter(BaseEstimator):  # type: ignore[misc]
     """Energy of a pixel after its polarizations are decorrelated: ``x^H Σ^-1 x`` (Novak et al. 1993).
 
-    Σ, ``covariance_``, is the second moment of clutter pixels, as the clutter is taken to have no mean. Any set of
-    polarizations will do; Cosgrove et al. 2004 (Sec. III-C and IV-B) use HH and VV. The form, for chips of one pixel,
-    is the only one in ``forms_``.
+    Σ, ``covariance_``, is the second moment of clutter pixels, as the clutter is taken to have no
+    mean. Any set of polarizations will do; Cosgrove et al. 2004 (Sec. III-C and IV-B) use HH and
+    VV. The form, for chips of one pixel, is the only one in ``forms_``.
 
     Parameters
     ----------
@@ -343,7 +376,9 @@ class PolarimetricWhiteningFilter(BaseEstimator):  # type: ignore[misc]
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:  # noqa: ARG002
         """Learn the clutter from its pixels, (n_samples, n_features) with a feature per polarization."""
         if self.moments not in ESTIMATORS:
-            raise ValueError(f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}")
+            raise ValueError(
+                f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}"
+            )
         samples = check_samples(self, X, reset=True)
         mean, covariance = ESTIMATORS[self.moments](samples)
         self.covariance_: NDArray[Any] = covariance + np.outer(mean, mean.conj())
@@ -367,4 +402,6 @@ def magnitude_form(channels: int, channel: int = 0) -> LinearQuadraticForm:
     """Form ``|x_channel|²`` on pixels of several channels: thresholding one polarization's image."""
     if not 0 <= channel < channels:
         raise ValueError(f"channel must be from 0 to {channels - 1}, got {channel}")
-    return LinearQuadraticForm(np.ones(1), np.eye(channels)[[channel]], np.zeros(channels), np.zeros(1))
+    return LinearQuadraticForm(
+        np.ones(1), np.eye(channels)[[channel]], np.zeros(channels), np.zeros(1)
+    )

@@ -17,8 +17,9 @@ FloatArray = NDArray[np.float64]
 class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     """Project samples onto ``y = (u2 - u1)·S_w⁻¹``, the direction that parts two classes best.
 
-    u1 and u2 are the classes' means, S_w is the within-class scatter over the number of samples. Weights count as
-    repetitions. Directions without scatter (a constant or repeated feature) take no part.
+    u1 and u2 are the classes' means, S_w is the within-class scatter over the number of samples.
+    Weights count as repetitions. Directions without scatter (a constant or repeated feature) take
+    no part.
 
     Parameters
     ----------
@@ -49,14 +50,20 @@ class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     def __init__(self, rcond: float = 1e-12) -> None:
         self.rcond = rcond
 
-    def fit(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> FisherDiscriminant:
+    def fit(
+        self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None
+    ) -> FisherDiscriminant:
         """Find the direction from values (sample, feature) of two classes; weights say how often each counts."""
         values, labels = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(labels)
         kind = type_of_target(labels, input_name="y", raise_unknown=True)
         if kind != "binary":
-            raise ValueError(f"Only binary classification is supported. The type of the target is {kind}.")
-        weight = _check_sample_weight(sample_weight, values, dtype=np.float64, ensure_non_negative=True)
+            raise ValueError(
+                f"Only binary classification is supported. The type of the target is {kind}."
+            )
+        weight = _check_sample_weight(
+            sample_weight, values, dtype=np.float64, ensure_non_negative=True
+        )
         self.classes_, label = np.unique(labels, return_inverse=True)
         if self.classes_.size != 2 or not all(weight[label == k].sum() > 0 for k in (0, 1)):
             raise ValueError(f"y must hold two classes with weight, got one class: {self.classes_}")
@@ -82,9 +89,13 @@ class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         return tags
 
 
-def class_moments(X: FloatArray, label: NDArray[Any], weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+def class_moments(
+    X: FloatArray, label: NDArray[Any], weight: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Means of the classes 0 and 1 and the within-class scatter S_w, weighted (Wang et al. 2007, Eq. 21)."""
-    means = np.stack([np.average(X[label == k], axis=0, weights=weight[label == k]) for k in (0, 1)])
+    means = np.stack(
+        [np.average(X[label == k], axis=0, weights=weight[label == k]) for k in (0, 1)]
+    )
     centred = X - means[label.astype(np.intp)]
     return means, (centred * weight[:, None]).T @ centred / weight.sum()
 
@@ -96,17 +107,24 @@ def _solve(scatter: FloatArray, difference: FloatArray, rcond: float) -> FloatAr
     direction = np.zeros(difference.size)
     if use.any():
         scale = spread[use]
-        inverse = np.linalg.pinv(scatter[np.ix_(use, use)] / np.outer(scale, scale), rcond=rcond, hermitian=True)
+        inverse = np.linalg.pinv(
+            scatter[np.ix_(use, use)] / np.outer(scale, scale), rcond=rcond, hermitian=True
+        )
         direction[use] = inverse @ (difference[use] / scale) / scale
     return direction
 
 
 def hit_weights(
-    target: ArrayLike, distance: ArrayLike, w0: float, beta: ArrayLike = 1.0, label_radius: float = 1.0
+    target: ArrayLike,
+    distance: ArrayLike,
+    w0: float,
+    beta: ArrayLike = 1.0,
+    label_radius: float = 1.0,
 ) -> NDArray[np.int64]:
     """How often each alarm enters the training set: W = max(1, round(W0·β·w)) for hits, 1 for false alarms.
 
-    ``w`` shares a target's weight among its alarms in proportion to ``exp(-d²/r²)``; halves are rounded up.
+    ``w`` shares a target's weight among its alarms in proportion to ``exp(-d²/r²)``; halves are
+    rounded up.
 
     Parameters
     ----------
@@ -132,10 +150,14 @@ def hit_weights(
     hit_of = np.asarray(target, dtype=np.int64)
     away = np.asarray(distance, dtype=np.float64)
     if hit_of.ndim != 1 or away.shape != hit_of.shape:
-        raise ValueError(f"target and distance must have one entry per alarm, got {hit_of.shape} and {away.shape}")
+        raise ValueError(
+            f"target and distance must have one entry per alarm, got {hit_of.shape} and {away.shape}"
+        )
     factor = np.broadcast_to(np.asarray(beta, dtype=np.float64), hit_of.shape)
     if not (np.isfinite(w0) and w0 >= 0 and label_radius > 0 and (factor >= 0).all()):
-        raise ValueError(f"w0, beta must not be negative, label_radius positive, got {w0}, {factor}, {label_radius}")
+        raise ValueError(
+            f"w0, beta must not be negative, label_radius positive, got {w0}, {factor}, {label_radius}"
+        )
     weights = np.ones(hit_of.size, np.int64)
     hit = hit_of >= 0
     if not hit.any():
@@ -153,10 +175,11 @@ class HistogramNormalizer(OneToOneFeatureMixin, TransformerMixin, BaseEstimator)
     """Give every feature the distribution of a standard normal variable cut off at -1 and +1.
 
     With the N training values sorted, duplicates counted as often as they occur, the k-th goes to
-    ``b_k = Φ⁻¹(Φ(-1) + (k-1)/(N-1)·(Φ(1) - Φ(-1)))``, so that b_1 = -1 and b_N = +1; equal values share the mean of
-    their b. (The paper's pseudo-code takes the density at the old value instead of the new one and lacks a factor 2.)
-    Between training values the map is linear; beyond them it goes on along the line through the two end pairs.
-    ``knots_`` holds per feature the values a (rising) and the b they go to, (2, n).
+    ``b_k = Φ⁻¹(Φ(-1) + (k-1)/(N-1)·(Φ(1) - Φ(-1)))``, so that b_1 = -1 and b_N = +1; equal values
+    share the mean of their b. (The paper's pseudo-code takes the density at the old value instead
+    of the new one and lacks a factor 2.) Between training values the map is linear; beyond them it
+    goes on along the line through the two end pairs. ``knots_`` holds per feature the values a
+    (rising) and the b they go to, (2, n).
 
     Examples
     --------
@@ -175,7 +198,9 @@ class HistogramNormalizer(OneToOneFeatureMixin, TransformerMixin, BaseEstimator)
     ) -> HistogramNormalizer:
         """Learn the map from values (sample, feature); whole-numbered weights say how often each counts."""
         values: FloatArray = validate_data(self, X, dtype=np.float64)
-        weight = _check_sample_weight(sample_weight, values, dtype=np.float64, ensure_non_negative=True)
+        weight = _check_sample_weight(
+            sample_weight, values, dtype=np.float64, ensure_non_negative=True
+        )
         if (weight != np.rint(weight)).any():
             raise ValueError("sample_weight must hold whole numbers: how often each sample counts")
         if not weight.any():
@@ -187,7 +212,9 @@ class HistogramNormalizer(OneToOneFeatureMixin, TransformerMixin, BaseEstimator)
         """Apply the map; training values come to lie in [-1, 1]."""
         check_is_fitted(self)
         values: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
-        columns = [_follow(column, knots) for column, knots in zip(values.T, self.knots_, strict=True)]
+        columns = [
+            _follow(column, knots) for column, knots in zip(values.T, self.knots_, strict=True)
+        ]
         return np.stack(columns, axis=1)
 
 

@@ -42,7 +42,11 @@ class LinearQuadraticForm:
         """Evaluate the form on samples (n_samples, n_features); returns (n_samples,)."""
         samples = np.asarray(X)
         projection = samples @ self.vectors.conj().T - self.offset
-        value = np.abs(projection) ** 2 @ self.strength + 2 * (samples @ self.linear.conj()).real + self.constant
+        value = (
+            np.abs(projection) ** 2 @ self.strength
+            + 2 * (samples @ self.linear.conj()).real
+            + self.constant
+        )
         return np.asarray(value, dtype=np.float64)
 
     def after(self, mean: NDArray[Any], matrix: NDArray[Any]) -> LinearQuadraticForm:
@@ -68,7 +72,9 @@ class LinearQuadraticForm:
         value = np.full(image.shape[1:], np.nan, dtype=np.float32)
         if image.shape[1] < v or image.shape[2] < u:
             return value
-        kind = np.complex64 if np.iscomplexobj(image) or np.iscomplexobj(self.linear) else np.float32
+        kind = (
+            np.complex64 if np.iscomplexobj(image) or np.iscomplexobj(self.linear) else np.float32
+        )
         # The total is finite only if all pixels are, which spares the common case a mask.
         broken = None if np.isfinite(image.sum()) else ~np.isfinite(image).all(axis=0)
         clean = image if broken is None else np.where(broken, 0, image)
@@ -127,8 +133,12 @@ class ChipDetector:
     """Linear-quadratic forms on raw image chips, whitening included; the score is the largest of their values."""
 
     forms: tuple[LinearQuadraticForm, ...]
-    channels: tuple[str, ...]  #: names of the image channels in the order of the features, such as ("HH", "VV")
-    shape: tuple[int, int]  #: pixels of a chip down-track and cross-track; (28, 1) is the paper's range cut
+    channels: tuple[
+        str, ...
+    ]  #: names of the image channels in the order of the features, such as ("HH", "VV")
+    shape: tuple[
+        int, int
+    ]  #: pixels of a chip down-track and cross-track; (28, 1) is the paper's range cut
     spacing: tuple[float, float]  #: pixel spacing down-track and cross-track, m
     notes: dict[str, Any] = field(default_factory=dict)  #: how it was trained
 
@@ -138,12 +148,17 @@ class ChipDetector:
         features = len(self.channels) * self.shape[0] * self.shape[1]
         if any(form.linear.size != features for form in self.forms):
             sizes = [form.linear.size for form in self.forms]
-            raise ValueError(f"forms must have {features} features for these channels and chips, got {sizes}")
+            raise ValueError(
+                f"forms must have {features} features for these channels and chips, got {sizes}"
+            )
         if not all(step > 0 for step in self.spacing):
             raise ValueError(f"spacing must be positive, got {self.spacing}")
 
     def likelihood(
-        self, image: NDArray[Any], channels: tuple[str, ...] | None = None, spacing: tuple[float, float] | None = None
+        self,
+        image: NDArray[Any],
+        channels: tuple[str, ...] | None = None,
+        spacing: tuple[float, float] | None = None,
     ) -> NDArray[np.float32]:
         """Score the chip around every pixel of an image (channel, y, x) (Cosgrove et al. 2004, Sec. IV-B).
 
@@ -154,7 +169,9 @@ class ChipDetector:
         if channels is not None and tuple(channels) != self.channels:
             raise ValueError(f"channels must be {self.channels}, got {tuple(channels)}")
         axes = [axis for axis in (0, 1) if self.shape[axis] > 1]
-        if spacing is not None and not all(np.isclose(spacing[k], self.spacing[k], rtol=1e-3) for k in axes):
+        if spacing is not None and not all(
+            np.isclose(spacing[k], self.spacing[k], rtol=1e-3) for k in axes
+        ):
             raise ValueError(f"spacing must be {self.spacing} m, got {spacing}")
         maps = [form.likelihood(image, self.shape) for form in self.forms]
         return maps[0] if len(maps) == 1 else np.asarray(np.max(maps, axis=0))

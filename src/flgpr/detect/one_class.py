@@ -22,13 +22,16 @@ FORMULATIONS: tuple[Formulation, ...] = ("offset", "no-bias", "reference")
 class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: ignore[misc]  # no types
     """One-class relevance vector machine, trained with all labels l = +1.
 
-    The text of the paper, taken at its word, collapses: with a free bias and a single label nothing but the bias
-    survives, and every example is a mine with p near 1. Three ways out, of which the first is the default:
+    The text of the paper, taken at its word, collapses: with a free bias and a single label nothing
+    but the bias survives, and every example is a mine with p near 1. Three ways out, of which the
+    first is the default:
 
-    - "offset": c(f) = Σ w_n K(f, f_n) - b0 with b0 = logit(1 - p0) fixed. Where a local kernel has died away,
+    - "offset": c(f) = Σ w_n K(f, f_n) - b0 with b0 = logit(1 - p0) fixed. Where a local kernel has
+      died away,
       p = p0.
     - "no-bias": c(f) = Σ w_n K(f, f_n), closest to the text; p falls to 0.5 far from all mines.
-    - "reference": a binary machine against points drawn uniformly over the box of the features. p/(1 - p) is then the
+    - "reference": a binary machine against points drawn uniformly over the box of the features.
+      p/(1 - p) is then the
       mines' density over a constant; no clutter is seen, but nothing is promised outside the box.
 
     Parameters
@@ -40,12 +43,14 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
     formulation : {"offset", "no-bias", "reference"}
         See above.
     standardize : bool
-        Whether features are centred and scaled by the mean and standard deviation of the training mines.
+        Whether features are centred and scaled by the mean and standard deviation of the training
+        mines.
     reject : float
-        Share of the training mines that :meth:`predict` gives up; it sets ``offset_`` and nothing else.
+        Share of the training mines that :meth:`predict` gives up; it sets ``offset_`` and nothing
+        else.
     box : (feature, 2) array_like, optional
-        Lowest and highest value of every feature ("reference"); by default the mines' range widened by half on either
-        side.
+        Lowest and highest value of every feature ("reference"); by default the mines' range widened
+        by half on either side.
     n_reference : int, optional
         Number of reference points; by default as many as mines.
     random_state : int, RandomState or None
@@ -54,7 +59,8 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
     Attributes
     ----------
     relevance_ : (k,) ndarray of int
-        Indices of the relevance vectors; with "reference" those from the number of mines on are reference points.
+        Indices of the relevance vectors; with "reference" those from the number of mines on are
+        reference points.
     offset_ : float
         Least probability that :meth:`predict` calls a mine.
     center_, scale_ : (feature,) ndarray
@@ -108,13 +114,21 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         del y
         self._check_parameters()
         if self.formulation not in FORMULATIONS:
-            raise ValueError(f"formulation must be one of {', '.join(FORMULATIONS)}, got {self.formulation!r}")
+            raise ValueError(
+                f"formulation must be one of {', '.join(FORMULATIONS)}, got {self.formulation!r}"
+            )
         if not 0 < self.p0 < 1:
             raise ValueError(f"p0 must lie between 0 and 1, got {self.p0!r}")
         if not 0 <= self.reject < 1:
             raise ValueError(f"reject must be at least 0 and below 1, got {self.reject!r}")
-        if self.formulation == "reference" and isinstance(self.kernel, str) and self.kernel == "precomputed":
-            raise ValueError("kernel must be a function of examples with formulation 'reference', got 'precomputed'")
+        if (
+            self.formulation == "reference"
+            and isinstance(self.kernel, str)
+            and self.kernel == "precomputed"
+        ):
+            raise ValueError(
+                "kernel must be a function of examples with formulation 'reference', got 'precomputed'"
+            )
         X = np.asarray(validate_data(self, X, dtype=np.float64))
         self._set_scale(X)
         Z = self._prepared(X)
@@ -129,7 +143,9 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         return self
 
     def _set_scale(self, X: FloatArray) -> None:
-        fixed = not self.standardize or (isinstance(self.kernel, str) and self.kernel == "precomputed")
+        fixed = not self.standardize or (
+            isinstance(self.kernel, str) and self.kernel == "precomputed"
+        )
         self.center_ = np.zeros(X.shape[1]) if fixed else X.mean(axis=0)
         spread = np.ones(X.shape[1]) if fixed else X.std(axis=0)
         self.scale_ = np.where(spread > 0, spread, 1.0)
@@ -151,7 +167,9 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         count = len(X) if self.n_reference is None else self.n_reference
         if not count >= 1:
             raise ValueError(f"n_reference must be at least 1, got {self.n_reference!r}")
-        return np.asarray(check_random_state(self.random_state).uniform(low, high, (count, X.shape[1])))
+        return np.asarray(
+            check_random_state(self.random_state).uniform(low, high, (count, X.shape[1]))
+        )
 
     def score_samples(self, X: ArrayLike) -> FloatArray:
         """Probability of a mine, p(mine)."""

@@ -16,7 +16,8 @@ FloatArray = NDArray[np.float64]
 class GaussianMixtureNovelty(OutlierMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
     """Mixture of Gaussians fitted to mines; its log density is the score.
 
-    The number of components is chosen by the minimum description length, which for a mixture is half its BIC.
+    The number of components is chosen by the minimum description length, which for a mixture is
+    half its BIC.
 
     Parameters
     ----------

@@ -53,7 +53,9 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         if self.prior not in PRIORS:
             raise ValueError(f"prior must be one of {', '.join(PRIORS)}, got {self.prior!r}")
         if self.algorithm not in ALGORITHMS:
-            raise ValueError(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {self.algorithm!r}")
+            raise ValueError(
+                f"algorithm must be one of {', '.join(ALGORITHMS)}, got {self.algorithm!r}"
+            )
         for name, count in (("n_starts", self.n_starts), ("max_iter", self.max_iter)):
             if not count >= 1:
                 raise ValueError(f"{name} must be at least 1, got {count!r}")
@@ -69,18 +71,24 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
     def _kernel(self, X: FloatArray, centres: FloatArray) -> FloatArray:
         return evaluate_kernel(self.kernel, X, centres, self.gamma_, self.degree, self.coef0)
 
-    def _solve(self, X: FloatArray, target: FloatArray, bias: bool, offset: float, start: SparseFit | None) -> None:
+    def _solve(
+        self, X: FloatArray, target: FloatArray, bias: bool, offset: float, start: SparseFit | None
+    ) -> None:
         """Fit the weights and set the fitted attributes; the bias is the last column."""
         pairwise = isinstance(self.kernel, str) and self.kernel == "precomputed"
         if pairwise and X.shape[0] != X.shape[1]:
-            raise ValueError(f"X must be the square kernel matrix of the training examples, got the shape {X.shape}")
+            raise ValueError(
+                f"X must be the square kernel matrix of the training examples, got the shape {X.shape}"
+            )
         self.gamma_ = resolve_gamma(self.gamma, X)
         design = self._kernel(X, X)
         if bias:
             design = np.hstack([design, np.ones((len(X), 1))])
         if self.prior == "laplacian-map":
             rate = 1.0 if self.rate == "auto" else self.rate
-            fit = fit_laplacian_map(design, target, offset=offset, rate=rate, tol=self.tol, max_iter=self.max_iter)
+            fit = fit_laplacian_map(
+                design, target, offset=offset, rate=rate, tol=self.tol, max_iter=self.max_iter
+            )
         else:
             fit = fit_sparse(
                 design, target, offset=offset, algorithm=self.algorithm,
@@ -89,7 +97,9 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
             )  # fmt: skip
         if not fit.converged:
             warnings.warn(
-                f"no convergence after {fit.n_iter} iterations: raise max_iter or tol", ConvergenceWarning, stacklevel=3
+                f"no convergence after {fit.n_iter} iterations: raise max_iter or tol",
+                ConvergenceWarning,
+                stacklevel=3,
             )
         vectors = fit.active < len(X)
         self.relevance_: NDArray[np.int64] = fit.active[vectors]
@@ -98,7 +108,6 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         self.intercept_ = float(fit.mean[~vectors].sum()) + offset
         self.alpha_ = fit.alpha
         self.covariance_ = fit.covariance
-        # fmt: skip
         self.log_evidence_ = fit.log_evidence
         self.n_iter_ = fit.n_iter
         self.converged_ = fit.converged
@@ -113,7 +122,11 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         if isinstance(self.kernel, str) and self.kernel == "precomputed":
             basis = X[:, self.relevance_]
         else:
-            basis = self._kernel(X, self.relevance_vectors_) if len(self.relevance_) else np.zeros((len(X), 0))
+            basis = (
+                self._kernel(X, self.relevance_vectors_)
+                if len(self.relevance_)
+                else np.zeros((len(X), 0))
+            )
         mean = basis @ self.dual_coef_ + self.intercept_
         if self._has_bias:
             basis = np.hstack([basis, np.ones((len(basis), 1))])
@@ -132,13 +145,14 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
 class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ignore[misc]
     """Relevance vector machine for two classes (Tipping 2001, Sec. 3; Tipping & Faul 2003; flsar2004, Sec. 3.4).
 
-    p(second class | f) = σ(Σ w_n K(f, f_n) + w_0), where an evidence maximum leaves few w_n that are not zero.
+    p(second class | f) = σ(Σ w_n K(f, f_n) + w_0), where an evidence maximum leaves few w_n that
+    are not zero.
 
     Parameters
     ----------
     kernel : str or callable
-        "rbf", "laplacian", "poly", "linear", "sigmoid", "precomputed", or a function of two arrays of examples. It need
-        not be a Mercer kernel.
+        "rbf", "laplacian", "poly", "linear", "sigmoid", "precomputed", or a function of two arrays
+        of examples. It need not be a Mercer kernel.
     gamma : float or {"scale", "auto"}
         Width of the kernel, as in ``sklearn.svm.SVC``.
     degree, coef0 : float
@@ -146,18 +160,19 @@ class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ign
     bias : bool
         Whether there is a w_0; it is subject to the prior like every weight.
     prior : {"ard", "laplacian", "laplacian-map"}
-        "ard": a normal prior of own precision for each weight (Tipping 2001), the precisions by the evidence.
-        "laplacian": besides an exponential prior on the variances, still by the evidence. "laplacian-map": the
-        Laplacian prior on the weights themselves, at their mode (flsar2004, par. 30): a convex problem of one solution,
-        which keeps more vectors than the evidence does.
+        "ard": a normal prior of own precision for each weight (Tipping 2001), the precisions by the
+        evidence. "laplacian": besides an exponential prior on the variances, still by the evidence.
+        "laplacian-map": the Laplacian prior on the weights themselves, at their mode (flsar2004,
+        par. 30): a convex problem of one solution, which keeps more vectors than the evidence does.
     rate : float or "auto"
-        Rate of the exponential prior, the square of the Laplacian's λ; "auto" learns it, or is 1 with "laplacian-map".
+        Rate of the exponential prior, the square of the Laplacian's λ; "auto" learns it, or is 1
+        with "laplacian-map".
     algorithm : {"fast", "ard"}
-        Growing by the marginal likelihood (Tipping & Faul 2003), or pruning all (Tipping 2001). It does not matter with
-        "laplacian-map", nor does n_starts.
+        Growing by the marginal likelihood (Tipping & Faul 2003), or pruning all (Tipping 2001). It
+        does not matter with "laplacian-map", nor does n_starts.
     n_starts : int
-        Starts of "fast", one by single best actions and the others from different first vectors; the evidence has many
-        local maxima.
+        Starts of "fast", one by single best actions and the others from different first vectors;
+        the evidence has many local maxima.
     moderated : bool
         Whether probabilities average over the weights' posterior, σ(κ m), or use their mode, σ(m).
     tol, max_iter : float, int
@@ -213,7 +228,9 @@ class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ign
         """Fit the machine to examples (sample, feature) of two labels."""
         return self._fit_from(X, y, None)
 
-    def _fit_from(self, X: ArrayLike, y: ArrayLike, start: SparseFit | None) -> RelevanceVectorClassifier:
+    def _fit_from(
+        self, X: ArrayLike, y: ArrayLike, start: SparseFit | None
+    ) -> RelevanceVectorClassifier:
         self._check_parameters()
         X, y = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(y)
@@ -260,9 +277,9 @@ def leave_one_out(
     X, y : (sample, feature), (sample,) array_like
         Examples, not a precomputed kernel, and their labels.
     warm : bool
-        Whether each fold begins once by single actions and once with the vectors of the machine fitted to all
-        examples, less the one left out. Quicker; it may end in another maximum of the evidence (compare
-        ``log_evidence_``).
+        Whether each fold begins once by single actions and once with the vectors of the machine
+        fitted to all examples, less the one left out. Quicker; it may end in another maximum of the
+        evidence (compare ``log_evidence_``).
 
     Returns
     -------

@@ -67,11 +67,12 @@ def fit_sparse(
 ) -> SparseFit:
     """Fit p(t = 1) = σ(Σ w_i φ_i + offset) with w_i ~ N(0, 1/α_i) and α maximising the evidence.
 
-    ``design`` is (sample, basis), ``target`` 0 or 1. "fast" adds and removes basis functions one by one (Tipping & Faul
-    2003). The evidence has many local maxima, so it starts ``n_starts`` times, once by the best single action at a time
-    and else from different first functions, and exchanges members of the best models; a ``start`` takes the place of
-    all but the first. "ard" begins with all basis functions and prunes (Tipping 2001, Sec. 2-3); as its steps grow ever
-    smaller, the last digits of the precisions come from the fast ascent, no function entering.
+    ``design`` is (sample, basis), ``target`` 0 or 1. "fast" adds and removes basis functions one by
+    one (Tipping & Faul 2003). The evidence has many local maxima, so it starts ``n_starts`` times,
+    once by the best single action at a time and else from different first functions, and exchanges
+    members of the best models; a ``start`` takes the place of all but the first. "ard" begins with
+    all basis functions and prunes (Tipping 2001, Sec. 2-3); as its steps grow ever smaller, the
+    last digits of the precisions come from the fast ascent, no function entering.
 
     ``rate`` is that of the exponential prior exp(-rate/(2α)) on the variances, which makes the weights' priors
     Laplacian with scale 1/sqrt(rate); 0 is ARD, and "auto" takes the rate that makes the variances of the ARD fit most
@@ -107,9 +108,10 @@ def fit_laplacian_map(
 ) -> SparseFit:
     """Fit p(t = 1) = σ(Σ w_i φ_i + offset) at the mode of the weights under p(w_i) = λ/2 · exp(-λ |w_i|).
 
-    The prior lies on the weights themselves, and its mode has weights that are exactly zero: that is what keeps few.
-    The posterior has one mode, wherever the search begins. ``rate`` is λ², as in :func:`fit_sparse`, whose exponential
-    prior on the variances is this prior once the variances are integrated out.
+    The prior lies on the weights themselves, and its mode has weights that are exactly zero: that
+    is what keeps few. The posterior has one mode, wherever the search begins. ``rate`` is λ², as in
+    :func:`fit_sparse`, whose exponential prior on the variances is this prior once the variances
+    are integrated out.
 
     At the mode each weight that is not zero is also that of a normal prior with the precision λ/|w_i|; ``alpha``,
     ``covariance`` and ``log_evidence`` are of these precisions. ``design`` is (sample, basis), ``target`` 0 or 1.
@@ -138,22 +140,33 @@ def _ascend(
     fixed = (rows, relevance.single(rows), t, offset, every, rate)
     fits = [relevance.ascend(*fixed, *relevance.climb(*fixed, max_iter), every, tol, max_iter)]
     if start is not None:
-        fits.append(relevance.ascend(*fixed, start.active, start.alpha, start.mean, every, tol, max_iter))
+        fits.append(
+            relevance.ascend(*fixed, start.active, start.alpha, start.mean, every, tol, max_iter)
+        )
     else:
         empty = (np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
-        fits += [relevance.ascend(*fixed, *empty, first, tol, max_iter) for first in _first(len(rows), n_starts - 1)]
+        fits += [
+            relevance.ascend(*fixed, *empty, first, tol, max_iter)
+            for first in _first(len(rows), n_starts - 1)
+        ]
     iterations = sum(fit.iterations for fit in fits)
     fits.sort(key=lambda fit: -relevance.penalised(fit, rate))
     # Starts often end in the same model; to improve it twice would be in vain.
     models = {tuple(np.sort(fit.active)): fit for fit in reversed(fits)}
     different = list(models.values())[::-1][: max(1, n_starts // 3)]
     improved = [_exchange(fixed, fit, tol, max_iter) for fit in different]
-    iterations += sum(new.iterations - old.iterations for new, old in zip(improved, different, strict=True))
-    best = _complete(fixed, max(improved, key=lambda fit: relevance.penalised(fit, rate)), tol, max_iter)
+    iterations += sum(
+        new.iterations - old.iterations for new, old in zip(improved, different, strict=True)
+    )
+    best = _complete(
+        fixed, max(improved, key=lambda fit: relevance.penalised(fit, rate)), tol, max_iter
+    )
     return _sorted(best, iterations, rate)
 
 
-def _exchange(fixed: tuple[Any, ...], fit: relevance.Ascent, tol: float, max_iter: int) -> relevance.Ascent:
+def _exchange(
+    fixed: tuple[Any, ...], fit: relevance.Ascent, tol: float, max_iter: int
+) -> relevance.Ascent:
     """Leave a local maximum: take out one basis function after another and ascend anew, another one entering first."""
     *_, allowed, rate = fixed
     tried = 0
@@ -168,7 +181,10 @@ def _exchange(fixed: tuple[Any, ...], fit: relevance.Ascent, tol: float, max_ite
         start = (best.active[kept], best.alpha[kept], best.mean[kept])
         trial = relevance.ascend(*fixed, *start, first, tol, max_iter)
         iterations += trial.iterations
-        if trial.converged and relevance.penalised(trial, rate) > relevance.penalised(best, rate) + RISE:
+        if (
+            trial.converged
+            and relevance.penalised(trial, rate) > relevance.penalised(best, rate) + RISE
+        ):
             best = trial
             tried = 0
         else:
@@ -177,7 +193,9 @@ def _exchange(fixed: tuple[Any, ...], fit: relevance.Ascent, tol: float, max_ite
     return best._replace(iterations=iterations)
 
 
-def _complete(fixed: tuple[Any, ...], fit: relevance.Ascent, tol: float, max_iter: int) -> relevance.Ascent:
+def _complete(
+    fixed: tuple[Any, ...], fit: relevance.Ascent, tol: float, max_iter: int
+) -> relevance.Ascent:
     """Let in what gains by double precision and was not seen in single precision, which ranks the functions."""
     rows, _, t, offset, every, rate = fixed
     for _ in range(LATE):
@@ -190,7 +208,9 @@ def _complete(fixed: tuple[Any, ...], fit: relevance.Ascent, tol: float, max_ite
         if gain[new] <= tol:
             break
         more = np.append(alpha, 1 / relevance.best_variance(s[new], q[new], rate))
-        trial = relevance.ascend(*fixed, np.append(active, new), more, np.append(mean, 0.0), every, tol, max_iter)
+        trial = relevance.ascend(
+            *fixed, np.append(active, new), more, np.append(mean, 0.0), every, tol, max_iter
+        )
         if relevance.penalised(trial, rate) <= relevance.penalised(fit, rate):
             break
         fit = trial
@@ -207,7 +227,9 @@ def _first(count: int, n_starts: int) -> list[NDArray[np.bool_]]:
     return masks
 
 
-def _prune(rows: FloatArray, t: FloatArray, offset: float, rate: float, tol: float, max_iter: int) -> SparseFit:
+def _prune(
+    rows: FloatArray, t: FloatArray, offset: float, rate: float, tol: float, max_iter: int
+) -> SparseFit:
     """Tipping 2001, Eq. 16: α = γ/w² for all weights together; with a rate the root of w²α² - γα - rate."""
     active = np.arange(len(rows))
     alpha = np.ones(len(rows))
@@ -265,14 +287,22 @@ def evaluate_kernel(
     if callable(kernel):
         values = np.asarray(kernel(X, centres), dtype=np.float64)
         if values.shape != (len(X), len(centres)):
-            raise ValueError(f"kernel must return the shape {(len(X), len(centres))}, got {values.shape}")
+            raise ValueError(
+                f"kernel must return the shape {(len(X), len(centres))}, got {values.shape}"
+            )
     elif kernel == "precomputed":
         values = X
     elif kernel in KERNELS:
         given = {"gamma": gamma, "degree": degree, "coef0": coef0}
-        values = pairwise_kernels(X, centres, metric=kernel, **{name: given[name] for name in _PARAMETERS[kernel]})
+        values = pairwise_kernels(
+            X, centres, metric=kernel, **{name: given[name] for name in _PARAMETERS[kernel]}
+        )
     else:
-        raise ValueError(f"kernel must be a function or one of {', '.join(KERNELS)}, got {kernel!r}")
+        raise ValueError(
+            f"kernel must be a function or one of {', '.join(KERNELS)}, got {kernel!r}"
+        )
     if not np.isfinite(values).all():
-        raise ValueError(f"kernel must have finite values, got {int((~np.isfinite(values)).sum())} that are not")
+        raise ValueError(
+            f"kernel must have finite values, got {int((~np.isfinite(values)).sum())} that are not"
+        )
     return np.asarray(values, dtype=np.float64)

@@ -18,7 +18,9 @@ from flgpr.detect.fisher import HistogramNormalizer, class_moments
 
 FloatArray = NDArray[np.float64]
 Scorer = Callable[[FloatArray], float]
-_ALONE = 1e-9  # a candidate with less than this share of its scatter outside the span of the chosen ones adds nothing
+# a candidate with less than this share of its scatter outside the span of the chosen ones adds
+# nothing
+_ALONE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,9 @@ def make_fold(
         )
     normalizer = HistogramNormalizer().fit(features[use], sample_weight=counts)
     means, scatter = class_moments(normalizer.transform(features[use]), labels, counts)
-    values = normalizer.transform(features[tried]) if tried.size else np.zeros((0, features.shape[1]))
+    values = (
+        normalizer.transform(features[tried]) if tried.size else np.zeros((0, features.shape[1]))
+    )
     return Fold(tried, values, scatter, means[1] - means[0])
 
 
@@ -109,7 +113,9 @@ class _State:
         """Confidences (sample, candidate) with each candidate added."""
         q, _, beta = self._update(candidates)
         values = self.fold.values
-        return self.confidence[:, None] + beta * (values[:, candidates] - values[:, self.chosen] @ q)
+        return self.confidence[:, None] + beta * (
+            values[:, candidates] - values[:, self.chosen] @ q
+        )
 
     def add(self, feature: int) -> None:
         one = np.array([feature])
@@ -147,13 +153,16 @@ def single_features(folds: Sequence[Fold], samples: int, scorer: Scorer) -> Floa
     return np.array([scorer(column) for column in together.T])
 
 
-def forward_search(folds: Sequence[Fold], samples: int, scorer: Scorer, steps: int | None = None) -> list[SearchStep]:
+def forward_search(
+    folds: Sequence[Fold], samples: int, scorer: Scorer, steps: int | None = None
+) -> list[SearchStep]:
     """Add, one after the other, the feature that makes the score largest.
 
     Parameters
     ----------
     folds : sequence of Fold
-        One for resubstitution, one per lane for cross-validation; samples in no fold have the confidence -inf.
+        One for resubstitution, one per lane for cross-validation; samples in no fold have the
+        confidence -inf.
     samples : int
         Number of samples of the table.
     scorer : callable
@@ -176,7 +185,9 @@ def forward_search(folds: Sequence[Fold], samples: int, scorer: Scorer, steps: i
     count = folds[0].scatter.shape[0]
     steps = count if steps is None else steps
     if not 1 <= steps <= count:
-        raise ValueError(f"steps must lie between 1 and the number of features ({count}), got {steps}")
+        raise ValueError(
+            f"steps must lie between 1 and the number of features ({count}), got {steps}"
+        )
     states = [_State(fold) for fold in folds]
     left = np.arange(count)
     found = []

@@ -25,7 +25,9 @@ class Cluster(Executor):
 
     def __enter__(self) -> Cluster:
         try:
-            self._client = self._distributed.Client(self.address, timeout=_PATIENCE, set_as_default=False)
+            self._client = self._distributed.Client(
+                self.address, timeout=_PATIENCE, set_as_default=False
+            )
         except (OSError, ValueError) as error:
             raise ValueError(
                 f"scheduler must be the address of a Dask scheduler, got {self.address} ({error})"
@@ -37,16 +39,25 @@ class Cluster(Executor):
             self._client.close()
             self._client = None
 
-    def run(self, work: Work, arguments: Sequence[tuple[Any, ...]], threads: int = 1) -> Generator[Report]:  # noqa: ARG002
+    def run(
+        self,
+        work: Work,
+        arguments: Sequence[tuple[Any, ...]],
+        threads: int = 1,  # noqa: ARG002
+    ) -> Generator[Report]:
         """Submit a task for each set of arguments and yield what is done first; workers lost time and again end it."""
         futures = [self._client.submit(work, *some, pure=False) for some in arguments]
         try:
-            done = self._distributed.as_completed(futures, loop=self._client.loop, with_results=True)
+            done = self._distributed.as_completed(
+                futures, loop=self._client.loop, with_results=True
+            )
             for future, report in done:
                 future.release()
                 yield report
         except self._distributed.KilledWorker as error:
-            raise LostWorkersError(f"workers must live to do their work, several died at one piece ({error})") from None
+            raise LostWorkersError(
+                f"workers must live to do their work, several died at one piece ({error})"
+            ) from None
         finally:
             for future in futures:
                 future.release()

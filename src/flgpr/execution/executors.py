@@ -40,7 +40,9 @@ class Executor(AbstractContextManager["Executor"]):
     """Whether work is done elsewhere, so that several callers may wait at once."""
 
     @abstractmethod
-    def run(self, work: Work, arguments: Sequence[tuple[Any, ...]], threads: int = 1) -> Generator[Report]:
+    def run(
+        self, work: Work, arguments: Sequence[tuple[Any, ...]], threads: int = 1
+    ) -> Generator[Report]:
         """Do a piece of work for each set of arguments and yield what it returns, in any order.
 
         A single process may do as many at once as ``threads`` says. Close it where it may not be used up.
@@ -55,7 +57,9 @@ class Here(Executor):
     def __exit__(self, *_: object) -> None:
         pass
 
-    def run(self, work: Work, arguments: Sequence[tuple[Any, ...]], threads: int = 1) -> Generator[Report]:
+    def run(
+        self, work: Work, arguments: Sequence[tuple[Any, ...]], threads: int = 1
+    ) -> Generator[Report]:
         """Deal the work to threads, and yield in its order."""
         yield from dealt(work, arguments, threads)
 
@@ -78,7 +82,12 @@ class Processes(Executor):
             self._pool.shutdown(wait=True, cancel_futures=True)
             self._pool = None
 
-    def run(self, work: Work, arguments: Sequence[tuple[Any, ...]], threads: int = 1) -> Generator[Report]:  # noqa: ARG002
+    def run(
+        self,
+        work: Work,
+        arguments: Sequence[tuple[Any, ...]],
+        threads: int = 1,  # noqa: ARG002
+    ) -> Generator[Report]:
         """Hand out the work, a module's function; yield what is done first. Processes killed time and again end it."""
         left = list(arguments)
         for _ in range(_TRIALS):
@@ -102,7 +111,9 @@ class Processes(Executor):
                 return
             left = undone
             self._begin(pool)
-        raise LostWorkersError(f"workers must live to do their work, they were killed {_TRIALS} times: out of memory?")
+        raise LostWorkersError(
+            f"workers must live to do their work, they were killed {_TRIALS} times: out of memory?"
+        )
 
     def _begin(self, broken: ProcessPoolExecutor | None) -> ProcessPoolExecutor:
         """Start processes, unless another thread has done so since ``broken``."""

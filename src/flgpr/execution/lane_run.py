@@ -29,7 +29,15 @@ from flgpr.chain.sections import Section, lane_threshold
 from flgpr.door import Folder
 from flgpr.execution.checkpoint import Checkpoint, begin, finish
 from flgpr.execution.executors import Executor, Report
-from flgpr.execution.lane_work import LaneJob, do_finish, do_fold, do_part, folded, kept_pass, open_chain
+from flgpr.execution.lane_work import (
+    LaneJob,
+    do_finish,
+    do_fold,
+    do_part,
+    folded,
+    kept_pass,
+    open_chain,
+)
 from flgpr.io import lane_text, write_table
 from flgpr.io.files import listed_files, replace_folder, replaced_by, write_whole
 from flgpr.io.outputs import OVERWRITE, other_output, tell_finished
@@ -65,14 +73,18 @@ def detect_lane(
     """
     folder = check_free(job.output)
     first = open_chain(job)  # refuses what does not fit before anything is written
-    sections = plan_sections(sizes_of(first.setup.run), first.recipe, first.lane, job.max_memory, longest)
+    sections = plan_sections(
+        sizes_of(first.setup.run), first.recipe, first.lane, job.max_memory, longest
+    )
     if not overwrite and holds_result(job, sections):
         tell_finished(folder, OVERWRITE)
         return results_at(folder)
 
     def plan(wanted: Callable[[Pass], bool], section: Section | None = None) -> Plan:
         opened = first.run, first.recipe, first.lane, first.model
-        chain = LaneChain(*opened, section=section, others=first.setup.others)  # not kept: it holds memory
+        chain = LaneChain(
+            *opened, section=section, others=first.setup.others
+        )  # not kept: it holds memory
         return _planned(chain, wanted)
 
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -96,7 +108,9 @@ def passes_of_lane(
     """
     job = replace(job, explains=False)
     chain = open_chain(job)
-    sections = plan_sections(sizes_of(chain.setup.run), chain.recipe, chain.lane, job.max_memory, math.inf)
+    sections = plan_sections(
+        sizes_of(chain.setup.run), chain.recipe, chain.lane, job.max_memory, math.inf
+    )
     drive = _Drive(executor, track, note, _threads(chain, sections, job))
     with begin(job.work, job.identity(), job.largest) as work:
         chain = open_chain(job, work)
@@ -108,11 +122,17 @@ def _threads(chain: LaneChain, sections: Sequence[Section], job: LaneJob) -> int
     """Tell how many threads of a process may take blocks of a lane."""
     if not chain.concurrent:
         return 1
-    return threads_within(sizes_of(chain.setup.run), chain.recipe, chain.lane, sections, job.max_memory)
+    return threads_within(
+        sizes_of(chain.setup.run), chain.recipe, chain.lane, sections, job.max_memory
+    )
 
 
 def _planned(chain: LaneChain, wanted: Callable[[Pass], bool]) -> Plan:
-    return {one.name: (one.title, chain.numbers(one.name)) for one in chain.passes.values() if wanted(one)}
+    return {
+        one.name: (one.title, chain.numbers(one.name))
+        for one in chain.passes.values()
+        if wanted(one)
+    }
 
 
 class _Drive:
@@ -132,7 +152,11 @@ class _Drive:
             if shared is not None and self._taken(job, work, stage, shared):
                 continue
             begun = folded(work, stage)
-            missing = [number for number in every if number >= begun and part_name(stage, number) not in work]
+            missing = [
+                number
+                for number in every
+                if number >= begun and part_name(stage, number) not in work
+            ]
             spent = []
             pieces = [(job, stage, number) for number in missing]
             with closing(self.executor.run(do_part, pieces, self.threads)) as parts:
@@ -152,27 +176,41 @@ class _Drive:
         self.note(Folder(job.kept).json(f"{shared}.json") | {"lane": Path(job.output).name})
         return True
 
-    def _keep(self, job: LaneJob, work: Checkpoint, stage: str, shared: str, spent: Sequence[Report]) -> None:
+    def _keep(
+        self, job: LaneJob, work: Checkpoint, stage: str, shared: str, spent: Sequence[Report]
+    ) -> None:
         """Leave a pass to jobs of the same images."""
         Path(job.kept).mkdir(parents=True, exist_ok=True)
         sums = {name: sum(one[name] for one in spent) for name in ("seconds", "processor_seconds")}
         largest = max(one["peak_bytes"] for one in spent)
-        write_whole(Path(job.kept) / f"{shared}.json", json.dumps(spent[-1] | sums | {"peak_bytes": largest}))
+        write_whole(
+            Path(job.kept) / f"{shared}.json",
+            json.dumps(spent[-1] | sums | {"peak_bytes": largest}),
+        )
         Checkpoint(Path(job.kept), job.largest).take(work, stage, shared)
 
     def finish(self, job: LaneJob, name: str = "") -> None:
-        for report in self.track(self.executor.run(do_finish, [(job,)]), f"{name}writing the result", 1):
+        for report in self.track(
+            self.executor.run(do_finish, [(job,)]), f"{name}writing the result", 1
+        ):
             self.note(report)
 
 
-def _in_sections(job: LaneJob, sections: Sequence[Section], plan: Callable[..., Plan], drive: _Drive) -> list[Path]:
+def _in_sections(
+    job: LaneJob, sections: Sequence[Section], plan: Callable[..., Plan], drive: _Drive
+) -> list[Path]:
     """Take a lane in sections: first what all share, then every run-view, then, with one threshold, the rest."""
     gathering = Path(job.output).with_name(Path(job.output).name + ".sections")
     names = _section_names(sections)
     cut = {"rows": [[section.start, section.stop] for section in sections]}
     folders = [Path(job.output) / name for name in names]
     with begin(job.work, job.identity() | cut, job.largest) as shared:
-        if "threshold" in shared and not gathering.exists() and _is_whole(job) and results_at(job.output) == folders:
+        if (
+            "threshold" in shared
+            and not gathering.exists()
+            and _is_whole(job)
+            and results_at(job.output) == folders
+        ):
             finish(job.work)  # it was stopped after its last step but this
             return folders
         _prepare(gathering, names if len(shared) else ())
@@ -184,7 +222,12 @@ def _in_sections(job: LaneJob, sections: Sequence[Section], plan: Callable[..., 
         if "threshold" not in shared:
             for name, part in parts.items():
                 with begin(part.work, part.identity(), job.largest) as work:
-                    drive.passes(part, work, plan(lambda p: p.name in ("view", "alarms"), part.section), f"{name}: ")
+                    drive.passes(
+                        part,
+                        work,
+                        plan(lambda p: p.name in ("view", "alarms"), part.section),
+                        f"{name}: ",
+                    )
             shared["threshold"] = {"threshold": np.array(_threshold(job, list(parts.values())))}
         threshold = float(shared["threshold"]["threshold"])
         for (name, part), section in zip(parts.items(), sections, strict=True):
@@ -217,7 +260,9 @@ def _prepare(gathering: Path, names: Sequence[str]) -> None:
 def _threshold(job: LaneJob, parts: Sequence[LaneJob]) -> float:
     raised = [Checkpoint(part.work, job.largest)["alarms"] for part in parts]
     maxima = pd.concat([array_table(group_of(one, "maximum")) for one in raised], ignore_index=True)
-    return lane_threshold(parse_recipe(job.recipe), Lane(*job.lane), maxima, sum(int(one["seen"]) for one in raised))
+    return lane_threshold(
+        parse_recipe(job.recipe), Lane(*job.lane), maxima, sum(int(one["seen"]) for one in raised)
+    )
 
 
 def _bring_together(job: LaneJob, gathering: Path, names: Sequence[str]) -> None:
@@ -225,7 +270,9 @@ def _bring_together(job: LaneJob, gathering: Path, names: Sequence[str]) -> None
     for name, table in zip(names, tables, strict=True):
         table["alarm_id"] = [f"{name}/{alarm}" for alarm in table["alarm_id"]]
     filled = [table for table in tables if len(table)] or tables[:1]
-    alarms = pd.concat(filled, ignore_index=True).sort_values("confidence", ascending=False, kind="stable")
+    alarms = pd.concat(filled, ignore_index=True).sort_values(
+        "confidence", ascending=False, kind="stable"
+    )
     write_table(alarms, gathering / "alarms.csv")
     write_whole(gathering / "lane.toml", lane_text(Lane(*job.lane)))
     write_sections(gathering, names, _lasting(job))
@@ -257,7 +304,11 @@ def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
     folder = Path(job.output)
     if not any((folder / name).is_file() for name in ("manifest.json", SECTIONS)):
         return False
-    if not _is_cut(folder, sections) or not _is_whole(replace(job, report=False)) or not _of_this_version(folder):
+    if (
+        not _is_cut(folder, sections)
+        or not _is_whole(replace(job, report=False))
+        or not _of_this_version(folder)
+    ):
         raise other_output(folder, f"{OVERWRITE}, or choose another output")
     if not _is_whole(job):
         return False
@@ -273,16 +324,22 @@ def _is_cut(folder: Path, sections: Sequence[Section]) -> bool:
     """Tell whether a lane was taken in these sections."""
     if len(sections) == 1:
         return not (folder / SECTIONS).is_file()
-    wanted = dict(zip(_section_names(sections), [[one.start, one.stop] for one in sections], strict=True))
+    wanted = dict(
+        zip(_section_names(sections), [[one.start, one.stop] for one in sections], strict=True)
+    )
     try:
         homes = results_at(folder)
-        return {home.name: read_result_manifest(home).get("section", {}).get("rows") for home in homes} == wanted
+        return {
+            home.name: read_result_manifest(home).get("section", {}).get("rows") for home in homes
+        } == wanted
     except ResultError:
         return False
 
 
 def _of_this_version(folder: Path) -> bool:
-    return all(read_result_manifest(home)["flgpr"] == flgpr.__version__ for home in results_at(folder))
+    return all(
+        read_result_manifest(home)["flgpr"] == flgpr.__version__ for home in results_at(folder)
+    )
 
 
 def is_done(job: LaneJob) -> bool:
@@ -302,8 +359,14 @@ def _is_whole(job: LaneJob) -> bool:
         return False
     manifest = result.manifest
     section = None if job.section is None else [job.section.start, job.section.stop]
-    lane = result.lane if section is None else Lane(**manifest.get("section", {}).get("lane", manifest["lane"]))
-    others = {name: str(one["store_sha256"]) for name, one in manifest["run"].get("others", {}).items()}
+    lane = (
+        result.lane
+        if section is None
+        else Lane(**manifest.get("section", {}).get("lane", manifest["lane"]))
+    )
+    others = {
+        name: str(one["store_sha256"]) for name, one in manifest["run"].get("others", {}).items()
+    }
     return bool(
         manifest["run"].get("store_sha256") == job.store_sha256
         and manifest["recipe_sha256"] == job.identity()["recipe"]

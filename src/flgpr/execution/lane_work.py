@@ -62,7 +62,9 @@ class LaneJob:
     max_memory: int = MAX_MEMORY  #: that reading the run may take, bytes
     section: Section | None = None  #: rows of the lane that are worked on; None takes all
     shared: str = ""  #: the work folder that has the background of all sections
-    others: tuple[tuple[str, str, str], ...] = ()  #: name, store and digest of every run taken together with it
+    others: tuple[
+        tuple[str, str, str], ...
+    ] = ()  #: name, store and digest of every run taken together with it
     truth: tuple[str, str] = ("", "")  #: file and digest of a training lane's targets
     explains: bool = True
     #: folder of passes that jobs of the same images share, see :meth:`flgpr.chain.lane_chain.LaneChain.basis`
@@ -122,8 +124,13 @@ def make_job(
         code_versions(),
         processor(),
         max_memory,
-        others=tuple((n, str(Path(p).resolve()), read_manifest(p)["sha256"]) for n, p in (others or {}).items()),
-        truth=("", "") if truth is None else (str(Path(truth).resolve()), sha256(read_named(truth))),
+        others=tuple(
+            (n, str(Path(p).resolve()), read_manifest(p)["sha256"])
+            for n, p in (others or {}).items()
+        ),
+        truth=("", "")
+        if truth is None
+        else (str(Path(truth).resolve()), sha256(read_named(truth))),
         kept="" if kept is None else str(Path(kept).resolve()),
     )
 
@@ -153,14 +160,18 @@ def kept_pass(job: LaneJob, stage: str) -> str | None:
     if not job.kept:
         return None
     told = _open(job)[0].basis(stage)
-    about = {name: job.identity()[name] for name in ("run", "lane", "code", "cpu", "block", "others")}
+    about = {
+        name: job.identity()[name] for name in ("run", "lane", "code", "cpu", "block", "others")
+    }
     return None if told is None else sha256(canonical_json([about, told]))[:32]
 
 
 def do_part(job: LaneJob, stage: str, number: int) -> Report:
     """Do one block of a stage and leave it in the work folder; a process without it, or of other versions, refuses."""
     begun = _now()
-    with _ONE_AT_A_TIME if mine.threads == 1 else nullcontext():  # but for threads that blocks are dealt to
+    with (
+        _ONE_AT_A_TIME if mine.threads == 1 else nullcontext()
+    ):  # but for threads that blocks are dealt to
         chain, work = _open(job)
         name = part_name(stage, number)
         if name not in work and number >= folded(work, stage):
@@ -194,7 +205,9 @@ def _fold_ahead(chain: LaneChain, work: Checkpoint, stage: str) -> None:
             return
         begun = folded(work, stage)
         so_far = _so_far(stage)
-        ready = list(takewhile(lambda number: part_name(stage, number) in work, chain.numbers(stage)[begun:]))
+        ready = list(
+            takewhile(lambda number: part_name(stage, number) in work, chain.numbers(stage)[begun:])
+        )
         size = sum(work.size(part_name(stage, number)) for number in ready)
         if not ready or size < max(FOLD_BYTES, 2 * work.size(so_far)):
             return
@@ -211,7 +224,9 @@ def do_fold(job: LaneJob, stage: str, numbers: Sequence[int]) -> Report:
         chain, work = _open(job)
         stored = chain.passes[stage].stored
         if stage not in work:
-            work[stage] = {} if stored else chain.merged(stage, _parts(work, stage, numbers)).result()
+            work[stage] = (
+                {} if stored else chain.merged(stage, _parts(work, stage, numbers)).result()
+            )
         if not stored:
             work.drop_parts(stage)
         return report(Path(job.output).name, stage, -1, begun, work.size(stage))
@@ -225,15 +240,21 @@ def do_finish(job: LaneJob) -> Report:
         detections = chain.detections()
         described = describe_run(chain.run, job.run, chain.recipe.motion)
         if job.others:
-            described["others"] = {name: {"path": path, "store_sha256": digest} for name, path, digest in job.others}
+            described["others"] = {
+                name: {"path": path, "store_sha256": digest} for name, path, digest in job.others
+            }
         lane = section_lane(chain.recipe, chain.lane, chain.section)
         cut = chain.section if job.section else None
         told = None if cut is None else section_note(chain.lane, cut)
-        folder = write_result(job.output, detections, job.recipe, lane, described, chain.model, told)
+        folder = write_result(
+            job.output, detections, job.recipe, lane, described, chain.model, told
+        )
         if job.report:
             add_files(folder, {"report.html": report_html(read_result(folder))})
         _opened.cache_clear()  # lets the run-views go
-        return report(Path(job.output).name, "finish", -1, begun, 0) | {"alarms": len(detections[0].alarms)}
+        return report(Path(job.output).name, "finish", -1, begun, 0) | {
+            "alarms": len(detections[0].alarms)
+        }
 
 
 def _parts(work: Checkpoint, stage: str, numbers: Sequence[int]) -> Iterator[Arrays]:
@@ -250,10 +271,16 @@ def _open(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
     if job.code != code_versions():
         theirs = dict(job.code)
         ours = dict(code_versions())
-        differ = ", ".join(f"{n} {ours.get(n)} and {theirs.get(n)}" for n in theirs if ours.get(n) != theirs[n])
-        raise ValueError(f"worker {socket.gethostname()} must have the versions of the driver, got {differ}")
+        differ = ", ".join(
+            f"{n} {ours.get(n)} and {theirs.get(n)}" for n in theirs if ours.get(n) != theirs[n]
+        )
+        raise ValueError(
+            f"worker {socket.gethostname()} must have the versions of the driver, got {differ}"
+        )
     if not job.work.is_dir():
-        raise ValueError(f"worker {socket.gethostname()} must see the work folder of the driver, got no {job.work}")
+        raise ValueError(
+            f"worker {socket.gethostname()} must see the work folder of the driver, got no {job.work}"
+        )
     with _OPENING:
         return _opened(job)
 
@@ -261,14 +288,18 @@ def _open(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
 @lru_cache(maxsize=2)
 def _opened(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
     work = Checkpoint(job.work, job.largest)
-    return open_chain(job, ChainMap(work, Checkpoint(Path(job.shared), job.largest)) if job.shared else work), work
+    return open_chain(
+        job, ChainMap(work, Checkpoint(Path(job.shared), job.largest)) if job.shared else work
+    ), work
 
 
 def open_chain(job: LaneJob, known: MutableMapping[str, Any] | None = None) -> LaneChain:
     """Open what a job names, as the driver saw it, and make its chain."""
     for name, path, digest in (("run", job.run, job.store_sha256), *job.others):
         if read_manifest(path)["sha256"] != digest:
-            raise ValueError(f"worker {socket.gethostname()} must see the {name} of the driver, got another at {path}")
+            raise ValueError(
+                f"worker {socket.gethostname()} must see the {name} of the driver, got another at {path}"
+            )
     model = None if job.model is None else _model_of(job, job.model)
     others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
     return LaneChain(
@@ -286,7 +317,9 @@ def open_chain(job: LaneJob, known: MutableMapping[str, Any] | None = None) -> L
 
 def _model_of(job: LaneJob, folder: str) -> Model:
     if sha256(read_model(folder)) != job.model_sha256:
-        raise ValueError(f"worker {socket.gethostname()} must see the model of the driver, got another at {folder}")
+        raise ValueError(
+            f"worker {socket.gethostname()} must see the model of the driver, got another at {folder}"
+        )
     return load_model(folder, job.model_sha256)
 
 
@@ -294,7 +327,9 @@ def _truth_of(job: LaneJob) -> pd.DataFrame:
     path, digest = job.truth
     data = read_named(path)
     if sha256(data) != digest:
-        raise ValueError(f"worker {socket.gethostname()} must see the truth of the driver, got another at {path}")
+        raise ValueError(
+            f"worker {socket.gethostname()} must see the truth of the driver, got another at {path}"
+        )
     return parse_table(data, "truth", path)
 
 
@@ -310,7 +345,8 @@ def report(lane: str, stage: str, number: int, begun: tuple[float, float], size:
         "stage": stage,
         "block": number,
         "seconds": wall - begun[0],
-        "processor_seconds": (processor_time - begun[1]) / mine.threads,  # of the process: each of its threads saw all
+        "processor_seconds": (processor_time - begun[1])
+        / mine.threads,  # of the process: each of its threads saw all
         "bytes": size,
         "peak_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
         "worker": f"{socket.gethostname()}:{os.getpid()}",

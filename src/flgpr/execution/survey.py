@@ -40,7 +40,9 @@ class How:
     def executor(self) -> Executor:
         """Choose who does the work."""
         if self.scheduler is not None and self.workers is not None:
-            raise ValueError(f"workers and scheduler exclude each other, got {self.workers} and {self.scheduler}")
+            raise ValueError(
+                f"workers and scheduler exclude each other, got {self.workers} and {self.scheduler}"
+            )
         if self.scheduler is not None:
             return Cluster(self.scheduler)
         return Here() if self.workers is None else Processes(self.workers)
@@ -74,7 +76,9 @@ def detect_survey(
     executor = how.executor()
     at_once = at_once or (2 if executor.parallel else 1)
     if at_once > 1 and not executor.parallel:
-        raise ValueError(f"lanes at once needs workers or a scheduler to be more than 1, got {at_once}")
+        raise ValueError(
+            f"lanes at once needs workers or a scheduler to be more than 1, got {at_once}"
+        )
     names = lane_names(runs)
     if lanes is not None and len(lanes) != len(runs):
         raise ValueError(f"lanes must be one per run, got {len(lanes)} for {len(runs)} runs")
@@ -85,7 +89,17 @@ def detect_survey(
         dataset = open_run(run, how.max_memory)
         area = area_of(dataset, recipe, lane)
         jobs.append(
-            make_job(run, recipe_text, area, survey / name, report, model, how.max_memory, beside, kept=how.kept)
+            make_job(
+                run,
+                recipe_text,
+                area,
+                survey / name,
+                report,
+                model,
+                how.max_memory,
+                beside,
+                kept=how.kept,
+            )
         )
         check_free(survey / name)
         sizes = sizes_of(as_imaged(dataset, recipe))
@@ -98,7 +112,9 @@ def detect_survey(
         tell_finished(survey, OVERWRITE)
 
     def detect(job: LaneJob) -> None:
-        detect_lane(job, executor, _named(how.track, Path(job.output).name), how.note, section, overwrite)
+        detect_lane(
+            job, executor, _named(how.track, Path(job.output).name), how.note, section, overwrite
+        )
 
     with executor:
         if at_once == 1:  # in this thread, which is the one that is interrupted

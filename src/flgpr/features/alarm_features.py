@@ -16,7 +16,18 @@ from flgpr.features.polarimetry import cameron, coherency, entropy_alpha_of
 from flgpr.kernels.patches import MEAN, OUTER_MEAN, OUTER_STD, PEAK, region_statistics
 from flgpr.model import Grid, ground_points, lane_to_scan
 
-FEATURES = ("M_VV", "C_VV", "R_VV_HV", "M_HH", "C_HH", "R_HH_HV", "P_H", "P_alpha", "P_tau", "P_psi")
+FEATURES = (
+    "M_VV",
+    "C_VV",
+    "R_VV_HV",
+    "M_HH",
+    "C_HH",
+    "R_HH_HV",
+    "P_H",
+    "P_alpha",
+    "P_tau",
+    "P_psi",
+)
 """The paper's features in its order, #1 to #10."""
 POLARIMETRIC = FEATURES[6:]
 _AVERAGE = 5  # pixels of the window of <·> in Eq. 10
@@ -27,13 +38,17 @@ FloatArray = NDArray[np.float64]
 class FeatureSettings:
     """How features are computed."""
 
-    patch: PatchShape = field(default_factory=PatchShape)  #: incoherent patch and its regions, cross-track x down-track
+    patch: PatchShape = field(
+        default_factory=PatchShape
+    )  #: incoherent patch and its regions, cross-track x down-track
     #: central pixels of the coherent patch over which the polarimetric values are averaged, cross-track x down-track
     inner: tuple[int, int] = (5, 3)
     y_max: float = 16.0  #: farthest distance ahead of the array that counts, m
     #: how angles ψ are averaged: as directions, modulo 180°, or as numbers as the paper has it
     psi: Literal["circular", "linear"] = "circular"
-    polarimetric: tuple[str, ...] | None = None  #: sub-bands whose polarimetric features are wanted; None wants all
+    polarimetric: tuple[str, ...] | None = (
+        None  #: sub-bands whose polarimetric features are wanted; None wants all
+    )
 
     def __post_init__(self) -> None:
         if any(n < 1 or n % 2 == 0 for n in self.inner):
@@ -43,7 +58,9 @@ class FeatureSettings:
 
     def swapped(self) -> FeatureSettings:
         """Give the same settings with cross-track and down-track exchanged in all regions."""
-        patch = PatchShape(self.patch.size, self.patch.spacing, self.patch.inner[::-1], self.patch.guard[::-1])
+        patch = PatchShape(
+            self.patch.size, self.patch.spacing, self.patch.inner[::-1], self.patch.guard[::-1]
+        )
         return replace(self, patch=patch, inner=self.inner[::-1])
 
 
@@ -70,32 +87,46 @@ class FeatureSums:
         cross = "HV" if "HV" in names else "VH"
         missing = [name for name in ("HH", "VV", cross) if name not in names]
         if missing:
-            raise ValueError(f"polarizations must hold HH, VV and HV or VH for the features, got {', '.join(names)}")
+            raise ValueError(
+                f"polarizations must hold HH, VV and HV or VH for the features, got {', '.join(names)}"
+            )
         self._hh, self._vv, self._hv = (names.index(name) for name in ("HH", "VV", cross))
         self._index = alarms.index
         self._centres = ground_points(alarms)
         self._regions = region_codes(self.settings.patch)
         wanted = self.settings.polarimetric
-        bands = [i for i, band in enumerate(self.subbands) if wanted is None or band in wanted] or [-1]
+        bands = [i for i, band in enumerate(self.subbands) if wanted is None or band in wanted] or [
+            -1
+        ]
         self._coherent = slice(max(bands[0], 0), bands[-1] + 1)
         shape = (len(alarms), len(self.subbands))
         self._peak = {name: np.full(shape, -np.inf) for name in ("HH", "VV")}
-        self._sum = {name: np.zeros(shape) for name in ("C_HH", "C_VV", "R_HH_HV", "R_VV_HV", "HH", "VV")}
-        self._angle = {name: np.zeros(shape) for name in ("P_H", "P_alpha", "P_tau", "P_psi", "weight")}
+        self._sum = {
+            name: np.zeros(shape) for name in ("C_HH", "C_VV", "R_HH_HV", "R_VV_HV", "HH", "VV")
+        }
+        self._angle = {
+            name: np.zeros(shape) for name in ("P_H", "P_alpha", "P_tau", "P_psi", "weight")
+        }
         self._turn = np.zeros(shape, np.complex128)
         self._scans = np.zeros(len(alarms), np.int64)
 
-    def add(self, magnitude: NDArray[np.float32], coherent: NDArray[np.complex64], pose: FloatArray) -> None:
+    def add(
+        self, magnitude: NDArray[np.float32], coherent: NDArray[np.complex64], pose: FloatArray
+    ) -> None:
         """Take one scan in: cleaned magnitudes, each channel in units of its own gain background, and cleaned images.
 
         Both are (polarization, subband, y, x); the polarizations of the complex images share one gain.
         """
         self.add_all([(magnitude, coherent, pose)])
 
-    def add_all(self, scans: Iterable[tuple[NDArray[np.float32], NDArray[np.complex64], FloatArray]]) -> None:
+    def add_all(
+        self, scans: Iterable[tuple[NDArray[np.float32], NDArray[np.complex64], FloatArray]]
+    ) -> None:
         """Take in scans, at least one, in their order as :meth:`add` does; of few alarms quicker than one by one."""
         looks = zip(*(self._look(*scan) for scan in scans), strict=True)
-        seen, values, patch, fits = (np.concatenate(one, axis) for one, axis in zip(looks, (0, 0, 2, 0), strict=True))
+        seen, values, patch, fits = (
+            np.concatenate(one, axis) for one, axis in zip(looks, (0, 0, 2, 0), strict=True)
+        )
         if not seen.size:
             return
         self._add_incoherent(seen, values)
@@ -105,7 +136,9 @@ class FeatureSums:
     def state(self) -> dict[str, NDArray[Any]]:
         """Give what was gathered, to be merged into another: ``row``, the alarms that were seen, and their sums."""
         row = np.flatnonzero(self._scans)
-        named: dict[str, NDArray[Any]] = {f"peak.{name}": value for name, value in self._peak.items()}
+        named: dict[str, NDArray[Any]] = {
+            f"peak.{name}": value for name, value in self._peak.items()
+        }
         named |= {f"sum.{name}": value for name, value in self._sum.items()}
         named |= {f"angle.{name}": value for name, value in self._angle.items()}
         named |= {"turn": self._turn, "scans": self._scans}
@@ -126,7 +159,9 @@ class FeatureSums:
         """Compute P_psi (alarm, subband) by a mean of directions or of numbers, rad; NaN where no scan counts."""
         weight = self._angle["weight"]
         with np.errstate(invalid="ignore", divide="ignore"):
-            values = np.angle(self._turn) / 2 if mean == "circular" else self._angle["P_psi"] / weight
+            values = (
+                np.angle(self._turn) / 2 if mean == "circular" else self._angle["P_psi"] / weight
+            )
         return np.where(weight > 0, values, np.nan)
 
     def table(self) -> pd.DataFrame:
@@ -137,14 +172,21 @@ class FeatureSums:
         """
         with np.errstate(invalid="ignore", divide="ignore"):
             ten = {
-                **{f"M_{pol}": np.where(np.isfinite(peak), peak, np.nan) for pol, peak in self._peak.items()},
+                **{
+                    f"M_{pol}": np.where(np.isfinite(peak), peak, np.nan)
+                    for pol, peak in self._peak.items()
+                },
                 **{f"C_{pol}": self._sum[f"C_{pol}"] / self._sum[pol] for pol in ("HH", "VV")},
-                **{f"R_{pol}_HV": self._sum[f"R_{pol}_HV"] / self._sum[pol] for pol in ("HH", "VV")},
+                **{
+                    f"R_{pol}_HV": self._sum[f"R_{pol}_HV"] / self._sum[pol] for pol in ("HH", "VV")
+                },
                 **{name: self._angle[name] / self._angle["weight"] for name in POLARIMETRIC},
             }
             ten["P_psi"] = self.psi(self.settings.psi)
         names = [f"{name}_{subband}" for subband in self.subbands for name in FEATURES]
-        values = np.stack([ten[name] for name in FEATURES], axis=2).reshape(len(self._index), len(names))
+        values = np.stack([ten[name] for name in FEATURES], axis=2).reshape(
+            len(self._index), len(names)
+        )
         table = pd.DataFrame(values, self._index, names)
         table.insert(0, "scans", self._scans)
         return table
@@ -165,7 +207,9 @@ class FeatureSums:
         values = values[keep]
         return seen, values, *self._patches(coherent, row[seen], column[seen])
 
-    def _statistics(self, magnitude: NDArray[np.float32], row: FloatArray, column: FloatArray) -> FloatArray:
+    def _statistics(
+        self, magnitude: NDArray[np.float32], row: FloatArray, column: FloatArray
+    ) -> FloatArray:
         patch = self.settings.patch
         channels = magnitude.shape[:2]
         out = np.empty((row.size, channels[0] * channels[1], 1, 4))
@@ -204,7 +248,9 @@ class FeatureSums:
                 np.add.at(self._sum[f"C_{name}"], seen, contrast)
                 np.add.at(self._sum[f"R_{name}_HV"], seen, ratio)
 
-    def _add_coherent(self, seen: NDArray[np.intp], weight: FloatArray, patch: NDArray[np.complex64]) -> None:
+    def _add_coherent(
+        self, seen: NDArray[np.intp], weight: FloatArray, patch: NDArray[np.complex64]
+    ) -> None:
         """Add the polarimetric values at the pixels about each alarm, weighed by m_in(Y, "HH")."""
         if not weight.size:
             return
@@ -233,5 +279,7 @@ def _valid_mean(matrix: NDArray[np.complex128], size: int) -> NDArray[np.complex
     """Mean over the windows of ``size`` pixels that lie wholly in (..., y, x, 3, 3)."""
     ny, nx = matrix.shape[-4] - size + 1, matrix.shape[-3] - size + 1
     down = np.sum([matrix[..., i : i + ny, :, :, :] for i in range(size)], axis=0)
-    across: NDArray[np.complex128] = np.sum([down[..., i : i + nx, :, :] for i in range(size)], axis=0)
+    across: NDArray[np.complex128] = np.sum(
+        [down[..., i : i + nx, :, :] for i in range(size)], axis=0
+    )
     return across / size**2

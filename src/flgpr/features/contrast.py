@@ -19,7 +19,9 @@ from flgpr.model import Grid, ground_points, lane_to_scan
 class ContrastSums:
     """What :func:`local_contrast` computes, gathered scan by scan from plain arrays on ``grid``; ``y_max`` in m."""
 
-    def __init__(self, alarms: pd.DataFrame, grid: Grid, y_max: float, patch: PatchShape | None = None) -> None:
+    def __init__(
+        self, alarms: pd.DataFrame, grid: Grid, y_max: float, patch: PatchShape | None = None
+    ) -> None:
         self._grid = grid
         self._y_max = y_max
         self._patch = patch or PatchShape()
@@ -35,10 +37,20 @@ class ContrastSums:
         seen = np.flatnonzero(local[:, 1] <= self._y_max)
         if not seen.size:
             return
-        row, column = (local[seen, 1] - grid.y_min) / grid.dy, (local[seen, 0] - grid.x_min) / grid.dx
+        row, column = (
+            (local[seen, 1] - grid.y_min) / grid.dy,
+            (local[seen, 0] - grid.x_min) / grid.dx,
+        )
         offset = (np.arange(patch.size) - patch.size // 2) * patch.spacing / grid.dx
         out = np.empty((seen.size, 1, 1, 4))
-        region_statistics(np.ascontiguousarray(magnitude)[None], row, column, offset, region_codes(patch)[None], out)
+        region_statistics(
+            np.ascontiguousarray(magnitude)[None],
+            row,
+            column,
+            offset,
+            region_codes(patch)[None],
+            out,
+        )
         peak, mean, spread = (out[:, 0, 0, name] for name in (PEAK, OUTER_MEAN, OUTER_STD))
         good = np.isfinite(peak) & (spread > 0)
         seen = seen[good]
@@ -52,11 +64,20 @@ class ContrastSums:
     def state(self) -> dict[str, NDArray[Any]]:
         """Give what was gathered, to be merged into another: ``row``, the alarms that were seen, and their sums."""
         row = np.flatnonzero(self._scans)
-        return {"row": row, "weighted": self._weighted[row], "weight": self._weight[row], "scans": self._scans[row]}
+        return {
+            "row": row,
+            "weighted": self._weighted[row],
+            "weight": self._weight[row],
+            "scans": self._scans[row],
+        }
 
     def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take in what another gathered (:meth:`state`) of other scans for the same alarms."""
-        for name, value in (("weighted", self._weighted), ("weight", self._weight), ("scans", self._scans)):
+        for name, value in (
+            ("weighted", self._weighted),
+            ("weight", self._weight),
+            ("scans", self._scans),
+        ):
             value[state["row"]] += state[name]
 
     def table(self) -> pd.DataFrame:
@@ -76,8 +97,8 @@ def local_contrast(
 ) -> pd.DataFrame:
     """Local contrast C of alarms, weighted over the scans that see them (Wang et al. 2007, Eq. 7).
 
-    Unlike the paper's patches, which lie well inside the images, a patch here may reach over the border: its outer
-    region is then what is left of it.
+    Unlike the paper's patches, which lie well inside the images, a patch here may reach over the
+    border: its outer region is then what is left of it.
 
     Parameters
     ----------
@@ -95,7 +116,8 @@ def local_contrast(
     Returns
     -------
     DataFrame
-        ``contrast``, NaN where no scan sees the alarm, and ``scans``, how many count, with the index of ``alarms``.
+        ``contrast``, NaN where no scan sees the alarm, and ``scans``, how many count, with the
+        index of ``alarms``.
     """
     shape = patch or PatchShape()
     inner = shape.region(shape.inner)
@@ -107,7 +129,9 @@ def local_contrast(
         x = image["x"].values
         centres = lane_to_scan(ground_points(alarms), np.asarray(image.attrs["pose"]))
         local = centres[:, None, None, :2] + shape.offsets()
-        patches = bilinear(values, (local[..., 1] - y[0]) / (y[1] - y[0]), (local[..., 0] - x[0]) / (x[1] - x[0]))
+        patches = bilinear(
+            values, (local[..., 1] - y[0]) / (y[1] - y[0]), (local[..., 0] - x[0]) / (x[1] - x[0])
+        )
         far = local[:, shape.size // 2, shape.size // 2, 1] > y_max
         for i in np.flatnonzero(~far):
             peak, contrast = _contrast(np.asarray(patches[i], dtype=np.float64), inner, outer)
@@ -119,7 +143,9 @@ def local_contrast(
         return pd.DataFrame({"contrast": weighted / weight, "scans": scans}, index=alarms.index)
 
 
-def _contrast(patch: NDArray[np.float64], inner: NDArray[np.bool_], outer: NDArray[np.bool_]) -> tuple[float, float]:
+def _contrast(
+    patch: NDArray[np.float64], inner: NDArray[np.bool_], outer: NDArray[np.bool_]
+) -> tuple[float, float]:
     around = patch[outer & np.isfinite(patch)]
     if not np.isfinite(patch[inner]).all() or around.size < 2:
         return np.nan, np.nan

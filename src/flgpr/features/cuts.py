@@ -17,7 +17,9 @@ PAPER_CUT = (28, 1)
 """Pixels down-track and cross-track of the paper's range cut, at 2 cm."""
 
 
-def stack_channels(image: xr.DataArray, channels: Sequence[str] | None = None) -> tuple[ComplexArray, tuple[str, ...]]:
+def stack_channels(
+    image: xr.DataArray, channels: Sequence[str] | None = None
+) -> tuple[ComplexArray, tuple[str, ...]]:
     """Line up polarizations and sub-bands of an image ([polarization,] [subband,] y, x) as channels (channel, y, x).
 
     It gives the stack and the channels' names: "HH", or "HH 0.45-1.5" with its sub-band's name where the image has
@@ -25,18 +27,26 @@ def stack_channels(image: xr.DataArray, channels: Sequence[str] | None = None) -
     Other dimensions or a missing channel are a ValueError.
     """
     if set(image.dims) - {"polarization", "subband", "y", "x"} or not {"y", "x"} <= set(image.dims):
-        raise ValueError(f"image must have the dimensions ([polarization,] [subband,] y, x), got {image.dims}")
+        raise ValueError(
+            f"image must have the dimensions ([polarization,] [subband,] y, x), got {image.dims}"
+        )
     full = image.expand_dims([d for d in ("polarization", "subband") if d not in image.dims])
     full = full.transpose("polarization", "subband", "y", "x")
     bands = [str(name) for name in full["subband"].values] if "subband" in image.dims else [""]
-    labels = [str(name) for name in full["polarization"].values] if "polarization" in image.dims else ["image"]
+    labels = (
+        [str(name) for name in full["polarization"].values]
+        if "polarization" in image.dims
+        else ["image"]
+    )
     names = [f"{label} {band}" if len(bands) > 1 else label for label in labels for band in bands]
     stack = full.values.reshape(len(names), *full.shape[-2:]).astype(np.complex64, copy=False)
     if channels is None:
         return stack, tuple(names)
     missing = [name for name in channels if name not in names]
     if missing:
-        raise ValueError(f"channels must be among {', '.join(names)}; missing: {', '.join(missing)}")
+        raise ValueError(
+            f"channels must be among {', '.join(names)}; missing: {', '.join(missing)}"
+        )
     return stack[[names.index(name) for name in channels]], tuple(channels)
 
 
@@ -78,8 +88,9 @@ def range_cuts(
     shape : (int, int)
         Pixels of a chip down-track and cross-track.
     search : float
-        Half side of the square, m, within which the chip with the most energy is taken instead: the position of a
-        buried object in the image differs from its place by refraction and the survey's error.
+        Half side of the square, m, within which the chip with the most energy is taken instead: the
+        position of a buried object in the image differs from its place by refraction and the
+        survey's error.
     """
     if not search >= 0:
         raise ValueError(f"search must be at least 0, got {search}")
@@ -87,13 +98,18 @@ def range_cuts(
     place = np.asarray(points, dtype=np.float64).reshape(-1, 2)
     rows, columns = (_nearest(image[axis].values, place[:, k]) for axis, k in (("y", 1), ("x", 0)))
     if search > 0:
-        reach = tuple(int(search / abs(float(np.diff(image[axis].values[:2])[0]))) for axis in ("y", "x"))
+        reach = tuple(
+            int(search / abs(float(np.diff(image[axis].values[:2])[0]))) for axis in ("y", "x")
+        )
         rows, columns = _strongest(stack, rows, columns, shape, (reach[0], reach[1]))
     return cuts_at(stack, rows, columns, shape)
 
 
 def clutter_cuts(
-    image: ComplexArray, clean: NDArray[np.bool_], shape: tuple[int, int] = PAPER_CUT, step: tuple[int, int] = (14, 8)
+    image: ComplexArray,
+    clean: NDArray[np.bool_],
+    shape: tuple[int, int] = PAPER_CUT,
+    step: tuple[int, int] = (14, 8),
 ) -> ComplexArray:
     """Feature vectors (n_samples, n_features) of clutter: all chips on a lattice that hold clean pixels only.
 
@@ -123,7 +139,9 @@ def clean_pixels(x: ArrayLike, y: ArrayLike, points: ArrayLike, radius: float) -
     return clean
 
 
-def quiet_pixels(image: ComplexArray, quantile: float = 0.98, grow: tuple[int, int] = PAPER_CUT) -> NDArray[np.bool_]:
+def quiet_pixels(
+    image: ComplexArray, quantile: float = 0.98, grow: tuple[int, int] = PAPER_CUT
+) -> NDArray[np.bool_]:
     """Tell which pixels (y, x) of an image (channel, y, x) may serve as clutter when no truth is known.
 
     Pixels brighter than the quantile in any channel may bear a target; they are left out with all pixels in the
@@ -134,7 +152,11 @@ def quiet_pixels(image: ComplexArray, quantile: float = 0.98, grow: tuple[int, i
         raise ValueError(f"quantile must lie above 0 and up to 1, got {quantile}")
     magnitude = np.abs(image)
     seen = np.isfinite(magnitude).all(axis=0)
-    limits = np.nanquantile(np.where(seen, magnitude, np.nan), quantile, axis=(1, 2)) if seen.any() else 0.0
+    limits = (
+        np.nanquantile(np.where(seen, magnitude, np.nan), quantile, axis=(1, 2))
+        if seen.any()
+        else 0.0
+    )
     bright = (np.where(seen, magnitude, 0) > np.reshape(limits, (-1, 1, 1))).any(axis=0)
     around = maximum_filter(bright, size=(2 * (grow[0] // 2) + 1, 2 * (grow[1] // 2) + 1))
     return np.asarray(seen & ~around)

@@ -15,14 +15,21 @@ class PatchShape:
     size: int = 25  #: pixels along a side, odd; the paper's patch has 25
     spacing: float = 0.1  #: pixel spacing, m
     inner: tuple[int, int] = (5, 3)  #: inner region, pixels cross-track x down-track
-    guard: tuple[int, int] = (9, 7)  #: inner and guard region together; what lies outside it is the outer region
+    guard: tuple[int, int] = (
+        9,
+        7,
+    )  #: inner and guard region together; what lies outside it is the outer region
 
     def __post_init__(self) -> None:
         sizes = (self.size, *self.inner, *self.guard)
         if any(n < 1 or n % 2 == 0 for n in sizes):
-            raise ValueError(f"patch size, inner and guard must be odd numbers of pixels, got {sizes}")
+            raise ValueError(
+                f"patch size, inner and guard must be odd numbers of pixels, got {sizes}"
+            )
         if not all(i <= g < self.size for i, g in zip(self.inner, self.guard, strict=True)):
-            raise ValueError(f"patch must have inner <= guard < size, got {self.inner}, {self.guard}, {self.size}")
+            raise ValueError(
+                f"patch must have inner <= guard < size, got {self.inner}, {self.guard}, {self.size}"
+            )
         if not self.spacing > 0:
             raise ValueError(f"patch spacing must be positive, got {self.spacing}")
 

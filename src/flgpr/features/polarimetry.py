@@ -22,8 +22,9 @@ def entropy_alpha(
 ) -> tuple[FloatArray, FloatArray]:
     """Entropy H and mean angle α of the coherency matrix (Wang et al. 2007, Eq. 10; Cloude & Pottier 1997).
 
-    ``k = [hh + vv, hh - vv, 2 hv]/√2``, ``T = <k kᴴ>`` over the window, ``p_i = λ_i/Σλ``; ``H = -Σ p_i log₃ p_i`` and
-    ``α = Σ p_i arccos|e_i(1)|``. Of equal eigenvalues the axes are taken as eigenvectors where T is diagonal.
+    ``k = [hh + vv, hh - vv, 2 hv]/√2``, ``T = <k kᴴ>`` over the window, ``p_i = λ_i/Σλ``; ``H = -Σ
+    p_i log₃ p_i`` and ``α = Σ p_i arccos|e_i(1)|``. Of equal eigenvalues the axes are taken as
+    eigenvectors where T is diagonal.
 
     Parameters
     ----------
@@ -35,8 +36,8 @@ def entropy_alpha(
     Returns
     -------
     entropy, alpha : (..., y, x) ndarray
-        H, 0 (one mechanism) to 1 (random), and α, rad: 0 for a sphere, π/4 for a dipole, π/2 for a dihedral; NaN where
-        there is no signal.
+        H, 0 (one mechanism) to 1 (random), and α, rad: 0 for a sphere, π/4 for a dipole, π/2 for a
+        dihedral; NaN where there is no signal.
 
     Examples
     --------
@@ -79,18 +80,23 @@ def entropy_alpha_of(matrix: ComplexArray) -> tuple[FloatArray, FloatArray]:
     share = np.divide(values, total, out=np.full_like(values, np.nan), where=total > 0)
     logarithm = np.log(share, out=np.zeros_like(share), where=share > 0)
     size = np.abs(vectors)
-    angle = np.arctan2(np.hypot(size[:, 1], size[:, 2]), size[:, 0])  # arccos|e(1)|, exact near 0 too
+    angle = np.arctan2(
+        np.hypot(size[:, 1], size[:, 2]), size[:, 0]
+    )  # arccos|e(1)|, exact near 0 too
     entropy = np.maximum(-(share * logarithm).sum(axis=1) / np.log(3), 0.0)
-    return entropy.reshape(matrix.shape[:-2]), (share * angle).sum(axis=1).reshape(matrix.shape[:-2])
+    return entropy.reshape(matrix.shape[:-2]), (share * angle).sum(axis=1).reshape(
+        matrix.shape[:-2]
+    )
 
 
 def cameron(hh: ArrayLike, hv: ArrayLike, vv: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Degree of scatterer symmetry τ and rotation angle ψ (Wang et al. 2007, Eq. 13-15; Cameron et al. 1996), rad.
 
-    τ is 0 for a symmetric scatterer to π/4 for a helix. ψ, in (-π/2, π/2], is that of the eigenvector of the symmetric
-    part whose eigenvalue is larger in modulus. It says nothing for a sphere or a helix (0 is returned) and is known
-    modulo 90° only where both eigenvalues are equally large. Both are NaN where there is no signal. HH, HV and VV, of
-    one shape, must be on one calibration.
+    τ is 0 for a symmetric scatterer to π/4 for a helix. ψ, in (-π/2, π/2], is that of the
+    eigenvector of the symmetric part whose eigenvalue is larger in modulus. It says nothing for a
+    sphere or a helix (0 is returned) and is known modulo 90° only where both eigenvalues are
+    equally large. Both are NaN where there is no signal. HH, HV and VV, of one shape, must be on
+    one calibration.
 
     Examples
     --------
@@ -106,8 +112,8 @@ def cameron(hh: ArrayLike, hv: ArrayLike, vv: ArrayLike) -> tuple[FloatArray, Fl
     45
     """
     (s_hh, s_hv, s_vv), shape = _channels(hh, hv, vv)
-    # Inner products of S_rec with the parts of which it is made, of length one: S_a = [1 0; 0 1]/√2,
-    # S_b = [1 0; 0 -1]/√2 and S_c = [0 1; 1 0]/√2.
+    # Inner products of S_rec with the parts of which it is made, of length one: S_a = [1 0; 0
+    # 1]/√2, S_b = [1 0; 0 -1]/√2 and S_c = [0 1; 1 0]/√2.
     S_rec_S_a = (s_hh + s_vv) / np.sqrt(2)
     S_rec_S_b = (s_hh - s_vv) / np.sqrt(2)
     S_rec_S_c = np.sqrt(2) * s_hv
@@ -116,14 +122,16 @@ def cameron(hh: ArrayLike, hv: ArrayLike, vv: ArrayLike) -> tuple[FloatArray, Fl
     theta = _angle_of_largest_part(S_rec_S_b, S_rec_S_c)
     S_rec_S_prime = S_rec_S_b * np.cos(theta) + S_rec_S_c * np.sin(theta)
 
-    # Eq. 13: S_sym = (S_rec • S_a) S_a + (S_rec • S') S'. What is left of S_rec is at right angles to it.
+    # Eq. 13: S_sym = (S_rec • S_a) S_a + (S_rec • S') S'. What is left of S_rec is at right angles
+    # to it.
     left_over = S_rec_S_c * np.cos(theta) - S_rec_S_b * np.sin(theta)
     S_sym_length = np.hypot(np.abs(S_rec_S_a), np.abs(S_rec_S_prime))
 
     # Eq. 15: cos τ = |S_sym • S_rec| / (|S_sym| |S_rec|). The arctangent is exact near 0, too.
     tau = np.arctan2(np.abs(left_over), S_sym_length)
 
-    # S_sym, turned by θ/2, is diagonal: (S_rec • S_a ± S_rec • S')/√2. The first must not be smaller in modulus.
+    # S_sym, turned by θ/2, is diagonal: (S_rec • S_a ± S_rec • S')/√2. The first must not be
+    # smaller in modulus.
     second_is_larger = np.abs(S_rec_S_a - S_rec_S_prime) > np.abs(S_rec_S_a + S_rec_S_prime)
     psi = theta / 2 + np.where(second_is_larger, np.pi / 2, 0.0)
     psi = np.where(psi > np.pi / 2, psi - np.pi, psi)
@@ -147,7 +155,9 @@ def _channels(*arrays: ArrayLike) -> tuple[list[ComplexArray], tuple[int, ...]]:
     channels = [np.asarray(array, dtype=np.complex128) for array in arrays]
     shape = channels[0].shape
     if any(channel.shape != shape for channel in channels):
-        raise ValueError(f"hh, hv and vv must have the same shape, got {[channel.shape for channel in channels]}")
+        raise ValueError(
+            f"hh, hv and vv must have the same shape, got {[channel.shape for channel in channels]}"
+        )
     if not all(np.isfinite(channel).all() for channel in channels):
         raise ValueError("hh, hv and vv must be finite, got values that are not")
     return [np.atleast_2d(channel) for channel in channels], shape

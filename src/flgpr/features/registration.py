@@ -16,16 +16,20 @@ FloatArray = NDArray[np.float64]
 class Registration:
     """How far an image lies off the survey."""
 
-    shift: tuple[float, float]  #: what is added to a surveyed place to find it in the image, x and y, m
+    shift: tuple[
+        float, float
+    ]  #: what is added to a surveyed place to find it in the image, x and y, m
     residual: float  #: rms distance of the fiducials from their shifted survey, m
     used: int
 
 
-def register_fiducials(image: ArrayLike, grid: Grid, surveyed: ArrayLike, reach: float = 0.6) -> Registration:
+def register_fiducials(
+    image: ArrayLike, grid: Grid, surveyed: ArrayLike, reach: float = 0.6
+) -> Registration:
     """Find the fiducials in an image and the shift that brings the survey onto them.
 
-    Each fiducial is the brightest pixel within ``reach``, refined by the centroid of the power around it; the shift is
-    the median over the fiducials, which a single false one does not move.
+    Each fiducial is the brightest pixel within ``reach``, refined by the centroid of the power
+    around it; the shift is the median over the fiducials, which a single false one does not move.
 
     Parameters
     ----------
@@ -62,7 +66,9 @@ def register_fiducials(image: ArrayLike, grid: Grid, surveyed: ArrayLike, reach:
         )
         known.append((u, v))
     if not found:
-        raise ValueError(f"surveyed must hold a fiducial inside the image, got none of {len(np.atleast_2d(surveyed))}")
+        raise ValueError(
+            f"surveyed must hold a fiducial inside the image, got none of {len(np.atleast_2d(surveyed))}"
+        )
     offset = np.asarray(found) - np.asarray(known)
     shift = np.median(offset, axis=0)
     residual = float(np.sqrt(((offset - shift) ** 2).sum(axis=1).mean()))

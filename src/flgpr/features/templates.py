@@ -15,7 +15,9 @@ from flgpr.model import Grid, Lane
 FloatArray = NDArray[np.float64]
 
 
-def cut_regions(image: ArrayLike, grid: Grid, centres: ArrayLike, size: tuple[float, float]) -> NDArray[Any]:
+def cut_regions(
+    image: ArrayLike, grid: Grid, centres: ArrayLike, size: tuple[float, float]
+) -> NDArray[Any]:
     """Cut regions (n, ..., v, u) about places (n, 2), m, out of images (..., y, x) on a grid, with interpolation.
 
     Width and length of a region, m, are rounded to an odd number of pixels; beyond the image it is zero.
@@ -27,8 +29,16 @@ def cut_regions(image: ArrayLike, grid: Grid, centres: ArrayLike, size: tuple[fl
     # Rounded, so that a place on the last row lies on it wherever along the lane the image begins.
     rows = np.round((places[:, 1] - grid.y_min) / grid.dy, 9)
     columns = np.round((places[:, 0] - grid.x_min) / grid.dx, 9)
-    row = rows[:, None, None] + np.arange(-half_v, half_v + 1)[None, :, None] + np.zeros((1, 1, 2 * half_u + 1))
-    column = columns[:, None, None] + np.arange(-half_u, half_u + 1)[None, None, :] + np.zeros((1, 2 * half_v + 1, 1))
+    row = (
+        rows[:, None, None]
+        + np.arange(-half_v, half_v + 1)[None, :, None]
+        + np.zeros((1, 1, 2 * half_u + 1))
+    )
+    column = (
+        columns[:, None, None]
+        + np.arange(-half_u, half_u + 1)[None, None, :]
+        + np.zeros((1, 2 * half_v + 1, 1))
+    )
     return np.moveaxis(np.nan_to_num(bilinear(values, row, column)), -3, 0)
 
 
@@ -65,7 +75,9 @@ def principal_templates(chips: ArrayLike, count: int = 1) -> tuple[NDArray[Any],
     _, singular, basis = np.linalg.svd(values.reshape(len(values), -1), full_matrices=False)
     templates = basis[:count].reshape(count, *values.shape[1:])
     total = templates.sum(axis=(-2, -1), keepdims=True)
-    sign = np.where(np.abs(total) > 0, np.conj(total) / np.where(np.abs(total) > 0, np.abs(total), 1), 1)
+    sign = np.where(
+        np.abs(total) > 0, np.conj(total) / np.where(np.abs(total) > 0, np.abs(total), 1), 1
+    )
     return templates * sign, singular**2 / (singular**2).sum()
 
 
@@ -81,10 +93,10 @@ def align_phases(chips: ArrayLike) -> NDArray[Any]:
 def max_correlation(region: ArrayLike, template: ArrayLike, magnitude: bool = True) -> FloatArray:
     """Correlate regions (..., y, x) with a template and take the largest over all shifts in both directions (par. 22).
 
-    Both are scaled to unit energy over their whole extent, so that it lies between 0 and 1. Shifts are not circular:
-    what a shifted template covers beyond the region is zero. Of k orthonormal templates (k, v, u) the correlations are
-    added in power. ``magnitude`` correlates moduli (the paper is silent), else complex values, of which the modulus is
-    taken.
+    Both are scaled to unit energy over their whole extent, so that it lies between 0 and 1. Shifts
+    are not circular: what a shifted template covers beyond the region is zero. Of k orthonormal
+    templates (k, v, u) the correlations are added in power. ``magnitude`` correlates moduli (the
+    paper is silent), else complex values, of which the modulus is taken.
 
     Examples
     --------
@@ -105,13 +117,18 @@ def max_correlation(region: ArrayLike, template: ArrayLike, magnitude: bool = Tr
         templates = np.abs(templates) if np.iscomplexobj(templates) else templates
     regions = unit_energy(regions)
     templates = unit_energy(templates)
-    shape = [next_fast_len(a + b - 1) for a, b in zip(regions.shape[-2:], templates.shape[-2:], strict=True)]
+    shape = [
+        next_fast_len(a + b - 1)
+        for a, b in zip(regions.shape[-2:], templates.shape[-2:], strict=True)
+    ]
     spectrum = fft2(regions, shape)[..., None, :, :] * np.conj(fft2(templates, shape))
     power = (np.abs(ifft2(spectrum)) ** 2).sum(axis=-3)
     return np.asarray(np.sqrt(power.max(axis=(-2, -1))))
 
 
-def template_features(regions: ArrayLike, templates: ArrayLike, magnitude: bool = True) -> FloatArray:
+def template_features(
+    regions: ArrayLike, templates: ArrayLike, magnitude: bool = True
+) -> FloatArray:
     """Form feature vectors (n, polarization·range): one largest correlation per polarization and range (par. 22).
 
     Regions are (n, polarization, range, y, x), templates (polarization, range, [k,] v, u); ``magnitude`` is as in
@@ -124,11 +141,16 @@ def template_features(regions: ArrayLike, templates: ArrayLike, magnitude: bool 
             "regions (n, polarization, range, y, x) and templates (polarization, range, v, u) must agree, got "
             f"{images.shape} and {patterns.shape}"
         )
-    columns = [max_correlation(images[:, p, r], patterns[p, r], magnitude) for p, r in np.ndindex(*patterns.shape[:2])]
+    columns = [
+        max_correlation(images[:, p, r], patterns[p, r], magnitude)
+        for p, r in np.ndindex(*patterns.shape[:2])
+    ]
     return np.stack(columns, axis=1)
 
 
-def clutter_tiles(lane: Lane, size: tuple[float, float], mines: ArrayLike, keep_off: float) -> pd.DataFrame:
+def clutter_tiles(
+    lane: Lane, size: tuple[float, float], mines: ArrayLike, keep_off: float
+) -> pd.DataFrame:
     """Tile a lane without overlap and leave out the tiles with a mine: clutter examples not picked by hand.
 
     As many whole tiles (width and length, m) as fit, centred across the lane, from its beginning on; mines (n, 2) are

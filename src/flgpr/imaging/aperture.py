@@ -44,8 +44,8 @@ def aperture_image(
     reach : float
         How far (m, level with the ground) an antenna may be from a pixel that it helps to image.
     **operator
-        Of :class:`ImagingOperator`: ``window``, ``permittivity``, ``half_space``, ``tolerance``, ``subbands`` of length
-        one.
+        Of :class:`ImagingOperator`: ``window``, ``permittivity``, ``half_space``, ``tolerance``,
+        ``subbands`` of length one.
     """
     check_run(run)
     pixels = np.asarray(points, dtype=np.float64)
@@ -57,7 +57,9 @@ def aperture_image(
         near: Any = slice(None)
         limits: dict[str, Any] = {}
         if np.isfinite(reach):
-            box = (flat[:, :2] >= tx[:, :2].min(axis=0) - reach) & (flat[:, :2] <= tx[:, :2].max(axis=0) + reach)
+            box = (flat[:, :2] >= tx[:, :2].min(axis=0) - reach) & (
+                flat[:, :2] <= tx[:, :2].max(axis=0) + reach
+            )
             near = np.flatnonzero(box.all(axis=1))
             limits = {"tx_pattern": _within(reach)}
         if not len(flat[near]):

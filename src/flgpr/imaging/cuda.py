@@ -32,7 +32,9 @@ _Launches = list[tuple[Any, tuple[Any, ...]]]
 class _Lane:
     """A stream and the memory of its passes: page-locked input, input, profiles, spectra in work and output."""
 
-    def __init__(self, given: tuple[int, ...], out: tuple[int, ...], table: int, spare: tuple[int, int]) -> None:
+    def __init__(
+        self, given: tuple[int, ...], out: tuple[int, ...], table: int, spare: tuple[int, int]
+    ) -> None:
         self.stream = cuda.stream()
         self.staging = cuda.pinned_array(given, np.complex64)
         self.given = cuda.device_array(given, np.complex64)
@@ -65,7 +67,11 @@ class CudaEngine(Engine):
 
     def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
         """Make page-locked memory, which transfers reach without a copy."""
-        return np.asarray(cuda.pinned_array(shape, dtype)) if math.prod(shape) else np.empty(shape, dtype)
+        return (
+            np.asarray(cuda.pinned_array(shape, dtype))
+            if math.prod(shape)
+            else np.empty(shape, dtype)
+        )
 
     def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
@@ -121,7 +127,9 @@ class CudaEngine(Engine):
         """Places for a spectrum in work that shared memory does not hold."""
         return 2 * self._spectrum.size if self._spectrum.size > gpu.SHARED_BINS else 0
 
-    def _lanes(self, rows: int, given: tuple[int, ...], out: tuple[int, ...], bands: int) -> list[_Lane]:
+    def _lanes(
+        self, rows: int, given: tuple[int, ...], out: tuple[int, ...], bands: int
+    ) -> list[_Lane]:
         """Memory and streams for passes of ``rows`` rows, kept from call to call."""
         pairs = self._geometry.tx.size
         table = pairs * _groups(rows * bands)[1] * self._row()
@@ -149,7 +157,9 @@ class CudaEngine(Engine):
             here.twiddle, self._spectrum.first, self._bins, lane.spare, table.reshape(pairs, channels, self._stride),
         )  # fmt: skip
         blocks = (-(-count // gpu.THREADS), -(-rows * bands // group))
-        interpolate = gpu.adjoint_kernel(self.width, group, self._stride)[blocks, gpu.THREADS, stream]
+        interpolate = gpu.adjoint_kernel(self.width, group, self._stride)[
+            blocks, gpu.THREADS, stream
+        ]
         profiles = (
             table.view(np.uint64), channels, here.tx, here.rx, self._delay, self._phasor, g.origin, g.shift, self._unit,
             here.taps, lane.out[:rows].reshape(rows * bands, count),
@@ -178,26 +188,38 @@ class CudaEngine(Engine):
         out = lane.out[:rows]
         collect = self._launch(gpu.collect, (out.shape[2], out.shape[1], out.shape[0]), stream)
         tones = (table, here.weight, here.entries, here.slot, here.share, here.phase, out)
-        return [(spread, image), (expand, (table, here.factor, here.twiddle, lane.spare)), (collect, tones)]
+        return [
+            (spread, image),
+            (expand, (table, here.factor, here.twiddle, lane.spare)),
+            (collect, tones),
+        ]
 
     @staticmethod
     def _launch(kernel: Any, size: tuple[int, ...], stream: Any) -> Any:
         threads = min(gpu.THREADS, size[0])
-        return kernel[(-(-size[0] // threads), *size[1:]), (threads, *(1 for _ in size[1:])), stream]
+        return kernel[
+            (-(-size[0] // threads), *size[1:]), (threads, *(1 for _ in size[1:])), stream
+        ]
 
     def _place_antennas(self) -> None:
         g = self._geometry
         shape = (g.antenna.shape[0], g.pixels.shape[1])
         delay = cuda.device_array(shape, np.uint32)
         phasor = cuda.device_array(shape, np.complex64)
-        arrays = (cuda.to_device(np.ascontiguousarray(array)) for array in (g.pixels, g.antenna, g.medium))
+        arrays = (
+            cuda.to_device(np.ascontiguousarray(array)) for array in (g.pixels, g.antenna, g.medium)
+        )
         gain = cuda.to_device(g.gain if g.gain.size else np.zeros((1, 1), np.float32)[:, :0])
         stream = cuda.default_stream()
-        self._launch(gpu.locate, (shape[1], shape[0]), stream)(*arrays, g.per_turn, g.carrier, gain, delay, phasor)
+        self._launch(gpu.locate, (shape[1], shape[0]), stream)(
+            *arrays, g.per_turn, g.carrier, gain, delay, phasor
+        )
         stream.synchronize()
         self._delay = delay.reshape(-1)
         self._phasor = phasor.reshape(-1).view(np.uint64)
-        begins = (cuda.to_device((antenna * shape[1]).astype(np.uint64)) for antenna in (g.tx, g.rx))
+        begins = (
+            cuda.to_device((antenna * shape[1]).astype(np.uint64)) for antenna in (g.tx, g.rx)
+        )
         self._on_device.tx, self._on_device.rx = begins
         weight = g.weight.reshape(-1, padded(self.width))[:, : self.width].T
         self._on_device.taps = cuda.to_device(np.ascontiguousarray(weight))
@@ -207,7 +229,11 @@ class CudaEngine(Engine):
         if self._order is None:
             g = self._geometry
             reach = self._bins - self.width
-            delay = self._delay.copy_to_host().reshape(g.antenna.shape[0], -1)[:, : g.pixel_count].astype(np.int64)
+            delay = (
+                self._delay.copy_to_host()
+                .reshape(g.antenna.shape[0], -1)[:, : g.pixel_count]
+                .astype(np.int64)
+            )
             order = np.empty((g.tx.size, g.pixel_count), np.int32)
             begin = np.empty((g.tx.size, reach + 1), np.int32)
             for q in range(g.tx.size):

@@ -21,7 +21,11 @@ from flgpr.kernels.threads import share
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
 
-FEW = 1 << 15  #: sums or transform slots of all pairs and channels, a tenth of a millisecond: no other thread is woken
+FEW = (
+    1 << 15
+    # : sums or transform slots of all pairs and channels, a tenth of a millisecond: no other thread is
+    # woken
+)
 
 
 class Engine:
@@ -55,12 +59,21 @@ class DirectEngine(Engine):
     method = "direct"
     width = 0
 
-    def __init__(self, layout: Layout, frequency: FloatArray, weight: FloatArray, offset: FloatArray) -> None:
+    def __init__(
+        self, layout: Layout, frequency: FloatArray, weight: FloatArray, offset: FloatArray
+    ) -> None:
         path = np.empty((layout.antenna.shape[0], layout.pixels.shape[1]))
         antenna_paths(layout.pixels, layout.antenna, layout.medium, path)
         active = weight.any(axis=0)
         self._active = active
-        self._sums = (weight[:, active], frequency[active] / SPEED_OF_LIGHT, path, layout.tx, layout.rx, offset)
+        self._sums = (
+            weight[:, active],
+            frequency[active] / SPEED_OF_LIGHT,
+            path,
+            layout.tx,
+            layout.rx,
+            offset,
+        )
         self._gain = layout.gain
 
     def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
@@ -100,16 +113,26 @@ class ProfileEngine(Engine):
             table = self._table(channels)
             form = self._form(channels)
             tones = (data[rows], self._weight[bands], self._spectrum, table, *form)
-            share(pairs, partial(transform.compress, *tones), form.together, pairs * channels * size < FEW)
+            share(
+                pairs,
+                partial(transform.compress, *tones),
+                form.together,
+                pairs * channels * size < FEW,
+            )
             part = out[rows, bands].reshape(-1, out.shape[2])
             shape = (self._taps, self._powers, (0,) * channels)
             few = pairs * channels * out.shape[2] < FEW
-            share(blocks, partial(profiles.adjoint, table, self._bins, geometry, part, *shape), alone=few)
+            share(
+                blocks,
+                partial(profiles.adjoint, table, self._bins, geometry, part, *shape),
+                alone=few,
+            )
 
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
         out[...] = 0
-        # Pairs that share antennas are cheaper together; every thread is to have two tasks at least.
+        # Pairs that share antennas are cheaper together; every thread is to have two tasks at
+        # least.
         pairs = out.shape[1]
         geometry = self._located()
         size = self._spectrum.size
@@ -120,18 +143,32 @@ class ProfileEngine(Engine):
             part = image[rows, bands].reshape(-1, image.shape[2])
             shape = (self._taps, self._powers, (0,) * channels)
             few = pairs * channels * image.shape[2] < FEW
-            share(pairs, partial(profiles.forward, table, self._bins, geometry, part, *shape), together, few)
+            share(
+                pairs,
+                partial(profiles.forward, table, self._bins, geometry, part, *shape),
+                together,
+                few,
+            )
             tones = (table, self._weight[bands], self._spectrum, out[rows], *form)
-            share(pairs, partial(transform.expand, *tones), form.together, pairs * channels * size < FEW)
+            share(
+                pairs,
+                partial(transform.expand, *tones),
+                form.together,
+                pairs * channels * size < FEW,
+            )
         if self._phase is not None:
             out *= self._phase.conj()
 
     def _table(self, channels: int) -> NDArray[np.float32]:
-        return aligned(self._geometry.tx.size * self._bins * row_size(self.width, channels), np.float32)
+        return aligned(
+            self._geometry.tx.size * self._bins * row_size(self.width, channels), np.float32
+        )
 
     def _form(self, channels: int) -> transform.Form:
         lane = max(channels, 4)
-        return transform.Form(row_size(self.width, channels), self.width, lane // channels, (0,) * lane)
+        return transform.Form(
+            row_size(self.width, channels), self.width, lane // channels, (0,) * lane
+        )
 
     def _located(self) -> Geometry:
         """Return the geometry, from the third use on with all delays and phasors unless they are too large to keep.
@@ -142,7 +179,9 @@ class ProfileEngine(Engine):
         self._calls += 1
         size = geometry.antenna.shape[0] * geometry.pixels.shape[1]
         if self._calls > 2 and not geometry.delay.size and 12 * size <= KEPT_BYTES:
-            delay, cosine, sine = (aligned(size, kind) for kind in (np.uint32, np.float32, np.float32))
+            delay, cosine, sine = (
+                aligned(size, kind) for kind in (np.uint32, np.float32, np.float32)
+            )
             geometry = geometry._replace(delay=delay, cosine=cosine, sine=sine)
             share(geometry.pixels.shape[1] // BLOCK, partial(profiles.locate, geometry))
             self._geometry = geometry
@@ -169,7 +208,9 @@ class PreciseEngine(Engine):
             rows = rows if self._phase is None else rows * self._phase
             tones = rows[:, None, :] * self._weight
             slots = (tones.reshape(-1, tones.shape[2]) @ self._slots).reshape(*tones.shape[:2], -1)
-            profile = fft.ifft(slots, axis=2, norm="forward")[..., self._bin] * self._spectrum.factor
+            profile = (
+                fft.ifft(slots, axis=2, norm="forward")[..., self._bin] * self._spectrum.factor
+            )
             table = np.ascontiguousarray(profile.transpose(0, 2, 1))
             adjoint_precise(table, self._geometry, image)
 
@@ -222,7 +263,9 @@ def make_engine(
     # What single precision adds to the window's error is small but not nothing.
     share = 0.9 * tolerance if dtype == np.dtype(np.complex64) else tolerance
     if device == "cuda":
-        return _cuda_engine(make_plan(frequency, active, layout, offset, share), weight, tolerance, dtype, method)
+        return _cuda_engine(
+            make_plan(frequency, active, layout, offset, share), weight, tolerance, dtype, method
+        )
     # Below this many terms per pair, profiles cost more than the sums themselves.
     if method == "direct" or (method == "auto" and layout.count * np.count_nonzero(active) < 2000):
         return DirectEngine(layout, frequency, weight, offset)
@@ -234,12 +277,19 @@ def make_engine(
 
 def _fits_single(plan: Plan, tolerance: float) -> bool:
     """Whether 32-bit delays are fine enough and 32-bit indices large enough: not with many thousands of tones."""
-    return plan.rounding < tolerance / 2 and plan.layout.tx.size * plan.bins * 2 * max(CHANNELS) < 2**32
+    return (
+        plan.rounding < tolerance / 2
+        and plan.layout.tx.size * plan.bins * 2 * max(CHANNELS) < 2**32
+    )
 
 
-def _cuda_engine(plan: Plan, weight: FloatArray, tolerance: float, dtype: np.dtype[Any], method: str) -> Engine:
+def _cuda_engine(
+    plan: Plan, weight: FloatArray, tolerance: float, dtype: np.dtype[Any], method: str
+) -> Engine:
     if dtype != np.dtype(np.complex64):
-        raise ValueError(f"dtype must be complex64 (and tolerance at least 1e-5) with device 'cuda', got {dtype}")
+        raise ValueError(
+            f"dtype must be complex64 (and tolerance at least 1e-5) with device 'cuda', got {dtype}"
+        )
     if method == "direct":
         raise ValueError("method must be 'auto' or 'profile' with device 'cuda', got 'direct'")
     if not _fits_single(plan, tolerance):

@@ -15,6 +15,9 @@ def count_looks(poses: NDArray[np.float64], grid: Grid, points: ArrayLike) -> ND
     for pose in poses:
         local = lane_to_scan(points, pose)
         count += (
-            (local[..., 0] >= x_min) & (local[..., 0] <= x_max) & (local[..., 1] >= y_min) & (local[..., 1] <= y_max)
+            (local[..., 0] >= x_min)
+            & (local[..., 0] <= x_max)
+            & (local[..., 1] >= y_min)
+            & (local[..., 1] <= y_max)
         )
     return count

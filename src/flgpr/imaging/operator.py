@@ -23,14 +23,15 @@ SINGLE_TOLERANCE = 1e-5
 class ImagingOperator:
     """Backprojection of multistatic stepped-frequency data and its exact transpose.
 
-    With L the total optical path from transmitter to pixel to receiver less the pair's path offset, g the product of
-    the two antennas' amplitudes (one by default) and w_s(f) the window of sub-band s (zero outside it)::
+    With L the total optical path from transmitter to pixel to receiver less the pair's path offset,
+    g the product of the two antennas' amplitudes (one by default) and w_s(f) the window of sub-band
+    s (zero outside it)::
 
         adjoint   x_s(p)  = Σ_pair Σ_f w_s(f) g(pair, p) b(pair, f) exp(+j2πf L(pair, p)/c)   (Fuse et al. 2018, Eq. 1)
         forward   b(pair, f) = Σ_s Σ_p w_s(f) g(pair, p) x_s(p) exp(-j2πf L(pair, p)/c)
 
-    A parameter that breaks its rule is a ValueError that names it, the rule and the value; a sub-band without a tone is
-    one of the cases.
+    A parameter that breaks its rule is a ValueError that names it, the rule and the value; a
+    sub-band without a tone is one of the cases.
 
     Parameters
     ----------
@@ -41,7 +42,8 @@ class ImagingOperator:
     pixels : (..., 3) array_like
         Pixel centres, m: any set of points.
     subbands : sequence of (lo, hi), optional
-        Band edges in Hz, both included. None takes the whole band; the sub-band axis stays, with length 1.
+        Band edges in Hz, both included. None takes the whole band; the sub-band axis stays, with
+        length 1.
     tolerance : float
         Largest relative L2 error against the direct double-precision sum.
     device : {"cpu", "cuda"}
@@ -51,18 +53,21 @@ class ImagingOperator:
     path_offset : (pair,) array_like, optional
         Length subtracted from every path of a pair, m, for data referenced to a scene centre.
     window : {"boxcar", "hann", "hamming", "taylor"} or (frequency,) array_like, optional
-        Weight over the tones of each sub-band; an array is multiplied into every sub-band. Default: none (boxcar).
+        Weight over the tones of each sub-band; an array is multiplied into every sub-band. Default:
+        none (boxcar).
     half_space : float, optional
-        Relative permittivity of ground that fills z < 0, at least ``permittivity``; paths to pixels below z = 0 are
-        then refracted at the surface (Fermat's principle). All antennas must lie above all pixels and above z = 0.
+        Relative permittivity of ground that fills z < 0, at least ``permittivity``; paths to pixels
+        below z = 0 are then refracted at the surface (Fermat's principle). All antennas must lie
+        above all pixels and above z = 0.
     tx_pattern, rx_pattern : callable, optional
-        Amplitude of an antenna, called once per antenna with its position (3,) and the pixels (pixel, 3), m, and
-        returning one real number per pixel.
+        Amplitude of an antenna, called once per antenna with its position (3,) and the pixels
+        (pixel, 3), m, and returning one real number per pixel.
     dtype : {"complex64", "complex128"}, optional
-        Precision of the result and of the sums. Default: complex64, but complex128 for a tolerance below 1e-5.
+        Precision of the result and of the sums. Default: complex64, but complex128 for a tolerance
+        below 1e-5.
     method : {"auto", "profile", "direct"}
-        "profile" interpolates range profiles, "direct" sums term by term in double precision, "auto" takes the one that
-        needs less work.
+        "profile" interpolates range profiles, "direct" sums term by term in double precision,
+        "auto" takes the one that needs less work.
 
     References
     ----------
@@ -117,10 +122,22 @@ class ImagingOperator:
         self.path_offset = self._offsets(path_offset)
         self.subbands = self._bands(subbands)
         self.weight = self._weights(window)
-        medium = (math.sqrt(self.permittivity), math.sqrt(self.half_space) if self.half_space else 0.0)
-        layout = lay_out(self.tx_position, self.rx_position, points, medium, (tx_pattern, rx_pattern))
+        medium = (
+            math.sqrt(self.permittivity),
+            math.sqrt(self.half_space) if self.half_space else 0.0,
+        )
+        layout = lay_out(
+            self.tx_position, self.rx_position, points, medium, (tx_pattern, rx_pattern)
+        )
         self.engine: Engine = make_engine(
-            layout, self.frequency, self.weight, self.path_offset, self.tolerance, self.dtype, device, method
+            layout,
+            self.frequency,
+            self.weight,
+            self.path_offset,
+            self.tolerance,
+            self.dtype,
+            device,
+            method,
         )
 
     @property
@@ -142,7 +159,9 @@ class ImagingOperator:
         """Make memory for images (lead, subband, pixels), to be passed as ``out``; page-locked for a CUDA device."""
         return self.engine.buffer((*lead, len(self.subbands), *self.pixel_shape), self.dtype)
 
-    def adjoint(self, data: ArrayLike, out: NDArray[Any] | None = None, rows: int | None = None) -> NDArray[Any]:
+    def adjoint(
+        self, data: ArrayLike, out: NDArray[Any] | None = None, rows: int | None = None
+    ) -> NDArray[Any]:
         """Image data: apply A^H.
 
         ``data`` (..., polarization, pair, frequency) are received fields, finite; leading axes are scans taken with one
@@ -151,10 +170,20 @@ class ImagingOperator:
         of the pixels are imaged, to the same bits.
         """
         block, lead = self._checked(data, "data", (self.pairs, self.frequency.size))
-        pixels = self.pixel_shape if rows is None else (min(rows, self.pixel_shape[0]), *self.pixel_shape[1:])
+        pixels = (
+            self.pixel_shape
+            if rows is None
+            else (min(rows, self.pixel_shape[0]), *self.pixel_shape[1:])
+        )
         shape = (*lead, len(self.subbands), *pixels)
-        images = self.engine.buffer(shape, self.dtype) if out is None else _target(out, shape, self.dtype)
-        self.engine.adjoint(block, images.reshape(block.shape[0], len(self.subbands), math.prod(pixels)))
+        images = (
+            self.engine.buffer(shape, self.dtype)
+            if out is None
+            else _target(out, shape, self.dtype)
+        )
+        self.engine.adjoint(
+            block, images.reshape(block.shape[0], len(self.subbands), math.prod(pixels))
+        )
         return images
 
     def forward(self, image: ArrayLike) -> NDArray[Any]:
@@ -168,18 +197,23 @@ class ImagingOperator:
         self.engine.forward(block.reshape(*block.shape[:2], math.prod(self.pixel_shape)), out)
         return out.reshape(*lead, *out.shape[1:])
 
-    def _checked(self, value: ArrayLike, name: str, tail: tuple[int, ...]) -> tuple[NDArray[Any], tuple[int, ...]]:
+    def _checked(
+        self, value: ArrayLike, name: str, tail: tuple[int, ...]
+    ) -> tuple[NDArray[Any], tuple[int, ...]]:
         block = np.ascontiguousarray(value, dtype=self.dtype)
         if block.ndim <= len(tail) or block.shape[block.ndim - len(tail) :] != tail:
             raise ValueError(
                 f"{name} must have the shape (..., polarization, {', '.join(map(str, tail))}), got {block.shape}"
             )
-        # A sum is finite only if all its terms are. If it overflows, and only then, every value is looked at.
+        # A sum is finite only if all its terms are. If it overflows, and only then, every value is
+        # looked at.
         with np.errstate(over="ignore", invalid="ignore"):
             total = block.sum()
         if not np.isfinite(total) and not np.isfinite(block).all():
             count = np.count_nonzero(~np.isfinite(block))
-            raise ValueError(f"{name} must be finite, got {count} of {block.size} values that are not")
+            raise ValueError(
+                f"{name} must be finite, got {count} of {block.size} values that are not"
+            )
         lead = block.shape[: block.ndim - len(tail)]
         return block.reshape(math.prod(lead), *tail), lead
 
@@ -222,7 +256,9 @@ class ImagingOperator:
     def _weights(self, window: str | ArrayLike | None) -> NDArray[np.float64]:
         name = window if isinstance(window, str) else "boxcar"
         if name not in WINDOWS:
-            raise ValueError(f"window must be one of {', '.join(WINDOWS)} or an array, got {window!r}")
+            raise ValueError(
+                f"window must be one of {', '.join(WINDOWS)} or an array, got {window!r}"
+            )
         weight = band_weights(self.frequency, self.subbands, WINDOWS[name])
         for (lo, hi), row in zip(self.subbands, weight, strict=True):
             if not row.any():
@@ -243,9 +279,13 @@ class ImagingOperator:
 def _points(value: ArrayLike, name: str) -> NDArray[np.float64]:
     points = np.asarray(value, dtype=np.float64)
     if points.ndim < 1 or points.shape[-1] != 3 or points.size == 0:
-        raise ValueError(f"{name} must have the shape (..., 3) with at least one point, got {points.shape}")
+        raise ValueError(
+            f"{name} must have the shape (..., 3) with at least one point, got {points.shape}"
+        )
     if not np.isfinite(points).all():
-        raise ValueError(f"{name} must be finite, got {np.count_nonzero(~np.isfinite(points))} values that are not")
+        raise ValueError(
+            f"{name} must be finite, got {np.count_nonzero(~np.isfinite(points))} values that are not"
+        )
     return np.ascontiguousarray(points)
 
 
@@ -256,11 +296,15 @@ def _precision(dtype: DTypeLike | None, tolerance: float) -> np.dtype[Any]:
     if kind not in (np.dtype(np.complex64), np.dtype(np.complex128)):
         raise ValueError(f"dtype must be complex64 or complex128, got {kind}")
     if kind == np.dtype(np.complex64) and tolerance < SINGLE_TOLERANCE:
-        raise ValueError(f"tolerance must be at least {SINGLE_TOLERANCE:g} in complex64, got {tolerance:g}")
+        raise ValueError(
+            f"tolerance must be at least {SINGLE_TOLERANCE:g} in complex64, got {tolerance:g}"
+        )
     return kind
 
 
 def _target(out: NDArray[Any], shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
     if out.shape != shape or out.dtype != dtype or not out.flags.c_contiguous:
-        raise ValueError(f"out must be contiguous {dtype} of the shape {shape}, got {out.dtype} {out.shape}")
+        raise ValueError(
+            f"out must be contiguous {dtype} of the shape {shape}, got {out.dtype} {out.shape}"
+        )
     return out

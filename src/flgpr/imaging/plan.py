@@ -46,14 +46,17 @@ class Layout:
         index, ground = self.medium
         depth = max(0.0, -low[2]) if ground else 0.0
         if ground:
-            # The straight line is a lower bound; down the normal from the surface is a path, so an upper one.
+            # The straight line is a lower bound; down the normal from the surface is a path, so an
+            # upper one.
             low = np.minimum(low, [np.inf, np.inf, 0.0])
             high = np.maximum(high, [-np.inf, -np.inf, 0.0])
         near = np.maximum(0.0, np.maximum(low - self.antenna, self.antenna - high))
         far = np.maximum(np.abs(self.antenna - low), np.abs(high - self.antenna))
         least = index * np.linalg.norm(near, axis=1)
         most = index * np.linalg.norm(far, axis=1) + ground * depth
-        return float((least[self.tx] + least[self.rx]).min()), float((most[self.tx] + most[self.rx]).max())
+        return float((least[self.tx] + least[self.rx]).min()), float(
+            (most[self.tx] + most[self.rx]).max()
+        )
 
 
 def lay_out(
@@ -76,7 +79,10 @@ def lay_out(
         for row, (position, pattern, name) in zip(gain, rows, strict=True):
             if pattern is not None:
                 row[:count] = _amplitude(pattern, name, position, pixels)
-    indices = tx_index.reshape(-1).astype(np.int64), rx_index.reshape(-1).astype(np.int64) + len(tx_unique)
+    indices = (
+        tx_index.reshape(-1).astype(np.int64),
+        rx_index.reshape(-1).astype(np.int64) + len(tx_unique),
+    )
     return Layout(*indices, antenna, padded, count, np.array(medium), gain)
 
 
@@ -117,10 +123,14 @@ def place_tones(frequency: FloatArray, swath: tuple[float, float], tolerance: fl
         step = float((frequency[-1] - frequency[0]) / position[-1])
     drift = np.abs(frequency - frequency[0] - step * position).max()
     middle = position[-1] // 2
-    if 2 * math.pi * drift * swath[1] / SPEED_OF_LIGHT <= tolerance / 10 and position[-1] < 64 * frequency.size:
+    if (
+        2 * math.pi * drift * swath[1] / SPEED_OF_LIGHT <= tolerance / 10
+        and position[-1] < 64 * frequency.size
+    ):
         return Tones(step, position - middle, float(frequency[0] + step * middle), True)
     carrier = (frequency[0] + frequency[-1]) / 2
-    # Three swaths are unambiguous, so that spreading tones over neighbouring slots has room to alias into.
+    # Three swaths are unambiguous, so that spreading tones over neighbouring slots has room to
+    # alias into.
     step = min(SPEED_OF_LIGHT / (3 * (swath[1] - swath[0]) + 1e-3), frequency[-1] - frequency[0])
     return Tones(float(step), (frequency - carrier) / step, float(carrier), False)
 
@@ -171,18 +181,32 @@ class Plan:
         start = self.start % self.window.size - (0.5 if self.window.width % 2 else 0.0)
         weight = polynomials(self.window, self.window.width + 9)
         return PreciseGeometry(
-            path, layout.tx, layout.rx, layout.gain, self.per_turn, self.carrier, self.window.size, start, weight
+            path,
+            layout.tx,
+            layout.rx,
+            layout.gain,
+            self.per_turn,
+            self.carrier,
+            self.window.size,
+            start,
+            weight,
         )
 
 
 def make_plan(
-    frequency: FloatArray, active: NDArray[np.bool_], layout: Layout, offset: FloatArray, tolerance: float
+    frequency: FloatArray,
+    active: NDArray[np.bool_],
+    layout: Layout,
+    offset: FloatArray,
+    tolerance: float,
 ) -> Plan:
     """Choose window and spectrum for the ``active`` tones; ``offset`` (pair,) m is taken off by a factor on each."""
     swath = layout.swath()
     tones = place_tones(frequency[active], swath, tolerance)
     share = tolerance if tones.uniform else tolerance / 2
-    window = design(tones.extent if tones.uniform else max(tones.extent + 16, 100), share, layout.count)
+    window = design(
+        tones.extent if tones.uniform else max(tones.extent + 16, 100), share, layout.count
+    )
     size = window.size
     per_turn = tones.step / SPEED_OF_LIGHT
     start = math.floor(swath[0] * per_turn * size) - 1
@@ -199,7 +223,9 @@ def make_plan(
     phase = np.exp(2j * np.pi * (turns - np.floor(turns))) if turns.any() else None
     spectrum = _spectrum(tones, active, window, first - centre, bins, share)
     rounding = 2 * math.pi * float(np.abs(tones.place).max()) * 2 / 2**32
-    return Plan(layout, window, spectrum, per_turn, tones.carrier / SPEED_OF_LIGHT, start, phase, rounding)
+    return Plan(
+        layout, window, spectrum, per_turn, tones.carrier / SPEED_OF_LIGHT, start, phase, rounding
+    )
 
 
 def _spectrum(
@@ -216,14 +242,18 @@ def _spectrum(
     per_tone = np.where(active, slots.shape[1], 0)
     entries = np.concatenate([[0], np.cumsum(per_tone)]).astype(np.int64)
     twiddle = np.exp(2j * np.pi * np.arange(size) / size)
-    return Spectrum(size, first % size, entries, (slots % size).reshape(-1), weight.reshape(-1), factor, twiddle)
+    return Spectrum(
+        size, first % size, entries, (slots % size).reshape(-1), weight.reshape(-1), factor, twiddle
+    )
 
 
 def _spread(
     place: FloatArray, size: int, first: int, bins: int, tolerance: float
 ) -> tuple[IndexArray, FloatArray, FloatArray]:
     """Slots and weights that stand for tones between two slots, and the factor that undoes this on each bin."""
-    width = next(w for w in range(2, MAX_WIDTH + 1) if w == MAX_WIDTH or best_shape(w, 2.0)[1] <= tolerance)
+    width = next(
+        w for w in range(2, MAX_WIDTH + 1) if w == MAX_WIDTH or best_shape(w, 2.0)[1] <= tolerance
+    )
     beta = best_shape(width, 2.0)[0]
     lowest = np.ceil(place - width / 2).astype(np.int64)
     slots = lowest[:, None] + np.arange(width)

@@ -16,9 +16,10 @@ from flgpr.model import Grid, check_run, complete_scans, vehicle_to_scan
 class ScanImager:
     """Make the images of a run, one scan at a time.
 
-    A scan image is the coherent sum over the array's pairs (Wang et al. 2007, Sec. II), on a grid that moves with the
-    vehicle: the scan frame of ``model.frames``. While height and attitude stay the same, so does the operator. A run
-    that is not valid or has no complete scan, or a sub-band without a tone, is a ValueError.
+    A scan image is the coherent sum over the array's pairs (Wang et al. 2007, Sec. II), on a grid
+    that moves with the vehicle: the scan frame of ``model.frames``. While height and attitude stay
+    the same, so does the operator. A run that is not valid or has no complete scan, or a sub-band
+    without a tone, is a ValueError.
 
     Parameters
     ----------
@@ -59,7 +60,9 @@ class ScanImager:
         self.scans = np.flatnonzero(complete)
         self.masked_scans = np.flatnonzero(~complete)
         if not self.scans.size:
-            raise ValueError(f"run must have a scan without missing sweeps, got none among {complete.size}")
+            raise ValueError(
+                f"run must have a scan without missing sweeps, got none among {complete.size}"
+            )
         self._poses = np.asarray(run["pose"].values, dtype=np.float64)
         self._held: tuple[tuple[float, ...], ImagingOperator] | None = None
         self._blanks: dict[int, xr.DataArray] = {}
@@ -81,7 +84,10 @@ class ScanImager:
         return held[1]
 
     def operator_on(
-        self, scan: int, points: NDArray[np.float64], subbands: Mapping[str, tuple[float, float]] | None = None
+        self,
+        scan: int,
+        points: NDArray[np.float64],
+        subbands: Mapping[str, tuple[float, float]] | None = None,
     ) -> ImagingOperator:
         """Imaging operator of a scan on other points (..., 3) of the scan frame, by default over the whole band."""
         pose = self._poses[scan]
@@ -100,7 +106,9 @@ class ScanImager:
         """Read the data (polarization, pair, frequency) of a scan."""
         return np.asarray(self.run.variables["signal"].isel(scan=scan).values, dtype=np.complex64)
 
-    def image(self, scan: int, signal: ArrayLike | None = None, rows: int | None = None) -> xr.DataArray:
+    def image(
+        self, scan: int, signal: ArrayLike | None = None, rows: int | None = None
+    ) -> xr.DataArray:
         """Image one scan, or other data of it such as cleaned ones: complex64 (polarization, subband, y, x).
 
         Its attributes ``scan`` and ``pose`` tell where it was taken. ``rows`` are those nearest, by default all.
@@ -113,7 +121,12 @@ class ScanImager:
         rows = values.shape[-2]
         blank = self._blanks.get(rows)
         if blank is None:
-            axes = self.run["polarization"].values, list(self.subbands), self.grid.y[:rows], self.grid.x
+            axes = (
+                self.run["polarization"].values,
+                list(self.subbands),
+                self.grid.y[:rows],
+                self.grid.x,
+            )
             blank = self._blanks[rows] = blank_image(*axes)
         image = blank.copy(deep=False, data=values)
         image.attrs = {"scan": scan, "pose": self._poses[scan].tolist()}
@@ -124,7 +137,9 @@ class ScanImager:
         return count_looks(self._poses[self.scans], self.grid, points)
 
 
-def blank_image(polarization: ArrayLike, subband: ArrayLike, y: ArrayLike, x: ArrayLike) -> xr.DataArray:
+def blank_image(
+    polarization: ArrayLike, subband: ArrayLike, y: ArrayLike, x: ArrayLike
+) -> xr.DataArray:
     """Make names and axes of images, with no pixels in memory: to copy them takes a tenth of the time of new ones."""
     axes = {"polarization": polarization, "subband": subband, "y": y, "x": x}
     pixels = np.broadcast_to(np.complex64(0), tuple(map(np.size, axes.values())))

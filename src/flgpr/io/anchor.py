@@ -31,7 +31,9 @@ class Anchor:
     #: longitude, latitude (degrees) and ellipsoidal height (m) of the plane's point of contact
     origin: tuple[float, float, float]
     azimuth: float  #: direction of the lane's +y, clockwise from true north at the origin, rad
-    shift: tuple[float, float, float]  #: lane frame's origin east, north and up of the contact point, m
+    shift: tuple[
+        float, float, float
+    ]  #: lane frame's origin east, north and up of the contact point, m
     #: mean x and y of the surveyed points in the lane frame, m; the uncertainty is least there
     center: tuple[float, float]
     sigma: float  #: standard deviation of one coordinate of one surveyed point, m
@@ -43,7 +45,9 @@ class Anchor:
     crs: str  #: reference system the points were surveyed in
     #: stated accuracy of the step from that system to WGS 84, m; NaN where the registry states none
     crs_accuracy: float
-    heights_known: bool  #: whether the points had heights; else the lane's ground is put on the ellipsoid
+    heights_known: (
+        bool  #: whether the points had heights; else the lane's ground is put on the ellipsoid
+    )
 
     def to_geocentric(self, position: ArrayLike) -> FloatArray:
         """Take points (..., 3) from the lane frame to geocentric (Earth-centred, Earth-fixed) WGS 84 coordinates, m."""
@@ -56,7 +60,9 @@ class Anchor:
 
     def from_geocentric(self, position: ArrayLike) -> FloatArray:
         """Take geocentric points (..., 3) to the lane frame, the inverse of :meth:`to_geocentric`."""
-        local = (np.asarray(position, dtype=np.float64) - geocentric(self.origin)) @ east_north_up(self.origin).T
+        local = (np.asarray(position, dtype=np.float64) - geocentric(self.origin)) @ east_north_up(
+            self.origin
+        ).T
         return (local - self.shift) @ heading_matrix(self.azimuth)
 
     def to_geodetic(self, position: ArrayLike) -> FloatArray:
@@ -67,7 +73,9 @@ class Anchor:
 
     def from_geodetic(self, position: ArrayLike) -> FloatArray:
         """Take WGS 84 longitude, latitude (degrees) and height (m), (..., 3), to the lane frame."""
-        xyz = _geodesy(GEODETIC, GEOCENTRIC).transform(*np.moveaxis(np.asarray(position, dtype=np.float64), -1, 0))
+        xyz = _geodesy(GEODETIC, GEOCENTRIC).transform(
+            *np.moveaxis(np.asarray(position, dtype=np.float64), -1, 0)
+        )
         return self.from_geocentric(np.stack(xyz, axis=-1))
 
     def uncertainty(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
@@ -76,8 +84,14 @@ class Anchor:
         Across the line from the points' mean, at distance r, the variance is ``σ²·(1/n + r²/spread) + r²·σ_azimuth²``,
         that of a least-squares fit. What the radar itself does not know comes on top.
         """
-        r2 = (np.asarray(x, dtype=np.float64) - self.center[0]) ** 2 + (np.asarray(y) - self.center[1]) ** 2
-        return np.asarray(np.sqrt(self.sigma**2 * (1 / self.count + r2 / self.spread) + r2 * self.sigma_azimuth**2))
+        r2 = (np.asarray(x, dtype=np.float64) - self.center[0]) ** 2 + (
+            np.asarray(y) - self.center[1]
+        ) ** 2
+        return np.asarray(
+            np.sqrt(
+                self.sigma**2 * (1 / self.count + r2 / self.spread) + r2 * self.sigma_azimuth**2
+            )
+        )
 
     def georeference(self) -> dict[str, float]:
         """Give the run attribute ``georeference``: ``latitude``, ``longitude`` and ``azimuth`` of +y, degrees."""
@@ -104,7 +118,9 @@ class _Point(BaseModel):
     def _one_kind(self) -> _Point:
         plane = self.easting is not None and self.northing is not None
         globe = self.longitude is not None and self.latitude is not None
-        count = sum(v is not None for v in (self.easting, self.northing, self.longitude, self.latitude))
+        count = sum(
+            v is not None for v in (self.easting, self.northing, self.longitude, self.latitude)
+        )
         if plane == globe or count != 2:
             raise ValueError("give easting and northing, or longitude and latitude")
         return self
@@ -123,7 +139,9 @@ class _AnchorFile(BaseModel):
         if (self.azimuth_deg is None) != (self.azimuth_accuracy_deg is None):
             raise ValueError("azimuth_deg and azimuth_accuracy_deg go together")
         if (len(self.point) >= 2) == (self.azimuth_deg is not None) or not self.point:
-            raise ValueError("give two or more points, or one point and azimuth_deg with azimuth_accuracy_deg")
+            raise ValueError(
+                "give two or more points, or one point and azimuth_deg with azimuth_accuracy_deg"
+            )
         return self
 
 
@@ -132,7 +150,9 @@ def own_anchor(reference: Mapping[str, Any]) -> Anchor:
     named = reference if isinstance(reference, Mapping) else {}
     told = [named.get(name) for name in ("longitude", "latitude", "azimuth")]
     if not all(isinstance(one, int | float) and math.isfinite(one) for one in told):
-        raise ValueError(f"georeference must have longitude, latitude and azimuth in degrees, got {reference!r}")
+        raise ValueError(
+            f"georeference must have longitude, latitude and azimuth in degrees, got {reference!r}"
+        )
     longitude, latitude, azimuth = map(float, told)  # type: ignore[arg-type]
     return Anchor(
         (longitude, latitude, 0.0), math.radians(azimuth), (0.0, 0.0, 0.0), (0.0, 0.0), math.nan, 1, math.inf, 0.0, (),
@@ -156,7 +176,9 @@ def read_anchor(path: str | Path) -> Anchor:
         lane = [(*p.lane, 0.0)[:3] for p in told.point]
         plane = told.point[0].easting is not None
         names = ("easting", "northing") if plane else ("longitude", "latitude")
-        places = np.array([[getattr(p, name) for name in names] for p in told.point], dtype=np.float64)
+        places = np.array(
+            [[getattr(p, name) for name in names] for p in told.point], dtype=np.float64
+        )
         heights = [p.height for p in told.point]
         azimuth = None if told.azimuth_deg is None else math.radians(told.azimuth_deg)
         return fit_anchor(
@@ -192,7 +214,9 @@ def fit_anchor(
     local = np.asarray(lane, dtype=np.float64)
     places = np.asarray(position, dtype=np.float64)
     if local.ndim != 2 or local.shape[1] != 3 or places.shape != (len(local), 2) or not len(local):
-        raise ValueError(f"anchor needs points with lane (point, 3) and position (point, 2), got {local.shape}")
+        raise ValueError(
+            f"anchor needs points with lane (point, 3) and position (point, 2), got {local.shape}"
+        )
     if not (np.isfinite(local).all() and np.isfinite(places).all() and accuracy > 0):
         raise ValueError("anchor points must be finite and the accuracy positive")
     known = height is not None and all(one is not None and math.isfinite(one) for one in height)
@@ -264,7 +288,9 @@ def _system(crs: str, geographic: bool | None) -> CRS:
     try:
         system = CRS.from_user_input(crs)
     except CRSError:
-        raise ValueError(f"crs must be a reference system such as EPSG:32633, got {crs!r}") from None
+        raise ValueError(
+            f"crs must be a reference system such as EPSG:32633, got {crs!r}"
+        ) from None
     if not (system.is_geographic or system.is_projected):
         raise ValueError(f"crs must be geographic or projected, got {crs!r} ({system.type_name})")
     if geographic is not None and geographic != system.is_geographic:
@@ -281,10 +307,14 @@ def _to_wgs84(system: CRS, places: FloatArray) -> tuple[FloatArray, float]:
     try:
         lon, lat = step.transform(places[:, 0], places[:, 1], errcheck=True)
     except ProjError as error:
-        raise ValueError(f"anchor points must lie where {system.to_string()} holds: {error}") from None
+        raise ValueError(
+            f"anchor points must lie where {system.to_string()} holds: {error}"
+        ) from None
     lonlat = np.stack([lon, lat], axis=-1)
     if not np.isfinite(lonlat).all() or np.abs(lonlat[:, 1]).max() > 89.9:
-        raise ValueError(f"anchor points must lie where {system.to_string()} holds, got {places[0]}")
+        raise ValueError(
+            f"anchor points must lie where {system.to_string()} holds, got {places[0]}"
+        )
     accuracy = step.accuracy if step.accuracy is not None and step.accuracy >= 0 else math.nan
     return lonlat, float(accuracy)
 
@@ -294,7 +324,9 @@ def _direction(lane: FloatArray, enu: FloatArray) -> tuple[float, float]:
     b = (enu - enu.mean(axis=0))[:, :2]
     spread = float((a**2).sum())
     if spread < 1e-6:
-        raise ValueError("anchor points must lie apart from one another, they coincide in the lane frame")
+        raise ValueError(
+            "anchor points must lie apart from one another, they coincide in the lane frame"
+        )
     # East + j·north is the lane's x + jy turned by -azimuth.
     turn = np.sum((b[:, 0] + 1j * b[:, 1]) * (a[:, 0] - 1j * a[:, 1]))
     return float(-np.angle(turn)), spread

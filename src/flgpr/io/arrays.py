@@ -29,10 +29,15 @@ from flgpr.io.touchstone import touchstone_text
 
 LIMIT = MAX_MEMORY
 """Largest array that is read, bytes, unless told otherwise."""
-_CONVERTED = {b"SQLite format 3": "a ROS 2 bag (or another file) in SQLite", b"#ROSBAG": "a ROS 1 bag"}
+_CONVERTED = {
+    b"SQLite format 3": "a ROS 2 bag (or another file) in SQLite",
+    b"#ROSBAG": "a ROS 1 bag",
+}
 _CHILD = Path(__file__).with_name("child.py")
 _PATIENCE = 120.0  # s
-_MOST_OF_ALL = 8  # times the largest array that all arrays of an archive may take: they are read one by one
+_MOST_OF_ALL = (
+    8  # times the largest array that all arrays of an archive may take: they are read one by one
+)
 _PAIRS = (("real", "imag"), ("re", "im"), ("r", "i"))
 """Names of the fields of a record that is a complex number."""
 _COMPLEX_PAIRS = [{*pair} for pair in _PAIRS]
@@ -43,7 +48,8 @@ _SPARE = 2**29  # bytes that a child may take beside what it reads
 class ArrayInfo:
     """What is known of an array before it is read."""
 
-    name: str  #: name inside the file; members of groups and structures as ``group/name`` or ``struct.name``
+    # : name inside the file; members of groups and structures as ``group/name`` or ``struct.name``
+    name: str
     shape: tuple[int, ...]  #: its shape, as the program that wrote the file shows it
     dtype: str  #: type of its values
     unit: str = ""  #: unit the file itself states, empty if none
@@ -90,7 +96,9 @@ def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
     path = existing(path)
     kind, opener = _format_of(path)
     if path.stat().st_size > limit and opener is not _open_mcap:
-        raise ValueError(f"{path}: a file must hold at most {limit / 1e9:g} GB, got {path.stat().st_size / 1e9:.3g} GB")
+        raise ValueError(
+            f"{path}: a file must hold at most {limit / 1e9:g} GB, got {path.stat().st_size / 1e9:.3g} GB"
+        )
     about: list[str] = []
     notes: list[str] = []
     with _plainly(path, kind):
@@ -136,9 +144,13 @@ def _format_of(path: Path) -> tuple[str, _Opener]:
                 f"{path}: {other} is not read as it is: make MCAP of it, mcap convert {path.name} OUT.mcap"
             )
     if suffix == ".mcap":
-        raise ValueError(f"{path}: an MCAP recording must begin with its signature: it is empty or damaged")
+        raise ValueError(
+            f"{path}: an MCAP recording must begin with its signature: it is empty or damaged"
+        )
     if suffix in (".h5", ".hdf5"):
-        raise ValueError(f"{path}: an HDF5 file must begin with the HDF5 signature: it is damaged or of another kind")
+        raise ValueError(
+            f"{path}: an HDF5 file must begin with the HDF5 signature: it is damaged or of another kind"
+        )
     for endings, kind, opener in _FORMATS:
         if re.fullmatch(endings, suffix):
             return kind, opener
@@ -156,12 +168,23 @@ def _in_child(library: str, *arguments: object, stdout: Any = subprocess.DEVNULL
     # Every thread of the linear algebra takes address space, which is bounded.
     alone = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
     try:
-        done = subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, env=alone, timeout=_PATIENCE, check=False)  # noqa: S603
+        done = subprocess.run(  # noqa: S603
+            command,
+            stdout=stdout,
+            stderr=subprocess.PIPE,
+            env=alone,
+            timeout=_PATIENCE,
+            check=False,
+        )
     except subprocess.TimeoutExpired:
-        raise ValueError(f"the {library} library did not come to an end with it in {_PATIENCE:g} s") from None
+        raise ValueError(
+            f"the {library} library did not come to an end with it in {_PATIENCE:g} s"
+        ) from None
     if done.returncode:
         said = done.stderr.decode(errors="replace").strip().splitlines()
-        raise ValueError(said[-1] if said and done.returncode > 0 else f"the {library} library crashes on it")
+        raise ValueError(
+            said[-1] if said and done.returncode > 0 else f"the {library} library crashes on it"
+        )
 
 
 def _open_mcap(path: Path, limit: int, about: list[str], notes: list[str]) -> _Opened:
@@ -173,7 +196,10 @@ def _open_mcap(path: Path, limit: int, about: list[str], notes: list[str]) -> _O
 def _open_motive(path: Path, _: int, about: list[str], *_notes: list[str]) -> _Opened:
     arrays, units, told = read_motive(path)
     about += told
-    infos = [ArrayInfo(name, value.shape, str(value.dtype), units.get(name, "")) for name, value in arrays.items()]
+    infos = [
+        ArrayInfo(name, value.shape, str(value.dtype), units.get(name, ""))
+        for name, value in arrays.items()
+    ]
     return infos, arrays.__getitem__
 
 
@@ -181,7 +207,9 @@ def _open_hdf5(path: Path, _: int, about: list[str], *_notes: list[str]) -> _Ope
     with tempfile.TemporaryFile() as file:
         _in_child("HDF5", path, stdout=file)
         file.seek(0)
-        damaged = dict(line.split("\t", 1) for line in file.read().decode(errors="replace").splitlines())
+        damaged = dict(
+            line.split("\t", 1) for line in file.read().decode(errors="replace").splitlines()
+        )
     infos: list[ArrayInfo] = []
 
     def visit(name: str, item: Any) -> None:
@@ -286,7 +314,9 @@ def _open_text(path: Path, _: int, _about: list[str], notes: list[str]) -> _Open
 
 
 def _held(arrays: dict[str, NDArray[Any]]) -> _Opened:
-    return [ArrayInfo(name, value.shape, str(value.dtype)) for name, value in arrays.items()], arrays.__getitem__
+    return [
+        ArrayInfo(name, value.shape, str(value.dtype)) for name, value in arrays.items()
+    ], arrays.__getitem__
 
 
 def _open_touchstone(path: Path, _: int, _about: list[str], notes: list[str]) -> _Opened:
@@ -296,11 +326,16 @@ def _open_touchstone(path: Path, _: int, _about: list[str], notes: list[str]) ->
     s = np.asarray(network.s)
     ports = network.nports
     if text.tones not in (0, len(network.f)):
-        raise ValueError(f"it holds {text.tones} tones, of which the scikit-rf library reads {len(network.f)}")
+        raise ValueError(
+            f"it holds {text.tones} tones, of which the scikit-rf library reads {len(network.f)}"
+        )
     join = "" if ports < 10 else "_"
     arrays = {"frequency": np.asarray(network.f, dtype=np.float64), "s": s}
     arrays |= {f"s{a + 1}{join}{b + 1}": s[:, a, b] for a in range(ports) for b in range(ports)}
-    infos = [ArrayInfo(name, v.shape, str(v.dtype), "Hz" if name == "frequency" else "1") for name, v in arrays.items()]
+    infos = [
+        ArrayInfo(name, v.shape, str(v.dtype), "Hz" if name == "frequency" else "1")
+        for name, v in arrays.items()
+    ]
     return infos, arrays.__getitem__
 
 
@@ -322,7 +357,13 @@ def _as_complex(values: NDArray[Any]) -> NDArray[Any]:
         if set(low) == {real, imaginary}:
             first = values[low[real]]
             second = values[low[imaginary]]
-            return first + np.asarray(1j).astype(np.complex64 if first.dtype.itemsize == 4 else np.complex128) * second
+            return (
+                first
+                + np.asarray(1j).astype(
+                    np.complex64 if first.dtype.itemsize == 4 else np.complex128
+                )
+                * second
+            )
     raise ValueError(f"the array must be of numbers, got a record of {', '.join(names)}")
 
 

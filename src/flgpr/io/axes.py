@@ -18,15 +18,23 @@ def axes_matrix(axes: Sequence[str], where: str = "axes") -> FloatArray:
     for row, axis in zip(rows, axes, strict=False):
         name = axis.strip().lower().lstrip("+-")
         if name not in ("x", "y", "z"):
-            raise ValueError(f"{where} must be three of x, y, z, -x, -y and -z, got {', '.join(axes)}")
+            raise ValueError(
+                f"{where} must be three of x, y, z, -x, -y and -z, got {', '.join(axes)}"
+            )
         row["xyz".index(name)] = -1.0 if axis.strip().startswith("-") else 1.0
     if len(axes) != 3 or not np.isclose(np.linalg.det(rows), 1.0):
-        raise ValueError(f"{where} must be different and right-handed, such as x, -z, y, got {', '.join(axes)}")
+        raise ValueError(
+            f"{where} must be different and right-handed, such as x, -z, y, got {', '.join(axes)}"
+        )
     return rows
 
 
 def attitude_of(
-    parts: FloatArray, axes: Sequence[str], body: Sequence[str], euler: str | None = None, where: str = "orientation"
+    parts: FloatArray,
+    axes: Sequence[str],
+    body: Sequence[str],
+    euler: str | None = None,
+    where: str = "orientation",
 ) -> FloatArray:
     """Heading, pitch and roll (n, 3), rad, of rotations from a body's axes to those of its instrument.
 
@@ -39,8 +47,12 @@ def attitude_of(
     width = 4 if euler is None else 3
     if parts.ndim != 2 or parts.shape[1] != width:
         raise ValueError(f"{where} must have {width} columns, got shape {parts.shape}")
-    if euler is not None and (sorted(euler.lower()) != ["x", "y", "z"] or euler not in (euler.upper(), euler.lower())):
-        raise ValueError(f"{where}.euler must be x, y and z in some order, all large or all small, got {euler!r}")
+    if euler is not None and (
+        sorted(euler.lower()) != ["x", "y", "z"] or euler not in (euler.upper(), euler.lower())
+    ):
+        raise ValueError(
+            f"{where}.euler must be x, y and z in some order, all large or all small, got {euler!r}"
+        )
     angles = np.full((len(parts), 3), np.nan)
     size = np.abs(parts).max(axis=1, initial=0.0)
     good = np.isfinite(size)

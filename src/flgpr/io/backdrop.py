@@ -22,14 +22,18 @@ _MOST_READ = 30_000_000
 
 
 def map_backdrop(
-    path: str | Path, georeference: Mapping[str, float], box: tuple[float, float, float, float], most: int = _MOST
+    path: str | Path,
+    georeference: Mapping[str, float],
+    box: tuple[float, float, float, float],
+    most: int = _MOST,
 ) -> bytes:
     """Draw a stored map below a lane: a PNG with +x to the right and +y upwards, transparent where the map ends.
 
     Parameters
     ----------
     path : path
-        GeoTIFF, or raster tiles in MBTiles or GeoPackage, with a reference system; one to four bands of 8 bits.
+        GeoTIFF, or raster tiles in MBTiles or GeoPackage, with a reference system; one to four
+        bands of 8 bits.
     georeference : mapping
         Run attribute ``georeference``: ``latitude``, ``longitude`` and ``azimuth`` of +y, degrees.
     box : tuple of float
@@ -40,7 +44,8 @@ def map_backdrop(
     Raises
     ------
     ValueError
-        If the file is none of these, tells no reference system, has other values than 8 bits, or ends before the lane.
+        If the file is none of these, tells no reference system, has other values than 8 bits, or
+        ends before the lane.
     MissingExtraError
         Without the extra ``gis``.
     """
@@ -59,15 +64,23 @@ def map_backdrop(
             if source.crs is None:
                 raise ValueError("it must tell its reference system, it does not")
             if any(kind != "uint8" for kind in source.dtypes) or source.count > 4:
-                raise ValueError(f"it must have one to four bands of 8 bits, got {', '.join(source.dtypes[:5])}")
+                raise ValueError(
+                    f"it must have one to four bands of 8 bits, got {', '.join(source.dtypes[:5])}"
+                )
             ground = np.stack([*np.meshgrid(x, y), np.zeros((y.size, x.size))], axis=-1)
             lonlat = tie.to_geodetic(ground)[..., :2]
-            place = lonlat if source.crs.to_epsg() == 4326 else transform_lonlat(lonlat, source.crs.to_wkt())
+            place = (
+                lonlat
+                if source.crs.to_epsg() == 4326
+                else transform_lonlat(lonlat, source.crs.to_wkt())
+            )
             image = _sampled(source, place)
     except (rasterio.errors.RasterioError, ValueError) as error:
         raise ValueError(f"map {file}: {' '.join(str(error).split())[:240]}") from None
     with catch_warnings(), rasterio.MemoryFile() as memory:
-        simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)  # a picture of the lane's frame has no Earth
+        simplefilter(
+            "ignore", rasterio.errors.NotGeoreferencedWarning
+        )  # a picture of the lane's frame has no Earth
         with memory.open(driver="PNG", width=x.size, height=y.size, count=4, dtype="uint8") as png:
             png.write(image)
         return bytes(memory.read())
@@ -86,7 +99,8 @@ def _sampled(source: Any, place: NDArray[np.float64]) -> NDArray[np.uint8]:
     top = int(rows[known].min())
     wide = int(columns[known].max()) - left + 1
     high = int(rows[known].max()) - top + 1
-    # Pixels of the map to a pixel drawn, whichever way the lane is turned: no more are read than are drawn.
+    # Pixels of the map to a pixel drawn, whichever way the lane is turned: no more are read than
+    # are drawn.
     steps = [np.hypot(np.diff(columns, axis=axis), np.diff(rows, axis=axis)) for axis in (0, 1)]
     every = max(1.0, float(np.median(np.concatenate([one.ravel() for one in steps]))))
     shape = max(round(high / every), 1), max(round(wide / every), 1)
@@ -97,7 +111,9 @@ def _sampled(source: Any, place: NDArray[np.float64]) -> NDArray[np.uint8]:
     how = enums.Resampling.nearest if named else enums.Resampling.average
     window = windows.Window(left, top, wide, high)
     data = source.read(window=window, out_shape=(source.count, *shape), resampling=how)
-    there = source.dataset_mask(window=window, out_shape=shape)  # by opacity, mask or the value of no data
+    there = source.dataset_mask(
+        window=window, out_shape=shape
+    )  # by opacity, mask or the value of no data
     u = np.clip((columns - left) * shape[1] / wide, 0, shape[1] - 1).astype(np.intp)
     v = np.clip((rows - top) * shape[0] / high, 0, shape[0] - 1).astype(np.intp)
     bands = data[:, v, u]

@@ -34,7 +34,10 @@ class BundleError(ValueError):
 
 
 def write_bundle(
-    path: Path, arrays: Mapping[str, NDArray[Any]], about: Mapping[str, Any] | None = None, lasting: bool = False
+    path: Path,
+    arrays: Mapping[str, NDArray[Any]],
+    about: Mapping[str, Any] | None = None,
+    lasting: bool = False,
 ) -> int:
     """Write arrays of numbers, booleans or text, and words, to a file that appears whole or not at all; give its bytes.
 
@@ -49,7 +52,13 @@ def write_bundle(
             raise ValueError(f"{name} must hold numbers, booleans or text, got {value.dtype}")
         data = value.reshape(-1).view(np.uint8)
         digest = hashlib.sha256(data.data).hexdigest()
-        entry = {"name": name, "dtype": value.dtype.str, "shape": list(value.shape), "at": place, "sha256": digest}
+        entry = {
+            "name": name,
+            "dtype": value.dtype.str,
+            "shape": list(value.shape),
+            "at": place,
+            "sha256": digest,
+        }
         listed.append(entry)
         held.append(data)
         place += -(-data.size // _ALIGN) * _ALIGN
@@ -184,7 +193,9 @@ def _laid_out(arrays: Mapping[str, dict[str, Any]]) -> int:
     end = 0
     for name, entry in arrays.items():
         if entry["at"] != end:
-            raise ValueError(f"{name} must begin where the array before it ends, {end}, got {entry['at']}")
+            raise ValueError(
+                f"{name} must begin where the array before it ends, {end}, got {entry['at']}"
+            )
         end += -(-_bytes(entry) // _ALIGN) * _ALIGN
     return end
 

@@ -46,25 +46,36 @@ def unpack(path: str, limit: int, spare: int) -> None:
 
     The first array holds lines that say what is passed over.
     """
-    # SciPy holds a complex array, its parts and their product at once; the spare bytes are the interpreter's.
+    # SciPy holds a complex array, its parts and their product at once; the spare bytes are the
+    # interpreter's.
     hard = resource.getrlimit(resource.RLIMIT_AS)[1]
     most = 2**62 if hard == resource.RLIM_INFINITY else hard
     resource.setrlimit(resource.RLIMIT_AS, (min(3 * limit + spare, most), hard))
     from scipy.io import loadmat
 
     warnings.simplefilter("ignore")
-    # MATLAB keeps whole numbers in fewer bytes: only mat_dtype tells their class, but it drops imaginary parts.
+    # MATLAB keeps whole numbers in fewer bytes: only mat_dtype tells their class, but it drops
+    # imaginary parts.
     passed_over: list[str] = []
-    kinds = {name: value.dtype for name, value in _members("", loadmat(path, appendmat=False, mat_dtype=True), [])}
+    kinds = {
+        name: value.dtype
+        for name, value in _members("", loadmat(path, appendmat=False, mat_dtype=True), [])
+    }
     arrays = dict(_members("", loadmat(path, appendmat=False), passed_over))
     if sum(value.nbytes for value in arrays.values()) > limit:
         raise MemoryError
     with open(1, "wb", closefd=False) as out:
         np.save(out, np.array(passed_over, dtype=np.str_), allow_pickle=False)
         for name, value in arrays.items():
-            kind = np.result_type(kinds[name], np.complex64) if np.iscomplexobj(value) else kinds[name]
+            kind = (
+                np.result_type(kinds[name], np.complex64) if np.iscomplexobj(value) else kinds[name]
+            )
             np.save(out, np.array(name), allow_pickle=False)
-            np.save(out, value.astype("u1" if kind == np.dtype(bool) else kind, copy=False), allow_pickle=False)
+            np.save(
+                out,
+                value.astype("u1" if kind == np.dtype(bool) else kind, copy=False),
+                allow_pickle=False,
+            )
 
 
 def _members(label: str, value: Any, passed_over: list[str]) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -72,7 +83,9 @@ def _members(label: str, value: Any, passed_over: list[str]) -> Iterator[tuple[s
     if isinstance(value, dict):
         for name, one in value.items():
             if isinstance(one, str) and name != "__version__":
-                passed_over.append(f"{name}: not read: {one}")  # SciPy goes on beyond variables that it cannot read
+                passed_over.append(
+                    f"{name}: not read: {one}"
+                )  # SciPy goes on beyond variables that it cannot read
             elif not name.startswith("__"):
                 yield from _members(name, one, passed_over)
     elif type(value) is np.ndarray and value.dtype.hasobject:

@@ -39,7 +39,9 @@ _ADDED = tuple(f"flgpr_{name}" for name in POSE_COMPONENTS)
 _TIME = "flgpr_time"
 
 
-def write_cphd(run: xr.Dataset, path: str | Path, anchor: Anchor, scene: Grid | None = None) -> Path:
+def write_cphd(
+    run: xr.Dataset, path: str | Path, anchor: Anchor, scene: Grid | None = None
+) -> Path:
     """Write a run with uniform tones as CPHD; the file is whole or absent.
 
     The anchor tells where the lane lies: CPHD positions are geocentric. ``scene`` is the ground the data are about, in
@@ -54,7 +56,11 @@ def write_cphd(run: xr.Dataset, path: str | Path, anchor: Anchor, scene: Grid | 
     run = run.compute()  # channels cut across the store's chunks
     scene = scene or _ahead(run)
     center = np.array([scene.x.mean(), scene.y.mean(), 0.0])
-    names = [f"{pair}_{label}" for label in run["polarization"].values for pair in range(run.sizes["pair"])]
+    names = [
+        f"{pair}_{label}"
+        for label in run["polarization"].values
+        for pair in range(run.sizes["pair"])
+    ]
     pvps = {}
     signals = {}
     time = _times(run)
@@ -100,7 +106,10 @@ def read_cphd(path: str | Path, anchor: Anchor | None = None) -> xr.Dataset:
             added = _added(tree)
             channels = tree.findall("{*}Data/{*}Channel")
             _declared(tree, channels, path)
-            parts = {c.findtext("{*}Identifier"): reader.read_channel(c.findtext("{*}Identifier")) for c in channels}
+            parts = {
+                c.findtext("{*}Identifier"): reader.read_channel(c.findtext("{*}Identifier"))
+                for c in channels
+            }
         return _assembled(tree, parts, added, anchor)
     except (MissingExtraError, FileNotFoundError):
         raise
@@ -113,7 +122,9 @@ def read_cphd(path: str | Path, anchor: Anchor | None = None) -> xr.Dataset:
 def _without_sarkits_warnings() -> Iterator[None]:
     """Keep back what sarkit makes Python say of its own use of importlib.resources."""
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=r"(read|open)_\w+ is deprecated", category=DeprecationWarning)
+        warnings.filterwarnings(
+            "ignore", message=r"(read|open)_\w+ is deprecated", category=DeprecationWarning
+        )
         yield
 
 
@@ -123,7 +134,9 @@ def _uniform(frequency: NDArray[np.float64]) -> None:
     step = (frequency[-1] - frequency[0]) / (frequency.size - 1)
     off = np.abs(frequency - (frequency[0] + step * np.arange(frequency.size))).max()
     if off > 1e-6 * step:
-        raise ValueError(f"CPHD needs evenly spaced tones, these are up to {off:g} Hz off: select an even sub-band")
+        raise ValueError(
+            f"CPHD needs evenly spaced tones, these are up to {off:g} Hz off: select an even sub-band"
+        )
 
 
 def _ahead(run: xr.Dataset) -> Grid:
@@ -154,15 +167,22 @@ def _channel(
 ) -> tuple[NDArray[np.complex64], dict[str, NDArray[Any]]]:
     frequency = run["frequency"].values
     pose = run["pose"].values
-    tx, rx = (vehicle_to_lane(run[name].values[pair, None], pose)[:, 0] for name in ("tx_position", "rx_position"))
+    tx, rx = (
+        vehicle_to_lane(run[name].values[pair, None], pose)[:, 0]
+        for name in ("tx_position", "rx_position")
+    )
     range_tx, range_rx = (np.linalg.norm(antenna - center, axis=1) for antenna in (tx, rx))
     valid = run["valid"].values[:, polarization, pair]
     signal = run["signal"].values[:, polarization, pair]
-    signal = np.where(valid[:, None], lengthen(signal, frequency, -(range_tx + range_rx)), 0).astype(np.complex64)
+    signal = np.where(
+        valid[:, None], lengthen(signal, frequency, -(range_tx + range_rx)), 0
+    ).astype(np.complex64)
     step = float((frequency[-1] - frequency[0]) / (frequency.size - 1))
     scans = len(pose)
     velocity = [np.gradient(p, time, axis=0) if scans > 1 else np.zeros_like(p) for p in (tx, rx)]
-    unit = [(p - center) / np.maximum(r, 1e-12)[:, None] for p, r in ((tx, range_tx), (rx, range_rx))]
+    unit = [
+        (p - center) / np.maximum(r, 1e-12)[:, None] for p, r in ((tx, range_tx), (rx, range_rx))
+    ]
     closing = 0.5 * sum((v * u).sum(axis=1) for v, u in zip(velocity, unit, strict=True))
     full = {
         "TxTime": time,
@@ -241,12 +261,16 @@ def _scene(root: Any, anchor: Anchor, scene: Grid) -> None:
     center = np.array([(x1 + x2) / 2, (y1 + y2) / 2, 0.0])
     lon, lat, height = anchor.to_geodetic(center)
     half = np.array([(x2 - x1) / 2, (y2 - y1) / 2])
-    corners = [center + [sx * half[0], sy * half[1], 0] for sx, sy in ((-1, 1), (1, 1), (1, -1), (-1, -1))]
+    corners = [
+        center + [sx * half[0], sy * half[1], 0] for sx, sy in ((-1, 1), (1, 1), (1, -1), (-1, -1))
+    ]
     places = anchor.to_geodetic(np.array(corners))[:, [1, 0]]
     root["SceneCoordinates"] = {
         "EarthModel": "WGS_84",
         "IARP": {"ECF": anchor.to_geocentric(center), "LLH": np.array([lat, lon, height])},
-        "ReferenceSurface": {"Planar": {"uIAX": anchor.turn([1.0, 0, 0]), "uIAY": anchor.turn([0, 1.0, 0])}},
+        "ReferenceSurface": {
+            "Planar": {"uIAX": anchor.turn([1.0, 0, 0]), "uIAY": anchor.turn([0, 1.0, 0])}
+        },
         "ImageArea": {"X1Y1": -half, "X2Y2": half},
         "ImageAreaCornerPoints": places,
         "ImageGrid": {
@@ -321,7 +345,10 @@ def _channels(root: Any, run: xr.Dataset, names: list[str], first: dict[str, NDA
         ("flgpr_tx_position", json.dumps(run["tx_position"].values.tolist())),
         ("flgpr_rx_position", json.dumps(run["rx_position"].values.tolist())),
         ("flgpr_frequency", json.dumps(run["frequency"].values.tolist())),
-        (_TIME, json.dumps([None if not math.isfinite(t) else t for t in run["time"].values.tolist()])),
+        (
+            _TIME,
+            json.dumps([None if not math.isfinite(t) else t for t in run["time"].values.tolist()]),
+        ),
     ]
     root["Channel"] = {
         "RefChId": names[0],
@@ -348,7 +375,11 @@ def _layout(root: Any) -> None:
 
 def _added(tree: Any) -> dict[str, str]:
     parameters = tree.findall("{*}Channel/{*}AddedParameters/{*}Parameter")
-    return {one.get("name"): one.text or "" for one in parameters if str(one.get("name")).startswith("flgpr_")}
+    return {
+        one.get("name"): one.text or ""
+        for one in parameters
+        if str(one.get("name")).startswith("flgpr_")
+    }
 
 
 def _declared(tree: Any, channels: list[Any], path: Path) -> None:
@@ -362,16 +393,25 @@ def _declared(tree: Any, channels: list[Any], path: Path) -> None:
         raise ValueError("compressed signals cannot be read")
     sizes = {(int(c.findtext("{*}NumVectors")), int(c.findtext("{*}NumSamples"))) for c in channels}
     if len(sizes) > 1:
-        raise ValueError(f"all channels must have the same vectors and samples, got {sorted(sizes)}")
+        raise ValueError(
+            f"all channels must have the same vectors and samples, got {sorted(sizes)}"
+        )
     scans, tones = sizes.pop()
     if scans * tones * len(channels) * 2 > path.stat().st_size:
-        raise ValueError(f"it tells of {len(channels)} channels of {scans} x {tones} samples and holds less: truncated")
+        raise ValueError(
+            f"it tells of {len(channels)} channels of {scans} x {tones} samples and holds less: truncated"
+        )
 
 
 def _assembled(
-    tree: Any, parts: dict[str, tuple[NDArray[Any], NDArray[Any]]], added: dict[str, str], anchor: Anchor | None
+    tree: Any,
+    parts: dict[str, tuple[NDArray[Any], NDArray[Any]]],
+    added: dict[str, str],
+    anchor: Anchor | None,
 ) -> xr.Dataset:
-    native = {name: (_native(s), p.astype(p.dtype.newbyteorder("="))) for name, (s, p) in parts.items()}
+    native = {
+        name: (_native(s), p.astype(p.dtype.newbyteorder("="))) for name, (s, p) in parts.items()
+    }
     pairs, labels, channel_of = _channel_order(tree, list(native))
     first = next(iter(native.values()))[1]
     frequency = _frequency(native, added)
@@ -389,12 +429,20 @@ def _assembled(
     if all(name in (first.dtype.names or ()) for name in _ADDED) and "flgpr_tx_position" in added:
         pose = np.stack([first[name] for name in _ADDED], axis=1)
         tx, rx = (np.array(parse_json(added[f"flgpr_{side}_position"])) for side in ("tx", "rx"))
-        time = np.array([np.nan if t is None else t for t in parse_json(added[_TIME])], dtype=np.float64)
-        return make_run(signal, frequency, labels, tx, rx, pose, time, parse_json(added["flgpr_attrs"]))
-    tx, rx, pose = _geometry({channel_of[name][1]: pvp for name, (_, pvp) in native.items()}, anchor)
+        time = np.array(
+            [np.nan if t is None else t for t in parse_json(added[_TIME])], dtype=np.float64
+        )
+        return make_run(
+            signal, frequency, labels, tx, rx, pose, time, parse_json(added["flgpr_attrs"])
+        )
+    tx, rx, pose = _geometry(
+        {channel_of[name][1]: pvp for name, (_, pvp) in native.items()}, anchor
+    )
     title = tree.findtext("{*}CollectionID/{*}CoreName") or "CPHD"
     source = f"CPHD by {tree.findtext('{*}CollectionID/{*}CollectorName')}"
-    return make_run(signal, frequency, labels, tx, rx, pose, first["TxTime"], {"title": title, "source": source})
+    return make_run(
+        signal, frequency, labels, tx, rx, pose, first["TxTime"], {"title": title, "source": source}
+    )
 
 
 def _native(samples: NDArray[Any]) -> NDArray[Any]:
@@ -407,7 +455,9 @@ def _leg(pvp: NDArray[Any], name: str) -> NDArray[np.float64]:
     return np.asarray(np.linalg.norm(pvp[name] - pvp["SRPPos"], axis=1), dtype=np.float64)
 
 
-def _channel_order(tree: Any, names: list[str]) -> tuple[int, list[str], dict[str, tuple[int, int]]]:
+def _channel_order(
+    tree: Any, names: list[str]
+) -> tuple[int, list[str], dict[str, tuple[int, int]]]:
     """Sort channels into polarizations and pairs, in the order of the file."""
     known: dict[str, str] = {}
     for one in tree.findall("{*}Channel/{*}Parameters"):
@@ -425,7 +475,9 @@ def _channel_order(tree: Any, names: list[str]) -> tuple[int, list[str], dict[st
     return counts[labels[0]], labels, channel_of
 
 
-def _frequency(native: dict[str, tuple[NDArray[Any], NDArray[Any]]], added: dict[str, str]) -> NDArray[np.float64]:
+def _frequency(
+    native: dict[str, tuple[NDArray[Any], NDArray[Any]]], added: dict[str, str]
+) -> NDArray[np.float64]:
     start = np.concatenate([pvp["SC0"] for _, pvp in native.values()])
     step = np.concatenate([pvp["SCSS"] for _, pvp in native.values()])
     count = next(iter(native.values()))[0].shape[1]
@@ -442,7 +494,9 @@ def _geometry(
     pvps: dict[int, NDArray[Any]], anchor: Anchor | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     if anchor is None:
-        raise ValueError("an anchor is needed: positions are geocentric and the file does not say where the lane is")
+        raise ValueError(
+            "an anchor is needed: positions are geocentric and the file does not say where the lane is"
+        )
     tx, rx = (
         np.stack([anchor.from_geocentric(pvps[pair][name]) for pair in sorted(pvps)], axis=1)
         for name in ("TxPos", "RcvPos")
@@ -451,7 +505,9 @@ def _geometry(
     local = [part - origin[:, None] for part in (tx, rx)]
     moved = max(float(np.abs(part - part[0]).max()) for part in local)
     if not moved <= 1e-3:
-        raise ValueError(f"the array must keep its form and heading from vector to vector, it moves by {moved:g} m")
+        raise ValueError(
+            f"the array must keep its form and heading from vector to vector, it moves by {moved:g} m"
+        )
     pose = np.zeros((len(origin), 6))
     pose[:, :3] = origin
     return local[0][0], local[1][0], pose

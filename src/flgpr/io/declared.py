@@ -41,7 +41,9 @@ class Layout(NamedTuple):
 
 
 def check_declared(
-    files: Mapping[str, Mapping[str, Any]], read: Callable[[str], bytes | None], max_memory: int = MAX_MEMORY
+    files: Mapping[str, Mapping[str, Any]],
+    read: Callable[[str], bytes | None],
+    max_memory: int = MAX_MEMORY,
 ) -> dict[str, Layout]:
     """Check what a store declares against the committed ``files`` and the memory there is; give the arrays' layouts."""
     _description(files, read, "zarr.json", "group")
@@ -49,14 +51,22 @@ def check_declared(
     sizes = {"axis": 3, "component": 6}
     held = 0.0
     for name, dims in DIMS.items():
-        layout = layouts[name] = _layout(name, _description(files, read, f"{name}/zarr.json", "array"))
+        layout = layouts[name] = _layout(
+            name, _description(files, read, f"{name}/zarr.json", "array")
+        )
         shape = layout.shape
         chunks = layout.chunks
         for dim, length in zip(dims, shape, strict=True):
             if sizes.setdefault(dim, length) != length:
-                raise ValueError(f"{name}: dimension {dim} must have the length {sizes[dim]} everywhere, got {length}")
+                raise ValueError(
+                    f"{name}: dimension {dim} must have the length {sizes[dim]} everywhere, got {length}"
+                )
         width = _WIDTHS[layout.dtype]
-        held += _SCANS_HELD * width * math.prod(chunks) if name == "signal" else width * math.prod(shape)
+        held += (
+            _SCANS_HELD * width * math.prod(chunks)
+            if name == "signal"
+            else width * math.prod(shape)
+        )
         if held > max_memory:
             raise ValueError(
                 f"{name}: the run must fit into max_memory = {max_memory / 1e9:.3g} GB, its arrays up to here take "
@@ -72,9 +82,14 @@ def _description(
     if key not in files:
         raise ValueError(f"{key} is not among the committed files")
     if files[key]["bytes"] > _LARGEST_DESCRIPTION:
-        raise ValueError(f"{key} must have at most {_LARGEST_DESCRIPTION} bytes, got {files[key]['bytes']}")
+        raise ValueError(
+            f"{key} must have at most {_LARGEST_DESCRIPTION} bytes, got {files[key]['bytes']}"
+        )
     description = parse_json(read(key) or b"")
-    if not isinstance(description, dict) or (description.get("zarr_format"), description.get("node_type")) != (3, kind):
+    if not isinstance(description, dict) or (
+        description.get("zarr_format"),
+        description.get("node_type"),
+    ) != (3, kind):
         raise ValueError(f"{key} must describe a Zarr v3 {kind}")
     return description
 
@@ -90,16 +105,32 @@ def _layout(name: str, description: dict[str, Any]) -> Layout:
             or len(value) != rank
             or not all(type(n) is int and 0 < n < 2**53 for n in value)
         ):
-            raise ValueError(f"{name}: its {what} must be {rank} positive whole numbers, got {value}")
+            raise ValueError(
+                f"{name}: its {what} must be {rank} positive whole numbers, got {value}"
+            )
     if description.get("data_type") != _KINDS[name]:
-        raise ValueError(f"{name}: its type must be {_KINDS[name]}, got {description.get('data_type')}")
+        raise ValueError(
+            f"{name}: its type must be {_KINDS[name]}, got {description.get('data_type')}"
+        )
     if description.get("dimension_names") != list(DIMS[name]):
-        raise ValueError(f"{name}: its dimensions must be {DIMS[name]}, got {description.get('dimension_names')}")
-    codecs = [codec.get("name") if isinstance(codec, dict) else codec for codec in description.get("codecs", [])]
+        raise ValueError(
+            f"{name}: its dimensions must be {DIMS[name]}, got {description.get('dimension_names')}"
+        )
+    codecs = [
+        codec.get("name") if isinstance(codec, dict) else codec
+        for codec in description.get("codecs", [])
+    ]
     if codecs not in (["bytes", "crc32c"], ["bytes"]) or description.get("storage_transformers"):
-        raise ValueError(f"{name}: its codecs must be bytes and crc32c, nothing that expands, got {codecs}")
-    if description.get("chunk_key_encoding") != {"name": "default", "configuration": {"separator": "/"}}:
-        raise ValueError(f"{name}: its chunks must have the default names, got {description.get('chunk_key_encoding')}")
+        raise ValueError(
+            f"{name}: its codecs must be bytes and crc32c, nothing that expands, got {codecs}"
+        )
+    if description.get("chunk_key_encoding") != {
+        "name": "default",
+        "configuration": {"separator": "/"},
+    }:
+        raise ValueError(
+            f"{name}: its chunks must have the default names, got {description.get('chunk_key_encoding')}"
+        )
     endian = description["codecs"][0].get("configuration", {}).get("endian", "little")
     if endian not in ("little", "big"):
         raise ValueError(f"{name}: its bytes must be little or big endian, got {endian}")
@@ -107,15 +138,25 @@ def _layout(name: str, description: dict[str, Any]) -> Layout:
 
 
 def _check_chunks(
-    name: str, shape: tuple[int, ...], chunks: tuple[int, ...], width: int, files: Mapping[str, Mapping[str, Any]]
+    name: str,
+    shape: tuple[int, ...],
+    chunks: tuple[int, ...],
+    width: int,
+    files: Mapping[str, Mapping[str, Any]],
 ) -> None:
     counts = [-(-length // part) for length, part in zip(shape, chunks, strict=True)]
     if math.prod(counts) > len(files):
-        raise ValueError(f"{name}: shape {shape} in chunks of {chunks} needs {math.prod(counts)} files, got less")
+        raise ValueError(
+            f"{name}: shape {shape} in chunks of {chunks} needs {math.prod(counts)} files, got less"
+        )
     size = width * math.prod(chunks)
     for index in product(*map(range, counts)):
         key = "/".join([name, "c", *map(str, index)])
         if key not in files:
-            raise ValueError(f"{key} must be among the committed files for shape {shape} in chunks of {chunks}")
+            raise ValueError(
+                f"{key} must be among the committed files for shape {shape} in chunks of {chunks}"
+            )
         if files[key]["bytes"] not in (size, size + _CRC):
-            raise ValueError(f"{key} must have {size + _CRC} bytes for chunks of {chunks}, got {files[key]['bytes']}")
+            raise ValueError(
+                f"{key} must have {size + _CRC} bytes for chunks of {chunks}, got {files[key]['bytes']}"
+            )

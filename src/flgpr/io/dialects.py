@@ -54,7 +54,19 @@ _WITH_UNIT = re.compile(r"\s*(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\])]*?)\s*[\])]\
 _SUFFIX = re.compile(r"(?P<name>.*\w)[_ ](?P<unit>m|cm|mm|km|ft|in|deg)", re.IGNORECASE)
 _LENGTHS = ("x", "y", "depth", "radius", "height", "easting", "northing")
 _ANGLES = ("longitude", "latitude")
-_DEGREES = ("deg", "°", "degree", "degrees", "grad", "degré", "degrés", "grado", "gradi", "grados", "graus")
+_DEGREES = (
+    "deg",
+    "°",
+    "degree",
+    "degrees",
+    "grad",
+    "degré",
+    "degrés",
+    "grado",
+    "gradi",
+    "grados",
+    "graus",
+)
 _NO_UNIT = ("", "1", "-", "%")
 _MARKS = ";\t,"
 
@@ -63,8 +75,12 @@ _MARKS = ";\t,"
 class TableReading:
     """What a user says of a table: which column is what, and where its lane lies on the Earth."""
 
-    columns: Mapping[str, str] = field(default_factory=dict)  #: name that flgpr knows -> the file's own
-    anchor: Anchor | None = None  #: takes longitude and latitude, or easting and northing, to the lane
+    columns: Mapping[str, str] = field(
+        default_factory=dict
+    )  #: name that flgpr knows -> the file's own
+    anchor: Anchor | None = (
+        None  #: takes longitude and latitude, or easting and northing, to the lane
+    )
 
 
 def parse_columns_option(text: str) -> dict[str, str]:
@@ -74,7 +90,9 @@ def parse_columns_option(text: str) -> dict[str, str]:
         name, equals, column = part.partition("=")
         name = name.strip()
         if not (equals and name and column.strip()) or name in found:
-            raise ValueError(f"columns must be NAME=COLUMN, each name once, between commas, got {text!r}")
+            raise ValueError(
+                f"columns must be NAME=COLUMN, each name once, between commas, got {text!r}"
+            )
         found[name] = column.strip()
     return found
 
@@ -88,7 +106,10 @@ def without_comments(text: str, kind: str) -> tuple[str, list[str]]:
     lines = text.splitlines()
     if lines and re.fullmatch(r"\s*sep=.\s*", lines[0], re.IGNORECASE):
         lines = lines[1:]
-    first = next((k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), None)
+    first = next(
+        (k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")),
+        None,
+    )
     if first is None:
         return "", []
     before = [line for line in lines[:first] if line.strip()]
@@ -101,7 +122,9 @@ def without_comments(text: str, kind: str) -> tuple[str, list[str]]:
             before = before[:-1]
             body = [behind, *body]
             notes.append(f"the header stands behind a #: {behind[:80]}")
-    named_first = _plain(_split(body[0])[0]) in {_plain(name) for name in _synonyms_of_id(_IDS[kind])}
+    named_first = _plain(_split(body[0])[0]) in {
+        _plain(name) for name in _synonyms_of_id(_IDS[kind])
+    }
     rows: list[str] = [body[0]]
     dropped = len(before)
     for line in body[1:]:
@@ -157,7 +180,9 @@ def column_targets(
     found: dict[int, str] = {}
     for target, column in columns.items():
         if target not in wanted:
-            raise ValueError(f"columns must name one of {', '.join(sorted(wanted))}, got {target!r}")
+            raise ValueError(
+                f"columns must name one of {', '.join(sorted(wanted))}, got {target!r}"
+            )
         places = [k for k, name in enumerate(names) if name.strip() == column]
         if len(places) > 1:
             raise ValueError(f"columns: {column!r} stands {len(places)} times in the header")
@@ -174,12 +199,16 @@ def column_targets(
         chosen = [k for k in places if names[k] == target] or places
         if len(chosen) > 1:
             told = " or ".join(repr(names[k]) for k in chosen)
-            raise ValueError(f"{target} could be the column {told}: say which by --columns {target}={names[chosen[0]]}")
+            raise ValueError(
+                f"{target} could be the column {told}: say which by --columns {target}={names[chosen[0]]}"
+            )
         found[chosen[0]] = target
     missing = [target for target in columns if target not in found.values()]
     if missing:
         column = columns[missing[0]]
-        raise ValueError(f"columns: the file has no column {column!r} for {missing[0]}; it has {', '.join(names)}")
+        raise ValueError(
+            f"columns: the file has no column {column!r} for {missing[0]}; it has {', '.join(names)}"
+        )
     return _without_needless_places(found)
 
 
@@ -196,10 +225,15 @@ def named_columns(
     Raises
     ------
     ValueError
-        If a unit is none of length, or if places on the Earth come without an ``anchor`` or cannot be.
+        If a unit is none of length, or if places on the Earth come without an ``anchor`` or cannot
+        be.
     """
     names = [str(name) for name in table.columns]
-    notes = [f"{target} is the column {names[k]!r}" for k, target in targets.items() if names[k] != target]
+    notes = [
+        f"{target} is the column {names[k]!r}"
+        for k, target in targets.items()
+        if names[k] != target
+    ]
     made = table.copy()
     made.columns = pd.Index([targets.get(k, name) for k, name in enumerate(names)])
     for k, target in targets.items():
@@ -227,7 +261,9 @@ def _in_the_lane(table: pd.DataFrame, anchor: Anchor | None, notes: list[str]) -
     if pair is None:
         return table
     if anchor is None:
-        raise ValueError(f"{pair[0]} and {pair[1]} need an anchor, which tells where the lane lies on the Earth")
+        raise ValueError(
+            f"{pair[0]} and {pair[1]} need an anchor, which tells where the lane lies on the Earth"
+        )
     from flgpr.io.anchor import lonlat_of  # geodesy takes its time to load, and few tables need it
 
     points = np.stack([pd.to_numeric(table[name]).to_numpy(np.float64) for name in pair], axis=-1)
@@ -235,10 +271,16 @@ def _in_the_lane(table: pd.DataFrame, anchor: Anchor | None, notes: list[str]) -
         raise ValueError(f"{pair[0]} and {pair[1]} must be finite in every row")
     lonlat = points if pair[0] == "longitude" else lonlat_of(points, anchor.crs)
     if (np.abs(lonlat[:, 1]) > 90).any() or (np.abs(lonlat[:, 0]) > 360).any():
-        raise ValueError("latitudes must lie within 90 and longitudes within 360 degrees: are they swapped?")
-    heights = np.full(len(lonlat), anchor.origin[2])  # of the lane's ground: a table of places has none
+        raise ValueError(
+            "latitudes must lie within 90 and longitudes within 360 degrees: are they swapped?"
+        )
+    heights = np.full(
+        len(lonlat), anchor.origin[2]
+    )  # of the lane's ground: a table of places has none
     lane = anchor.from_geodetic(np.column_stack([lonlat, heights]))
-    notes.append(f"{len(table)} places taken from {pair[0]} and {pair[1]} to the lane by the anchor")
+    notes.append(
+        f"{len(table)} places taken from {pair[0]} and {pair[1]} to the lane by the anchor"
+    )
     return table.drop(columns=list(pair)).assign(x=lane[:, 0], y=lane[:, 1])
 
 
@@ -255,7 +297,9 @@ def _factor(target: str, unit: str, name: str) -> float:
         return 1.0
     if target in _LENGTHS:
         if low not in UNITS["length"]:
-            raise ValueError(f"the unit of {name!r} must be one of {', '.join(UNITS['length'])}, got {unit!r}")
+            raise ValueError(
+                f"the unit of {name!r} must be one of {', '.join(UNITS['length'])}, got {unit!r}"
+            )
         return UNITS["length"][low]
     if target in _ANGLES and low not in _DEGREES:
         raise ValueError(f"the unit of {name!r} must be degrees, got {unit!r}")

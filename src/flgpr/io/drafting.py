@@ -93,7 +93,9 @@ class _Antennas:
     values: FloatArray | None = None  #: (antenna, 3) where they are a part of a list
 
 
-def explain_files(paths: Sequence[str | Path], limit: int = LIMIT, beside: str | Path | None = None) -> Explanation:
+def explain_files(
+    paths: Sequence[str | Path], limit: int = LIMIT, beside: str | Path | None = None
+) -> Explanation:
     """Tell what several files of one measurement hold, and draft the one mapping that imports them together.
 
     Parameters
@@ -103,8 +105,8 @@ def explain_files(paths: Sequence[str | Path], limit: int = LIMIT, beside: str |
     limit : int
         Bytes that a file and an array may take.
     beside : path, optional
-        The mapping that will be written; its file names are relative to its folder. By default they are relative to
-        the folder of the first file.
+        The mapping that will be written; its file names are relative to its folder. By default they
+        are relative to the folder of the first file.
 
     Returns
     -------
@@ -114,7 +116,8 @@ def explain_files(paths: Sequence[str | Path], limit: int = LIMIT, beside: str |
     Raises
     ------
     ValueError
-        If a file cannot be read, files of one group differ in their arrays, or no file holds a signal.
+        If a file cannot be read, files of one group differ in their arrays, or no file holds a
+        signal.
     """
     files = [existing(path) for path in paths]
     if not files:
@@ -162,7 +165,11 @@ def _key(path: Path, taken: set[str]) -> str:
 def _text_columns(path: Path) -> dict[str, list[str]]:
     """Return the columns of a table that hold text, such as which antenna is a transmitter, by their header."""
     text = read_named(path, LIMIT).decode("utf-8-sig", errors="replace")
-    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "%"))]
+    lines = [
+        line
+        for line in text.splitlines()
+        if line.strip() and not line.lstrip().startswith(("#", "%"))
+    ]
     if len(lines) < 2:
         return {}
     mark = next((mark for mark in ";\t," if mark in lines[0]), ",")
@@ -186,7 +193,11 @@ class _Together:
         self.used = {(self.data.key, self.signal.name), (self.data.key, self.imaginary or "")}
         self.sizes = list(self.signal.shape)
         self.frequency = self._axis(_FREQUENCY_NAMES)
-        self.samples = None if self.frequency else self._axis(re.compile(r"range|delay|time|t_ns|twt", re.IGNORECASE))
+        self.samples = (
+            None
+            if self.frequency
+            else self._axis(re.compile(r"range|delay|time|t_ns|twt", re.IGNORECASE))
+        )
         self.antennas = self._find_antennas()
         self.labels = labels_of(self.data.opened, self.sizes)
         self.way = self._find_way()
@@ -204,7 +215,9 @@ class _Together:
                 best = size, group, signal, imaginary
         if best is None:
             names = ", ".join(path.name for group in self.groups for path in group.paths[:1])
-            raise ValueError(f"one of the files must hold a signal, an array of many numbers, got none in {names}")
+            raise ValueError(
+                f"one of the files must hold a signal, an array of many numbers, got none in {names}"
+            )
         return best[1:]
 
     def _rest(self) -> list[_Source]:
@@ -230,7 +243,10 @@ class _Together:
             if not (flat and called and source.count in self.sizes):
                 continue
             values = source.values()
-            if values.dtype.kind in "fiu" and (np.diff(values.ravel().astype(np.float64)) > 0).all():
+            if (
+                values.dtype.kind in "fiu"
+                and (np.diff(values.ravel().astype(np.float64)) > 0).all()
+            ):
                 fits.append((source.count, source))
         if not fits:
             return None
@@ -240,9 +256,15 @@ class _Together:
         """Find the positions of transmitters and receivers, or of pairs."""
         found: dict[str, _Antennas] = {}
         for source in self._rest():
-            if len(source.info.shape) != 2 or source.info.shape[1] != 3 or source.count > 3 * _SMALL:
+            if (
+                len(source.info.shape) != 2
+                or source.info.shape[1] != 3
+                or source.count > 3 * _SMALL
+            ):
                 continue
-            if source.info.shape[0] not in self.sizes and not self._is_product(source.info.shape[0]):
+            if source.info.shape[0] not in self.sizes and not self._is_product(
+                source.info.shape[0]
+            ):
                 continue
             side = self._side(source)
             if side is None or side in found:
@@ -257,7 +279,11 @@ class _Together:
         return any(count == a + b for a in self.sizes for b in self.sizes)
 
     def _side(self, source: _Source) -> str | None:
-        name = source.info.name if source.info.name not in ("array", "table") else source.group.paths[0].stem
+        name = (
+            source.info.name
+            if source.info.name not in ("array", "table")
+            else source.group.paths[0].stem
+        )
         if _TX_NAMES.search(name):
             return "tx"
         if _RX_NAMES.search(name):
@@ -287,7 +313,13 @@ class _Together:
                     tx = points[: split[0]]
                     rx = points[split[0] :]
                     return {
-                        "tx": _Antennas(source, len(tx), f"{unit.rstrip('?')}?", "transmitters first in the list?", tx),
+                        "tx": _Antennas(
+                            source,
+                            len(tx),
+                            f"{unit.rstrip('?')}?",
+                            "transmitters first in the list?",
+                            tx,
+                        ),
                         "rx": _Antennas(source, len(rx), unit, "the rest of the list", rx),
                     }
         return {}
@@ -303,14 +335,19 @@ class _Together:
                 lists.append((_Source(group, arrays[named["x"]]), np.stack(sides, axis=-1)))
         for info in arrays.values():
             if len(info.shape) == 2 and info.shape[1] == 3 and info.shape[0] <= _SMALL:
-                lists.append((_Source(group, info), group.opened.read(info.name).astype(np.float64)))
+                lists.append(
+                    (_Source(group, info), group.opened.read(info.name).astype(np.float64))
+                )
         return lists
 
     def _kinds(self, group: _Group, count: int) -> NDArray[np.str_] | None:
         """Read from a column of text which antenna transmits and which receives."""
         for cells in group.role.values():
             low = [cell.lower() for cell in cells]
-            sides = ["tx" if one.startswith(("t", "s")) else "rx" if one.startswith(("r", "e")) else "" for one in low]
+            sides = [
+                "tx" if one.startswith(("t", "s")) else "rx" if one.startswith(("r", "e")) else ""
+                for one in low
+            ]
             if len(sides) == count and set(sides) == {"tx", "rx"}:
                 return np.array(sides)
         return None
@@ -320,7 +357,12 @@ class _Together:
         others = [size for size in self.sizes if size > 1]
         if self.frequency is not None and self.frequency.count in others:
             others.remove(self.frequency.count)
-        pairs = [(a, b) for i, a in enumerate(others) for k, b in enumerate(others) if i < k and a + b == count]
+        pairs = [
+            (a, b)
+            for i, a in enumerate(others)
+            for k, b in enumerate(others)
+            if i < k and a + b == count
+        ]
         return pairs[0] if len(pairs) == 1 else None
 
     def _length_unit(self, source: _Source, points: NDArray[Any]) -> tuple[str, str]:
@@ -334,7 +376,10 @@ class _Together:
             return stated, ""
         # Were it centimetres, the whole array would be smaller than half a wavelength.
         if spread <= _LONGEST_ARRAY and 0.01 * spread < 0.5 * SPEED_OF_LIGHT / lowest:
-            return "m", f"by their spread of {spread:.3g}: in cm the array would be below half a wavelength"
+            return (
+                "m",
+                f"by their spread of {spread:.3g}: in cm the array would be below half a wavelength",
+            )
         return stated, ""
 
     def _lowest_frequency(self) -> float | None:
@@ -356,7 +401,11 @@ class _Together:
         for group in self.groups:
             found: dict[str, _Source] = {}
             for source in self._rest():
-                if source.group is not group or max(source.info.shape, default=0) != source.count or source.count < 2:
+                if (
+                    source.group is not group
+                    or max(source.info.shape, default=0) != source.count
+                    or source.count < 2
+                ):
                     continue
                 for name, words in _WAY_NAMES.items():
                     if name not in found and _token(source.info.name, words) is not None:
@@ -365,7 +414,10 @@ class _Together:
                 if _TIME_NAMES.search(source.info.name):
                     found.setdefault("time", source)
             placed = {"longitude", "latitude"} <= set(found) or {"x", "y"} <= set(found)
-            of_antennas = any(one.source.group is group for one in self.antennas.values()) and group is not self.data
+            of_antennas = (
+                any(one.source.group is group for one in self.antennas.values())
+                and group is not self.data
+            )
             if placed and not of_antennas and len(found) > len(best):
                 best = found
         return best
@@ -403,8 +455,12 @@ class _Together:
         elif "antenna" in self.antennas:
             count = self.antennas["antenna"].count
             free = [size for size, name in zip(self.sizes, names, strict=True) if not name]
-            for name in ("tx", "rx") if free.count(count) == 2 else ("pair",):  # each antenna sends and receives
-                names[next(k for k, size in enumerate(self.sizes) if size == count and not names[k])] = name
+            for name in (
+                ("tx", "rx") if free.count(count) == 2 else ("pair",)
+            ):  # each antenna sends and receives
+                names[
+                    next(k for k, size in enumerate(self.sizes) if size == count and not names[k])
+                ] = name
         for k, size in enumerate(self.sizes):
             if not names[k] and size == 1:
                 names[k] = "single"
@@ -447,11 +503,15 @@ class _Together:
         ]
         if join:
             what = (
-                "each file is a scan" if join.startswith("new") else "each file continues the scans of the one before"
+                "each file is a scan"
+                if join.startswith("new")
+                else "each file continues the scans of the one before"
             )
             lines.append(f"join = {json.dumps(join)}  # {len(self.data.paths)} files: {what}")
         lines += ["", "[files]"]
-        lines += [f"{group.key} = {self._names(group)}" for group in self.groups if self._needed(group)]
+        lines += [
+            f"{group.key} = {self._names(group)}" for group in self.groups if self._needed(group)
+        ]
         lines += [
             "",
             "[signal]",
@@ -512,7 +572,11 @@ class _Together:
             if one.values is None:
                 lines += _where(one.source)
             else:
-                lines += ["values = [", *(f"    {json.dumps(row)}," for row in one.values.tolist()), "]"]
+                lines += [
+                    "values = [",
+                    *(f"    {json.dumps(row)}," for row in one.values.tolist()),
+                    "]",
+                ]
             lines += [_unit_line(one.unit, one.why), ""]
         return lines
 
@@ -538,13 +602,18 @@ class _Together:
             unit, why = self._way_unit()
             lines += [f"{axis} = {json.dumps(way[axis].info.name)}" for axis in "xy"]
             z = way.get("height")
-            lines += [f"z = {json.dumps(z.info.name) if z else '0.0  # no column of heights'}", _unit_line(unit, why)]
+            lines += [
+                f"z = {json.dumps(z.info.name) if z else '0.0  # no column of heights'}",
+                _unit_line(unit, why),
+            ]
         return [*lines, *self._attitude_lines()]
 
     def _geodetic(self) -> str:
         way = self.way
         parts = [f"file = {json.dumps(way['longitude'].group.key)}"]
-        parts += [f"{name} = {json.dumps(way[name].info.name)}" for name in ("longitude", "latitude")]
+        parts += [
+            f"{name} = {json.dumps(way[name].info.name)}" for name in ("longitude", "latitude")
+        ]
         height = way.get("height")
         parts.append(f"height = {json.dumps(height.info.name) if height else 0.0}")
         return "{" + ", ".join(parts) + ', angle_unit = "deg", unit = "m"}'
@@ -564,7 +633,11 @@ class _Together:
     def _attitude_lines(self) -> list[str]:
         way = self.way
         lines: list[str] = []
-        for name, without in (("heading", '"course?"  # along the way'), ("pitch", "0.0"), ("roll", "0.0")):
+        for name, without in (
+            ("heading", '"course?"  # along the way'),
+            ("pitch", "0.0"),
+            ("roll", "0.0"),
+        ):
             known = way.get(name)
             lines.append(f"{name} = {json.dumps(known.info.name) if known else without}")
         units = [unit_of(way[name].group.opened, way[name].info, "deg") for name in ("heading", "pitch", "roll")
@@ -575,7 +648,9 @@ class _Together:
         """Write a track on a clock of its own, where there are more or fewer fixes than scans."""
         way = self.way
         stamp = self._axis(_TIME_NAMES)
-        counts = f"{rows} fixes of {scans or 'an unknown number of'} scans: a track on its own clock"
+        counts = (
+            f"{rows} fixes of {scans or 'an unknown number of'} scans: a track on its own clock"
+        )
         lines = ["[time]  # the radar's time of every scan"]
         if stamp is not None:
             lines += [*_where(stamp), _unit_line(unit_of(stamp.group.opened, stamp.info, "s")), ""]
@@ -601,7 +676,11 @@ class _Together:
             sides.append(f"z = {json.dumps(height.info.name) if height else 0.0}")
             words = f"  # {why}" if why else ""
             lines.append(f'position = {{file = {key}, {", ".join(sides)}, unit = "{unit}"}}{words}')
-        return [*lines, *self._attitude_lines(), "clock_offset = 0.0  # the track's clock less the radar's, s"]
+        return [
+            *lines,
+            *self._attitude_lines(),
+            "clock_offset = 0.0  # the track's clock less the radar's, s",
+        ]
 
 
 def _where(source: _Source) -> list[str]:

@@ -24,7 +24,15 @@ from flgpr.model import POLARIZATIONS
 
 _SMALL = 2_000_000  # values; larger arrays are not read to explain them
 _NO_SUFFIX = ("in", "h", "min")  # units that are words in names
-_LONG_UNITS = {"meter": "m", "metre": "m", "foot": "ft", "feet": "ft", "degree": "deg", "radian": "rad", "second": "s"}
+_LONG_UNITS = {
+    "meter": "m",
+    "metre": "m",
+    "foot": "ft",
+    "feet": "ft",
+    "degree": "deg",
+    "radian": "rad",
+    "second": "s",
+}
 _CLOCK = re.compile(r"gps|gnss|utc|epoch|stamp|scan|trace|pps|pose|slow")
 """What a time is called that is no delay of samples."""
 _SHORTEST_SCANS = 1e-4  # s, that times of scans reach
@@ -32,7 +40,18 @@ _ANTENNA = re.compile(r"tx|rx|ant|elem|rec|source")
 _PLACE = re.compile(r"pos|xyz|way|track|gps|gnss|rtk|coord|traj|odom|loc|place|transl|reference")
 _COMPONENTS = {
     "x": {"x", "cross", "across", "east", "easting", "crosstrack"},
-    "y": {"y", "along", "da", "dist", "distance", "north", "northing", "downtrack", "chainage", "odometer"},
+    "y": {
+        "y",
+        "along",
+        "da",
+        "dist",
+        "distance",
+        "north",
+        "northing",
+        "downtrack",
+        "chainage",
+        "odometer",
+    },
     "z": {"z", "height", "alt", "altitude", "elevation", "up"},
     "heading": {"heading", "yaw", "hdg", "psi"},
     "pitch": {"pitch"},
@@ -71,11 +90,15 @@ def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
     if opened.kind == "HDF5 file" and is_gprmax(path):
         lines, mapping = explain_merged(path)
         return Explanation(path, "result of gprMax", lines or explain_gprmax(path), mapping)
-    if opened.kind == "MCAP recording":  # whose arrays are too many, and take too long, to look at all
+    if (
+        opened.kind == "MCAP recording"
+    ):  # whose arrays are too many, and take too long, to look at all
         return Explanation(path, opened.kind, opened.about + opened.notes, _propose(opened))
     lines = opened.about + opened.notes + [_line(opened, info) for info in opened.arrays.values()]
     if opened.kind == "take of OptiTrack Motive":
-        return Explanation(path, opened.kind, [*lines, "read as a track: --track FILE --body NAME --axes x,-z,y"])
+        return Explanation(
+            path, opened.kind, [*lines, "read as a track: --track FILE --body NAME --axes x,-z,y"]
+        )
     return Explanation(path, opened.kind, lines, _propose(opened))
 
 
@@ -98,7 +121,10 @@ def _explain_cphd(path: Path) -> Explanation:
             tree = reader.metadata.xmltree
         channels = tree.findall("{*}Data/{*}Channel")
         first = channels[0]
-        band = [float(tree.findtext(f"{{*}}Global/{{*}}FxBand/{{*}}{name}")) / 1e9 for name in ("FxMin", "FxMax")]
+        band = [
+            float(tree.findtext(f"{{*}}Global/{{*}}FxBand/{{*}}{name}")) / 1e9
+            for name in ("FxMin", "FxMax")
+        ]
         polarizations = {
             one.findtext("{*}Polarization/{*}TxPol") + one.findtext("{*}Polarization/{*}RcvPol")
             for one in tree.findall("{*}Channel/{*}Parameters")
@@ -112,12 +138,17 @@ def _explain_cphd(path: Path) -> Explanation:
             + ("" if own else "; an anchor is needed to place the lane"),
         ]
     except Exception as error:
-        raise ValueError(f"{path}: cannot be read as CPHD: {' '.join(str(error).split())[:200]}") from None
+        raise ValueError(
+            f"{path}: cannot be read as CPHD: {' '.join(str(error).split())[:200]}"
+        ) from None
     return Explanation(path, "CPHD file", lines)
 
 
 def _explain_nmea(path: Path) -> Explanation:
-    found = (re.match(rb"\s*\$[A-Z]{2}([A-Z]{3}),", line) for line in read_named(path, MAX_MEMORY).splitlines())
+    found = (
+        re.match(rb"\s*\$[A-Z]{2}([A-Z]{3}),", line)
+        for line in read_named(path, MAX_MEMORY).splitlines()
+    )
     kinds = Counter(sentence[1].decode() for sentence in found if sentence)
     counts = ", ".join(f"{count} {name}" for name, count in sorted(kinds.items()))
     needs = "GGA gives positions, HDT headings; read as a track with an anchor"
@@ -159,7 +190,11 @@ class _Draft:
 
     def rest(self) -> list[ArrayInfo]:
         left = [info for info in self.opened.arrays.values() if info.name not in self.used]
-        return sorted(left, key=lambda info: not info.name.startswith(f"{self.topic}/")) if self.topic else left
+        return (
+            sorted(left, key=lambda info: not info.name.startswith(f"{self.topic}/"))
+            if self.topic
+            else left
+        )
 
 
 def _propose(opened: ArrayFile) -> str:
@@ -176,12 +211,22 @@ def _propose(opened: ArrayFile) -> str:
     axis = frequency or samples
     positions = _find_positions(draft, signal)
     track = _find_track(draft, positions, sizes)
-    way = _find_way(draft, positions, sizes, math.prod(axis.shape) if axis else 0) if track is None else {}
+    way = (
+        _find_way(draft, positions, sizes, math.prod(axis.shape) if axis else 0)
+        if track is None
+        else {}
+    )
     positions.pop("way", None)
     stamp = _find_axis(draft, ("time", "stamp", "t_"), sizes)
     labels = labels_of(opened, sizes)
     dims = _dims(
-        sizes, axis, "frequency" if frequency else "sample" if sure else "sample?", positions, stamp, labels, way
+        sizes,
+        axis,
+        "frequency" if frequency else "sample" if sure else "sample?",
+        positions,
+        stamp,
+        labels,
+        way,
     )
     lines = [
         f"# Draft for {opened.path.name}. What ends in a question mark is a guess: check it and take the mark away.",
@@ -201,9 +246,18 @@ def _propose(opened: ArrayFile) -> str:
             "# interleaved = true  # if real and imaginary parts alternate",
             "# shape = [-1, 1]  # of a flat record",
         ]
-    lines += ["", *_axis_lines(opened, frequency, samples, sure), *_position_lines(opened, positions, "pair" in dims)]
+    lines += [
+        "",
+        *_axis_lines(opened, frequency, samples, sure),
+        *_position_lines(opened, positions, "pair" in dims),
+    ]
     if stamp is not None:
-        lines += ["[time]", f"variable = {json.dumps(stamp.name)}", f'unit = "{unit_of(opened, stamp, "s")}"', ""]
+        lines += [
+            "[time]",
+            f"variable = {json.dumps(stamp.name)}",
+            f'unit = "{unit_of(opened, stamp, "s")}"',
+            "",
+        ]
     if track is not None:
         lines += _track_lines(draft, *track)
     elif not any(len(infos[0].shape) == 3 for infos in positions.values()):
@@ -214,25 +268,38 @@ def _propose(opened: ArrayFile) -> str:
 def find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
     """Find the array that is most likely the measured field, and the one of its imaginary part if that is apart."""
     arrays = [info for info in opened.arrays.values() if math.prod(info.shape) > 1]
-    complex_ones = [info for info in arrays if re.match(r"complex|.*(\('r(eal)?'|\('re')", info.dtype, re.DOTALL)]
+    complex_ones = [
+        info
+        for info in arrays
+        if re.match(r"complex|.*(\('r(eal)?'|\('re')", info.dtype, re.DOTALL)
+    ]
     if complex_ones:
         return max(complex_ones, key=lambda info: math.prod(info.shape)), None
     for info in arrays:
         for real, imaginary in (("real", "imag"), ("re", "im"), ("_i", "_q")):
             wanted = re.sub(real, imaginary, info.name, flags=re.IGNORECASE).lower()
-            other = next((name for name in opened.arrays if name.lower() == wanted and name != info.name), None)
+            other = next(
+                (name for name in opened.arrays if name.lower() == wanted and name != info.name),
+                None,
+            )
             if other is not None and opened.arrays[other].shape == info.shape:
                 return info, other
     large = [
         info
         for info in arrays
-        if len(info.shape) >= 2 and info.shape[-1] > 3 and not re.search("covariance|orientation|rotation", info.name)
+        if len(info.shape) >= 2
+        and info.shape[-1] > 3
+        and not re.search("covariance|orientation|rotation", info.name)
     ]
     return (max(large, key=lambda info: math.prod(info.shape)), None) if large else (None, None)
 
 
 def _find_axis(
-    draft: _Draft, words: tuple[str, ...], sizes: list[int], among: list[ArrayInfo] | None = None, fast: bool = False
+    draft: _Draft,
+    words: tuple[str, ...],
+    sizes: list[int],
+    among: list[ArrayInfo] | None = None,
+    fast: bool = False,
 ) -> ArrayInfo | None:
     for info in draft.rest() if among is None else among:
         if fast and not _is_fast(draft.opened, info):
@@ -262,7 +329,11 @@ def _find_samples(draft: _Draft, sizes: list[int]) -> tuple[ArrayInfo | None, bo
         found = _find_axis(draft, ("range", "delay", "t_ns", "twt", "fast"), count)
         if found is not None:
             return found, True
-    times = [info for info in draft.rest() if "time" in info.name.lower() and not _CLOCK.search(info.name.lower())]
+    times = [
+        info
+        for info in draft.rest()
+        if "time" in info.name.lower() and not _CLOCK.search(info.name.lower())
+    ]
     for wanted, sure in ((times, True), (times, False)):
         for count in (sizes[-1:], sizes):
             found = _find_axis(draft, ("time",), count, wanted, sure)
@@ -277,7 +348,9 @@ def _is_fast(opened: ArrayFile, info: ArrayInfo) -> bool:
     if unit in ("ns", "ps", "us"):
         return True
     values = _values(opened, info)
-    return values is not None and bool(values.size) and float(np.abs(values).max()) < _SHORTEST_SCANS
+    return (
+        values is not None and bool(values.size) and float(np.abs(values).max()) < _SHORTEST_SCANS
+    )
 
 
 def _find_positions(draft: _Draft, signal: ArrayInfo) -> dict[str, list[ArrayInfo]]:
@@ -291,10 +364,18 @@ def _find_positions(draft: _Draft, signal: ArrayInfo) -> dict[str, list[ArrayInf
                 if _PLACE.search(name.rsplit("/", 1)[-1]):
                     sides.setdefault("way", []).append(info)
                 continue
-            side = "tx" if re.search(r"tx|trans|source", name) else "rx" if re.search(r"rx|rec", name) else "antenna"
+            side = (
+                "tx"
+                if re.search(r"tx|trans|source", name)
+                else "rx"
+                if re.search(r"rx|rec", name)
+                else "antenna"
+            )
             sides.setdefault(side, []).append(info)
     by_axis = {name: draft.opened.arrays.get(_sibling(signal.name, name)) for name in "xyz"}
-    structured = re.search(r"[./]", signal.name) and not draft.topic  # flat files' x, y, z are rather the vehicle's
+    structured = (
+        re.search(r"[./]", signal.name) and not draft.topic
+    )  # flat files' x, y, z are rather the vehicle's
     if not sides and structured and all(by_axis.values()):
         sides["xyz"] = [info for info in by_axis.values() if info is not None]
     return sides
@@ -308,7 +389,9 @@ def _find_track(
         info = infos[0]
         if side == "xyz" or len(info.shape) != 2 or info.shape[0] in sizes:
             continue
-        beside = _Draft(draft.opened, draft.used, info.name.rsplit("/", 1)[0] if draft.topic else "")
+        beside = _Draft(
+            draft.opened, draft.used, info.name.rsplit("/", 1)[0] if draft.topic else ""
+        )
         clock = _find_axis(beside, ("time", "t_", "stamp"), [info.shape[0]])
         if clock is not None:
             del positions[side]
@@ -334,11 +417,19 @@ def _find_way(
                 positions[side] = [one for one in infos if one is not info]
                 if not positions[side]:
                     del positions[side]
-    vectors = [info for info in draft.rest() if max(info.shape, default=0) == math.prod(info.shape) and info.shape]
+    vectors = [
+        info
+        for info in draft.rest()
+        if max(info.shape, default=0) == math.prod(info.shape) and info.shape
+    ]
     for name, words in _COMPONENTS.items():
         for info in vectors:
             tokens = set(re.split(r"[_\W]+", info.name.lower()))
-            if math.prod(info.shape) in scans and tokens & words and not _ANTENNA.search(info.name.lower()):
+            if (
+                math.prod(info.shape) in scans
+                and tokens & words
+                and not _ANTENNA.search(info.name.lower())
+            ):
                 found.setdefault(name, info)
     if "position" in found or "xyz" in positions:
         found = {name: info for name, info in found.items() if name not in "xyz"}
@@ -347,13 +438,17 @@ def _find_way(
 
 
 def _pose_lines(draft: _Draft, way: dict[str, ArrayInfo]) -> list[str]:
-    lines = ["[pose]  # the vehicle in the lane frame; heading is clockwise from +y seen from above"]
+    lines = [
+        "[pose]  # the vehicle in the lane frame; heading is clockwise from +y seen from above"
+    ]
     angles = [name for name in ("heading", "pitch", "roll") if name in way]
     position = way.get("position")
     if position is not None:
         unit = unit_of(draft.opened, position, "m")
         beside = ', z = "0?"' if position.shape[1] == 2 else ""
-        lines.append(f'position = {{variable = {json.dumps(position.name)}{beside}, unit = "{unit}"}}')
+        lines.append(
+            f'position = {{variable = {json.dumps(position.name)}{beside}, unit = "{unit}"}}'
+        )
         if position.shape[1] == 6:
             return [*lines, 'angle_unit = "rad?"']
     else:
@@ -362,7 +457,8 @@ def _pose_lines(draft: _Draft, way: dict[str, ArrayInfo]) -> list[str]:
         lines.append(f'unit = "{_common_unit(draft, [way[name] for name in places], "m")}"')
     course = "course?" if position is not None or "y" in way else "0?" if way else "?"
     lines += [
-        f"{name} = {_guess(way, name, '0?' if name != 'heading' else course)}" for name in ("heading", "pitch", "roll")
+        f"{name} = {_guess(way, name, '0?' if name != 'heading' else course)}"
+        for name in ("heading", "pitch", "roll")
     ]
     return [*lines, f'angle_unit = "{_common_unit(draft, [way[name] for name in angles], "rad")}"']
 
@@ -402,7 +498,10 @@ def _track_lines(draft: _Draft, clock: ArrayInfo, position: ArrayInfo) -> list[s
         )
     else:
         lines += ['heading = "course?"', 'pitch = "0?"', 'roll = "0?"', 'angle_unit = "deg?"']
-    return [*lines, "clock_offset = 0.0  # the track's clock less the radar's, s; flgpr.calibrate finds it"]
+    return [
+        *lines,
+        "clock_offset = 0.0  # the track's clock less the radar's, s; flgpr.calibrate finds it",
+    ]
 
 
 def labels_of(opened: ArrayFile, sizes: list[int]) -> list[str]:
@@ -411,7 +510,9 @@ def labels_of(opened: ArrayFile, sizes: list[int]) -> list[str]:
         if math.prod(info.shape) in sizes:
             values = _values(opened, info)
             if values is not None and values.dtype.kind in "US":
-                labels = [one.decode() if isinstance(one, bytes) else str(one) for one in values.ravel()]
+                labels = [
+                    one.decode() if isinstance(one, bytes) else str(one) for one in values.ravel()
+                ]
                 if labels and set(labels) <= set(POLARIZATIONS):
                     return labels
     return ["HH?"]
@@ -452,7 +553,9 @@ def _dims(
         put(max(next(iter(way.values())).shape), "scan")
     if names.count("?") == 1 and not {"scan", "scan?"} & set(names):
         names[names.index("?")] = "scan?"
-    return [name if name != "?" else "scan, polarization, pair, tx, rx or single?" for name in names]
+    return [
+        name if name != "?" else "scan, polarization, pair, tx, rx or single?" for name in names
+    ]
 
 
 def _axis_lines(
@@ -477,20 +580,41 @@ def _axis_lines(
     ]
 
 
-def _position_lines(opened: ArrayFile, positions: dict[str, list[ArrayInfo]], pairs: bool) -> list[str]:
+def _position_lines(
+    opened: ArrayFile, positions: dict[str, list[ArrayInfo]], pairs: bool
+) -> list[str]:
     if "xyz" in positions:
-        names = [f"{axis} = {json.dumps(info.name)}" for axis, info in zip("xyz", positions["xyz"], strict=True)]
+        names = [
+            f"{axis} = {json.dumps(info.name)}"
+            for axis, info in zip("xyz", positions["xyz"], strict=True)
+        ]
         return ["[antenna_position]", *names, 'unit = "m?"', ""]
     if not positions and not pairs:
-        return ["[antenna_position]  # in the vehicle frame", *(f'{axis} = "0?"' for axis in "xyz"), 'unit = "m"', ""]
+        return [
+            "[antenna_position]  # in the vehicle frame",
+            *(f'{axis} = "0?"' for axis in "xyz"),
+            'unit = "m"',
+            "",
+        ]
     if not positions:
-        return ["[antenna_position]  # no variable looks like positions", "values = []", 'unit = "m?"', ""]
+        return [
+            "[antenna_position]  # no variable looks like positions",
+            "values = []",
+            'unit = "m?"',
+            "",
+        ]
     lines = []
     for side in ("tx", "rx") if "tx" in positions and "rx" in positions else list(positions)[:1]:
         info = positions[side][0]
         frame = ['frame = "lane?"'] if len(info.shape) == 3 else []
         unit = unit_of(opened, info, "m")
-        lines += [f"[{side}_position]", f"variable = {json.dumps(info.name)}", f'unit = "{unit}"', *frame, ""]
+        lines += [
+            f"[{side}_position]",
+            f"variable = {json.dumps(info.name)}",
+            f'unit = "{unit}"',
+            *frame,
+            "",
+        ]
     return lines
 
 

@@ -38,7 +38,9 @@ def existing(path: str | Path, what: str = "file") -> Path:
         _refuse_pointer(path, what)
         return path
     if path.exists() and not path.is_dir():
-        raise ValueError(f"{what} must be a regular file, got {kind_of(path)}, {path}: save what it gives to a file")
+        raise ValueError(
+            f"{what} must be a regular file, got {kind_of(path)}, {path}: save what it gives to a file"
+        )
     raise FileNotFoundError(f"{what} not found: {path}")
 
 
@@ -51,7 +53,9 @@ def _refuse_pointer(path: Path, what: str) -> None:
     if head.startswith(_LFS):
         size = re.search(rb"^size (\d{1,18})$", head, re.MULTILINE)
         told = f" of {int(size[1])} bytes" if size else ""
-        raise ValueError(f"{path}: {what} is a pointer of Git LFS to a file{told} that was not fetched: git lfs pull")
+        raise ValueError(
+            f"{path}: {what} is a pointer of Git LFS to a file{told} that was not fetched: git lfs pull"
+        )
 
 
 @contextmanager
@@ -60,7 +64,9 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno is not None and (error.filename is None or ".partial" in str(error.filename)):
+        if error.errno is not None and (
+            error.filename is None or ".partial" in str(error.filename)
+        ):
             error.filename = str(path)
             error.filename2 = None
         raise
@@ -144,7 +150,9 @@ def check_free_folder(folder: str | Path, marks: Sequence[str], kind: str) -> Pa
     folder = Path(folder)
     known = any((folder / name).is_file() for name in marks)
     if folder.exists() and not known and (folder.is_file() or any(folder.iterdir())):
-        raise FileExistsError(f"output must be a new folder or an older {kind}, got {folder}, which holds other files")
+        raise FileExistsError(
+            f"output must be a new folder or an older {kind}, got {folder}, which holds other files"
+        )
     return folder
 
 
@@ -192,7 +200,9 @@ def listed_files(folder: str | Path, manifest: Mapping[str, Any]) -> Folder:
     try:
         sizes = manifest.get("sizes", {})
         added_sizes = manifest.get("added_sizes", {})
-        listed = {name: _listed([digest], [sizes.get(name)]) for name, digest in manifest["files"].items()}
+        listed = {
+            name: _listed([digest], [sizes.get(name)]) for name, digest in manifest["files"].items()
+        }
         for name, digests in manifest.get("added", {}).items():
             listed[name] = _listed(digests, added_sizes.get(name, [None] * len(digests)))
     except (KeyError, TypeError, AttributeError, ValueError) as error:
@@ -201,7 +211,9 @@ def listed_files(folder: str | Path, manifest: Mapping[str, Any]) -> Folder:
 
 
 def _listed(digests: Sequence[str | None], sizes: Sequence[int | None]) -> Listed:
-    versions = [(digest, size) for digest, size in zip(digests, sizes, strict=True) if digest is not None]
+    versions = [
+        (digest, size) for digest, size in zip(digests, sizes, strict=True) if digest is not None
+    ]
     if not versions or not all(isinstance(digest, str) for digest, _ in versions):
         raise ValueError(f"every file must have a digest, got {digests}")
     # Where the size of one version is not known, that of another must not keep it out.

@@ -20,7 +20,14 @@ from flgpr.door import parse_json
 from flgpr.io.arrays import open_arrays
 from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.files import existing
-from flgpr.model import OBJECT_COLUMNS, TRUTH_COLUMNS, check_objects, check_truth, empty_table, make_run
+from flgpr.model import (
+    OBJECT_COLUMNS,
+    TRUTH_COLUMNS,
+    check_objects,
+    check_truth,
+    empty_table,
+    make_run,
+)
 
 _ARRAYS = ("data", "frequency_hz", "polarisation", "tx_xyz_m", "rx_xyz_m")
 
@@ -41,7 +48,11 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
     data = arrays["data"]
     tx = arrays["tx_xyz_m"]
     rx = arrays["rx_xyz_m"]
-    if data.ndim != 5 or tx.shape != (*data.shape[:2], 3) or rx.shape != (data.shape[0], data.shape[2], 3):
+    if (
+        data.ndim != 5
+        or tx.shape != (*data.shape[:2], 3)
+        or rx.shape != (data.shape[0], data.shape[2], 3)
+    ):
         raise ValueError(
             f"{path}: data must be (scan, tx, rx, polarization, frequency) with tx_xyz_m (scan, tx, 3) and rx_xyz_m "
             f"(scan, rx, 3), got {data.shape}, {tx.shape}, {rx.shape}"
@@ -54,13 +65,18 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
             f"{path}: the array must keep its form and heading from scan to scan, it moves by more than 1 µm"
         )
     scans, transmitters, receivers, polarizations, tones = data.shape
-    signal = data.transpose(0, 3, 1, 2, 4).reshape(scans, polarizations, transmitters * receivers, tones)
+    signal = data.transpose(0, 3, 1, 2, 4).reshape(
+        scans, polarizations, transmitters * receivers, tones
+    )
     pose = np.zeros((scans, 6))
     pose[:, :3] = origin
     told = parse_json(str(arrays["truth"])) if "truth" in arrays else None
     attrs: dict[str, Any] = {"source": "full-wave (FDTD) lane", "title": path.stem}
     if told is not None and "soil_eps" in told:
-        attrs["soil"] = {"permittivity": float(told["soil_eps"]), "conductivity": float(told.get("soil_sigma", 0.0))}
+        attrs["soil"] = {
+            "permittivity": float(told["soil_eps"]),
+            "conductivity": float(told.get("soil_sigma", 0.0)),
+        }
     run = make_run(
         signal,
         arrays["frequency_hz"],
@@ -77,24 +93,47 @@ def _load(path: Path, max_memory: int) -> dict[str, NDArray[Any]]:
     opened = open_arrays(path, max_memory)
     missing = [name for name in _ARRAYS if name not in opened.arrays]
     if missing:
-        raise ValueError(f"{path}: the archive must hold {', '.join(_ARRAYS)}; missing: {', '.join(missing)}")
+        raise ValueError(
+            f"{path}: the archive must hold {', '.join(_ARRAYS)}; missing: {', '.join(missing)}"
+        )
     return {name: opened.read(name) for name in (*_ARRAYS, "truth") if name in opened.arrays}
 
 
 def _tables(world: dict[str, Any]) -> tuple[pd.DataFrame, pd.DataFrame]:
     mines = [
         {"target_id": f"mine-{i + 1}", "x": x, "y": y, "kind": kind, "depth": depth}
-        | {"radius": world.get("mine_radius_m", np.nan), "height": world.get("mine_height_m", np.nan)}
+        | {
+            "radius": world.get("mine_radius_m", np.nan),
+            "height": world.get("mine_height_m", np.nan),
+        }
         for i, (kind, x, y, depth) in enumerate(world.get("mines", []))
     ]
     rocks = [
-        {"object_id": f"rock-{i + 1}", "x": x, "y": y, "kind": "rock", "radius": radius, "height": np.nan}
+        {
+            "object_id": f"rock-{i + 1}",
+            "x": x,
+            "y": y,
+            "kind": "rock",
+            "radius": radius,
+            "height": np.nan,
+        }
         for i, (x, y, radius) in enumerate(world.get("rocks", []))
     ]
     posts = [
-        {"object_id": f"post-{i + 1}", "x": x, "y": y, "kind": "post", "radius": np.nan, "height": height}
+        {
+            "object_id": f"post-{i + 1}",
+            "x": x,
+            "y": y,
+            "kind": "post",
+            "radius": np.nan,
+            "height": height,
+        }
         for i, (x, y, height) in enumerate(world.get("posts", []))
     ]
     truth = check_truth(pd.DataFrame(mines)) if mines else empty_table(TRUTH_COLUMNS)
-    objects = check_objects(pd.DataFrame(rocks + posts)) if rocks or posts else empty_table(OBJECT_COLUMNS)
+    objects = (
+        check_objects(pd.DataFrame(rocks + posts))
+        if rocks or posts
+        else empty_table(OBJECT_COLUMNS)
+    )
     return truth, objects

@@ -70,7 +70,9 @@ def georeference(
     return out
 
 
-def write_earth_geojson(points: pd.DataFrame, path: str | Path, about: Mapping[str, Any] | None = None) -> None:
+def write_earth_geojson(
+    points: pd.DataFrame, path: str | Path, about: Mapping[str, Any] | None = None
+) -> None:
     """Write points of :func:`georeference` as GeoJSON (RFC 7946), ``about`` in its member ``flgpr``."""
     names = ["longitude", "latitude", "height"]
     places = [
@@ -101,9 +103,12 @@ def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:
         for key, value in row.items():
             text = json_value(value)
             add(add(data, "Data", name=str(key)), "value", "" if text is None else text)
-        # Heights in KML are over the geoid, ours over the ellipsoid: the points lie on the ground instead.
+        # Heights in KML are over the geoid, ours over the ellipsoid: the points lie on the ground
+        # instead.
         add(add(mark, "Point"), "coordinates", f"{row['longitude']:.9f},{row['latitude']:.9f}")
-    write_whole(Path(path), ElementTree.tostring(document, encoding="utf-8", xml_declaration=True) + b"\n")
+    write_whole(
+        Path(path), ElementTree.tostring(document, encoding="utf-8", xml_declaration=True) + b"\n"
+    )
 
 
 def write_gpx(points: pd.DataFrame, path: str | Path) -> None:
@@ -116,8 +121,14 @@ def write_gpx(points: pd.DataFrame, path: str | Path) -> None:
         if row["time"]:
             add(mark, "time", row["time"])
         add(mark, "name", _name_of(row, number))
-        add(mark, "desc", f"{row['nature']}: x {row['lane_x']:.3f} m, y {row['lane_y']:.3f} m in the lane")
-    write_whole(Path(path), ElementTree.tostring(document, encoding="utf-8", xml_declaration=True) + b"\n")
+        add(
+            mark,
+            "desc",
+            f"{row['nature']}: x {row['lane_x']:.3f} m, y {row['lane_y']:.3f} m in the lane",
+        )
+    write_whole(
+        Path(path), ElementTree.tostring(document, encoding="utf-8", xml_declaration=True) + b"\n"
+    )
 
 
 def _document(space: str, root: str, **attributes: str) -> tuple[Any, Any]:
@@ -134,11 +145,15 @@ def _document(space: str, root: str, **attributes: str) -> tuple[Any, Any]:
 
 def printable(text: str) -> str:
     """Replace what XML does not allow in a text by question marks."""
-    return "".join(c if c in "\t\n" or (c >= " " and not "\ud800" <= c <= "\udfff") else "?" for c in text)
+    return "".join(
+        c if c in "\t\n" or (c >= " " and not "\ud800" <= c <= "\udfff") else "?" for c in text
+    )
 
 
 def _name_of(row: Mapping[Any, Any], number: int) -> str:
-    return next((row[key] for key in _KEYS.values() if isinstance(row.get(key), str)), f"{number + 1}")
+    return next(
+        (row[key] for key in _KEYS.values() if isinstance(row.get(key), str)), f"{number + 1}"
+    )
 
 
 def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None:
@@ -217,7 +232,13 @@ def write_geotiff(
         "flgpr_statement": STATEMENT,
     }
     profile = {"driver": "GTiff", "dtype": "float32", "nodata": float("nan"), "compress": "deflate"}
-    profile |= {"width": x.size, "height": y.size, "count": len(bands), "crs": crs, "transform": transform}
+    profile |= {
+        "width": x.size,
+        "height": y.size,
+        "count": len(bands),
+        "crs": crs,
+        "transform": transform,
+    }
     with whole_output(Path(path), replace=True) as partial, _disk_errors():
         with rasterio.open(partial, "w", **profile) as file:
             file.write(bands)
@@ -243,7 +264,9 @@ def _geotransform(x: Any, y: Any, anchor: Anchor, crs: str, rasterio: Any) -> tu
     columns, rows = np.meshgrid(np.linspace(0, x.size, 5), np.linspace(0, y.size, 5))
     dx = x[1] - x[0]
     dy = y[1] - y[0]
-    lane = np.stack([x[0] + (columns - 0.5) * dx, y[-1] - (rows - 0.5) * dy, np.zeros_like(rows)], axis=-1)
+    lane = np.stack(
+        [x[0] + (columns - 0.5) * dx, y[-1] - (rows - 0.5) * dy, np.zeros_like(rows)], axis=-1
+    )
     target = transform_lonlat(anchor.to_geodetic(lane)[..., :2], crs).reshape(-1, 2)
     middle = target.mean(axis=0)
     design = np.stack([columns.ravel(), rows.ravel(), np.ones(columns.size)], axis=1)
@@ -256,8 +279,15 @@ def _geotransform(x: Any, y: Any, anchor: Anchor, crs: str, rasterio: Any) -> tu
 def _axis(view: xr.DataArray, name: str) -> Any:
     values = np.asarray(view[name].values, dtype=np.float64)
     step = np.diff(values)
-    if view.dims[-2:] != ("y", "x") or values.size < 2 or step.min() <= 0 or np.ptp(step) > 1e-6 * step.mean():
-        raise ValueError(f"view must have the dimensions (..., y, x), both uniform and rising; {name} is not")
+    if (
+        view.dims[-2:] != ("y", "x")
+        or values.size < 2
+        or step.min() <= 0
+        or np.ptp(step) > 1e-6 * step.mean()
+    ):
+        raise ValueError(
+            f"view must have the dimensions (..., y, x), both uniform and rising; {name} is not"
+        )
     return values
 
 
@@ -265,7 +295,9 @@ def _stamp(time: str) -> str:
     try:
         moment = datetime.fromisoformat(time)
     except ValueError:
-        raise ValueError(f"time must be ISO 8601 such as 2026-11-21T12:00:00Z, got {time!r}") from None
+        raise ValueError(
+            f"time must be ISO 8601 such as 2026-11-21T12:00:00Z, got {time!r}"
+        ) from None
     if moment.tzinfo is None:
         raise ValueError(f"time must have a time zone, got {time!r}")
     return moment.isoformat()

@@ -1,7 +1,7 @@
 """Nominal frequencies of the antennas of commercial radars, by the names that their files hold.
 
-A name is looked up in a table of its maker's models, or states its frequency with a unit. Digits alone are a serial
-number as well as a frequency, and are not taken for one.
+A name is looked up in a table of its maker's models, or states its frequency with a unit. Digits
+alone are a serial number as well as a frequency, and are not taken for one.
 
 Sources: the antenna codes that readgssi collected from files and the maker's staff (``readgssi/constants.py``,
 https://github.com/iannesbitt/readgssi) and those of RGPR (``R/readDZT.R``, https://github.com/emanuelhuber/RGPR). The
@@ -29,7 +29,9 @@ GSSI_SETS = {"300/800D": (300, 800), "D300/800": (300, 800)}
 MALA = {"GX80": 80, "GX160": 160, "GX450": 450, "GX750": 750, "CO700": 700}
 """Nominal frequency of MALÅ's antennas that are called by a model, MHz; CO700 as users' files have it."""
 _WITH_UNIT = re.compile(r"(?<![\d./,])(\d+(?:[.,]\d+)?)[\s_-]*([MG])HZ")
-_LEADING = re.compile(r"(\d{2,4})(?:[\s_-]+(?:UN)?SHIELDED(?![A-Z]).*|[\s_-]+RTA(?![A-Z]).*|[\s_-]*)", re.DOTALL)
+_LEADING = re.compile(
+    r"(\d{2,4})(?:[\s_-]+(?:UN)?SHIELDED(?![A-Z]).*|[\s_-]+RTA(?![A-Z]).*|[\s_-]*)", re.DOTALL
+)
 # MHz, of any such antenna
 _HIGHEST = 6000.0
 _LOWEST = 5.0
@@ -84,6 +86,12 @@ def _with_unit(plain: str) -> float | None:
 def note_antenna(name: str, frequency: float | None, notes: list[str]) -> None:
     """Tell how an antenna's frequency is known, unless its name states it, or that it is not."""
     if frequency is None:
-        notes.append(f"antenna {name[:40]!r} is in no table of models and states no frequency: it is unknown")
-    elif not re.search(rf"{frequency / 1e6:g}\s*MHz|{frequency / 1e9:g}\s*GHz", name, re.IGNORECASE):
-        notes.append(f"antenna {name[:40]!r} is one of {frequency / 1e6:g} MHz, by the table of models")
+        notes.append(
+            f"antenna {name[:40]!r} is in no table of models and states no frequency: it is unknown"
+        )
+    elif not re.search(
+        rf"{frequency / 1e6:g}\s*MHz|{frequency / 1e9:g}\s*GHz", name, re.IGNORECASE
+    ):
+        notes.append(
+            f"antenna {name[:40]!r} is one of {frequency / 1e6:g} MHz, by the table of models"
+        )

@@ -17,7 +17,9 @@ _NYQUIST_SHARE = 0.9  # of half the sampling rate, up to which a recording is lo
 _LOWEST = 1e6  # Hz
 
 
-def channels_run(section: GprSection, channel_x: Sequence[float] | None = None, **options: Any) -> xr.Dataset:
+def channels_run(
+    section: GprSection, channel_x: Sequence[float] | None = None, **options: Any
+) -> xr.Dataset:
     """Make one run of all channels of a line, a pair each, on the same tones.
 
     Parameters
@@ -25,11 +27,12 @@ def channels_run(section: GprSection, channel_x: Sequence[float] | None = None, 
     section : GprSection
         The line, of :func:`flgpr.io.read_gpr`.
     channel_x : (channel,) sequence of float, optional
-        Where the antennas of each channel are across the way, m in the vehicle frame; the file does not tell. By
-        default all are put at x = 0, which ``import_notes`` say.
+        Where the antennas of each channel are across the way, m in the vehicle frame; the file does
+        not tell. By default all are put at x = 0, which ``import_notes`` say.
     **options
-        Those of :func:`flgpr.io.gpr_run` but ``channel``. ``band`` is by default a quarter of the lowest to twice the
-        highest nominal frequency of the antennas, or all that is recorded where one of these is unknown.
+        Those of :func:`flgpr.io.gpr_run` but ``channel``. ``band`` is by default a quarter of the
+        lowest to twice the highest nominal frequency of the antennas, or all that is recorded where
+        one of these is unknown.
 
     Returns
     -------
@@ -39,8 +42,8 @@ def channels_run(section: GprSection, channel_x: Sequence[float] | None = None, 
     Raises
     ------
     ValueError
-        If the channels have different time windows, so that they have no common tones, if ``channel_x`` is not a place
-        per channel, or for what :func:`flgpr.io.gpr_run` refuses.
+        If the channels have different time windows, so that they have no common tones, if
+        ``channel_x`` is not a place per channel, or for what :func:`flgpr.io.gpr_run` refuses.
     """
     count = section.traces.shape[1]
     places = _places(channel_x, count)
@@ -62,8 +65,12 @@ def channels_run(section: GprSection, channel_x: Sequence[float] | None = None, 
     if count > 1:
         notes.append(_words_of_channels(section))
         if channel_x is None:
-            notes.append(f"{count} channels put at one place: the file does not tell where their antennas are")
-    merged = xr.concat(runs, dim="pair", data_vars="minimal", coords="minimal", compat="equals", join="exact")
+            notes.append(
+                f"{count} channels put at one place: the file does not tell where their antennas are"
+            )
+    merged = xr.concat(
+        runs, dim="pair", data_vars="minimal", coords="minimal", compat="equals", join="exact"
+    )
     attrs = {name: value for name, value in runs[0].attrs.items() if name != "antenna_frequency_hz"}
     if len(set(section.frequencies)) == 1 and section.frequencies[0] is not None:
         attrs["antenna_frequency_hz"] = section.frequencies[0]
@@ -96,7 +103,9 @@ def _places(channel_x: Sequence[float] | None, count: int) -> list[float]:
         return [0.0] * count
     places = [float(x) for x in channel_x]
     if len(places) != count or not np.isfinite(places).all():
-        raise ValueError(f"channel_x must give a finite x, m, for each of {count} channels, got {places}")
+        raise ValueError(
+            f"channel_x must give a finite x, m, for each of {count} channels, got {places}"
+        )
     return places
 
 

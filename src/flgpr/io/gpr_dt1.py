@@ -47,7 +47,9 @@ def read_dt1(path: Path, limit: int) -> dict[str, Any]:
     notes: list[str] = []
     head = read_header(path, ".hd", "=", notes)
     samples = int(head.needed("NUMBER OF PTS/TRC", 2, MOST_SAMPLES))
-    window = head.needed("TOTAL TIME WINDOW", INTERVALS[0] / NANOSECOND, INTERVALS[1] / NANOSECOND * samples)
+    window = head.needed(
+        "TOTAL TIME WINDOW", INTERVALS[0] / NANOSECOND, INTERVALS[1] / NANOSECOND * samples
+    )
     stated = head.number("NUMBER OF TRACES", 0, 1e9, False)
     table = _records(path, head, samples, stated, notes, limit)
     words = float64(table["head"])
@@ -97,13 +99,17 @@ def _records(
     stated_type = _TYPES.get(name) or ("f4" if width == 4 else "i2")
     other = "i2" if stated_type == "f4" else "f4"
     sample = stated_type
-    if not _second_agrees(path, samples, stated_type, turned) and _second_agrees(path, samples, other, turned):
+    if not _second_agrees(path, samples, stated_type, turned) and _second_agrees(
+        path, samples, other, turned
+    ):
         sample = other
     table = read_records(path, 0, _record(samples, sample, turned), stated, notes, limit)
     told = float64(table["head"][:, 2])
     if (told != samples).any():
         bad = int(np.argmax(told != samples))
-        raise ValueError(f"trace {bad} must have {samples} points as {head.path.name} says, got {told[bad]:g}")
+        raise ValueError(
+            f"trace {bad} must have {samples} points as {head.path.name} says, got {told[bad]:g}"
+        )
     if sample != _TYPES.get(name, "i2"):
         says = f"DATA TYPE is {name}" if name else "no DATA TYPE is told"
         notes.append(f"samples are read as {_WORDS[sample]}, by their size ({says})")
@@ -140,7 +146,11 @@ def _lengths(
         notes.append("POSITION UNITS are not told: positions are taken as metres")
     scaled = None if step is None else step * unit
     distance = measured_places(
-        words[:, 1] * unit, scaled, "positions of the trace headers", "STEP SIZE USED in the header", notes
+        words[:, 1] * unit,
+        scaled,
+        "positions of the trace headers",
+        "STEP SIZE USED in the header",
+        notes,
     )
     if separation is not None and 0 < separation * unit < _LEAST_SEPARATION <= separation:
         notes.append(
@@ -162,7 +172,11 @@ def _fixes(path: Path, words: FloatArray, notes: list[str]) -> Fixes:
 
 def _whole_numbers(values: FloatArray) -> NDArray[np.int64] | None:
     """Return the traces' own numbers, if that is what the header words are."""
-    if not np.isfinite(values).all() or (np.abs(values) > 1e9).any() or (values != np.round(values)).any():
+    if (
+        not np.isfinite(values).all()
+        or (np.abs(values) > 1e9).any()
+        or (values != np.round(values)).any()
+    ):
         return None
     return values.astype(np.int64)
 
@@ -173,7 +187,9 @@ def _gather(head: Header, words: FloatArray, notes: list[str]) -> str:
     if any(word in mode.lower() for word in _GATHERS):
         return mode
     if mode.strip().lower() not in _LINES:
-        notes.append(f"SURVEY MODE is {mode[:40]!r}, which is not known: it is read as a line of one offset")
+        notes.append(
+            f"SURVEY MODE is {mode[:40]!r}, which is not known: it is read as a line of one offset"
+        )
     places = words[:, 14:20]  # of receiver and transmitter
     if not np.isfinite(places).all() or (np.abs(places) > FARTHEST).any() or not places.any():
         return ""  # not filled in
@@ -182,5 +198,7 @@ def _gather(head: Header, words: FloatArray, notes: list[str]) -> str:
         return ""
     if (np.diff(apart) >= 0).all() and apart.max() <= _FARTHEST_APART:
         return f"antennas {apart.min():g} to {apart.max():g} apart"
-    notes.append(f"the trace headers put the antennas {apart.min():g} to {apart.max():g} apart, which is not used")
+    notes.append(
+        f"the trace headers put the antennas {apart.min():g} to {apart.max():g} apart, which is not used"
+    )
     return ""

@@ -40,7 +40,11 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     per_second, per_metre = struct.unpack_from("<2f", raw, 10)
     told = struct.unpack_from("<H", raw, 52)[0]
     channels = told or 1
-    types: dict[int, tuple[DTypeLike, float]] = {8: ("u1", 128.0), 16: ("<u2", 32768.0), 32: ("<i4", 0.0)}
+    types: dict[int, tuple[DTypeLike, float]] = {
+        8: ("u1", 128.0),
+        16: ("<u2", 32768.0),
+        32: ("<i4", 0.0),
+    }
     if bits not in types or samples < 4 or not 1 <= channels <= 4:
         raise ValueError(
             f"it must have 8, 16 or 32 bits, 4 or more samples and 1 to 4 channels, got {bits}, {samples}, {channels} "
@@ -62,7 +66,9 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     traces = exact_floats(table)
     traces -= offset
     traces[..., :2] = traces[..., 2:3]
-    notes.append("the first two samples of every trace are its number and marks: the third stands in their place")
+    notes.append(
+        "the first two samples of every trace are its number and marks: the third stands in their place"
+    )
     count = len(traces)
     beside = read_dzx(find_beside(path, ".dzx"), count, notes)
     distance = _distance(count, per_metre, beside, notes)
@@ -95,9 +101,13 @@ def _delays(raw: bytes, begin: int, channels: int, samples: int, notes: list[str
             own = _delay_of(raw, base, channel, samples)
         if own is None and channel == 0:
             position, window = struct.unpack_from("<2f", raw, 22)
-            raise ValueError(f"range and position must be times in ns, got {window:g} and {position:g}")
+            raise ValueError(
+                f"range and position must be times in ns, got {window:g} and {position:g}"
+            )
         if own is None:
-            notes.append(f"the header of channel {channel} tells no time window: it is taken as that of the first")
+            notes.append(
+                f"the header of channel {channel} tells no time window: it is taken as that of the first"
+            )
         delays[channel] = delays[0] if own is None else own
     if (delays[:, 0] == 0).any():
         notes.append("the header puts time zero at the first sample")
@@ -116,14 +126,20 @@ def _delay_of(raw: bytes, base: int, channel: int, samples: int) -> FloatArray |
     own_samples, own_bits = struct.unpack_from("<2H", raw, base + 4)
     first_bits = struct.unpack_from("<H", raw, 6)[0]
     position, window = struct.unpack_from("<2f", raw, base + 22)
-    if not (INTERVALS[0] <= window * NANOSECOND / samples <= INTERVALS[1] and abs(position) <= 100 * window):
+    if not (
+        INTERVALS[0] <= window * NANOSECOND / samples <= INTERVALS[1]
+        and abs(position) <= 100 * window
+    ):
         return None
     if own_samples and (own_samples, own_bits) != (samples, first_bits):
         raise ValueError(
             f"channel {channel} must have {samples} samples of {first_bits} bits as the first, got {own_samples} of "
             f"{own_bits}"
         )
-    return np.asarray(position * NANOSECOND + np.arange(samples) * (window * NANOSECOND / samples), dtype=np.float64)
+    return np.asarray(
+        position * NANOSECOND + np.arange(samples) * (window * NANOSECOND / samples),
+        dtype=np.float64,
+    )
 
 
 def _distance(
@@ -133,8 +149,12 @@ def _distance(
     scans = np.unique(beside.distances[:, 0], return_index=True)[1]
     if scans.size > 1 and np.ptp(beside.distances[scans, 1]) > 0:
         known = beside.distances[scans]
-        notes.append(f"{scans.size} distances of the DZX are used; the traces between them are put at equal steps")
-        outside = np.count_nonzero((np.arange(count) < known[0, 0]) | (np.arange(count) > known[-1, 0]))
+        notes.append(
+            f"{scans.size} distances of the DZX are used; the traces between them are put at equal steps"
+        )
+        outside = np.count_nonzero(
+            (np.arange(count) < known[0, 0]) | (np.arange(count) > known[-1, 0])
+        )
         if outside:
             notes.append(
                 f"{outside} traces lie before the first or behind the last of them, and go on at the mean step"
@@ -145,7 +165,9 @@ def _distance(
         place += step * (np.minimum(trace - known[0, 0], 0) + np.maximum(trace - known[-1, 0], 0))
         return measured_places(place, None, "distances of the DZX", "the DZX", notes)
     if np.isfinite(per_metre) and 1e-3 <= abs(per_metre) <= 1e5:
-        return equal_steps(count, 1 / per_metre, f"{per_metre:g} scans per metre in the header", notes)
+        return equal_steps(
+            count, 1 / per_metre, f"{per_metre:g} scans per metre in the header", notes
+        )
     if beside.spacing is not None and 1e-5 <= beside.spacing <= 1e3:
         return equal_steps(count, beside.spacing, "unitsPerScan of the DZX", notes)
     return None
@@ -176,7 +198,9 @@ def _frequencies(raw: bytes, channels: int, notes: list[str]) -> tuple[float | N
     return tuple(_frequency_of(channel, names, is_mini_xt, notes) for channel in range(channels))
 
 
-def _frequency_of(channel: int, names: list[str], is_mini_xt: bool, notes: list[str]) -> float | None:
+def _frequency_of(
+    channel: int, names: list[str], is_mini_xt: bool, notes: list[str]
+) -> float | None:
     """Return the nominal frequency of a channel's antenna, Hz: by its name, the set it is of, or the system."""
     name = names[channel]
     frequency = antenna_frequency(name, "GSSI", channel)

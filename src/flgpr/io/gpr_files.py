@@ -25,7 +25,10 @@ from flgpr.io.gpr_parts import FloatArray, MissingHeaderError
 from flgpr.io.gpr_segy import read_segy, read_su
 
 NOT_READ = {
-    ".gpz": ("GPZ", "a project of pulseEKKO is a zip of DT1 and HD files: unzip it, and give a DT1 file"),
+    ".gpz": (
+        "GPZ",
+        "a project of pulseEKKO is a zip of DT1 and HD files: unzip it, and give a DT1 file",
+    ),
     ".3dra": ("3d-radar", "its layout is not published; export SEG-Y from the maker's Examiner"),
     ".gsf": ("Geoscanners", "there is no reader for it; export SEG-Y from the maker's GPRSoft"),
 }
@@ -40,13 +43,18 @@ class GprSection:
     format: str  #: what it was read as, in words
     #: (trace, channel, sample) counts of the recorder, float; NaN where the recorder says that a trace is no data
     traces: NDArray[np.floating[Any]]
-    delay: FloatArray  #: (sample,) two-way delay, s; zero where the header puts time zero, else at the first sample
-    distance: FloatArray | None = None  #: (trace,) along the line, m; None if the header does not tell
+    # : (sample,) two-way delay, s; zero where the header puts time zero, else at the first sample
+    delay: FloatArray
+    distance: FloatArray | None = (
+        None  #: (trace,) along the line, m; None if the header does not tell
+    )
     time: FloatArray | None = None  #: (trace,) s, on a clock of the recorder's own; None if unknown
     #: (fix, 4) of a satellite receiver: trace (from 0), longitude, latitude (degrees, WGS 84), ellipsoidal height (m)
     fixes: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
     marks: tuple[int, ...] = ()  #: traces, from 0, at which the operator set a mark
-    frequencies: tuple[float | None, ...] = (None,)  #: nominal frequency of each channel's antenna, Hz
+    frequencies: tuple[float | None, ...] = (
+        None,
+    )  #: nominal frequency of each channel's antenna, Hz
     separation: float | None = None  #: between transmitter and receiver, m
     title: str = ""  #: what the header calls the line, else the file's name
     history: tuple[str, ...] = ()  #: what was found and assumed on reading, in words
@@ -55,7 +63,8 @@ class GprSection:
     #: (fix,) when the receiver was there, s of its first day, NaN where unknown
     fix_time: FloatArray = field(default_factory=lambda: np.empty(0))
     max_memory: int = MAX_MEMORY  #: bytes that a run made of it may take: what it was read with
-    gather: str = ""  #: what the file calls a survey whose antennas move apart, such as "CMP/WARR"; empty for a line
+    # : what the file calls a survey whose antennas move apart, such as "CMP/WARR"; empty for a line
+    gather: str = ""
 
     def delay_of(self, channel: int) -> FloatArray:
         """Return the two-way delay (sample,) of a channel, s."""
@@ -77,7 +86,9 @@ def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
     if suffix in NOT_READ:
         raise ValueError("{}: {} files cannot be read: {}".format(path, *NOT_READ[suffix]))
     if suffix in _HEADERS:
-        raise ValueError(f"{path}: this is the header of a recording; give the {_HEADERS[suffix]} file beside it")
+        raise ValueError(
+            f"{path}: this is the header of a recording; give the {_HEADERS[suffix]} file beside it"
+        )
     if suffix not in READERS:
         raise ValueError(f"{path}: the ending must be one of {', '.join(READERS)}, got {suffix!r}")
     words, reader = READERS[suffix]

@@ -60,7 +60,9 @@ def gpr_run(
         raise ValueError(f"channel must be from 0 to {channels - 1}, got {channel}")
     notes = list(section.history)
     if channels > 1:
-        notes.append(f"channel {channel} of {channels}: the file does not tell where their antennas are")
+        notes.append(
+            f"channel {channel} of {channels}: the file does not tell where their antennas are"
+        )
     if section.gather:
         raise ValueError(
             f"{section.path}: its antennas move apart ({section.gather}): it is no line of one offset and makes no run"
@@ -71,14 +73,24 @@ def gpr_run(
         apart = 0.0
         notes.append("no antenna separation is told: transmitter and receiver are put at one place")
     if not (0 <= apart <= 100 and math.isfinite(height) and height >= 0):
-        raise ValueError(f"separation and height must not be negative, the first at most 100 m, got {apart}, {height}")
+        raise ValueError(
+            f"separation and height must not be negative, the first at most 100 m, got {apart}, {height}"
+        )
     notes += _given_instead(section, channel, step, time_zero, window, separation)
     nominal = section.frequencies[channel]
     chosen = _band(band, nominal, delay)
-    told = "given" if band is not None else "a quarter to twice the antenna's" if nominal else "by the sampling"
+    told = (
+        "given"
+        if band is not None
+        else "a quarter to twice the antenna's"
+        if nominal
+        else "by the sampling"
+    )
     if band is None and nominal and (chosen[0] > nominal / 4 or chosen[1] < 2 * nominal):
         told += ", within what the record and its sampling hold"
-    notes.append(f"impulse data taken to frequency, {chosen[0] / 1e6:g} to {chosen[1] / 1e6:g} MHz ({told})")
+    notes.append(
+        f"impulse data taken to frequency, {chosen[0] / 1e6:g} to {chosen[1] / 1e6:g} MHz ({told})"
+    )
     keep, pose = _poses(section, step, height, anchor, topography, notes)
     if section.marks:
         notes.append(f"{len(section.marks)} marks of the operator are not kept in the run")
@@ -86,7 +98,9 @@ def gpr_run(
     size = len(keep) * tones.size * 8
     if size > section.max_memory:
         limit = f"{section.max_memory / 1e9:.3g} GB"
-        raise ValueError(f"the run must fit into {limit}, it takes {size / 1e9:.3g} GB: narrow the band")
+        raise ValueError(
+            f"the run must fit into {limit}, it takes {size / 1e9:.3g} GB: narrow the band"
+        )
     signal = _spectra(section.traces[keep, channel], delay, chosen)[0]
     half = np.array([[apart / 2, 0.0, 0.0] if across else [0.0, apart / 2, 0.0]])
     attrs = {
@@ -118,38 +132,58 @@ def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str
     zero = -section.delay[0] * 1e9
     side = "after" if zero >= 0 else "before"
     lines = [
-        f"{section.title}: {count} traces x {samples} samples" + (f", {channels} channels" if channels > 1 else ""),
+        f"{section.title}: {count} traces x {samples} samples"
+        + (f", {channels} channels" if channels > 1 else ""),
         f"time window {samples * interval * 1e9:.6g} ns, time zero {abs(zero):.6g} ns {side} its start",
     ]
     if section.distance is not None and count > 1:
-        length = float(np.abs(np.diff(section.distance)).sum())  # there and back, where a line turns round
+        length = float(
+            np.abs(np.diff(section.distance)).sum()
+        )  # there and back, where a line turns round
         lines.append(f"length {length:.6g} m, trace spacing {length / (count - 1):.4g} m")
     else:
-        lines.append("trace spacing unknown: give --step" + (" or --anchor" if len(section.fixes) > 1 else ""))
-    antennas = ", ".join("unknown" if one is None else f"{one / 1e6:g} MHz" for one in section.frequencies)
+        lines.append(
+            "trace spacing unknown: give --step"
+            + (" or --anchor" if len(section.fixes) > 1 else "")
+        )
+    antennas = ", ".join(
+        "unknown" if one is None else f"{one / 1e6:g} MHz" for one in section.frequencies
+    )
     apart = "unknown" if section.separation is None else f"{section.separation:g} m"
     lines.append(f"antenna {antennas}, separation {apart}")
-    lines.append(f"{len(section.fixes)} positions of a satellite receiver, {len(section.marks)} marks")
+    lines.append(
+        f"{len(section.fixes)} positions of a satellite receiver, {len(section.marks)} marks"
+    )
     lines += [*section.history, *_fix_doubts(section)]
     if section.gather:
         lines.append("flgpr import gpr refuses it, for a run is a line of one offset")
         return section.format, lines
-    lines.append(f"to import it: flgpr import gpr {shlex.quote(str(path))} -o {shlex.quote(path.stem)}.zarr")
+    lines.append(
+        f"to import it: flgpr import gpr {shlex.quote(str(path))} -o {shlex.quote(path.stem)}.zarr"
+    )
     return section.format, lines
 
 
-def _delay(told: NDArray[np.float64], zero: float | None, window: float | None) -> NDArray[np.float64]:
+def _delay(
+    told: NDArray[np.float64], zero: float | None, window: float | None
+) -> NDArray[np.float64]:
     """Lay a given time window and time zero over the delays that the headers tell."""
     interval = (told[1] - told[0]) if window is None else window / told.size
     if not 1e-13 <= interval <= 1e-6:
-        raise ValueError(f"window must make the samples 1e-4 to 1e3 ns apart, got {interval * 1e9:g} ns")
+        raise ValueError(
+            f"window must make the samples 1e-4 to 1e3 ns apart, got {interval * 1e9:g} ns"
+        )
     first = -told[0] * interval / (told[1] - told[0]) if zero is None else zero
     if not abs(first) <= 100 * interval * told.size:
-        raise ValueError(f"time zero must lie near the record of {interval * told.size:g} s, got {first:g} s")
+        raise ValueError(
+            f"time zero must lie near the record of {interval * told.size:g} s, got {first:g} s"
+        )
     return np.arange(told.size) * interval - first
 
 
-def _band(given: tuple[float, float] | None, nominal: float | None, delay: NDArray[np.float64]) -> tuple[float, float]:
+def _band(
+    given: tuple[float, float] | None, nominal: float | None, delay: NDArray[np.float64]
+) -> tuple[float, float]:
     interval = float(delay[1] - delay[0])
     nyquist = 0.5 / interval
     lowest = max(_LOWEST, 1 / (interval * delay.size))
@@ -166,14 +200,21 @@ def _band(given: tuple[float, float] | None, nominal: float | None, delay: NDArr
 
 
 def _poses(
-    section: GprSection, step: float | None, height: float, anchor: Anchor | None, topography: bool, notes: list[str]
+    section: GprSection,
+    step: float | None,
+    height: float,
+    anchor: Anchor | None,
+    topography: bool,
+    notes: list[str],
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Give the traces that have a pose, and their poses."""
     count = len(section.traces)
     if anchor is not None:
         if len(section.fixes) < 2:
             got = len(section.fixes)
-            raise ValueError(f"{section.path}: an anchor needs positions of two traces or more, got {got}")
+            raise ValueError(
+                f"{section.path}: an anchor needs positions of two traces or more, got {got}"
+            )
         place = anchor.from_geodetic(section.fixes[:, 1:])
         ground = place[:, 2].copy()
         place[:, 2] = height
@@ -184,10 +225,14 @@ def _poses(
         heading = np.interp(at, at[some], np.unwrap(course(place[some])))
         track = make_track(at, place, heading)
         keep = np.arange(math.ceil(at[0]), math.floor(at[-1]) + 1)
-        notes.append(f"{len(keep)} of {count} traces lie between positions of the satellite receiver and are kept")
+        notes.append(
+            f"{len(keep)} of {count} traces lie between positions of the satellite receiver and are kept"
+        )
         return keep, poses_at(track, keep)
     if topography:
-        raise ValueError("topography needs an anchor and a receiver's heights: give --anchor or --anchor-from-track")
+        raise ValueError(
+            "topography needs an anchor and a receiver's heights: give --anchor or --anchor-from-track"
+        )
     if step is not None and not 1e-5 <= step <= 1e3:
         raise ValueError(f"step must be from 1e-5 to 1e3 m, got {step:g}")
     along = section.distance if step is None else step * np.arange(count)
@@ -196,7 +241,9 @@ def _poses(
         raise ValueError(f"{section.path}: its headers tell no trace spacing: give the step{more}")
     notes.append("the line is put along +y of the lane, at x = 0")
     if len(section.fixes):
-        notes.append(f"{len(section.fixes)} positions of the satellite receiver are not used: they need an anchor")
+        notes.append(
+            f"{len(section.fixes)} positions of the satellite receiver are not used: they need an anchor"
+        )
     pose = np.zeros((count, 6))
     pose[:, 1] = along
     pose[:, 2] = height
@@ -209,7 +256,9 @@ def _topography(
     """Return what the receiver's heights (fix,), m in the lane, add to the antennas'; what is not used is told."""
     if not anchor.heights_known or not np.isfinite(ground).all():
         if wanted:
-            raise ValueError(f"{section.path}: topography needs an anchor with heights and a height of every position")
+            raise ValueError(
+                f"{section.path}: topography needs an anchor with heights and a height of every position"
+            )
         return np.zeros(ground.size)
     low = float(ground.min())
     high = float(ground.max())
@@ -286,10 +335,15 @@ def _near_by_distance(
 def _judge_fixes(section: GprSection, place: NDArray[np.float64]) -> Motion:
     """Judge places (fix, 3), m, of the receiver as those of a vehicle, by their times where these go on."""
     pose = np.concatenate([place, np.zeros_like(place)], axis=1)
-    # Fixes may be as many traces apart as they like, and a receiver without corrections wanders from fix to fix.
+    # Fixes may be as many traces apart as they like, and a receiver without corrections wanders
+    # from fix to fix.
     limits = MotionLimits(scans=int(LARGEST), acceleration=1000.0)
     time = section.fix_time
-    timed = time.size == len(place) and bool((np.diff(time) > 0).any()) and not bool((np.diff(time) < 0).any())
+    timed = (
+        time.size == len(place)
+        and bool((np.diff(time) > 0).any())
+        and not bool((np.diff(time) < 0).any())
+    )
     if not timed and section.time is not None:
         time = np.interp(section.fixes[:, 0], np.arange(len(section.time)), section.time)
         timed = True
@@ -308,7 +362,10 @@ def _fix_doubts(section: GprSection) -> list[str]:
     place = _EARTH * np.stack([east, latitude - middle, np.zeros_like(east)], axis=1)
     lines: list[str] = []
     at, kept = _plausible_fixes(section, place, lines)
-    lines = [line.replace("left out, which", "an import with an anchor leaves out, which") for line in lines]
+    lines = [
+        line.replace("left out, which", "an import with an anchor leaves out, which")
+        for line in lines
+    ]
     if section.distance is not None and len(at) > 1:
         way = float(np.hypot(*np.diff(kept[:, :2], axis=0).T).sum())
         first = int(np.ceil(at[0]))
@@ -335,10 +392,18 @@ def _given_instead(
     }
     lines = []
     for name, (given, own, unit) in told.items():
-        if given is not None and own is not None and not math.isclose(given, own, rel_tol=1e-9, abs_tol=1e-15):
-            lines.append(f"{name} {given:.6g} {unit} is given in place of the file's, {own:.6g} {unit}")
+        if (
+            given is not None
+            and own is not None
+            and not math.isclose(given, own, rel_tol=1e-9, abs_tol=1e-15)
+        ):
+            lines.append(
+                f"{name} {given:.6g} {unit} is given in place of the file's, {own:.6g} {unit}"
+            )
     if step is not None and section.distance is not None:
-        lines.append(f"equal steps of {step:.6g} m are given in place of the file's {section.distance.size} places")
+        lines.append(
+            f"equal steps of {step:.6g} m are given in place of the file's {section.distance.size} places"
+        )
     return lines
 
 
@@ -346,5 +411,8 @@ def _spectra(
     traces: NDArray[np.floating], delay: NDArray[np.float64], band: tuple[float, float]
 ) -> tuple[NDArray[np.complex64], NDArray[np.float64]]:
     """Take traces to frequency in blocks, for a transform of all at once takes many times their room."""
-    parts = [impulse_to_frequency(traces[k : k + _BLOCK], delay, band) for k in range(0, len(traces), _BLOCK)]
+    parts = [
+        impulse_to_frequency(traces[k : k + _BLOCK], delay, band)
+        for k in range(0, len(traces), _BLOCK)
+    ]
     return np.concatenate([part.astype(np.complex64) for part, _ in parts]), parts[0][1]

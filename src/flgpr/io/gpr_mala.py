@@ -32,13 +32,17 @@ def read_mala(path: Path, limit: int) -> dict[str, Any]:
     table = read_records(path, 0, np.dtype((sample, samples)), stated, notes, limit)
     step = head.number("DISTANCE INTERVAL", -1e4, 1e4, False)
     if head.text("DISTANCE FLAG") == "0" and step:
-        notes.append(f"DISTANCE FLAG is 0: no wheel was used, and DISTANCE INTERVAL ({step:g} m) is not")
+        notes.append(
+            f"DISTANCE FLAG is 0: no wheel was used, and DISTANCE INTERVAL ({step:g} m) is not"
+        )
         step = None
     notes.append(ZERO_ASSUMED)
     seconds = head.number("TIME INTERVAL", 0, 1e6, False)
     timed = bool(seconds) and head.text("TIME FLAG") == "1"
     if timed:
-        notes.append(f"the traces' clock is that of a trace every {seconds:g} s, by TIME INTERVAL in the header")
+        notes.append(
+            f"the traces' clock is that of a trace every {seconds:g} s, by TIME INTERVAL in the header"
+        )
     antenna = head.text("ANTENNAS", "ANTENNA")
     frequency = antenna_frequency(antenna, "MALÅ")
     note_antenna(antenna, frequency, notes)
@@ -71,7 +75,9 @@ def read_impulse(path: Path, limit: int) -> dict[str, Any]:
         raise ValueError(f"{head.path.name}: DATA VERSION must be 16 or 32, got {bits:g}")
     kind = np.dtype(("<i4" if bits == 32 else "<i2", samples))
     table = read_records(path, 0, kind, head.number("LAST TRACE", 0, 1e9, False), notes, limit)
-    own, wheel = (head.number(f"{name}DISTANCE INTERVAL", -1e4, 1e4, False) for name in ("USER ", ""))
+    own, wheel = (
+        head.number(f"{name}DISTANCE INTERVAL", -1e4, 1e4, False) for name in ("USER ", "")
+    )
     name = "USER DISTANCE INTERVAL" if own else "DISTANCE INTERVAL"
     step = own or wheel
     if head.text("TRIG SOURCE").lower().startswith("time") and step:

@@ -39,26 +39,34 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
     blocks = descriptor.get("dataBlockDescriptors")
     named = {str(one.get("type")): one for one in blocks or [] if isinstance(one, dict)}
     if "Radar Volume" not in named:
-        raise ValueError(f"its descriptor must name a block Radar Volume, got {', '.join(named) or 'none'}")
+        raise ValueError(
+            f"its descriptor must name a block Radar Volume, got {', '.join(named) or 'none'}"
+        )
     notes: list[str] = []
     volume = named["Radar Volume"]
     values = _radar_volume(path, volume, (slices, channels, samples), limit, notes)
     radar = _table(volume, "radar")
     interval = _number(radar, "samplingTime_ns", _INTERVALS[0] * 1e9, _INTERVALS[1] * 1e9) * 1e-9
     step = _number(radar, "samplingStep_m", 0.0, 1e3)
-    megahertz = radar.get("frequency_MHz", radar.get("fequency_MHz"))  # the second is how recorders spell it
+    megahertz = radar.get(
+        "frequency_MHz", radar.get("fequency_MHz")
+    )  # the second is how recorders spell it
     frequency = None
     if isinstance(megahertz, int | float) and 1 <= megahertz <= 1e5:
         frequency = float(megahertz) * 1e6
     notes.append("the descriptor tells no time zero: it is put at the first sample")
-    place, fixes = _places(path, named.get("Sample Geolocations"), (slices, channels, samples), notes)
+    place, fixes = _places(
+        path, named.get("Sample Geolocations"), (slices, channels, samples), notes
+    )
     others = sorted(set(named) - {"Radar Volume", "Sample Geolocations"})
     if others:
         notes.append(f"blocks found and not understood: {', '.join(others)}")
     distance = None
     if place is not None:
         distance = np.append(0.0, np.hypot(*np.diff(place[:, :2], axis=0).T).cumsum())
-        notes.append("the distance along the line is that of the traces' coordinates, of the first channel")
+        notes.append(
+            "the distance along the line is that of the traces' coordinates, of the first channel"
+        )
     elif step > 0:
         distance = step * np.arange(slices)
         notes.append(f"traces are put at equal steps of {step:g} m, by samplingStep_m")
@@ -79,11 +87,15 @@ def _descriptor_of(path: Path) -> dict[str, Any]:
     raw = first_bytes(path, _PREAMBLE + _LARGEST_DESCRIPTOR)
     if not raw.startswith(b"ogpr\n"):
         raise ValueError(f"it must begin with the line ogpr, got {raw[:8]!r}")
-    text = raw[_PREAMBLE:].decode("latin-1")  # every byte is a letter, so that the end of the JSON is found
+    text = raw[_PREAMBLE:].decode(
+        "latin-1"
+    )  # every byte is a letter, so that the end of the JSON is found
     try:
         _, end = json.JSONDecoder().raw_decode(text.lstrip())
     except ValueError as error:
-        raise ValueError(f"its descriptor must be JSON of at most {_LARGEST_DESCRIPTOR} bytes: {error}") from None
+        raise ValueError(
+            f"its descriptor must be JSON of at most {_LARGEST_DESCRIPTOR} bytes: {error}"
+        ) from None
     except RecursionError:
         raise ValueError("its descriptor must not be nested so deeply") from None
     begin = len(text) - len(text.lstrip())
@@ -120,7 +132,9 @@ def _block(path: Path, block: dict[str, Any]) -> tuple[int, int]:
     offset = _count(block, "byteOffset", 0, 2**62)
     length = _count(block, "byteSize", 1, 2**62)
     if offset + length > size:
-        raise ValueError(f"block {block.get('type')} must end within the file's {size} bytes, got {offset + length}")
+        raise ValueError(
+            f"block {block.get('type')} must end within the file's {size} bytes, got {offset + length}"
+        )
     return offset, length
 
 
@@ -135,10 +149,14 @@ def _radar_volume(
             f"block Radar Volume must hold {' x '.join(map(str, shape))} samples of 2 or 4 bytes, got {length} bytes"
         )
     if 4 * count * 2 > limit:
-        raise ValueError(f"it must fit into {limit / 1e9:.3g} GB, its traces take {8 * count / 1e9:.3g} GB")
+        raise ValueError(
+            f"it must fit into {limit / 1e9:.3g} GB, its traces take {8 * count / 1e9:.3g} GB"
+        )
     stated = str(block.get("valueType", "")).lower()
     if stated and stated.startswith("float") != (width == 4):
-        notes.append(f"valueType {stated!r} does not fit samples of {width} bytes: they are read as {_TYPES[width]}")
+        notes.append(
+            f"valueType {stated!r} does not fit samples of {width} bytes: they are read as {_TYPES[width]}"
+        )
     with open_named(path) as file:
         file.seek(offset)
         values = np.frombuffer(file.read(length), dtype=_TYPES[width]).reshape(shape)
@@ -158,17 +176,27 @@ def _places(
     offset, length = _block(path, block)
     slices, channels, samples = shape
     if length not in {24 * slices * channels * samples, 24 * slices * channels, 24 * slices}:
-        notes.append(f"Sample Geolocations of {length} bytes found, not understood: positions are not read")
+        notes.append(
+            f"Sample Geolocations of {length} bytes found, not understood: positions are not read"
+        )
         return None, none
-    stride = length // slices  # the first place of a slice is that of its first channel's first sample
+    stride = (
+        length // slices
+    )  # the first place of a slice is that of its first channel's first sample
     raw = bytearray()
     with open_named(path) as file:
         for number in range(slices):
             file.seek(offset + number * stride)
             raw += file.read(24)
     place = np.frombuffer(bytes(raw), dtype="<f8").reshape(slices, 3).astype(np.float64)
-    if not np.isfinite(place).all() or np.abs(place).max() > 1e8 or not np.ptp(place[:, :2], axis=0).any():
-        notes.append("Sample Geolocations are not finite, or all at one place: positions are not read")
+    if (
+        not np.isfinite(place).all()
+        or np.abs(place).max() > 1e8
+        or not np.ptp(place[:, :2], axis=0).any()
+    ):
+        notes.append(
+            "Sample Geolocations are not finite, or all at one place: positions are not read"
+        )
         return None, none
     system = block.get("srs")
     code = system.get("value") if isinstance(system, dict) else None
@@ -180,7 +208,9 @@ def _places(
     try:
         lonlat = lonlat_of(place[:, :2], f"EPSG:{code}")
     except ValueError as error:
-        notes.append(f"Sample Geolocations in EPSG:{code} are no places there, and give the distance alone: {error}")
+        notes.append(
+            f"Sample Geolocations in EPSG:{code} are no places there, and give the distance alone: {error}"
+        )
         return place, none
     table = np.column_stack([np.arange(slices, dtype=np.float64), lonlat, place[:, 2]])
     notes.append(f"heights are taken as ellipsoidal: EPSG:{code} does not tell")

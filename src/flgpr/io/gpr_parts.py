@@ -83,22 +83,35 @@ def first_bytes(path: Path, size: int, start: int = 0) -> bytes:
 def find_beside(path: Path, suffix: str) -> Path | None:
     """Return the file of the same name and another ending, in any case, if it is there."""
     wanted = (path.stem + suffix).lower()
-    return next((one for one in sorted(path.parent.iterdir()) if one.name.lower() == wanted and one.is_file()), None)
+    return next(
+        (
+            one
+            for one in sorted(path.parent.iterdir())
+            if one.name.lower() == wanted and one.is_file()
+        ),
+        None,
+    )
 
 
 def read_header(path: Path, suffix: str, mark: str, notes: list[str]) -> Header:
     """Read the text header beside a recording; no such file is a :class:`MissingHeaderError`."""
     beside = find_beside(path, suffix)
     if beside is None:
-        raise MissingHeaderError(f"{path}: its header {path.stem}{suffix} must lie beside it, it does not")
+        raise MissingHeaderError(
+            f"{path}: its header {path.stem}{suffix} must lie beside it, it does not"
+        )
     pairs = (line.partition(mark) for line in text_beside(beside, notes).splitlines())
-    return Header(beside, {name.strip().upper(): value.strip() for name, found, value in pairs if found})
+    return Header(
+        beside, {name.strip().upper(): value.strip() for name, found, value in pairs if found}
+    )
 
 
 def text_beside(path: Path, notes: list[str]) -> str:
     """Read a text file that lies beside a recording, in any of the encodings of :mod:`flgpr.io.text`."""
     if path.stat().st_size > LARGEST_TEXT:
-        raise ValueError(f"{path.name} must hold at most {LARGEST_TEXT} bytes, got {path.stat().st_size}")
+        raise ValueError(
+            f"{path.name} must hold at most {LARGEST_TEXT} bytes, got {path.stat().st_size}"
+        )
     return decode_text(read_named(path), path.name, notes)
 
 
@@ -116,35 +129,53 @@ def count_records(
     room = path.stat().st_size - start - end
     count, rest = divmod(max(room, 0), size)
     if count < 1:
-        raise ValueError(f"it must hold at least one trace of {size} bytes after {start}, the file has {room + start}")
+        raise ValueError(
+            f"it must hold at least one trace of {size} bytes after {start}, the file has {room + start}"
+        )
     if count * size * grow > limit:
-        raise ValueError(f"it must fit into {limit / 1e9:.3g} GB, its traces take {count * size * grow / 1e9:.3g} GB")
+        raise ValueError(
+            f"it must fit into {limit / 1e9:.3g} GB, its traces take {count * size * grow / 1e9:.3g} GB"
+        )
     if rest:
         notes.append(f"the last trace is cut off and left out ({rest} of {size} bytes)")
     if stated is not None and count < stated - 1:  # headers count from 0 or from 1
         notes.append(f"truncated: the header tells {stated:g} traces, the file holds {count}")
     if stated is not None and count > stated + 1:
-        notes.append(f"the header tells {stated:g} traces, the file holds {count}, all of which are read")
+        notes.append(
+            f"the header tells {stated:g} traces, the file holds {count}, all of which are read"
+        )
     return count
 
 
 def read_records(
-    path: Path, start: int, kind: np.dtype[Any], stated: float | None, notes: list[str], limit: int, end: int = 0
+    path: Path,
+    start: int,
+    kind: np.dtype[Any],
+    stated: float | None,
+    notes: list[str],
+    limit: int,
+    end: int = 0,
 ) -> NDArray[Any]:
     """Read records of one length from ``start`` on to ``end`` bytes before the end of the file."""
     narrow = kind.base.itemsize if kind.fields is None else kind["samples"].base.itemsize
-    count = count_records(path, start, kind.itemsize, stated, notes, limit, 4 if narrow == 1 else 2, end)
+    count = count_records(
+        path, start, kind.itemsize, stated, notes, limit, 4 if narrow == 1 else 2, end
+    )
     return np.fromfile(path, dtype=kind, count=count, offset=start)
 
 
 def exact_floats(samples: NDArray[Any]) -> NDArray[np.floating[Any]]:
     """Return samples as floating point in which every count is exact."""
-    wide = samples.dtype.itemsize > 4 or (samples.dtype.itemsize == 4 and samples.dtype.kind in "iu")
+    wide = samples.dtype.itemsize > 4 or (
+        samples.dtype.itemsize == 4 and samples.dtype.kind in "iu"
+    )
     with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
         real: NDArray[np.floating[Any]] = samples.astype(np.float64 if wide else np.float32)
     size = np.abs(real[np.isfinite(real)]).max(initial=0.0)
     if size > 1e30:
-        raise ValueError(f"samples must be below 1e30 in magnitude, got {size:g}: is the byte order wrong?")
+        raise ValueError(
+            f"samples must be below 1e30 in magnitude, got {size:g}: is the byte order wrong?"
+        )
     return real
 
 
@@ -175,7 +206,9 @@ def measured_places(
     usable = np.isfinite(place) & (np.abs(np.nan_to_num(place)) < FARTHEST)
     if place.size < 2 or np.count_nonzero(usable) < 2 or np.ptp(place[usable]) == 0:
         if place.size > 1 and np.count_nonzero(usable) < place.size:
-            notes.append(f"{np.count_nonzero(~usable)} of {place.size} {where} are no places and are not used")
+            notes.append(
+                f"{np.count_nonzero(~usable)} of {place.size} {where} are no places and are not used"
+            )
         return equal_steps(place.size, step, nominal, notes)
     trace = np.arange(place.size)
     filled = np.interp(trace, trace[usable], place[usable])

@@ -17,7 +17,15 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.io.gpr_parts import DAY, FOOT, FloatArray, find_beside, is_header_line, length_unit, text_beside
+from flgpr.io.gpr_parts import (
+    DAY,
+    FOOT,
+    FloatArray,
+    find_beside,
+    is_header_line,
+    length_unit,
+    text_beside,
+)
 
 NO_FIXES: FloatArray = np.empty((0, 4))
 _SENTENCE = re.compile(r"\$[A-Z]{2}(GGA|RMC),([^*\"\s]*)")
@@ -44,8 +52,12 @@ class Fix(NamedTuple):
 class Fixes:
     """The positions that are used, in the order of their traces."""
 
-    table: FloatArray = field(default_factory=lambda: NO_FIXES)  #: (fix, 4): trace, longitude, latitude, height
-    time: FloatArray = field(default_factory=lambda: np.empty(0))  #: (fix,) s of the first day, NaN where unknown
+    table: FloatArray = field(
+        default_factory=lambda: NO_FIXES
+    )  #: (fix, 4): trace, longitude, latitude, height
+    time: FloatArray = field(
+        default_factory=lambda: np.empty(0)
+    )  #: (fix,) s of the first day, NaN where unknown
 
 
 def nmea_fixes(
@@ -92,7 +104,9 @@ def nmea_fixes(
     if not sentences:
         notes.append(f"{path.name} was found and holds no position that is understood")
     if unusable:
-        notes.append(f"{unusable} of {sentences} sentences of {path.name} tell no position (the receiver had no fix)")
+        notes.append(
+            f"{unusable} of {sentences} sentences of {path.name} tell no position (the receiver had no fix)"
+        )
     if nowhere:
         notes.append(f"{nowhere} positions of {path.name} name no trace and are not used")
     if found["RMC"] and not found["GGA"]:
@@ -113,7 +127,9 @@ def _fix_of_sentence(kind: str, cells: Sequence[str], trace: int | None) -> Fix 
         return None
     latitude = -latitude if cells[lowest + 1] == "S" else latitude
     longitude = -longitude if cells[lowest + 3] == "W" else longitude
-    return Fix(np.nan if trace is None else trace, longitude, latitude, height, _clock_time(cells[0]))
+    return Fix(
+        np.nan if trace is None else trace, longitude, latitude, height, _clock_time(cells[0])
+    )
 
 
 def _nmea_degrees(text: str) -> float:
@@ -165,7 +181,9 @@ def cor_fixes(path: Path | None, count: int, notes: list[str]) -> Fixes:
         else:
             found.append(fix)
     if strange:
-        notes.append(f"{strange} of {strange + len(found)} lines of {path.name} were not understood and are left out")
+        notes.append(
+            f"{strange} of {strange + len(found)} lines of {path.name} were not understood and are left out"
+        )
     return settle_fixes(found, count, notes, path.name)
 
 
@@ -186,7 +204,13 @@ def _fix_of_row(cells: Sequence[str]) -> Fix | None:
     if latitude is None or longitude is None:
         return None
     height = _HEIGHT.match(cells[at]) if at < len(cells) else None
-    return Fix(float(cells[0]) - 1, longitude, latitude, float(height[0]) if height else np.nan, _clock_time(cells[2]))
+    return Fix(
+        float(cells[0]) - 1,
+        longitude,
+        latitude,
+        float(height[0]) if height else np.nan,
+        _clock_time(cells[2]),
+    )
 
 
 def _angle_at(cells: Sequence[str], at: int, letters: str) -> tuple[float | None, int]:
@@ -228,12 +252,20 @@ def settle_fixes(
     table = _on_own_lines(table, notes, name, numbers)
     nowhere = (table[:, 1] == 0) & (table[:, 2] == 0)
     if nowhere.any():
-        notes.append(f"{np.count_nonzero(nowhere)} of {len(found)} positions left out: 0 N 0 E, where no receiver was")
-    good = np.isfinite(table[:, :3]).all(axis=1) & (np.abs(table[:, 1]) <= 180) & (np.abs(table[:, 2]) <= 90)
+        notes.append(
+            f"{np.count_nonzero(nowhere)} of {len(found)} positions left out: 0 N 0 E, where no receiver was"
+        )
+    good = (
+        np.isfinite(table[:, :3]).all(axis=1)
+        & (np.abs(table[:, 1]) <= 180)
+        & (np.abs(table[:, 2]) <= 90)
+    )
     good &= (table[:, 0] >= 0) & (table[:, 0] < count) & ~(np.abs(table[:, 3]) >= 1e5)
     if not (good | nowhere).all():
         lost = np.count_nonzero(~(good | nowhere))
-        notes.append(f"{lost} of {len(found)} positions left out: no place on the Earth, or no trace")
+        notes.append(
+            f"{lost} of {len(found)} positions left out: no place on the Earth, or no trace"
+        )
     table = table[good & ~nowhere]
     table[:, 4] = _over_midnight(table[:, 4])
     back = np.diff(table[:, 4]) < 0
@@ -241,11 +273,15 @@ def settle_fixes(
         notes.append(f"the receiver's clock in {name} goes back {np.count_nonzero(back)} times")
     first = np.unique(table[:, 0], return_index=True)[1]
     if first.size < len(table):
-        notes.append(f"{len(table) - first.size} positions are further ones of the same trace: its first is used")
+        notes.append(
+            f"{len(table) - first.size} positions are further ones of the same trace: its first is used"
+        )
     table = table[first]
     flat = np.isnan(table[:, 3])
     if flat.any():
-        notes.append(f"{np.count_nonzero(flat)} of {len(table)} positions tell no height: 0 m is taken")
+        notes.append(
+            f"{np.count_nonzero(flat)} of {len(table)} positions tell no height: 0 m is taken"
+        )
         table[flat, 3] = 0.0
     return Fixes(table[:, :4], table[:, 4])
 
@@ -272,9 +308,13 @@ def _on_own_lines(
         own = np.arange(edges[line], edges[line + 1])
         mine = np.flatnonzero(line_of_fix == line)
         match = np.searchsorted(numbers[own], table[mine, 0] + 1)
-        known = (match < own.size) & (numbers[own][np.minimum(match, own.size - 1)] == table[mine, 0] + 1)
+        known = (match < own.size) & (
+            numbers[own][np.minimum(match, own.size - 1)] == table[mine, 0] + 1
+        )
         placed[mine, 0] = np.where(known, own[np.minimum(match, own.size - 1)], np.nan)
-    notes.append(f"{len(edges) - 1} lines were merged: the positions of {name} are put on the traces of their own line")
+    notes.append(
+        f"{len(edges) - 1} lines were merged: the positions of {name} are put on the traces of their own line"
+    )
     return placed
 
 
@@ -312,12 +352,16 @@ def read_dzx(path: Path | None, count: int, notes: list[str]) -> DzxContent:
             raise ValueError("it declares entities")
         root = ElementTree.fromstring(re.sub(r"^\s*<\?xml[^>]*\?>", "", text))  # noqa: S314  # entities are refused
     except (ValueError, ElementTree.ParseError) as error:
-        notes.append(f"{path.name} was found and not understood: {' '.join(str(error).split())[:120]}")
+        notes.append(
+            f"{path.name} was found and not understood: {' '.join(str(error).split())[:120]}"
+        )
         return DzxContent()
     unit = _text_of(root, "horizontalUnit")
     scale = length_unit(unit or "m")
     if scale is None:
-        notes.append(f"{path.name} has lengths in {unit[:20]!r}, which is no unit that is known: they are not used")
+        notes.append(
+            f"{path.name} has lengths in {unit[:20]!r}, which is no unit that is known: they are not used"
+        )
     spacing = _number(_text_of(root, "unitsPerScan"))
     marks: set[int] = set()
     distances: list[tuple[float, float]] = []

@@ -41,7 +41,13 @@ _FORMATS = {
 }  # fmt: skip
 """Types of the codes of sample formats; the first is IBM's floating point."""
 _IBM = 1
-_NOT_READ = {4: "fixed point with gain", 7: "24 bit", 9: "64 bit", 12: "64 bit unsigned", 15: "24 bit unsigned"}
+_NOT_READ = {
+    4: "fixed point with gain",
+    7: "24 bit",
+    9: "64 bit",
+    12: "64 bit unsigned",
+    15: "24 bit unsigned",
+}
 _ORDERS = {b"\x01\x02\x03\x04": ">", b"\x04\x03\x02\x01": "<"}
 _MOST_HEADERS = 1000  # extra text headers, or extra headers of a trace
 _END_TEXT = re.compile(r"\s*\(\(\s*SEG\s*:\s*ENDTEXT\s*\)\)", re.IGNORECASE)
@@ -78,15 +84,21 @@ def read_segy(path: Path, limit: int) -> dict[str, Any]:
     revision = _revision_of(raw, order, notes)
     layout = _layout_of(path, raw, order, code, revision, notes)
     interval = _interval_of(raw, order, revision, notes)
-    notes.append("the sample interval is taken as picoseconds, as radars write it; SEG-Y itself has microseconds")
+    notes.append(
+        "the sample interval is taken as picoseconds, as radars write it; SEG-Y itself has microseconds"
+    )
     notes.append(ZERO_ASSUMED)
-    table = read_records(path, layout.start, _record(layout, order, code), None, notes, limit, layout.end)
+    table = read_records(
+        path, layout.start, _record(layout, order, code), None, notes, limit, layout.end
+    )
     traces = exact_floats(_ibm(table["samples"]) if code == _IBM else table["samples"])
     _check_trace_headers(table, layout.samples, notes)
     dead = np.isin(table["identification"], _DEAD)
     if dead.any():
         traces[dead] = np.nan
-        notes.append(f"{np.count_nonzero(dead)} traces without data, as their headers say (dead or dummy)")
+        notes.append(
+            f"{np.count_nonzero(dead)} traces without data, as their headers say (dead or dummy)"
+        )
     distance, fixes, separation = _geometry(table, _unit_of_length(raw, order, notes), notes)
     return {
         "traces": traces[:, None],
@@ -110,7 +122,9 @@ def _order_and_format(raw: bytes) -> tuple[str, int]:
     swapped = struct.unpack_from("<H", raw, 3224)[0]
     known = _NOT_READ.get(code) or _NOT_READ.get(swapped)
     what = f" ({known}, which is not read)" if known else ""
-    raise ValueError(f"the code of its sample format must be one of {', '.join(map(str, _FORMATS))}, got {code}{what}")
+    raise ValueError(
+        f"the code of its sample format must be one of {', '.join(map(str, _FORMATS))}, got {code}{what}"
+    )
 
 
 def _revision_of(raw: bytes, order: str, notes: list[str]) -> tuple[int, int]:
@@ -124,7 +138,9 @@ def _revision_of(raw: bytes, order: str, notes: list[str]) -> tuple[int, int]:
     if major == 2:
         notes.append(f"SEG-Y revision {major}.{minor}")
     elif major > 2:
-        notes.append(f"its revision word is {major}.{minor}, which does not exist: it is read as revision 1")
+        notes.append(
+            f"its revision word is {major}.{minor}, which does not exist: it is read as revision 1"
+        )
     return major, minor
 
 
@@ -146,17 +162,23 @@ def _layout_of(
         start = first if _HEAD <= first < size else _HEAD + _STANZA * headers
         candidates.append(_Layout(start, _TRACE_HEAD * (1 + more), samples, end))
     if not candidates:
-        raise ValueError("it must tell the number of samples, in its binary header or its first trace header, got none")
+        raise ValueError(
+            "it must tell the number of samples, in its binary header or its first trace header, got none"
+        )
     marks = [_agreement(path, layout, order, width, size) for layout in candidates]
     best = candidates[int(np.argmax(marks))]  # the first of equals is what the headers state
     if best.head > _TRACE_HEAD:
-        notes.append(f"every trace has {best.head // _TRACE_HEAD - 1} extra headers, which are passed over")
+        notes.append(
+            f"every trace has {best.head // _TRACE_HEAD - 1} extra headers, which are passed over"
+        )
     elif told:
         notes.append(f"it tells {told} extra headers of every trace; the file's size shows none")
     if not stated or best.samples != stated[0]:
         notes.append(f"the number of samples, {best.samples}, is that of the trace headers")
     if best.start != candidates[0].start:
-        notes.append(f"its traces begin at byte {best.start}, not at {candidates[0].start} as its header tells")
+        notes.append(
+            f"its traces begin at byte {best.start}, not at {candidates[0].start} as its header tells"
+        )
     if end:
         notes.append(f"{trailer} stanzas behind the traces are not read")
     return best
@@ -166,7 +188,11 @@ def _sample_counts(raw: bytes, order: str, extended: bool) -> tuple[list[int], l
     """Return the samples of a trace that the binary header tells, and others that the file may mean."""
     (stated,) = struct.unpack_from(f"{order}H", raw, 3220)
     (more,) = struct.unpack_from(f"{order}i", raw, 3268)
-    own = struct.unpack_from(f"{order}H", raw, _HEAD + 114)[0] if len(raw) >= _HEAD + _TRACE_HEAD else 0
+    own = (
+        struct.unpack_from(f"{order}H", raw, _HEAD + 114)[0]
+        if len(raw) >= _HEAD + _TRACE_HEAD
+        else 0
+    )
     first = [stated] if stated >= 2 else []
     if extended and 2 <= more <= MOST_SAMPLES and stated < 2:
         first = [more]
@@ -216,7 +242,11 @@ def _interval_of(raw: bytes, order: str, revision: tuple[int, int], notes: list[
     """Return the sample interval, s: of the binary header, of revision 2's long word, or of the first trace header."""
     (stated,) = struct.unpack_from(f"{order}H", raw, 3216)
     (long,) = struct.unpack_from(f"{order}d", raw, 3272)
-    own = struct.unpack_from(f"{order}H", raw, _HEAD + 116)[0] if len(raw) >= _HEAD + _TRACE_HEAD else 0
+    own = (
+        struct.unpack_from(f"{order}H", raw, _HEAD + 116)[0]
+        if len(raw) >= _HEAD + _TRACE_HEAD
+        else 0
+    )
     if stated >= 1:
         if own not in (0, stated):
             notes.append(
@@ -229,7 +259,9 @@ def _interval_of(raw: bytes, order: str, revision: tuple[int, int], notes: list[
         notes.append(f"the sample interval, {own}, is that of the first trace header")
         interval = float(own)
     else:
-        raise ValueError("it must tell the sample interval, in its binary header or its trace headers, got 0")
+        raise ValueError(
+            "it must tell the sample interval, in its binary header or its trace headers, got 0"
+        )
     if not INTERVALS[0] <= interval * 1e-12 <= INTERVALS[1]:
         raise ValueError(f"its sample interval must be from 0.1 to 1e6 ps, got {interval:g}")
     return interval * 1e-12
@@ -239,7 +271,10 @@ def _record(layout: _Layout, order: str, code: int) -> np.dtype[Any]:
     """Return the type of a trace with the words of its header that are looked at."""
     fields: Any = {
         "names": [*_WORDS, "samples"],
-        "formats": [*(order + kind for kind, _ in _WORDS.values()), (order + _FORMATS[code], layout.samples)],
+        "formats": [
+            *(order + kind for kind, _ in _WORDS.values()),
+            (order + _FORMATS[code], layout.samples),
+        ],
         "offsets": [*(at for _, at in _WORDS.values()), layout.head],
         "itemsize": layout.head + layout.samples * np.dtype(_FORMATS[code]).itemsize,
     }
@@ -271,7 +306,9 @@ def _unit_of_length(raw: bytes, order: str, notes: list[str]) -> float:
     """Return the unit of coordinates that are lengths, m."""
     system = struct.unpack_from(f"{order}H", raw, 3254)[0]
     if system not in (0, 1, 2):
-        notes.append(f"its measurement system is {system}, which does not exist: lengths are taken as metres")
+        notes.append(
+            f"its measurement system is {system}, which does not exist: lengths are taken as metres"
+        )
     return FOOT if system == 2 else 1.0
 
 
@@ -293,12 +330,17 @@ def _geometry(
     name, place = next(iter(places.items()))
     units = np.unique(table["unit"])
     if units.size > 1:
-        notes.append(f"its traces have {units.size} units of coordinates: the {_PLACES[name]} are not used")
+        notes.append(
+            f"its traces have {units.size} units of coordinates: the {_PLACES[name]} are not used"
+        )
         return None, Fixes(), None
     unit = int(units[0])
     if unit in (2, 3, 4):  # seconds of arc, degrees, and degrees, minutes and seconds as digits
         degrees = _sexagesimal(place) if unit == 4 else place / (3600 if unit == 2 else 1)
-        fixes = [Fix(float(trace), pair[0], pair[1], np.nan) for trace, pair in enumerate(degrees.tolist())]
+        fixes = [
+            Fix(float(trace), pair[0], pair[1], np.nan)
+            for trace, pair in enumerate(degrees.tolist())
+        ]
         notes.append(f"the positions are the {_PLACES[name]} of the traces")
         return None, settle_fixes(fixes, len(table), notes, "the trace headers"), None
     if unit != 1:
@@ -313,7 +355,9 @@ def _geometry(
         )
         place = _between_neighbours(place, somewhere)
     way = np.append(0.0, np.hypot(*np.diff(place, axis=0).T).cumsum()) * metre
-    notes.append(f"the distance along the line is that of the traces' coordinates, the {_PLACES[name]}")
+    notes.append(
+        f"the distance along the line is that of the traces' coordinates, the {_PLACES[name]}"
+    )
     distance = measured_places(way, None, "distances from trace to trace", "the header", notes)
     return distance, Fixes(), _separation(places, metre, notes)
 
@@ -349,7 +393,9 @@ def _ibm(words: NDArray[Any]) -> NDArray[np.float32]:
     word = words.astype(np.uint32)
     fraction = (word & 0xFFFFFF).astype(np.float64) * 2.0**-24
     size = np.ldexp(fraction, 4 * (((word >> 24) & 0x7F).astype(np.int32) - 64))
-    with np.errstate(over="ignore"):  # what is too large for any recorder is refused by what follows
+    with np.errstate(
+        over="ignore"
+    ):  # what is too large for any recorder is refused by what follows
         return np.where(word >> 31, -size, size).astype(np.float32)
 
 
@@ -361,7 +407,9 @@ def read_su(path: Path, limit: int) -> dict[str, Any]:
     """
     raw = first_bytes(path, _TRACE_HEAD)
     if len(raw) < _TRACE_HEAD:
-        raise ValueError(f"its first trace header must have {_TRACE_HEAD} bytes, the file has {len(raw)}")
+        raise ValueError(
+            f"its first trace header must have {_TRACE_HEAD} bytes, the file has {len(raw)}"
+        )
     order, samples, interval = _su_order(raw, path.stat().st_size)
     notes = [
         f"the byte order is taken as {'big' if order == '>' else 'little'}-endian, in which the trace headers fit",
@@ -375,7 +423,9 @@ def read_su(path: Path, limit: int) -> dict[str, Any]:
     dead = np.isin(table["identification"], _DEAD)
     if dead.any():
         traces[dead] = np.nan
-        notes.append(f"{np.count_nonzero(dead)} traces without data, as their headers say (dead or dummy)")
+        notes.append(
+            f"{np.count_nonzero(dead)} traces without data, as their headers say (dead or dummy)"
+        )
     distance, fixes, separation = _geometry(table, 1.0, notes)
     return {
         "traces": traces[:, None],
@@ -400,5 +450,7 @@ def _su_order(raw: bytes, size: int) -> tuple[str, int, float]:
             tries.append((rest, order, samples, interval))
     fits = [one for one in tries if one[0] == 0] or tries[:1]
     if not fits:
-        raise ValueError("its first trace header must tell samples and interval (bytes 115-118), in either byte order")
+        raise ValueError(
+            "its first trace header must tell samples and interval (bytes 115-118), in either byte order"
+        )
     return fits[0][1:]

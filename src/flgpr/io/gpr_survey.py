@@ -44,7 +44,9 @@ def read_line_ends(path: str | Path, names: Sequence[str]) -> FloatArray:
     columns = ["x_start_m", "y_start_m", "x_end_m", "y_end_m"]
     missing = [name for name in ("line", *columns) if name not in table.columns]
     if missing:
-        raise ValueError(f"{path}: must have the columns line, {', '.join(columns)}; missing: {', '.join(missing)}")
+        raise ValueError(
+            f"{path}: must have the columns line, {', '.join(columns)}; missing: {', '.join(missing)}"
+        )
     rows = []
     for name in names:
         own = table[table["line"] == name]
@@ -65,7 +67,9 @@ def place_by_marks(section: GprSection, spacing: float) -> GprSection:
     """
     marks = np.unique(np.asarray(section.marks, dtype=np.float64))
     if marks.size < 2:
-        raise ValueError(f"{section.path}: distances from marks need two marks or more, got {marks.size}")
+        raise ValueError(
+            f"{section.path}: distances from marks need two marks or more, got {marks.size}"
+        )
     if not (math.isfinite(spacing) and spacing > 0):
         raise ValueError(f"mark-spacing must be a positive distance, got {spacing:g} m")
     number = np.arange(len(section.traces), dtype=np.float64)
@@ -82,11 +86,16 @@ def place_by_marks(section: GprSection, spacing: float) -> GprSection:
     if outside:
         note += f"; {outside} traces before the first and after the last mark go on at the steps beside them"
     # The marks are used up: nothing of them is left to be kept.
-    return replace(section, distance=distance - distance[0], marks=(), history=(*section.history, note))
+    return replace(
+        section, distance=distance - distance[0], marks=(), history=(*section.history, note)
+    )
 
 
 def survey_run(
-    sections: Sequence[GprSection], layout: LineLayout = LineLayout(), anchor: Anchor | None = None, **options: Any
+    sections: Sequence[GprSection],
+    layout: LineLayout = LineLayout(),
+    anchor: Anchor | None = None,
+    **options: Any,
 ) -> xr.Dataset:
     """Make one run of several lines, one after the other, on the same tones, all channels a pair each.
 
@@ -138,7 +147,9 @@ def survey_run(
     starts = np.cumsum([0, *(run.sizes["scan"] for run in runs[:-1])]).tolist()
     for section, run in zip(sections, runs, strict=True):
         notes += [f"{section.path.name}: {note}" for note in run.attrs["import_notes"]]
-    merged = xr.concat(runs, dim="scan", data_vars="minimal", coords="minimal", compat="equals", join="exact")
+    merged = xr.concat(
+        runs, dim="scan", data_vars="minimal", coords="minimal", compat="equals", join="exact"
+    )
     attrs = runs[0].attrs | {
         "title": f"{len(runs)} lines",
         "source": f"{sections[0].format}, {', '.join(section.path.name for section in sections)}",
@@ -156,7 +167,9 @@ def _without_clocks(runs: list[xr.Dataset]) -> list[str]:
         return []
     for number, run in enumerate(runs):
         runs[number] = run.assign_coords(time=("scan", np.full(run.sizes["scan"], np.nan)))
-    return [f"the clocks of {len(runs)} lines do not go on from one to the next: {known.size} times are not kept"]
+    return [
+        f"the clocks of {len(runs)} lines do not go on from one to the next: {known.size} times are not kept"
+    ]
 
 
 def _line_run(section: GprSection, anchor: Anchor | None, options: dict[str, Any]) -> xr.Dataset:
@@ -174,7 +187,9 @@ def _lay_out(runs: Sequence[xr.Dataset], names: Sequence[str], layout: LineLayou
             length = math.hypot(x1 - x0, y1 - y0)
             measured = float(np.ptp(run["pose"].values[:, 1]))
             if length == 0:
-                raise ValueError(f"{name}: a line must end elsewhere than it begins, got ({x0:g}, {y0:g}) m twice")
+                raise ValueError(
+                    f"{name}: a line must end elsewhere than it begins, got ({x0:g}, {y0:g}) m twice"
+                )
             if abs(length - measured) > _CLOSE * length:
                 notes.append(
                     f"{name}: its ends lie {length:.4g} m apart, its own distance is {measured:.4g} m, which is kept"
@@ -188,7 +203,11 @@ def _lay_out(runs: Sequence[xr.Dataset], names: Sequence[str], layout: LineLayou
         length = float(np.ptp(run["pose"].values[:, 1]))
         _move(run, number * spacing, far if back else 0.0, math.pi if back else 0.0)
         far = length if not back else 0.0
-    way = "every other line runs back from where the one before ended" if layout.zigzag else "all begin at y = 0"
+    way = (
+        "every other line runs back from where the one before ended"
+        if layout.zigzag
+        else "all begin at y = 0"
+    )
     notes.append(f"{len(runs)} lines are put {spacing:g} m apart along x as given; {way}")
     return notes
 

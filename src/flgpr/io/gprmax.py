@@ -64,13 +64,17 @@ class GprmaxOutput:
     sources: list[tuple[str, NDArray[np.float64]]]  #: type and position (m) of every source
     excitation: Excitation | None = None  #: of the first source, where the file holds it
 
-    def current(self, waveform: str, centre: float, frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
+    def current(
+        self, waveform: str, centre: float, frequency: NDArray[np.float64]
+    ) -> NDArray[np.complex128]:
         """Fourier integral of a waveform of unit amplitude, at half steps as gprMax takes it."""
         start = 0.5 * self.time_step
         values = pulse(waveform, centre, start + self.time_step * np.arange(self.steps))
         return fourier(values, self.time_step, frequency, start)
 
-    def spectrum(self, receiver: str, component: str, frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
+    def spectrum(
+        self, receiver: str, component: str, frequency: NDArray[np.float64]
+    ) -> NDArray[np.complex128]:
         """Fourier integral ``∫E(t)·exp(-j2πft)dt`` of a receiver's electric field from time 0 on, V/m per Hz."""
         if receiver not in self.receivers or component not in self.receivers[receiver].fields:
             raise ValueError(f"{self.path}: no {component} of a receiver named {receiver!r}")
@@ -91,7 +95,9 @@ def read_gprmax(path: str | Path, limit: int = LIMIT) -> GprmaxOutput:
         return _read(path)
     except (TypeError, KeyError, OSError, RuntimeError, AttributeError, OverflowError) as error:
         words = " ".join(str(error).split())[:200]
-        raise ValueError(f"{path}: cannot be read as a result of gprMax: it is damaged ({words})") from None
+        raise ValueError(
+            f"{path}: cannot be read as a result of gprMax: it is damaged ({words})"
+        ) from None
     except ValueError as error:
         told = str(error)
         raise ValueError(told if told.startswith(str(path)) else f"{path}: {told}") from None
@@ -100,20 +106,30 @@ def read_gprmax(path: str | Path, limit: int = LIMIT) -> GprmaxOutput:
 def _read(path: Path) -> GprmaxOutput:
     with h5py.File(path, "r") as file:
         if "gprMax" not in file.attrs:
-            raise ValueError(f"{path}: the root must have the attribute gprMax, got {', '.join(file.attrs) or 'none'}")
+            raise ValueError(
+                f"{path}: the root must have the attribute gprMax, got {', '.join(file.attrs) or 'none'}"
+            )
         if merged_fields(file):
             raise ValueError(f"{path}: {_MERGED}")
-        told = {name: _attribute(file, name, path) for name in ("gprMax", "Iterations", "dx_dy_dz", "dt")}
+        told = {
+            name: _attribute(file, name, path)
+            for name in ("gprMax", "Iterations", "dx_dy_dz", "dt")
+        }
         step = float(told["dt"])
         steps = int(told["Iterations"])
         if not (np.isfinite(step) and step > 0 and steps > 0):
-            raise ValueError(f"{path}: dt and Iterations must be greater than 0, got {step:g} s and {steps}")
+            raise ValueError(
+                f"{path}: dt and Iterations must be greater than 0, got {step:g} s and {steps}"
+            )
         receivers = {}
         for group in _numbered(file, "rxs"):
             one = _receiver(group, steps, path)
             receivers[one.name] = one
         sources = [
-            (_text(group.attrs.get("Type", "")), np.asarray(_attribute(group, "Position", path), dtype=np.float64))
+            (
+                _text(group.attrs.get("Type", "")),
+                np.asarray(_attribute(group, "Position", path), dtype=np.float64),
+            )
             for group in _numbered(file, "srcs")
         ]
         return GprmaxOutput(
@@ -132,7 +148,9 @@ def _numbered(file: Any, name: str) -> list[Any]:
 
 def _attribute(item: Any, name: str, path: Path) -> Any:
     if name not in item.attrs:
-        raise ValueError(f"{path}: {item.name} must have the attribute {name}, got {', '.join(item.attrs) or 'none'}")
+        raise ValueError(
+            f"{path}: {item.name} must have the attribute {name}, got {', '.join(item.attrs) or 'none'}"
+        )
     return item.attrs[name]
 
 
@@ -142,7 +160,11 @@ def _text(value: Any) -> str:
 
 def _excitation(file: Any) -> Excitation | None:
     group = file.get("srcs/src1/excitation")
-    if not isinstance(group, h5py.Group) or "samples" not in group or group.attrs.get("Units") != "A":
+    if (
+        not isinstance(group, h5py.Group)
+        or "samples" not in group
+        or group.attrs.get("Units") != "A"
+    ):
         return None
     samples = np.asarray(group["samples"][()], dtype=np.float64)
     length = group.attrs.get("SpatialScale", 1.0)
@@ -155,14 +177,19 @@ def _receiver(group: Any, steps: int, path: Path) -> GprmaxReceiver:
         if name in group:
             values = np.asarray(group[name][()], dtype=np.float64)
             if values.shape != (steps,):
-                raise ValueError(f"{path}: {group.name}/{name} must hold {steps} values, got the shape {values.shape}")
+                raise ValueError(
+                    f"{path}: {group.name}/{name} must hold {steps} values, got the shape {values.shape}"
+                )
             fields[name] = values
     position = np.asarray(_attribute(group, "Position", path), dtype=np.float64)
     return GprmaxReceiver(_text(group.attrs.get("Name", group.name)), position, fields)
 
 
 def fourier(
-    values: NDArray[np.float64], time_step: float, frequency: NDArray[np.float64], start: float = 0.0
+    values: NDArray[np.float64],
+    time_step: float,
+    frequency: NDArray[np.float64],
+    start: float = 0.0,
 ) -> NDArray[np.complex128]:
     """Fourier integral of samples from ``start`` on: ``Σ values·exp(-j2πft)·Δt``."""
     time = start + time_step * np.arange(values.size)
@@ -188,7 +215,9 @@ def pulse(kind: str, frequency: float, time: ArrayLike) -> NDArray[np.float64]:
         return np.asarray(-2 * width * late * bell)
     if kind == "gaussiandotnorm":
         return np.asarray(-np.sqrt(2 * width * np.exp(1.0)) * late * bell)
-    raise ValueError(f"the waveform must be gaussian, gaussiandot, gaussiandotnorm or ricker, got {kind!r}")
+    raise ValueError(
+        f"the waveform must be gaussian, gaussiandot, gaussiandotnorm or ricker, got {kind!r}"
+    )
 
 
 def merged_fields(file: Any) -> dict[str, tuple[int, int]]:
@@ -218,7 +247,9 @@ def explain_merged(path: Path) -> tuple[list[str], str]:
             interval = float(np.asarray(file.attrs.get("dt", np.nan)))
     except (TypeError, KeyError, OSError, RuntimeError, AttributeError, OverflowError) as error:
         words = " ".join(str(error).split())[:200]
-        raise ValueError(f"{path}: cannot be read as a result of gprMax: it is damaged ({words})") from None
+        raise ValueError(
+            f"{path}: cannot be read as a result of gprMax: it is damaged ({words})"
+        ) from None
     if not (np.isfinite(interval) and interval > 0):
         raise ValueError(f"{path}: dt must be greater than 0, got {interval:g} s")
     # The field of a source along the same axis is the strongest, mostly Ez.
@@ -274,7 +305,10 @@ def explain_gprmax(path: Path) -> list[str]:
         f"{output.steps} time steps of {1e12 * output.time_step:.4g} ps, {nanoseconds:.4g} ns",
         f"cells of {' x '.join(f'{1000 * c:g}' for c in output.cell)} mm, ten per wavelength in air up to "
         f"{highest / 1e9:.3g} GHz",
-        *(f"source {kind or 'of unknown type'} at {_place(position)}" for kind, position in output.sources),
+        *(
+            f"source {kind or 'of unknown type'} at {_place(position)}"
+            for kind, position in output.sources
+        ),
     ]
     for one in list(output.receivers.values())[:8]:
         bad = sum(int(np.count_nonzero(~np.isfinite(v))) for v in one.fields.values())
@@ -286,9 +320,13 @@ def explain_gprmax(path: Path) -> list[str]:
         lines.append(f"and {len(output.receivers) - 8} more receivers")
     beside = path.with_name(MANIFEST)
     if beside.is_file():
-        lines.append(f"{beside.name} beside it: the folder is read by flgpr import gprmax {path.parent}")
+        lines.append(
+            f"{beside.name} beside it: the folder is read by flgpr import gprmax {path.parent}"
+        )
     else:
-        lines.append("flgpr import gprmax reads it when told band, transmit and ground, one file per scan")
+        lines.append(
+            "flgpr import gprmax reads it when told band, transmit and ground, one file per scan"
+        )
     return lines
 
 
@@ -314,11 +352,24 @@ def read_manifest_of_decks(folder: str | Path) -> dict[str, Any]:
             f"{folder}: must hold the {MANIFEST} that flgpr simulate --engine gprmax wrote, it does not"
         ) from None
     except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{path}: the manifest is damaged or of another version ({error})") from None
+        raise ValueError(
+            f"{path}: the manifest is damaged or of another version ({error})"
+        ) from None
     return manifest
 
 
-_NEEDED = ("title", "polarization", "tones", "tx_position", "rx_position", "pose", "time", "waveform", "grid", "runs")
+_NEEDED = (
+    "title",
+    "polarization",
+    "tones",
+    "tx_position",
+    "rx_position",
+    "pose",
+    "time",
+    "waveform",
+    "grid",
+    "runs",
+)
 
 
 class GprmaxRun:
@@ -333,7 +384,9 @@ class GprmaxRun:
         self.keep_direct = keep_direct
         self.manifest = read_manifest_of_decks(folder)
         tones = self.manifest["tones"]
-        self.frequency = tones["start"] + tones["step"] * np.arange(tones["count"], dtype=np.float64)
+        self.frequency = tones["start"] + tones["step"] * np.arange(
+            tones["count"], dtype=np.float64
+        )
         wanted = {run["file"] for run in self.manifest["runs"]}
         if not keep_direct:
             wanted |= {run["free"] for run in self.manifest["runs"]}
@@ -344,7 +397,9 @@ class GprmaxRun:
                 f"{folder}: {len(missing)} of {len(wanted)} results are missing, {missing[0]}{ENDINGS[0]} (or "
                 f"{ENDINGS[1]}) among them: run gprMax on {missing[0]}.in"
             )
-        self._air: dict[str, GprmaxOutput] = {}  # of the scan before, which is often that of the next
+        self._air: dict[
+            str, GprmaxOutput
+        ] = {}  # of the scan before, which is often that of the next
 
     def __len__(self) -> int:
         return len(self.manifest["pose"])
@@ -355,7 +410,9 @@ class GprmaxRun:
         pairs = len(self.manifest["tx_position"])
         signal = np.full((len(labels), pairs, self.frequency.size), np.nan, dtype=np.complex128)
         runs = [run for run in self.manifest["runs"] if run["scan"] == index]
-        self._air = {name: air for name, air in self._air.items() if name in {run["free"] for run in runs}}
+        self._air = {
+            name: air for name, air in self._air.items() if name in {run["free"] for run in runs}
+        }
         for run in runs:
             scene = read_gprmax(self._found(run["file"]) or "")
             air = None if self.keep_direct else self._read_air(run["free"])
@@ -398,7 +455,9 @@ class GprmaxRun:
     def _check(self, output: GprmaxOutput) -> None:
         grid = self.manifest["grid"]
         if np.abs(output.cell - grid["cell"]).max() > 1e-6 * grid["cell"]:
-            raise ValueError(f"{output.path}: cells must be {grid['cell']:g} m as in the manifest, got {output.cell}")
+            raise ValueError(
+                f"{output.path}: cells must be {grid['cell']:g} m as in the manifest, got {output.cell}"
+            )
         if output.steps * output.time_step < 0.99 * grid["time_window"]:
             raise ValueError(
                 f"{output.path}: must last {grid['time_window']:g} s, got {output.steps * output.time_step:g} s"
@@ -413,7 +472,9 @@ class GprmaxRun:
     def _moment(self, output: GprmaxOutput) -> NDArray[np.complex128]:
         """Spectrum of the whole dipole's current moment, A·m per Hz: current, at half steps, times a cell's edge."""
         waveform = self.manifest["waveform"]
-        current = output.current(str(waveform["type"]), float(waveform["frequency"]), self.frequency)
+        current = output.current(
+            str(waveform["type"]), float(waveform["frequency"]), self.frequency
+        )
         return current * float(output.cell[0])
 
 
@@ -446,7 +507,9 @@ def import_gprmax_files(paths: Sequence[str | Path], told: GprmaxTold) -> xr.Dat
         raise ValueError(f"transmit must be H or V, got {told.transmit!r}")
     axes = {"H": told.horizontal, "V": told.vertical}
     if not set(axes.values()) <= set("xyz") or len(set(axes.values())) != 2:
-        raise ValueError(f"the components of H and V must be two of x, y and z, got {axes['H']!r} and {axes['V']!r}")
+        raise ValueError(
+            f"the components of H and V must be two of x, y and z, got {axes['H']!r} and {axes['V']!r}"
+        )
     first: GprmaxOutput | None = None
     form: list[FloatArray] = []
     blocks = []
@@ -463,7 +526,11 @@ def import_gprmax_files(paths: Sequence[str | Path], told: GprmaxTold) -> xr.Dat
         pose[scan, :3] = place - [0.0, 0.0, told.ground]
         blocks.append(_signal(output, labels, axes, tones, _source(output, told, tones)))
     rx = np.array(form)
-    attrs: dict[str, Any] = {"source": "gprMax", "title": first.title if first else "", "direct_wave": "kept"}
+    attrs: dict[str, Any] = {
+        "source": "gprMax",
+        "title": first.title if first else "",
+        "direct_wave": "kept",
+    }
     return make_run(np.stack(blocks), tones, labels, np.zeros_like(rx), rx, pose, attrs=attrs)
 
 
@@ -479,29 +546,44 @@ def _geometry(output: GprmaxOutput) -> tuple[FloatArray, list[FloatArray]]:
 def _tones(output: GprmaxOutput, band: tuple[float, float]) -> FloatArray:
     step = 1 / (output.steps * output.time_step)
     if not 0 < band[0] < band[1] < 0.5 / output.time_step:
-        raise ValueError(f"band must increase below {0.5 / output.time_step:.3g} Hz, got {band[0]:g} to {band[1]:g}")
+        raise ValueError(
+            f"band must increase below {0.5 / output.time_step:.3g} Hz, got {band[0]:g} to {band[1]:g}"
+        )
     numbers = np.arange(np.ceil(band[0] / step - 1e-6), np.floor(band[1] / step + 1e-6) + 1)
     if numbers.size < 2:
-        raise ValueError(f"band must hold two tones, which are {step:.4g} Hz apart, got {band[0]:g} to {band[1]:g}")
+        raise ValueError(
+            f"band must hold two tones, which are {step:.4g} Hz apart, got {band[0]:g} to {band[1]:g}"
+        )
     return np.asarray(numbers * step)
 
 
 def _labels(output: GprmaxOutput, transmit: str, axes: dict[str, str]) -> list[str]:
     """Name the polarizations whose component every receiver recorded."""
-    labels = [transmit + end for end in "HV" if all(f"E{axes[end]}" in one.fields for one in output.receivers.values())]
+    labels = [
+        transmit + end
+        for end in "HV"
+        if all(f"E{axes[end]}" in one.fields for one in output.receivers.values())
+    ]
     if not labels:
         raise ValueError(f"{output.path}: every receiver must hold E{axes['H']} or E{axes['V']}")
     return labels
 
 
-def _check_alike(output: GprmaxOutput, first: GprmaxOutput, offsets: list[FloatArray], form: list[FloatArray]) -> None:
+def _check_alike(
+    output: GprmaxOutput, first: GprmaxOutput, offsets: list[FloatArray], form: list[FloatArray]
+) -> None:
     if output.steps != first.steps or abs(output.time_step / first.time_step - 1) > 1e-9:
         raise ValueError(
             f"{output.path}: must have {first.steps} steps of {first.time_step:g} s as the first file, got "
             f"{output.steps} of {output.time_step:g} s"
         )
-    if len(offsets) != len(form) or max(np.abs(a - b).max() for a, b in zip(offsets, form, strict=True)) > 1e-6:
-        raise ValueError(f"{output.path}: receivers must stand about the source as in the first file, they do not")
+    if (
+        len(offsets) != len(form)
+        or max(np.abs(a - b).max() for a, b in zip(offsets, form, strict=True)) > 1e-6
+    ):
+        raise ValueError(
+            f"{output.path}: receivers must stand about the source as in the first file, they do not"
+        )
 
 
 def _source(output: GprmaxOutput, told: GprmaxTold, tones: FloatArray) -> NDArray[np.complex128]:
@@ -510,17 +592,28 @@ def _source(output: GprmaxOutput, told: GprmaxTold, tones: FloatArray) -> NDArra
         one = output.excitation
         return fourier(one.samples, output.time_step, tones, one.start) * one.length
     if told.waveform is None:
-        raise ValueError(f"{output.path}: the source's waveform is not in the file: type and frequency must be told")
-    length = dict(zip("xyz", output.cell, strict=True))[told.horizontal if told.transmit == "H" else told.vertical]
+        raise ValueError(
+            f"{output.path}: the source's waveform is not in the file: type and frequency must be told"
+        )
+    length = dict(zip("xyz", output.cell, strict=True))[
+        told.horizontal if told.transmit == "H" else told.vertical
+    ]
     moment = length if output.sources[0][0] == "HertzianDipole" else 1.0
     return output.current(*told.waveform, tones) * moment
 
 
 def _signal(
-    output: GprmaxOutput, labels: list[str], axes: dict[str, str], tones: FloatArray, source: NDArray[np.complex128]
+    output: GprmaxOutput,
+    labels: list[str],
+    axes: dict[str, str],
+    tones: FloatArray,
+    source: NDArray[np.complex128],
 ) -> NDArray[np.complex64]:
     rows = [
-        [1j * output.spectrum(name, f"E{axes[label[1]]}", tones) / source for name in output.receivers]
+        [
+            1j * output.spectrum(name, f"E{axes[label[1]]}", tones) / source
+            for name in output.receivers
+        ]
         for label in labels
     ]
     return np.asarray(rows, dtype=np.complex64)

@@ -60,7 +60,14 @@ class Journal:
     def append(self, scan: WrittenScan) -> None:
         """Add a scan whose chunk is on disk."""
         time = None if math.isnan(scan.time) else scan.time
-        self._write({"sha256": scan.sha256, "pose": scan.pose.tolist(), "time": time, "valid": scan.valid.tolist()})
+        self._write(
+            {
+                "sha256": scan.sha256,
+                "pose": scan.pose.tolist(),
+                "time": time,
+                "valid": scan.valid.tolist(),
+            }
+        )
         self.scans.append(scan)
 
     def keep(self, count: int) -> None:
@@ -105,7 +112,12 @@ class Journal:
 
 def _scan(line: dict[str, Any]) -> WrittenScan:
     time = math.nan if line["time"] is None else float(line["time"])
-    return WrittenScan(line["sha256"], np.array(line["pose"], dtype=np.float64), time, np.array(line["valid"], bool))
+    return WrittenScan(
+        line["sha256"],
+        np.array(line["pose"], dtype=np.float64),
+        time,
+        np.array(line["valid"], bool),
+    )
 
 
 def difference(old: dict[str, Any], new: dict[str, Any], where: str = "") -> str:

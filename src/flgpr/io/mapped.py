@@ -37,8 +37,12 @@ class Imported:
     run: xr.Dataset
     #: the track the poses come from, on its own clock; None if the poses came otherwise
     track: pd.DataFrame | None = None
-    notes: list[str] = field(default_factory=list)  #: what was done to the data on the way, in words
-    anchor: Anchor | None = None  #: the anchor that the fixes themselves made, if they were asked to
+    notes: list[str] = field(
+        default_factory=list
+    )  #: what was done to the data on the way, in words
+    anchor: Anchor | None = (
+        None  #: the anchor that the fixes themselves made, if they were asked to
+    )
 
 
 def import_mapped(
@@ -88,7 +92,10 @@ def _files(mapping: Mapping, homes: list[Path], given: list[Path]) -> dict[str, 
         paths: list[Path] = []
         for pattern in [entry] if isinstance(entry, str) else entry:
             plain = not any(mark in pattern for mark in "*?[")
-            tries = ([home / pattern] if plain else sorted(home.glob(pattern), key=_counted) for home in homes)
+            tries = (
+                [home / pattern] if plain else sorted(home.glob(pattern), key=_counted)
+                for home in homes
+            )
             hits = next((hit for hit in tries if any(path.is_file() for path in hit)), None)
             if hits is None:
                 places = " or ".join(str(home) for home in dict.fromkeys(homes))
@@ -98,13 +105,18 @@ def _files(mapping: Mapping, homes: list[Path], given: list[Path]) -> dict[str, 
     if given:
         files["data"] = given
     if not files.get("data"):
-        raise ValueError("files.data must name the data file, or it must be given beside the mapping; got neither")
+        raise ValueError(
+            "files.data must name the data file, or it must be given beside the mapping; got neither"
+        )
     return files
 
 
 def _counted(path: Path) -> list[tuple[int, str]]:
     """Sort key by which scan_2 comes before scan_10."""
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", str(path))]
+    return [
+        (int(part), "") if part.isdecimal() else (-1, part)
+        for part in re.split(r"(\d+)", str(path))
+    ]
 
 
 @dataclass
@@ -125,7 +137,9 @@ class _Importer:
         m = self.mapping
         signal, shape = self._signal()
         axis = m.frequency or m.samples
-        with self.sources.entry("frequency" if m.frequency else "samples", axis.file if axis else None):
+        with self.sources.entry(
+            "frequency" if m.frequency else "samples", axis.file if axis else None
+        ):
             signal, tones = self._tones(signal)
         order = np.argsort(tones, kind="stable")
         if (order != np.arange(tones.size)).any():
@@ -159,18 +173,24 @@ class _Importer:
                 parts = [_shaped(part, spec.shape) for part in parts]
             for part in parts:
                 if part.ndim != len(dims):
-                    raise ValueError(f"signal.dims must name the {part.ndim} axes of shape {part.shape}, got {dims}")
+                    raise ValueError(
+                        f"signal.dims must name the {part.ndim} axes of shape {part.shape}, got {dims}"
+                    )
             signal = self._joined(parts, dims)
             if self.mapping.join.startswith("new"):
                 dims = [self.mapping.join.split()[1], *dims]
             plausible(signal, "signal")
             return self._ordered(signal, dims)
 
-    def _ordered(self, signal: NDArray[Any], dims: list[str]) -> tuple[NDArray[Any], dict[str, int]]:
+    def _ordered(
+        self, signal: NDArray[Any], dims: list[str]
+    ) -> tuple[NDArray[Any], dict[str, int]]:
         """Bring the axes into a run's order; scan axes of a raster become one."""
         single = tuple(k for k, name in enumerate(dims) if name == "single")
         if any(signal.shape[k] != 1 for k in single):
-            raise ValueError(f"signal.dims: an axis called single must have length 1, got shape {signal.shape}")
+            raise ValueError(
+                f"signal.dims: an axis called single must have length 1, got shape {signal.shape}"
+            )
         signal = signal.squeeze(axis=single)
         dims = ["frequency" if name == "sample" else name for name in dims if name != "single"]
         if self.mapping.signal.conjugate:
@@ -181,7 +201,9 @@ class _Importer:
         signal = signal.transpose(order)
         self.sources.grid = grid = signal.shape[: dims.count("scan")]
         if len(grid) > 1:
-            self.notes.append(f"{' x '.join(map(str, grid))} positions made {math.prod(grid)} scans")
+            self.notes.append(
+                f"{' x '.join(map(str, grid))} positions made {math.prod(grid)} scans"
+            )
             signal = signal.reshape(-1, *signal.shape[len(grid) :])
         wanted = [name for name in names if name in dims]
         shape = dict(zip(wanted, signal.shape, strict=True))
@@ -193,24 +215,32 @@ class _Importer:
         join = self.mapping.join
         if join.startswith("new"):
             if join.split()[1] in dims:
-                raise ValueError(f"join = {join!r} makes that dimension, signal.dims must not hold it: {dims}")
+                raise ValueError(
+                    f"join = {join!r} makes that dimension, signal.dims must not hold it: {dims}"
+                )
             _same_shape(parts[:1] * len(parts), parts, "signal")
             return np.stack(parts)
         if len(parts) == 1:
             return parts[0]
         if join not in dims:
-            raise ValueError(f"join must be one of signal.dims {dims} to join {len(parts)} files, got {join!r}")
+            raise ValueError(
+                f"join must be one of signal.dims {dims} to join {len(parts)} files, got {join!r}"
+            )
         axis = dims.index(join)
         shapes = {tuple(np.delete(part.shape, axis)) for part in parts}
         if len(shapes) > 1:
-            raise ValueError(f"signal must have the same axes in all files but for {join}, got shapes {shapes}")
+            raise ValueError(
+                f"signal must have the same axes in all files but for {join}, got shapes {shapes}"
+            )
         return np.concatenate(parts, axis=axis)
 
     def _time(self, spec: Quantity, scans: int) -> FloatArray:
         time = self.sources.vector(spec, "time", "time", "scan", scans)
         if time.size != scans:
             with self.sources.entry("time", spec.file):
-                raise ValueError(f"time must have {scans} values, one for each scan, got {time.size}")
+                raise ValueError(
+                    f"time must have {scans} values, one for each scan, got {time.size}"
+                )
         return time
 
     def _tones(self, signal: NDArray[Any]) -> tuple[NDArray[Any], FloatArray]:
@@ -219,10 +249,14 @@ class _Importer:
         if m.frequency is not None:
             tones = self.sources.vector(m.frequency, "frequency", "frequency", count=count)
             if tones.size != count:
-                raise ValueError(f"frequency must have {count} tones as the signal has, got {tones.size}")
+                raise ValueError(
+                    f"frequency must have {count} tones as the signal has, got {tones.size}"
+                )
             check_frequency(np.sort(tones))
             if tones.max() > _HIGHEST_FREQUENCY:
-                raise ValueError(f"frequency must be below {_HIGHEST_FREQUENCY:g} Hz, got {tones.max():g}: unit right?")
+                raise ValueError(
+                    f"frequency must be below {_HIGHEST_FREQUENCY:g} Hz, got {tones.max():g}: unit right?"
+                )
             return signal, tones
         spec: Samples = m.samples  # type: ignore[assignment]  # Mapping sees to it
         kind = "time" if spec.meaning == "delay" else "length"
@@ -233,7 +267,9 @@ class _Importer:
         delay = axis if spec.meaning == "delay" else axis / SPEED_OF_LIGHT
         scale = factor(spec.band_unit, "frequency", "samples.band_unit")
         band = (spec.band[0] * scale, spec.band[1] * scale)
-        self.notes.append(f"impulse data taken to frequency, {band[0] / 1e9:g} to {band[1] / 1e9:g} GHz")
+        self.notes.append(
+            f"impulse data taken to frequency, {band[0] / 1e9:g} to {band[1] / 1e9:g} GHz"
+        )
         return impulse_to_frequency(signal, delay, band, spec.pad)
 
     def _geometry(
@@ -245,9 +281,9 @@ class _Importer:
             spec_tx = spec_rx = m.antenna_position
             names = ("antenna_position", "antenna_position")
         else:
-            # type: ignore[assignment]  # Mapping sees to it
-            spec_tx = m.tx_position
-            spec_rx = m.rx_position
+            # Mapping sees to it that both are there.
+            spec_tx = m.tx_position  # type: ignore[assignment]
+            spec_rx = m.rx_position  # type: ignore[assignment]
             names = ("tx_position", "rx_position")
         tx, rx = (
             self.sources.points(spec, name, "scan" if spec.frame == "lane" else "pair")
@@ -258,10 +294,14 @@ class _Importer:
             tx, rx = (part[:, None] if part.ndim == 2 and pairs == 1 else part for part in (tx, rx))
         if "tx" in sizes:
             rows = tx.shape[-2], rx.shape[-2]
-            for name, count, side, spec in zip(names, rows, ("tx", "rx"), (spec_tx, spec_rx), strict=True):
+            for name, count, side, spec in zip(
+                names, rows, ("tx", "rx"), (spec_tx, spec_rx), strict=True
+            ):
                 if count != sizes[side]:
                     with self.sources.entry(name, spec.file):
-                        raise ValueError(f"{name} must give {sizes[side]} antennas as the signal has, got {count}")
+                        raise ValueError(
+                            f"{name} must give {sizes[side]} antennas as the signal has, got {count}"
+                        )
             tx = np.repeat(tx, rows[1], axis=-2)
             rx = np.concatenate([rx] * rows[0], axis=-2)
         origin = None
@@ -271,7 +311,9 @@ class _Importer:
         for name, points, spec in zip(names, (tx, rx), (spec_tx, spec_rx), strict=True):
             if points.shape != (pairs, 3):
                 with self.sources.entry(name, spec.file):
-                    raise ValueError(f"{name} must give x, y, z of {pairs} pairs as the signal has, got {points.shape}")
+                    raise ValueError(
+                        f"{name} must give x, y, z of {pairs} pairs as the signal has, got {points.shape}"
+                    )
         return tx, rx, origin
 
     def _offset(self, spec: PathOffset, shape: tuple[int, ...]) -> FloatArray:
@@ -280,7 +322,9 @@ class _Importer:
         )
         count = shape[0] if spec.along == "scan" else shape[2]
         if values.size not in (1, count) or not np.isfinite(values).all():
-            raise ValueError(f"path_offset must be one finite length or one for each of {count} {spec.along}s")
+            raise ValueError(
+                f"path_offset must be one finite length or one for each of {count} {spec.along}s"
+            )
         return values.reshape((-1, 1, 1) if spec.along == "scan" else (1, 1, -1))
 
     def _poses(
@@ -292,18 +336,26 @@ class _Importer:
             return self.given_pose, None
         if self.given_track is not None:
             if time is None:
-                raise ValueError("the mapping must have the table time, the radar's time of every scan, to use a track")
+                raise ValueError(
+                    "the mapping must have the table time, the radar's time of every scan, to use a track"
+                )
             self.notes += self.given_track.attrs.get("notes", [])
-            self.notes.append(f"poses from a track given beside the mapping, at {self.clock_offset:g} s + radar time")
+            self.notes.append(
+                f"poses from a track given beside the mapping, at {self.clock_offset:g} s + radar time"
+            )
             return poses_at(self.given_track, time, self.clock_offset), self.given_track
         if m.pose is not None:
             return read_poses(self.sources, m.pose, scans, self.anchor), None
         if m.track is not None and time is not None:
             track = read_way(self.sources, m.track, self.anchor)
             spec = m.track
-            self.notes.append(f"poses from the track at {spec.clock_offset:g} s + {spec.clock_rate:g} · radar time")
+            self.notes.append(
+                f"poses from the track at {spec.clock_offset:g} s + {spec.clock_rate:g} · radar time"
+            )
             with self.sources.entry("track", spec.time.file):
-                return poses_at(track, time, spec.clock_offset, spec.clock_rate, spec.max_gap), track
+                return poses_at(
+                    track, time, spec.clock_offset, spec.clock_rate, spec.max_gap
+                ), track
         if origin is None:
             raise ValueError(
                 "where the vehicle was is missing: give pose, or track, or positions with frame = 'lane' in the "
@@ -317,21 +369,31 @@ class _Importer:
 def _same_shape(first: list[NDArray[Any]], second: list[NDArray[Any]], where: str) -> None:
     for a, b in zip(first, second, strict=True):
         if a.shape != b.shape:
-            raise ValueError(f"{where} must have the same shape everywhere, got {a.shape} and {b.shape}")
+            raise ValueError(
+                f"{where} must have the same shape everywhere, got {a.shape} and {b.shape}"
+            )
 
 
 def _complex(values: NDArray[Any]) -> NDArray[Any]:
     if np.iscomplexobj(values) or not values.ndim or values.shape[-1] % 2:
-        raise ValueError(f"signal.interleaved asks for pairs of real numbers, got {values.dtype} {values.shape}")
-    parts = values.astype(np.float32 if values.dtype.itemsize <= 2 or values.dtype == np.float32 else np.float64)
-    return np.ascontiguousarray(parts).view(np.complex64 if parts.dtype == np.float32 else np.complex128)
+        raise ValueError(
+            f"signal.interleaved asks for pairs of real numbers, got {values.dtype} {values.shape}"
+        )
+    parts = values.astype(
+        np.float32 if values.dtype.itemsize <= 2 or values.dtype == np.float32 else np.float64
+    )
+    return np.ascontiguousarray(parts).view(
+        np.complex64 if parts.dtype == np.float32 else np.complex128
+    )
 
 
 def _shaped(values: NDArray[Any], shape: list[int]) -> NDArray[Any]:
     try:
         return values.reshape(shape)
     except ValueError:
-        raise ValueError(f"signal.shape must hold {values.size} values of {values.shape}, got {shape}") from None
+        raise ValueError(
+            f"signal.shape must hold {values.size} values of {values.shape}, got {shape}"
+        ) from None
 
 
 def _rigid(tx: FloatArray, rx: FloatArray, scans: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -364,13 +426,19 @@ def impulse_to_frequency(
     values = np.asarray(samples)
     axis = np.asarray(delay, dtype=np.float64)
     if axis.ndim != 1 or axis.size < 2 or values.shape[-1] != axis.size:
-        raise ValueError(f"delay must have one value per sample, got {axis.shape} for samples {values.shape}")
+        raise ValueError(
+            f"delay must have one value per sample, got {axis.shape} for samples {values.shape}"
+        )
     step = float(np.diff(axis).mean())
     if not np.isfinite(axis).all() or step <= 0 or np.abs(np.diff(axis) - step).max() > 0.01 * step:
-        raise ValueError("delay must increase in equal steps (within 1 %), got an uneven or falling axis")
+        raise ValueError(
+            "delay must increase in equal steps (within 1 %), got an uneven or falling axis"
+        )
     nyquist = 0.5 / step
     if not (0 < band[0] < band[1] <= nyquist):
-        raise ValueError(f"band must lie between 0 and the Nyquist frequency {nyquist:g} Hz, got {band}")
+        raise ValueError(
+            f"band must lie between 0 and the Nyquist frequency {nyquist:g} Hz, got {band}"
+        )
     if pad < 1:
         raise ValueError(f"pad must be at least 1, got {pad}")
     count = axis.size * int(pad)

@@ -58,10 +58,14 @@ class Quantity(_Table):
     file: str = "data"
     variable: str | None = None
     values: float | list[float] | list[list[float]] | None = None
-    span: tuple[float, float] | None = None  #: first and last value of an even axis, as many as the signal has
+    span: tuple[float, float] | None = (
+        None  #: first and last value of an even axis, as many as the signal has
+    )
     column: int | None = None  #: column of a two-dimensional variable, from 0
     unit: str  #: unit; there is no default
-    zero_first: bool = False  #: whether the first value is subtracted, for clocks with an arbitrary start
+    zero_first: bool = (
+        False  #: whether the first value is subtracted, for clocks with an arbitrary start
+    )
 
     @model_validator(mode="after")
     def _one_source(self) -> Quantity:
@@ -89,10 +93,12 @@ class Positions(_Table):
     def _one_source(self) -> Positions:
         axes = [axis is not None for axis in (self.x, self.y, self.z)]
         beside = axes == [False, False, True] and self.variable is not None
-        if sum((self.variable is not None, self.values is not None, all(axes))) != 1 or any(axes) != (
-            all(axes) or beside
-        ):
-            raise ValueError("give one of: variable (with z, if it has x and y alone), values, or all of x, y and z")
+        if sum((self.variable is not None, self.values is not None, all(axes))) != 1 or any(
+            axes
+        ) != (all(axes) or beside):
+            raise ValueError(
+                "give one of: variable (with z, if it has x and y alone), values, or all of x, y and z"
+            )
         return self
 
 
@@ -106,7 +112,9 @@ class Signal(_Table):
     #: what each of its axes is: scan (more than once for a raster, whose scans then follow in C order), polarization,
     #: pair (or tx and rx), frequency (or sample for impulse data); "single" for an axis of length one that is nothing
     dims: list[str]
-    interleaved: bool = False  #: True where real and imaginary parts alternate along the variable's last axis
+    interleaved: bool = (
+        False  #: True where real and imaginary parts alternate along the variable's last axis
+    )
     #: shape that the values of a file, complex if they are interleaved, are brought to in C order; -1 is what is left
     shape: list[int] | None = None
     conjugate: bool = False  #: True where the recorder's phase is exp(+j2πfL/c)
@@ -116,12 +124,16 @@ class Signal(_Table):
         unknown = [name for name in self.dims if name not in DIMS]
         plain = [name for name in self.dims if name not in ("single", "scan")]
         if unknown or len(set(plain)) != len(plain):
-            raise ValueError(f"dims must be of {', '.join(DIMS)}, none but scan and single twice, got {self.dims}")
+            raise ValueError(
+                f"dims must be of {', '.join(DIMS)}, none but scan and single twice, got {self.dims}"
+            )
         if self.interleaved and self.imaginary is not None:
             raise ValueError("give either imaginary or interleaved")
         if ("frequency" in self.dims) == ("sample" in self.dims):
             raise ValueError(f"dims must hold either frequency or sample, got {self.dims}")
-        if ("tx" in self.dims) != ("rx" in self.dims) or ("tx" in self.dims and "pair" in self.dims):
+        if ("tx" in self.dims) != ("rx" in self.dims) or (
+            "tx" in self.dims and "pair" in self.dims
+        ):
             raise ValueError(f"dims must hold pair, or tx and rx together, got {self.dims}")
         return self
 
@@ -158,13 +170,17 @@ class Orientation(_Table):
     """Attitude as a rotation from the body's axes to those of the file."""
 
     file: str = "data"
-    variable: str | None = None  #: quaternions (..., 4) x, y, z, w, or with ``euler`` angles (..., 3)
+    variable: str | None = (
+        None  #: quaternions (..., 4) x, y, z, w, or with ``euler`` angles (..., 3)
+    )
     #: the quaternions' parts one by one
     x: Entry | None = None
     y: Entry | None = None
     z: Entry | None = None
     w: Entry | None = None
-    euler: str | None = None  #: order of Euler angles, "XYZ" about the body's turned axes, "xyz" about fixed ones
+    euler: str | None = (
+        None  #: order of Euler angles, "XYZ" about the body's turned axes, "xyz" about fixed ones
+    )
     unit: str | None = None  #: of Euler angles
     body: Axes  #: which axes of the body are the vehicle's x (right), y (forward) and z (up)
 
@@ -173,7 +189,9 @@ class Orientation(_Table):
         parts = [part is not None for part in (self.x, self.y, self.z, self.w)]
         if any(parts) != all(parts) or all(parts) == (self.variable is not None):
             raise ValueError("give either variable, or all of x, y, z and w")
-        if (self.euler is None) != (self.unit is None) or (self.euler is not None and self.variable is None):
+        if (self.euler is None) != (self.unit is None) or (
+            self.euler is not None and self.variable is None
+        ):
             raise ValueError("Euler angles are told by variable, euler and unit together")
         return self
 
@@ -181,15 +199,23 @@ class Orientation(_Table):
 class _Way(_Table):
     """Where the vehicle was: a place and an attitude, each in one of several forms."""
 
-    position: Positions | None = None  #: in the lane frame; a variable (..., 6) holds heading, pitch, roll, too
-    geodetic: Geodetic | None = None  #: in place of position; headings are then clockwise from true north
+    position: Positions | None = (
+        None  #: in the lane frame; a variable (..., 6) holds heading, pitch, roll, too
+    )
+    geodetic: Geodetic | None = (
+        None  #: in place of position; headings are then clockwise from true north
+    )
     #: heading, pitch, roll: number or variable, or "course" for a heading along the way
     heading: Entry | None = None
     pitch: Entry | None = None
     roll: Entry | None = None
     angle_unit: str | None = None
     orientation: Orientation | None = None  #: in place of heading, pitch and roll
-    axes: Axes = ("x", "y", "z")  #: which axes of the file are the lane's x, y and z, for positions and orientation
+    axes: Axes = (
+        "x",
+        "y",
+        "z",
+    )  #: which axes of the file are the lane's x, y and z, for positions and orientation
 
     @model_validator(mode="after")
     def _whole_attitude(self) -> _Way:
@@ -218,7 +244,9 @@ class Poses(_Way):
     @model_validator(mode="after")
     def _whole_place(self) -> Poses:
         place = {name: getattr(self, name) for name in ("x", "y", "z", "unit")}
-        if (self.position is not None) + (self.geodetic is not None) + any(v is not None for v in place.values()) > 1:
+        if (self.position is not None) + (self.geodetic is not None) + any(
+            v is not None for v in place.values()
+        ) > 1:
             raise ValueError("give one of position, geodetic, or x, y, z and unit")
         missing = [name for name, value in place.items() if value is None]
         if self.position is None and self.geodetic is None and missing:
@@ -234,9 +262,15 @@ class TrackTable(_Way):
     #: :mod:`flgpr.calibrate`
     clock_offset: float
     clock_rate: float = 1.0
-    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: the positioning antenna in the vehicle frame, m
+    lever_arm: tuple[float, float, float] = (
+        0.0,
+        0.0,
+        0.0,
+    )  #: the positioning antenna in the vehicle frame, m
     latency: float = 0.0  #: how late the time stamps are, s
-    max_gap: Annotated[float, Field(gt=0)] = 1.0  #: longest gap between fixes to interpolate over, s
+    max_gap: Annotated[float, Field(gt=0)] = (
+        1.0  #: longest gap between fixes to interpolate over, s
+    )
 
     @model_validator(mode="after")
     def _one_place(self) -> TrackTable:
@@ -273,25 +307,43 @@ class Mapping(_Table):
     def _checked(cls, entries: Any) -> Any:
         """Refuse the question marks of a draft, all told at once."""
         told = entries if isinstance(entries, dict) else {}
-        guesses = dict(_guesses({name: one for name, one in told.items() if name not in ("title", "source", "files")}))
+        guesses = dict(
+            _guesses(
+                {
+                    name: one
+                    for name, one in told.items()
+                    if name not in ("title", "source", "files")
+                }
+            )
+        )
         if guesses:
             (first, value), *others = guesses.items()
             more = f" (and so are {', '.join(name for name, _ in others)})" if others else ""
-            raise ValueError(f"{first} is still a guess, got {value!r}{more}: check it and take the question mark away")
+            raise ValueError(
+                f"{first} is still a guess, got {value!r}{more}: check it and take the question mark away"
+            )
         return entries
 
     @model_validator(mode="after")
     def _whole(self) -> Mapping:
         both = self.tx_position is not None and self.rx_position is not None
-        if (self.antenna_position is not None) == both or (self.tx_position is None) != (self.rx_position is None):
+        if (self.antenna_position is not None) == both or (self.tx_position is None) != (
+            self.rx_position is None
+        ):
             raise ValueError(
                 "the geometry is missing or double: give antenna_position (one antenna sends and receives), or "
                 "tx_position and rx_position"
             )
-        wanted, other = ("frequency", "samples") if "frequency" in self.signal.dims else ("samples", "frequency")
+        wanted, other = (
+            ("frequency", "samples")
+            if "frequency" in self.signal.dims
+            else ("samples", "frequency")
+        )
         if getattr(self, wanted) is None or getattr(self, other) is not None:
             raise ValueError(f"signal.dims asks for the table {wanted} and no table {other}")
-        lane = [p is not None and p.frame == "lane" for p in (self.antenna_position, self.tx_position)]
+        lane = [
+            p is not None and p.frame == "lane" for p in (self.antenna_position, self.tx_position)
+        ]
         if sum((self.pose is not None, self.track is not None, any(lane))) > 1:
             raise ValueError(
                 "the vehicle's place is told twice: give one of pose, track, or positions with frame = 'lane'"

@@ -19,7 +19,9 @@ _HEAD = 20  # lines among which the columns must be named
 def is_motive(path: Path) -> bool:
     """Whether a file begins as a take does."""
     with path.open("rb") as file:
-        return file.read(64).removeprefix(b"\xef\xbb\xbf").lstrip(b'"').startswith(b"Format Version")
+        return (
+            file.read(64).removeprefix(b"\xef\xbb\xbf").lstrip(b'"').startswith(b"Format Version")
+        )
 
 
 def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], list[str]]:
@@ -36,7 +38,9 @@ def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], li
     about = dict(zip(head[0][::2], head[0][1::2], strict=False))
     start = next((k for k, row in enumerate(head) if row[:1] == ["Frame"] and len(row) > 2), None)
     if start is None or start < 3:
-        raise ValueError("a take must name its columns, Frame, Time (Seconds), X, ..., in its first lines")
+        raise ValueError(
+            "a take must name its columns, Frame, Time (Seconds), X, ..., in its first lines"
+        )
     names = {row[1].strip(): row for row in head[1:start] if len(row) > 2}
     if "Type" not in names or "Name" not in names:
         raise ValueError("a take must have lines of Type and Name over its columns")
@@ -58,7 +62,9 @@ def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], li
         arrays[name] = values[:, order]
         units[name] = unit if name.endswith("/position") else "deg" if len(order) == 3 else ""
     rate = about.get("Export Frame Rate", "?")
-    told = f"{len(values)} frames at {rate} Hz, rotations as {spin or '?'}, lengths in {unit or '?'}"
+    told = (
+        f"{len(values)} frames at {rate} Hz, rotations as {spin or '?'}, lengths in {unit or '?'}"
+    )
     return arrays, units, [told]
 
 
@@ -72,7 +78,9 @@ def _columns(
         for k in range(2, width):
             group = groups[k].strip().lower()
             if types[k].strip() == kind and group in ("position", "rotation"):
-                found.setdefault(f"{bodies[k].strip()}/{group}", {}).setdefault(axes[k].strip().lower(), k)
+                found.setdefault(f"{bodies[k].strip()}/{group}", {}).setdefault(
+                    axes[k].strip().lower(), k
+                )
     whole = {}
     for name, order in found.items():
         turned = "xyzw" if "w" in order else euler

@@ -32,9 +32,13 @@ def tell_finished(output: str | Path, anew: str = DELETE) -> None:
     _LOG.info(words, output, anew, extra={"output": output})
 
 
-def other_output(output: str | Path, anew: str = "move it away or choose another output") -> FileExistsError:
+def other_output(
+    output: str | Path, anew: str = "move it away or choose another output"
+) -> FileExistsError:
     """Make the error that something else lies where an output is to be made."""
-    return FileExistsError(f"output must not exist yet, got {output}, which holds something else: {anew}")
+    return FileExistsError(
+        f"output must not exist yet, got {output}, which holds something else: {anew}"
+    )
 
 
 @contextmanager
@@ -115,7 +119,9 @@ def same_content(first: Path, second: Path, more: bool = False) -> bool:
     if first.is_dir() and second.is_dir():
         names, others = ({path.name for path in folder.iterdir()} for folder in (first, second))
         listed = names <= others if more else names == others
-        return listed and all(same_content(first / name, second / name, more) for name in sorted(names))
+        return listed and all(
+            same_content(first / name, second / name, more) for name in sorted(names)
+        )
     return first.is_file() and second.is_file() and filecmp.cmp(first, second, shallow=False)
 
 

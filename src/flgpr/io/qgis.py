@@ -39,7 +39,11 @@ class Layer:
 
 
 def project(
-    title: str, about: str, crs: str, extent: tuple[float, float, float, float], layers: Sequence[Layer]
+    title: str,
+    about: str,
+    crs: str,
+    extent: tuple[float, float, float, float],
+    layers: Sequence[Layer],
 ) -> bytes:
     """Write a project (XML of a ``.qgs``) that shows ``layers``, the first on top, in ``crs`` over an extent in it.
 
@@ -70,14 +74,22 @@ def project(
     _put(_put(properties, "Paths"), "Absolute", "false", type="bool")
     _put(_put(properties, "SpatialRefSys"), "ProjectionsEnabled", "1", type="int")
     ElementTree.indent(root)
-    return b"<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n" + ElementTree.tostring(root, "utf-8") + b"\n"
+    return (
+        b"<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
+        + ElementTree.tostring(root, "utf-8")
+        + b"\n"
+    )
 
 
 def graduated(column: str, values: ArrayLike) -> ElementTree.Element:
     """Draw points by a number: five classes of as many points each, the larger the value, the brighter and larger."""
     known = np.asarray(values, dtype=np.float64)
     known = known[np.isfinite(known)]
-    edges = np.unique(np.quantile(known, np.linspace(0, 1, _CLASSES + 1))) if known.size else np.zeros(1)
+    edges = (
+        np.unique(np.quantile(known, np.linspace(0, 1, _CLASSES + 1)))
+        if known.size
+        else np.zeros(1)
+    )
     edges = np.append(edges, edges[-1]) if edges.size == 1 else edges
     renderer = _renderer("graduatedSymbol", attr=column, graduatedMethod="GraduatedColor")
     ranges = _put(renderer, "ranges")
@@ -87,8 +99,16 @@ def graduated(column: str, values: ArrayLike) -> ElementTree.Element:
         label = f"{low:.3g} to {high:.3g}"
         limits = {"lower": repr(float(low)), "upper": repr(float(high))}
         _put(ranges, "range", **limits, symbol=str(number), label=label, render="true")
-        _marker(symbols, number, "circle", _VIRIDIS[round(share * (len(_VIRIDIS) - 1))], 1.2 + 2.3 * share)
-    _put(_put(renderer, "orderby"), "orderByClause", f'"{column}"', asc="1", nullsFirst="1")  # the largest on top
+        _marker(
+            symbols,
+            number,
+            "circle",
+            _VIRIDIS[round(share * (len(_VIRIDIS) - 1))],
+            1.2 + 2.3 * share,
+        )
+    _put(
+        _put(renderer, "orderby"), "orderByClause", f'"{column}"', asc="1", nullsFirst="1"
+    )  # the largest on top
     renderer.set("enableorderby", "1")
     return renderer
 
@@ -107,8 +127,15 @@ def by_kind(kinds: Iterable[str], colour: str) -> ElementTree.Element:
 def outline() -> ElementTree.Element:
     """Draw an area by its border alone."""
     renderer = _renderer("singleSymbol")
-    symbol = _put(_put(renderer, "symbols"), "symbol", type="fill", name="0", alpha="1", clip_to_extent="1")
-    options = {"style": "no", "outline_color": "255,140,0,255", "outline_style": "dash", "outline_width": "0.6"}
+    symbol = _put(
+        _put(renderer, "symbols"), "symbol", type="fill", name="0", alpha="1", clip_to_extent="1"
+    )
+    options = {
+        "style": "no",
+        "outline_color": "255,140,0,255",
+        "outline_style": "dash",
+        "outline_width": "0.6",
+    }
     _symbol_layer(symbol, "SimpleFill", options | {"outline_width_unit": "MM"})
     return renderer
 
@@ -122,7 +149,14 @@ def shaded(band: int, low: float, high: float) -> ElementTree.Element:
     ends = {"minimumValue": repr(float(low)), "maximumValue": repr(float(high))}
     shader = _put(_put(renderer, "rastershader"), "colorrampshader", **ramp, **ends)
     for value, colour in zip(np.linspace(low, high, len(_VIRIDIS)), _VIRIDIS, strict=True):
-        _put(shader, "item", value=repr(float(value)), label=f"{value:.3g}", color=colour, alpha="255")
+        _put(
+            shader,
+            "item",
+            value=repr(float(value)),
+            label=f"{value:.3g}",
+            color=colour,
+            alpha="255",
+        )
     return renderer
 
 
@@ -154,7 +188,12 @@ def _renderer(kind: str, **attributes: str) -> ElementTree.Element:
 
 
 def _marker(
-    symbols: ElementTree.Element, number: int, shape: str, colour: str, size: float, filled: bool = True
+    symbols: ElementTree.Element,
+    number: int,
+    shape: str,
+    colour: str,
+    size: float,
+    filled: bool = True,
 ) -> None:
     red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
     own = f"{red},{green},{blue},{255 if filled else 0}"
@@ -162,12 +201,16 @@ def _marker(
     options = {"name": shape, "color": own, "outline_color": border[0], "outline_width": border[1]}
     symbol = _put(symbols, "symbol", type="marker", name=str(number), alpha="1", clip_to_extent="1")
     units = {"size_unit": "MM", "outline_width_unit": "MM"}
-    _symbol_layer(symbol, "SimpleMarker", options | units | {"size": f"{size:.2g}", "outline_style": "solid"})
+    _symbol_layer(
+        symbol, "SimpleMarker", options | units | {"size": f"{size:.2g}", "outline_style": "solid"}
+    )
 
 
 def _symbol_layer(symbol: ElementTree.Element, kind: str, options: Mapping[str, str]) -> None:
     """Give a symbol its only layer; its options stand there twice, as QGIS reads them since 3.22 and before."""
-    layer = ElementTree.SubElement(symbol, "layer", {"class": kind, "pass": "0", "enabled": "1", "locked": "0"})
+    layer = ElementTree.SubElement(
+        symbol, "layer", {"class": kind, "pass": "0", "enabled": "1", "locked": "0"}
+    )
     values = _put(layer, "Option", type="Map")
     for name, value in options.items():
         _put(values, "Option", name=name, value=value, type="QString")
@@ -175,7 +218,11 @@ def _symbol_layer(symbol: ElementTree.Element, kind: str, options: Mapping[str, 
         _put(layer, "prop", k=name, v=value)
 
 
-def _put(parent: ElementTree.Element, tag: str, text: str | None = None, **attributes: str) -> ElementTree.Element:
-    child = ElementTree.SubElement(parent, tag, {name: printable(value) for name, value in attributes.items()})
+def _put(
+    parent: ElementTree.Element, tag: str, text: str | None = None, **attributes: str
+) -> ElementTree.Element:
+    child = ElementTree.SubElement(
+        parent, tag, {name: printable(value) for name, value in attributes.items()}
+    )
     child.text = None if text is None else printable(text)
     return child

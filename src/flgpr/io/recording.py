@@ -56,7 +56,8 @@ class _Series:
 class Recording:
     """An MCAP file: ``arrays`` are (name, shape, type, unit) of all it holds, ``lines`` tell its topics.
 
-    A message that is damaged is left out; ``notes`` count them, those among the messages read so far.
+    A message that is damaged is left out; ``notes`` count them, those among the messages read so
+    far.
 
     Every numeric field of a topic is an array over its messages, ``TOPIC/field.of.field``; a field of numbers alone,
     such as a position or a quaternion, is one (message, n) besides. Stamps are seconds; ``TOPIC@log_time`` and
@@ -80,14 +81,20 @@ class Recording:
         told = []
         for one in self._series.values():
             span = f" over {(one.last - one.first) / 1e9:.6g} s" if one.count > 1 else ""
-            tables = [f"{name}." for name, value in one.fields.items() if f"{name}.x" in one.fields and np.ndim(value)]
+            tables = [
+                f"{name}."
+                for name, value in one.fields.items()
+                if f"{name}.x" in one.fields and np.ndim(value)
+            ]
             shapes = ", ".join(
                 f"{name} {'x'.join(map(str, np.shape(value)))}".strip()
                 for name, value in one.fields.items()
                 if not name.startswith(tuple(tables))
             )
             what = shapes if one.known else one.fault
-            told.append(f"{one.name}: {one.count} {one.kind or one.encoding}{span}; {what or 'no numbers'}")
+            told.append(
+                f"{one.name}: {one.count} {one.kind or one.encoding}{span}; {what or 'no numbers'}"
+            )
         return told or ["no messages"]
 
     def read(self, name: str) -> NDArray[Any]:
@@ -102,9 +109,12 @@ class Recording:
         fields = {"@log_time": np.float64(), "@publish_time": np.float64(), **one.fields}
         size = one.count * sum(np.asarray(value).nbytes for value in fields.values())
         if size > self.limit:
-            fields = {name: value for name, value in fields.items() if name in (wanted, "@log_time")}
+            fields = {
+                name: value for name, value in fields.items() if name in (wanted, "@log_time")
+            }
         columns = {
-            name: np.empty((one.count, *np.shape(value)), np.asarray(value).dtype) for name, value in fields.items()
+            name: np.empty((one.count, *np.shape(value)), np.asarray(value).dtype)
+            for name, value in fields.items()
         }
         row = 0
         damaged = one.damaged
@@ -112,10 +122,17 @@ class Recording:
         for topic, told, log, publish in self._messages({series}):
             if topic != series or told is _DAMAGED:
                 continue
-            flat = _flat(told) | {"@log_time": np.float64(log / 1e9), "@publish_time": np.float64(publish / 1e9)}
+            flat = _flat(told) | {
+                "@log_time": np.float64(log / 1e9),
+                "@publish_time": np.float64(publish / 1e9),
+            }
             for name in list(columns):
                 value = flat.get(name)
-                if value is not None and not isinstance(value, str) and np.shape(value) == columns[name].shape[1:]:
+                if (
+                    value is not None
+                    and not isinstance(value, str)
+                    and np.shape(value) == columns[name].shape[1:]
+                ):
                     columns[name][row] = value
                 elif name not in (wanted, "@log_time"):
                     del columns[name]  # told when it is asked for
@@ -133,24 +150,36 @@ class Recording:
         one.damaged = max(one.damaged, damaged)
         # Messages are mostly in order, but several writers may share a file.
         order = np.argsort(columns["@log_time"][:row], kind="stable")
-        self._columns = {_joined(series, name): column[:row][order] for name, column in columns.items()}
+        self._columns = {
+            _joined(series, name): column[:row][order] for name, column in columns.items()
+        }
 
     def _note_damage(self, one: _Series) -> None:
-        self.notes.append(f"{one.name}: {one.damaged} of {one.count} messages are damaged and left out ({one.fault})")
+        self.notes.append(
+            f"{one.name}: {one.damaged} of {one.count} messages are damaged and left out ({one.fault})"
+        )
 
     def _count(self) -> None:
         for name, told, log, _ in self._messages(None):
             one = self._series[name]
-            one.first, one.last = (min(one.first, log), max(one.last, log)) if one.count else (log, log)
+            one.first, one.last = (
+                (min(one.first, log), max(one.last, log)) if one.count else (log, log)
+            )
             if told is not None and told is not _DAMAGED and not one.known:
-                one.fields = {key: value for key, value in _flat(told).items() if not isinstance(value, str)}
+                one.fields = {
+                    key: value for key, value in _flat(told).items() if not isinstance(value, str)
+                }
                 one.known = True
             one.count += 1
         for one in (*self._series.values(), *self._lost.values()):
             if one.damaged:
                 self._note_damage(one)
         for one in self._series.values():
-            for name, value in {"@log_time": np.float64(), "@publish_time": np.float64(), **one.fields}.items():
+            for name, value in {
+                "@log_time": np.float64(),
+                "@publish_time": np.float64(),
+                **one.fields,
+            }.items():
                 values = np.asarray(value)
                 whole = _joined(one.name, name)
                 self._places[whole] = one.name, name
@@ -173,24 +202,34 @@ class Recording:
                 channels[channel.id] = channel
             elif kind == _MESSAGE:
                 if len(data) < _MESSAGE_HEAD.size:
-                    raise ValueError(f"a message must have {_MESSAGE_HEAD.size} bytes or more, got {len(data)}")
+                    raise ValueError(
+                        f"a message must have {_MESSAGE_HEAD.size} bytes or more, got {len(data)}"
+                    )
                 number, _, log, publish = _MESSAGE_HEAD.unpack_from(data)
                 content = data[_MESSAGE_HEAD.size :]
                 if number not in channels:
-                    raise ValueError(f"a message belongs to channel {number}, which is not declared")
+                    raise ValueError(
+                        f"a message belongs to channel {number}, which is not declared"
+                    )
                 channel = channels[number]
                 schema = schemas.get(channel.schema_id)
                 if channel.id not in decoders:
                     decoders[channel.id] = self._decoder(channel, schema)
                 decode = decoders[channel.id]
                 topic = channel.topic
-                transforms = schema is not None and schema.name.endswith("TFMessage") and decode is not None
+                transforms = (
+                    schema is not None and schema.name.endswith("TFMessage") and decode is not None
+                )
                 if not transforms:
                     one = self._series[topic]
-                    needed = decode is not None and (topic in wanted if wanted is not None else not one.known)
+                    needed = decode is not None and (
+                        topic in wanted if wanted is not None else not one.known
+                    )
                     told = _decoded(decode, content, one) if needed and decode is not None else None
                     yield topic, told, log, publish
-                elif decode is not None and (wanted is None or any(name.startswith(f"{topic}/") for name in wanted)):
+                elif decode is not None and (
+                    wanted is None or any(name.startswith(f"{topic}/") for name in wanted)
+                ):
                     lost = self._lost.setdefault(topic, _Series(topic, "transforms", "cdr"))
                     message = _decoded(decode, content, lost)
                     lost.count += 1
@@ -241,7 +280,9 @@ class Recording:
                     file.seek(size, 1)
                     continue
                 if size > self.limit:
-                    raise ValueError(f"a record must have at most {self.limit / 1e9:g} GB, got {size / 1e9:.3g} GB")
+                    raise ValueError(
+                        f"a record must have at most {self.limit / 1e9:g} GB, got {size / 1e9:.3g} GB"
+                    )
                 data = file.read(size)
                 if head[0] == _CHUNK:
                     yield from self._inside(data)
@@ -267,20 +308,30 @@ class Recording:
     def _unpacked(self, chunk: Any) -> bytes:
         size = chunk.uncompressed_size
         if size > self.limit:
-            raise ValueError(f"a chunk must unpack to at most {self.limit / 1e9:g} GB, got {size / 1e9:.3g} GB")
+            raise ValueError(
+                f"a chunk must unpack to at most {self.limit / 1e9:g} GB, got {size / 1e9:.3g} GB"
+            )
         check_expansion("a chunk", size, len(chunk.data))
         if chunk.compression == "zstd":
             packer = optional("zstandard", "bags").ZstdDecompressor(max_window_size=_WINDOW)
             with packer.stream_reader(BytesIO(chunk.data)) as stream:
                 held = stream.read(size + 1)
         elif chunk.compression == "lz4":
-            held = optional("lz4.frame", "bags").LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+            held = (
+                optional("lz4.frame", "bags")
+                .LZ4FrameDecompressor()
+                .decompress(chunk.data, max_length=size + 1)
+            )
         elif chunk.compression == "":
             held = chunk.data
         else:
-            raise ValueError(f"chunks must be packed by zstd, lz4 or not at all, got {chunk.compression[:20]!r}")
+            raise ValueError(
+                f"chunks must be packed by zstd, lz4 or not at all, got {chunk.compression[:20]!r}"
+            )
         if len(held) != size:
-            raise ValueError(f"a chunk must unpack to the {size} bytes that it declares, got {len(held)} or more")
+            raise ValueError(
+                f"a chunk must unpack to the {size} bytes that it declares, got {len(held)} or more"
+            )
         return bytes(held)
 
 
@@ -307,14 +358,22 @@ def _from_json(data: bytes) -> Any:
 def _flat(told: Any, path: str = "") -> dict[str, Any]:
     """Numbers and texts of a message by their path; lists of like messages become arrays of their fields."""
     if isinstance(told, dict):
-        if set(told) in _STAMPS and not any(isinstance(part, (dict, list, str)) for part in told.values()):
-            first, second = told.values() if "sec" in list(told)[:1] else reversed(list(told.values()))
+        if set(told) in _STAMPS and not any(
+            isinstance(part, (dict, list, str)) for part in told.values()
+        ):
+            first, second = (
+                told.values() if "sec" in list(told)[:1] else reversed(list(told.values()))
+            )
             return {path: np.float64(float(first) + 1e-9 * float(second))}
         found: dict[str, Any] = {}
         for name, one in told.items():
             found |= _flat(one, f"{path}.{name}" if path else str(name))
         sides = [found.get(f"{path}.{name}") for name in told]
-        if path and len(sides) > 1 and all(isinstance(side, (np.number, np.bool_)) for side in sides):
+        if (
+            path
+            and len(sides) > 1
+            and all(isinstance(side, (np.number, np.bool_)) for side in sides)
+        ):
             found[path] = np.array(sides)
         return found
     if isinstance(told, np.ndarray):
@@ -389,7 +448,9 @@ def _short(name: str, package: str) -> str:
     return f"{parts[0]}/{parts[-1]}"
 
 
-def _struct(name: str, definitions: dict[str, str], known: dict[str, _Struct], depth: int) -> _Struct:
+def _struct(
+    name: str, definitions: dict[str, str], known: dict[str, _Struct], depth: int
+) -> _Struct:
     if name in known:
         return known[name]
     if name not in definitions or depth > _DEEPEST:
@@ -402,7 +463,9 @@ def _struct(name: str, definitions: dict[str, str], known: dict[str, _Struct], d
         if not plain or (not found and "=" in plain):
             continue  # a constant
         if not found:
-            raise ValueError(f"the definition of {name} has a line that is no field: {plain[:80]!r}")
+            raise ValueError(
+                f"the definition of {name} has a line that is no field: {plain[:80]!r}"
+            )
         told, many, label = found.groups()
         kind: str | _Struct
         if told in _NUMBERS:
@@ -414,7 +477,13 @@ def _struct(name: str, definitions: dict[str, str], known: dict[str, _Struct], d
         else:
             kind = _struct(_short(told, name.split("/")[0]), definitions, known, depth + 1)
         count = None if many is None else int(many[1:-1]) if many[1:-1].isdigit() else -1
-        one = kind.least if isinstance(kind, _Struct) else 4 if kind == "text" else np.dtype(kind).itemsize
+        one = (
+            kind.least
+            if isinstance(kind, _Struct)
+            else 4
+            if kind == "text"
+            else np.dtype(kind).itemsize
+        )
         least += one if count is None else 4 if count < 0 else count * one
         fields.append(_Field(label, kind, count))
     known[name] = _Struct(fields, max(least, 1))
@@ -441,7 +510,9 @@ class _Reader:
 
     def check(self, size: int) -> None:
         if size > len(self.data) - self.at:
-            raise ValueError(f"a message of {len(self.data)} bytes is cut off, it needs {size} more at {self.at}")
+            raise ValueError(
+                f"a message of {len(self.data)} bytes is cut off, it needs {size} more at {self.at}"
+            )
 
     def length(self) -> int:
         return int(self.take("u4", 1)[0])

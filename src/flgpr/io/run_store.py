@@ -27,7 +27,14 @@ from xarray.core import indexing
 
 from flgpr.door import MOST_CHECKED, MOST_JSON, DoorError, Folder, Listed, parse_json
 from flgpr.io.declared import DIMS, MAX_MEMORY, Layout, check_declared
-from flgpr.io.files import canonical_json, replace_folder, replaced_by, sha256, sync_file, write_whole
+from flgpr.io.files import (
+    canonical_json,
+    replace_folder,
+    replaced_by,
+    sha256,
+    sync_file,
+    write_whole,
+)
 from flgpr.io.journal import JOURNAL, Journal, JournalError, OtherRunError, WrittenScan, difference
 from flgpr.io.outputs import tell_finished
 from flgpr.model import AXES, POSE_COMPONENTS, check_run, make_run
@@ -60,7 +67,9 @@ class RunExistsError(FileExistsError):
                 if different
                 else "which holds something else or a damaged store"
             )
-        super().__init__(f"path must not exist yet, got {path}, {holds}: move it away or choose another output")
+        super().__init__(
+            f"path must not exist yet, got {path}, {holds}: move it away or choose another output"
+        )
 
 
 class _CommittedFiles:
@@ -69,7 +78,9 @@ class _CommittedFiles:
     def __init__(self, root: Path, files: dict[str, dict[str, Any]]) -> None:
         self.root = root
         self.files = files
-        listed = {name: Listed((entry["sha256"],), (entry["bytes"],)) for name, entry in files.items()}
+        listed = {
+            name: Listed((entry["sha256"],), (entry["bytes"],)) for name, entry in files.items()
+        }
         self._folder = Folder(root, listed)
 
     def check_sizes(self) -> None:
@@ -90,7 +101,9 @@ class _CommittedFiles:
         try:
             yield
         except OSError as error:
-            raise RunStoreError(f"{self.root}: {key} was committed but cannot be read ({error.strerror})") from None
+            raise RunStoreError(
+                f"{self.root}: {key} was committed but cannot be read ({error.strerror})"
+            ) from None
         except DoorError as error:
             raise RunStoreError(f"{error}: the store is truncated or altered") from None
 
@@ -106,7 +119,9 @@ class _StoredArray(BackendArray):
         self.dtype = np.dtype(layout.dtype)
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
-        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self.select)
+        return indexing.explicit_indexing_adapter(
+            key, self.shape, indexing.IndexingSupport.OUTER, self.select
+        )
 
     def select(self, key: tuple[Any, ...]) -> NDArray[Any]:
         """Read what a number, slice or list of numbers per dimension takes."""
@@ -114,7 +129,9 @@ class _StoredArray(BackendArray):
         places = [np.atleast_1d(one) for one in wanted]
         steps = self._layout.chunks
         out = np.empty([one.size for one in places], self.dtype)
-        for number in product(*(np.unique(one // step).tolist() for one, step in zip(places, steps, strict=True))):
+        for number in product(
+            *(np.unique(one // step).tolist() for one, step in zip(places, steps, strict=True))
+        ):
             cells = list(zip(places, steps, number, strict=True))
             here = [np.flatnonzero(one // step == k) for one, step, k in cells]
             there = [one[one // step == k] - k * step for one, step, k in cells]
@@ -126,17 +143,22 @@ class _StoredArray(BackendArray):
         layout = self._layout
         data = self._files.read(key) or b""
         size = self.dtype.itemsize * math.prod(layout.chunks)
-        if len(data) > size and google_crc32c.value(data[:size]) != int.from_bytes(data[size:], "little"):
+        if len(data) > size and google_crc32c.value(data[:size]) != int.from_bytes(
+            data[size:], "little"
+        ):
             raise RunStoreError(f"{self._files.root}: {key} has a wrong checksum")
-        values = np.frombuffer(data[:size], self.dtype.newbyteorder(">" if layout.big_endian else "<"))
+        values = np.frombuffer(
+            data[:size], self.dtype.newbyteorder(">" if layout.big_endian else "<")
+        )
         return values.reshape(layout.chunks)
 
 
 class RunWriter:
     """Write a run scan by scan; the store appears under its name only when it is whole.
 
-    Use as a context manager: leaving it normally commits, leaving it by an exception removes what was written, unless
-    it is to be resumed (``keeps``). ``len(writer)`` tells how many scans are there, so that a resumed run goes on::
+    Use as a context manager: leaving it normally commits, leaving it by an exception removes what
+    was written, unless it is to be resumed (``keeps``). ``len(writer)`` tells how many scans are
+    there, so that a resumed run goes on::
 
         with RunWriter(path, *fixed, resume=True) as writer:
             for scan in range(len(writer), total):
@@ -149,11 +171,13 @@ class RunWriter:
     frequency, polarization, tx_position, rx_position, attrs
         As in :func:`flgpr.model.make_run`.
     resume : bool
-        Go on where a writer of the same run was stopped, even by a kill, after its last good scan. Without it, what a
-        stopped writer left is thrown away. Another run, or one that another process writes, is a RunStoreError.
+        Go on where a writer of the same run was stopped, even by a kill, after its last good scan.
+        Without it, what a stopped writer left is thrown away. Another run, or one that another
+        process writes, is a RunStoreError.
     inputs : dict, optional
-        What else the scans depend on (digests of input files, versions), as JSON values. Resuming demands the same, and
-        a store that is whole tells by them whether it is the one that would be made; they are no part of the run.
+        What else the scans depend on (digests of input files, versions), as JSON values. Resuming
+        demands the same, and a store that is whole tells by them whether it is the one that would
+        be made; they are no part of the run.
     """
 
     def __init__(
@@ -185,14 +209,18 @@ class RunWriter:
         self.keeps = resume
         self._committed = False
         self._partial = self.path.with_name(self.path.name + ".partial")
-        self._about = _describe(self._frequency, self._polarization, self._tx, self._rx, self._attrs, inputs)
+        self._about = _describe(
+            self._frequency, self._polarization, self._tx, self._rx, self._attrs, inputs
+        )
         self._check_free(overwrite)
         try:
             self._journal = Journal(self._partial, self._about, resume)
         except JournalError as error:
             raise RunStoreError(str(error)) from error
         try:
-            self._check_free(overwrite)  # another process may have committed until the journal was ours
+            self._check_free(
+                overwrite
+            )  # another process may have committed until the journal was ours
         except FileExistsError:
             self._discard()
             raise
@@ -202,7 +230,9 @@ class RunWriter:
         import zarr  # takes long to load, and only writing needs it
 
         self._group = zarr.open_group(self._partial, mode="a", zarr_format=3)
-        self._signal = self._array("signal", (len(self), *self._shape), (1, *self._shape), "complex64")
+        self._signal = self._array(
+            "signal", (len(self), *self._shape), (1, *self._shape), "complex64"
+        )
 
     @classmethod
     def resumed(cls, *fixed: Any, inputs: dict[str, Any]) -> RunWriter:
@@ -212,7 +242,9 @@ class RunWriter:
         except RunStoreError as error:
             if not isinstance(error.__cause__, OtherRunError):
                 raise
-        writer = cls(*fixed, inputs=inputs)  # empties what the other run left, with the journal in hand
+        writer = cls(
+            *fixed, inputs=inputs
+        )  # empties what the other run left, with the journal in hand
         writer.keeps = True
         return writer
 
@@ -222,7 +254,9 @@ class RunWriter:
     def __enter__(self) -> RunWriter:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: object) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, _: object
+    ) -> None:
         if isinstance(error, OSError) and error.errno is not None and error.filename is None:
             error.filename = str(self.path)
         try:
@@ -245,7 +279,9 @@ class RunWriter:
         count = len(self)
         if math.isinf(time) or (count and time < self._journal.scans[-1].time):
             before = f" after {self._journal.scans[-1].time:g}" if count else ""
-            raise ValueError(f"time must be finite, or NaN, and not decrease from scan to scan, got {time:g}{before}")
+            raise ValueError(
+                f"time must be finite, or NaN, and not decrease from scan to scan, got {time:g}{before}"
+            )
         if count == self._signal.shape[0]:
             self._signal.resize((count + _AHEAD, *self._shape))
         self._signal[count] = block
@@ -260,8 +296,13 @@ class RunWriter:
         scans = self._journal.scans
         if not scans:
             raise ValueError("a run must hold at least one scan, got none")
-        # One tone stands for all, which the beginning checked: those of a day's drive would not fit into the memory.
-        probe = np.where(np.stack([scan.valid for scan in scans])[..., None], np.complex64(0), np.complex64(np.nan))
+        # One tone stands for all, which the beginning checked: those of a day's drive would not fit
+        # into the memory.
+        probe = np.where(
+            np.stack([scan.valid for scan in scans])[..., None],
+            np.complex64(0),
+            np.complex64(np.nan),
+        )
         run = make_run(
             probe,
             self._frequency[:1],
@@ -271,19 +312,32 @@ class RunWriter:
             np.stack([scan.pose for scan in scans]),
             [scan.time for scan in scans],
         )
-        self._signal.resize((len(scans), *self._shape))  # what was made ahead, or append failed at, does not count
+        self._signal.resize(
+            (len(scans), *self._shape)
+        )  # what was made ahead, or append failed at, does not count
         for name in ("valid", "tx_position", "rx_position", "pose", "frequency", "time"):
             values = self._frequency if name == "frequency" else run[name].values
-            self._array(name, values.shape, values.shape, str(values.dtype), run[name].dims)[...] = values
+            self._array(name, values.shape, values.shape, str(values.dtype), run[name].dims)[
+                ...
+            ] = values
         self._group.attrs.update(
-            {"format": FORMAT, "version": VERSION, "polarization": self._polarization, "attrs": self._attrs}
+            {
+                "format": FORMAT,
+                "version": VERSION,
+                "polarization": self._polarization,
+                "attrs": self._attrs,
+            }
         )
         digest = _write_manifest(self._partial, len(scans))
         if self._about["inputs"]:
-            write_whole(self._partial / MADE_OF, canonical_json({"commit": digest, "about": self._about}) + b"\n")
+            write_whole(
+                self._partial / MADE_OF,
+                canonical_json({"commit": digest, "about": self._about}) + b"\n",
+            )
         replace_folder(self._partial, self.path)
         self._committed = True
-        # Not before: a kill in between would cost every scan. The next writer takes away what a kill here leaves.
+        # Not before: a kill in between would cost every scan. The next writer takes away what a
+        # kill here leaves.
         (self.path / JOURNAL).unlink(missing_ok=True)
 
     def _check_free(self, overwrite: bool) -> None:
@@ -300,7 +354,9 @@ class RunWriter:
     def _discard(self) -> None:
         """Throw away what was written: out of the name first, for the next writer may take that at once."""
         with suppress(OSError):
-            aside = tempfile.mkdtemp(prefix=f".discarded-{self.path.name}-", dir=self._partial.parent)
+            aside = tempfile.mkdtemp(
+                prefix=f".discarded-{self.path.name}-", dir=self._partial.parent
+            )
             self._partial.rename(aside)
         for left in self._discarded():
             shutil.rmtree(left, ignore_errors=True)
@@ -366,7 +422,9 @@ def is_stored(run: xr.Dataset, path: str | Path) -> bool:
     root = Path(path)
     if not os.path.lexists(root):
         return False
-    frequency, tx_position, rx_position = (run[name].values for name in ("frequency", "tx_position", "rx_position"))
+    frequency, tx_position, rx_position = (
+        run[name].values for name in ("frequency", "tx_position", "rx_position")
+    )
     polarization = [str(label) for label in run["polarization"].values]
     attrs = {str(key): value for key, value in run.attrs.items()}
     about = _describe(frequency, polarization, tx_position, rx_position, attrs, _digests(run))
@@ -376,7 +434,9 @@ def is_stored(run: xr.Dataset, path: str | Path) -> bool:
     return True
 
 
-def save_run(run: xr.Dataset, path: str | Path, overwrite: bool = False, resume: bool = False) -> Path:
+def save_run(
+    run: xr.Dataset, path: str | Path, overwrite: bool = False, resume: bool = False
+) -> Path:
     """Write a run as a Zarr v3 store; one that exists is a FileExistsError unless ``overwrite`` is true.
 
     With ``resume`` it goes on where writing exactly this run was stopped, even by a kill; what is left of another run
@@ -426,7 +486,10 @@ def open_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
         attrs = parse_json(files.read("zarr.json") or b"{}")["attributes"]
         arrays = {name: _StoredArray(files, name, layout) for name, layout in layouts.items()}
         lazy = indexing.LazilyIndexedArray(arrays.pop("signal"))
-        held = {name: (DIMS[name], array.select((slice(None),) * len(array.shape))) for name, array in arrays.items()}
+        held = {
+            name: (DIMS[name], array.select((slice(None),) * len(array.shape)))
+            for name, array in arrays.items()
+        }
         coords = {
             "frequency": held.pop("frequency"),
             "polarization": ("polarization", [str(label) for label in attrs["polarization"]]),
@@ -445,7 +508,9 @@ def open_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
     except (KeyError, TypeError, AttributeError) as error:
         raise RunStoreError(f"{root}: not a run store ({error})") from error
     if manifest["scans"] != run.sizes["scan"]:
-        raise RunStoreError(f"{root}: {manifest['scans']} scans were committed, the arrays hold {run.sizes['scan']}")
+        raise RunStoreError(
+            f"{root}: {manifest['scans']} scans were committed, the arrays hold {run.sizes['scan']}"
+        )
     return run
 
 
@@ -455,27 +520,44 @@ def read_manifest(path: str | Path) -> dict[str, Any]:
     if not root.is_dir():
         partial = root.with_name(root.name + ".partial")
         if partial.is_dir():
-            raise RunStoreError(f"{root}: writing stopped before the run was committed; {partial} has what was written")
+            raise RunStoreError(
+                f"{root}: writing stopped before the run was committed; {partial} has what was written"
+            )
         said = "which is no folder" if root.exists() else "which does not exist"
         raise FileNotFoundError(f"path must be a run store, got {root}, {said}")
     try:
         written = Folder(root).read(_COMMIT, MOST_JSON)
         manifest = parse_json(written)
         own = manifest.pop("sha256")
-        same = sha256(canonical_json(manifest)) == own and _manifest_bytes({**manifest, "sha256": own}) == written
+        same = (
+            sha256(canonical_json(manifest)) == own
+            and _manifest_bytes({**manifest, "sha256": own}) == written
+        )
     except FileNotFoundError:
-        raise RunStoreError(f"{root}: no {_COMMIT}: this is no run store, or writing it was interrupted") from None
+        raise RunStoreError(
+            f"{root}: no {_COMMIT}: this is no run store, or writing it was interrupted"
+        ) from None
     except (ValueError, KeyError, AttributeError, TypeError, OSError) as error:
-        raise RunStoreError(f"{root}: {_COMMIT} cannot be read ({error}): the store is truncated or altered") from None
+        raise RunStoreError(
+            f"{root}: {_COMMIT} cannot be read ({error}): the store is truncated or altered"
+        ) from None
     if not same:
-        raise RunStoreError(f"{root}: {_COMMIT} differs from what was committed: the store is altered")
+        raise RunStoreError(
+            f"{root}: {_COMMIT} differs from what was committed: the store is altered"
+        )
     if manifest.get("format") != FORMAT or manifest.get("version") != VERSION:
         raise RunStoreError(
             f"{root}: format must be {FORMAT} version {VERSION}, got {manifest.get('format')} {manifest.get('version')}"
         )
     files = manifest.get("files")
-    if type(manifest.get("scans")) is not int or not isinstance(files, dict) or not all(map(_is_entry, files.values())):
-        raise RunStoreError(f"{root}: {_COMMIT} must tell the number of scans and digest and size of every file")
+    if (
+        type(manifest.get("scans")) is not int
+        or not isinstance(files, dict)
+        or not all(map(_is_entry, files.values()))
+    ):
+        raise RunStoreError(
+            f"{root}: {_COMMIT} must tell the number of scans and digest and size of every file"
+        )
     return {**manifest, "sha256": own}
 
 
@@ -524,7 +606,12 @@ def _write_manifest(root: Path, scans: int) -> str:
             data = file.read_bytes()
             sync_file(file)
             files[file.relative_to(root).as_posix()] = {"sha256": sha256(data), "bytes": len(data)}
-    manifest: dict[str, Any] = {"format": FORMAT, "version": VERSION, "scans": scans, "files": files}
+    manifest: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "scans": scans,
+        "files": files,
+    }
     manifest["sha256"] = sha256(canonical_json(manifest))
     write_whole(root / _COMMIT, _manifest_bytes(manifest))
     return str(manifest["sha256"])

@@ -67,7 +67,9 @@ class RunDescription:
     tx_position: NDArray[np.float64]
     rx_position: NDArray[np.float64]
     title: str = "run"  #: what to call the run
-    attrs: dict[str, Any] = field(default_factory=dict)  #: more to remember, such as ``georeference``
+    attrs: dict[str, Any] = field(
+        default_factory=dict
+    )  #: more to remember, such as ``georeference``
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -101,7 +103,9 @@ class Scan:
     time: float  #: time of the scan, s; NaN where unknown
     #: x, y, z (m), heading, pitch, roll (rad) in the lane frame; None where the vehicle did not know it
     pose: NDArray[np.float64] | None
-    signal: NDArray[np.complex64]  #: (polarization, pair, frequency): received field over transmitted field
+    signal: NDArray[
+        np.complex64
+    ]  #: (polarization, pair, frequency): received field over transmitted field
 
 
 def describe_for_live(run: xr.Dataset) -> RunDescription:
@@ -123,12 +127,18 @@ def parse_description(value: Any) -> RunDescription:
         raise ScanFileError(f"run description must be a JSON object, got {type(value).__name__}")
     if (value.get("format"), value.get("version")) != (RUN_FORMAT, RUN_VERSION):
         got = f"{value.get('format')!r} {value.get('version')!r}"
-        raise ScanFileError(f"run description must have format {RUN_FORMAT} version {RUN_VERSION}, got {got}")
-    missing = [name for name in ("polarization", "frequency_hz", "tx_m", "rx_m") if name not in value]
+        raise ScanFileError(
+            f"run description must have format {RUN_FORMAT} version {RUN_VERSION}, got {got}"
+        )
+    missing = [
+        name for name in ("polarization", "frequency_hz", "tx_m", "rx_m") if name not in value
+    ]
     if missing:
         raise ScanFileError(f"run description must hold {', '.join(missing)}, which it does not")
     try:
-        tx, rx = (np.asarray(value[name], dtype=np.float64).reshape(-1, 3) for name in ("tx_m", "rx_m"))
+        tx, rx = (
+            np.asarray(value[name], dtype=np.float64).reshape(-1, 3) for name in ("tx_m", "rx_m")
+        )
         tones = np.asarray(value["frequency_hz"], dtype=np.float64)
         for name, numbers, most in (
             ("tx_m", tx, _FARTHEST),
@@ -136,12 +146,21 @@ def parse_description(value: Any) -> RunDescription:
             ("frequency_hz", tones, _HIGHEST),
         ):
             if numbers.size and not np.abs(numbers).max() <= most:
-                raise ScanFileError(f"{name} must hold numbers up to {most:g}, got {np.abs(numbers).max():g}")
+                raise ScanFileError(
+                    f"{name} must hold numbers up to {most:g}, got {np.abs(numbers).max():g}"
+                )
         attrs = dict(value.get("attrs") or {})
         labels = [str(one) for one in value["polarization"]]
         found = RunDescription(tones, labels, tx, rx, str(value.get("title", "run")), attrs)
         check_frequency(tones)
-        make_run(np.zeros((1, *found.shape[:2], 1), np.complex64), tones[:1], labels, tx, rx, np.zeros((1, 6)))
+        make_run(
+            np.zeros((1, *found.shape[:2], 1), np.complex64),
+            tones[:1],
+            labels,
+            tx,
+            rx,
+            np.zeros((1, 6)),
+        )
         canonical_json(attrs)
     except (ValueError, TypeError, OverflowError, RecursionError) as error:
         raise ScanFileError(f"run description: {error}") from None
@@ -165,13 +184,19 @@ def encode_frame(kind: str, header: dict[str, Any], payload: bytes = b"") -> byt
 
 
 def encode_scan(
-    number: int, signal: ArrayLike, pose: ArrayLike | None, time: float = math.nan, run_id: str | None = None
+    number: int,
+    signal: ArrayLike,
+    pose: ArrayLike | None,
+    time: float = math.nan,
+    run_id: str | None = None,
 ) -> bytes:
     """Write a scan as a frame: field (polarization, pair, frequency), pose or None, time or NaN, and its run's id."""
     header: dict[str, Any] = {
         "scan": int(number),
         "time": float(time) if math.isfinite(time) else None,
-        "pose": None if pose is None else [float(value) for value in np.asarray(pose, dtype=np.float64)],
+        "pose": None
+        if pose is None
+        else [float(value) for value in np.asarray(pose, dtype=np.float64)],
     }
     if run_id is not None:
         header["run"] = run_id
@@ -186,7 +211,9 @@ def frame_size(head: bytes) -> int:
     if magic != MAGIC:
         raise ScanFileError(f"frame must begin with {MAGIC.decode()}, got {magic!r}")
     if text > _LONGEST_HEADER or payload > _LARGEST_PAYLOAD:
-        raise ScanFileError(f"frame states a header of {text} and a payload of {payload} bytes, which no scan has")
+        raise ScanFileError(
+            f"frame states a header of {text} and a payload of {payload} bytes, which no scan has"
+        )
     return int(_HEAD.size + text + payload + 4)
 
 
@@ -220,7 +247,9 @@ def scan_of(frame: Frame, description: RunDescription) -> Scan:
     if frame.kind != "scan":
         raise ScanFileError(f"frame must be a scan, got the kind {frame.kind!r}")
     if header.get("run", description.run_id) != description.run_id:
-        raise ScanFileError(f"scan belongs to another run: {header['run']!r}, not {description.run_id!r}")
+        raise ScanFileError(
+            f"scan belongs to another run: {header['run']!r}, not {description.run_id!r}"
+        )
     number = header.get("scan")
     if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < _LARGEST_SCAN:
         raise ScanFileError(f"scan must have a number from 0, got {number!r}")
@@ -247,7 +276,11 @@ def _pose(value: Any) -> NDArray[np.float64] | None:
     if not all(_is_finite(one) for one in value):
         return None
     pose = np.asarray(value, dtype=np.float64)
-    sane = abs(pose[3]) <= 2 * math.pi and (np.abs(pose[4:]) <= math.pi / 2).all() and (np.abs(pose[:3]) < 1e7).all()
+    sane = (
+        abs(pose[3]) <= 2 * math.pi
+        and (np.abs(pose[4:]) <= math.pi / 2).all()
+        and (np.abs(pose[:3]) < 1e7).all()
+    )
     return pose if sane else None
 
 

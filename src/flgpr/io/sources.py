@@ -47,7 +47,9 @@ class Sources:
             if not re.search(rf"(^|: ){re.escape(where)}\b", words):
                 words = f"{where}: {words}"
             if paths and not any(str(path) in words for path in paths):
-                words = f"{paths[0]}{f' and {len(paths) - 1} more' if len(paths) > 1 else ''}: {words}"
+                words = (
+                    f"{paths[0]}{f' and {len(paths) - 1} more' if len(paths) > 1 else ''}: {words}"
+                )
             raise ValueError(words) from None
 
     def arrays(self, file: str, variable: str, where: str) -> list[NDArray[Any]]:
@@ -65,7 +67,9 @@ class Sources:
                 raise ValueError(f"{where}: {error}") from None
             self.notes += [note for note in self._open[path].notes if note not in self.notes]
             if values.dtype.kind not in "fciu":
-                raise ValueError(f"{where}: {path}: {variable} must hold numbers, got {values.dtype}")
+                raise ValueError(
+                    f"{where}: {path}: {variable} must hold numbers, got {values.dtype}"
+                )
             held += values.nbytes
             if held > self.limit:
                 raise ValueError(
@@ -81,7 +85,9 @@ class Sources:
         Fixes of a track ("fix") follow one another unless every file holds them all; the others must be the same in all
         files.
         """
-        same = all(part.shape == parts[0].shape and np.array_equal(part, parts[0]) for part in parts[1:])
+        same = all(
+            part.shape == parts[0].shape and np.array_equal(part, parts[0]) for part in parts[1:]
+        )
         if len(parts) > 1 and (along == self.join.split()[-1] or (along == "fix" and not same)):
             with self.entry(where, None):
                 return np.concatenate([np.atleast_1d(part) for part in parts])
@@ -89,18 +95,25 @@ class Sources:
             raise ValueError(f"{where} must be the same in all {len(parts)} files, it is not")
         return parts[0]
 
-    def vector(self, spec: Quantity, kind: str, where: str, along: str = "", count: int | None = None) -> FloatArray:
+    def vector(
+        self, spec: Quantity, kind: str, where: str, along: str = "", count: int | None = None
+    ) -> FloatArray:
         """Values of a quantity as a vector in SI units; ``count`` is how many a span stands for."""
         scale = factor(spec.unit, kind, f"{where}.unit")
         with self.entry(where, spec.file if spec.variable is not None else None):
             if spec.span is not None:
                 if count is None:
-                    raise ValueError(f"{where} must be a variable or values, its length follows from nothing else")
+                    raise ValueError(
+                        f"{where} must be a variable or values, its length follows from nothing else"
+                    )
                 values = np.linspace(*spec.span, count)
             elif spec.values is not None:
                 values = np.asarray(spec.values, dtype=np.float64)
             else:
-                parts = [_column(p, spec.column, where) for p in self.arrays(spec.file, str(spec.variable), where)]
+                parts = [
+                    _column(p, spec.column, where)
+                    for p in self.arrays(spec.file, str(spec.variable), where)
+                ]
                 values = real(self.assembled(parts, along, where), where)
                 if len(self.grid) > 1 and along == "scan":
                     values = self._on_grid(values, None, where)
@@ -117,7 +130,10 @@ class Sources:
             return np.full(1 if count is None else count, spec)
         file = spec.file or file
         with self.entry(where, file):
-            parts = [_column(part, spec.column, where) for part in self.arrays(file, spec.variable, where)]
+            parts = [
+                _column(part, spec.column, where)
+                for part in self.arrays(file, spec.variable, where)
+            ]
             values = real(self.assembled(parts, along, where), where)
             plausible(values, where)
             if count is None:
@@ -125,7 +141,9 @@ class Sources:
             if len(self.grid) > 1 and along == "scan":
                 values = self._on_grid(values, spec.axis, where)
             elif spec.axis is not None:
-                raise ValueError(f"{where}.axis is for rasters, whose signal.dims hold scan more than once")
+                raise ValueError(
+                    f"{where}.axis is for rasters, whose signal.dims hold scan more than once"
+                )
             if values.shape != (count,):
                 raise ValueError(f"{where} must have {count} values, got shape {values.shape}")
         return values
@@ -136,26 +154,40 @@ class Sources:
         fits = [k for k, size in enumerate(grid) if values.shape == (size,)]
         if axis is not None:
             if axis not in fits:
-                raise ValueError(f"{where}.axis must be a scan axis of {grid} as long as the values, got {axis}")
+                raise ValueError(
+                    f"{where}.axis must be a scan axis of {grid} as long as the values, got {axis}"
+                )
             fits = [axis]
         if len(fits) > 1:
-            raise ValueError(f"{where} fits scan axes {fits} of {grid}: say which by axis = {fits[0]} or so")
+            raise ValueError(
+                f"{where} fits scan axes {fits} of {grid}: say which by axis = {fits[0]} or so"
+            )
         if fits:
-            return np.broadcast_to(np.expand_dims(values, [k for k in range(len(grid)) if k != fits[0]]), grid).ravel()
+            return np.broadcast_to(
+                np.expand_dims(values, [k for k in range(len(grid)) if k != fits[0]]), grid
+            ).ravel()
         if values.ndim > 1 and values.shape != tuple(n for n in grid if n > 1):
-            raise ValueError(f"{where} must have the shape {grid} of the scan axes, got {values.shape}")
+            raise ValueError(
+                f"{where} must have the shape {grid} of the scan axes, got {values.shape}"
+            )
         return values.ravel()
 
-    def points(self, spec: Positions, where: str, along: str, count: int | None = None) -> FloatArray:
+    def points(
+        self, spec: Positions, where: str, along: str, count: int | None = None
+    ) -> FloatArray:
         """Positions (..., 3) in m; with ``count`` one per scan or fix, (count, 3) or with angles (count, 6)."""
         scale = factor(spec.unit, "length", f"{where}.unit")
         with self.entry(where, None if spec.values is not None else spec.file):
             points = self._triples(spec, where, along, count)
             if points.ndim < 2 or points.shape[-1] not in ((3,) if count is None else (3, 6)):
-                raise ValueError(f"{where} must have x, y and z along its last axis, got shape {points.shape}")
+                raise ValueError(
+                    f"{where} must have x, y and z along its last axis, got shape {points.shape}"
+                )
             if count is not None:
                 if points.ndim > 2 and along == "scan" and points.shape[:-1] != self.grid:
-                    raise ValueError(f"{where} must have the shape {self.grid} of the scan axes, got {points.shape}")
+                    raise ValueError(
+                        f"{where} must have the shape {self.grid} of the scan axes, got {points.shape}"
+                    )
                 points = points.reshape(-1, points.shape[-1])
                 if len(points) != count:
                     raise ValueError(f"{where} must have {count} positions, got {len(points)}")
@@ -180,22 +212,34 @@ class Sources:
             except ValueError:
                 sizes = ", ".join(str(side.size) for side in sides)
                 raise ValueError(f"{where} must have as many x as y and z, got {sizes}") from None
-        points = real(self.assembled(self.arrays(spec.file, spec.variable, where), along, where), where)
+        points = real(
+            self.assembled(self.arrays(spec.file, spec.variable, where), along, where), where
+        )
         if points.ndim == 2 and points.shape[0] == 3 and points.shape[1] not in (2, 3, 6):
             points = points.T  # a column per position, as is the custom in MATLAB
         if spec.z is None:
             return points
         if points.ndim < 2 or points.shape[-1] != 2:
-            raise ValueError(f"{where} must have x and y alone with z beside it, got shape {points.shape}")
+            raise ValueError(
+                f"{where} must have x and y alone with z beside it, got shape {points.shape}"
+            )
         height = self.component(spec.z, spec.file, f"{where}.z", points[..., 0].size, along)
         return np.concatenate([points, height.reshape(*points.shape[:-1], 1)], axis=-1)
 
     def _index(self, spec: Index, count: int, where: str) -> NDArray[np.int64]:
         with self.entry(where, spec.file):
             parts = self.arrays(spec.file, spec.variable, where)
-            values = real(self.assembled([_column(p, spec.column, where) for p in parts], "pair", where), where).ravel()
+            values = real(
+                self.assembled([_column(p, spec.column, where) for p in parts], "pair", where),
+                where,
+            ).ravel()
             rows = values - spec.first
-            if not np.isfinite(rows).all() or (rows != np.round(rows)).any() or rows.min() < 0 or rows.max() >= count:
+            if (
+                not np.isfinite(rows).all()
+                or (rows != np.round(rows)).any()
+                or rows.min() < 0
+                or rows.max() >= count
+            ):
                 raise ValueError(
                     f"{where} must hold whole numbers from {spec.first} to {count - 1 + spec.first}, got "
                     f"{values.min():g} to {values.max():g}"
@@ -215,7 +259,9 @@ def _column(values: NDArray[Any], column: int | None, where: str) -> NDArray[Any
     if column is None:
         return np.atleast_1d(values.squeeze())
     if values.ndim != 2 or not 0 <= column < values.shape[1]:
-        raise ValueError(f"{where}.column must be a column of the variable, got {column} for shape {values.shape}")
+        raise ValueError(
+            f"{where}.column must be a column of the variable, got {column} for shape {values.shape}"
+        )
     return values[:, column]
 
 

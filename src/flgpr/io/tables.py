@@ -58,7 +58,9 @@ def read_table_in(folder: str | Path, name: str | PurePath, kind: str) -> pd.Dat
     return parse_table(place.read(str(name)), kind, place.root / name)
 
 
-def parse_table(data: bytes, kind: str, path: str | Path, reading: TableReading | None = None) -> pd.DataFrame:
+def parse_table(
+    data: bytes, kind: str, path: str | Path, reading: TableReading | None = None
+) -> pd.DataFrame:
     """Read a table as :func:`read_table` does from the bytes of a file, which errors name."""
     ids = ("alarm_id", "target_id", "object_id")
     with faults_of(path):
@@ -79,7 +81,9 @@ def parse_table(data: bytes, kind: str, path: str | Path, reading: TableReading 
         header = _header_of(head)
         targets = column_targets(header, kind, known, chosen.columns)
         texts = [header[k] for k, target in targets.items() if target in ids]
-        table, told = named_columns(parse_columns(body.encode(), *ids, *texts), targets, chosen.anchor)
+        table, told = named_columns(
+            parse_columns(body.encode(), *ids, *texts), targets, chosen.anchor
+        )
         checked = _CHECKS[kind](table)
     notes += told
     for note in notes:
@@ -108,7 +112,10 @@ def _is_plain(data: bytes, kind: str) -> bool:
 
 
 def _header_of(head: str) -> list[str]:
-    return [str(plain_text(name.strip())) for name in next(csv.reader([head], delimiter=mark_of(head)), [])]
+    return [
+        str(plain_text(name.strip()))
+        for name in next(csv.reader([head], delimiter=mark_of(head)), [])
+    ]
 
 
 def read_columns(path: Path, *texts: str) -> pd.DataFrame:
@@ -130,16 +137,24 @@ def parse_columns(data: bytes, *texts: str) -> pd.DataFrame:
     if mark == ",":
         return unquoted(pd.read_csv(io.BytesIO(data), dtype=as_text))
     if mark == ";" and "," in head:
-        raise ValueError(f"columns must be separated by commas or by semicolons, got both in {head.strip()[:80]!r}")
+        raise ValueError(
+            f"columns must be separated by commas or by semicolons, got both in {head.strip()[:80]!r}"
+        )
     text = data.decode("utf-8-sig")
     cells = pd.read_csv(io.StringIO(text), sep=mark, dtype=str, keep_default_na=False)
     rest = [cells[name] for name in cells.columns if name not in texts]
     numbers = [one for one in rest if one.str.fullmatch(_NUMBER).all()]
-    commas, points = (any(one.str.contains(mark, regex=False).any() for one in numbers) for mark in ",.")
+    commas, points = (
+        any(one.str.contains(mark, regex=False).any() for one in numbers) for mark in ",."
+    )
     parted = "semicolons" if mark == ";" else "tabs"
     if commas and points:
-        raise ValueError(f"columns separated by {parted} must have decimal commas or decimal points, got both")
-    return unquoted(pd.read_csv(io.StringIO(text), sep=mark, decimal="," if commas else ".", dtype=as_text))
+        raise ValueError(
+            f"columns separated by {parted} must have decimal commas or decimal points, got both"
+        )
+    return unquoted(
+        pd.read_csv(io.StringIO(text), sep=mark, decimal="," if commas else ".", dtype=as_text)
+    )
 
 
 def _check_table_size(data: bytes) -> None:
@@ -149,7 +164,11 @@ def _check_table_size(data: bytes) -> None:
     columns = head.count(mark) + 1
     marks = data.count(mark.encode())
     rows = max(data.count(b"\n"), data.count(b"\r"))
-    counts = {"rows": (rows, _MOST_ROWS), "columns": (columns, _MOST_COLUMNS), "cells": (rows + marks, _MOST_CELLS)}
+    counts = {
+        "rows": (rows, _MOST_ROWS),
+        "columns": (columns, _MOST_COLUMNS),
+        "cells": (rows + marks, _MOST_CELLS),
+    }
     for what, (count, most) in counts.items():
         if count > most:
             raise ValueError(f"a table must have at most {most} {what}, got {count}")
@@ -170,11 +189,19 @@ def table_text(table: pd.DataFrame) -> str:
     of text that begins so and is no number, and a column's name, gets an apostrophe in front, by which spreadsheets
     know text; so does one that begins with apostrophes before such a character. Reading takes one away again.
     """
-    texts = [number for number in range(table.shape[1]) if not is_numeric_dtype(table.dtypes.iloc[number])]
+    texts = [
+        number
+        for number in range(table.shape[1])
+        if not is_numeric_dtype(table.dtypes.iloc[number])
+    ]
     quoted = table.rename(columns=_quoted)
     for number in texts:
         quoted.isetitem(number, table.iloc[:, number].map(_quoted).array)
-    returns = any(isinstance(cell, str) and "\r" in cell for number in texts for cell in quoted.iloc[:, number])
+    returns = any(
+        isinstance(cell, str) and "\r" in cell
+        for number in texts
+        for cell in quoted.iloc[:, number]
+    )
     # A lone CR without quotes would be read as the end of a line.
     quoting: Literal[0, 2] = csv.QUOTE_NONNUMERIC if returns else csv.QUOTE_MINIMAL
     return str(quoted.to_csv(index=False, lineterminator="\n", quoting=quoting))
@@ -197,7 +224,11 @@ def _quoted(cell: Any) -> Any:
 
 def plain_text(cell: Any) -> Any:
     """Take an apostrophe away from the front of text that would be a formula without it; all else stays."""
-    return cell[1:] if isinstance(cell, str) and cell.startswith("'") and _FORMULA.match(cell) else cell
+    return (
+        cell[1:]
+        if isinstance(cell, str) and cell.startswith("'") and _FORMULA.match(cell)
+        else cell
+    )
 
 
 def write_geojson(table: pd.DataFrame, path: str | Path) -> None:
@@ -211,7 +242,9 @@ def write_geojson(table: pd.DataFrame, path: str | Path) -> None:
     write_features(path, places, table.drop(columns=["x", "y"]), {"flgpr_frame": frame})
 
 
-def write_features(path: str | Path, places: list[list[float]], rest: pd.DataFrame, head: dict[str, Any]) -> None:
+def write_features(
+    path: str | Path, places: list[list[float]], rest: pd.DataFrame, head: dict[str, Any]
+) -> None:
     """Write GeoJSON points with properties, and what is to be said of them all; the file is whole or absent."""
     features = [
         {
@@ -239,7 +272,9 @@ def parse_lane(data: bytes) -> Lane:
 
 def lane_text(lane: Lane) -> str:
     """Write a lane as TOML, the form :func:`read_lane` reads."""
-    return "".join(f"{name} = {getattr(lane, name)!r}\n" for name in ("x_min", "x_max", "y_min", "y_max"))
+    return "".join(
+        f"{name} = {getattr(lane, name)!r}\n" for name in ("x_min", "x_max", "y_min", "y_max")
+    )
 
 
 def json_value(value: Any) -> Any:
@@ -262,7 +297,11 @@ def read_text_table(path: Path, notes: list[str] | None = None) -> dict[str, NDA
     found: dict[str, NDArray[Any]] = {}
     for label, lines in blocks:
         arrays = _parse_lines(lines)
-        found |= arrays if len(blocks) == 1 else {f"{label}/{name}": values for name, values in arrays.items()}
+        found |= (
+            arrays
+            if len(blocks) == 1
+            else {f"{label}/{name}": values for name, values in arrays.items()}
+        )
     return found
 
 
@@ -282,11 +321,15 @@ def _parse_lines(lines: list[tuple[int, str]]) -> dict[str, NDArray[Any]]:
     width = len(names) if names is not None else len(rows[0][1])
     for line, cells in rows:
         if len(cells) != width:
-            raise ValueError(f"line {line} must have {width} cells like the first, got {len(cells)}; {_HINT}")
+            raise ValueError(
+                f"line {line} must have {width} cells like the first, got {len(cells)}; {_HINT}"
+            )
     columns = [_column([cells[k] for _, cells in rows]) for k in range(width)]
     bad = [k for k, column in enumerate(columns) if column is None]
     if names is None and bad:
-        line, cell = next((line, cells[k]) for line, cells in rows for k in bad if _number(cells[k]) is None)
+        line, cell = next(
+            (line, cells[k]) for line, cells in rows for k in bad if _number(cells[k]) is None
+        )
         raise ValueError(f"line {line} must hold numbers, got {cell.strip()!r}; {_HINT}")
     numeric = {k: column for k, column in enumerate(columns) if column is not None}
     if not numeric:
@@ -332,7 +375,9 @@ def _rows(lines: list[tuple[int, str]]) -> list[tuple[int, list[str]]]:
     first = lines[0][1]
     mark = next((mark for mark in ";\t," if mark in first), None)
     if mark == "," and re.search(r"\d,\d+\s+[-+]?\d+,\d", first):
-        raise ValueError(f"line {lines[0][0]} has blanks between numbers with commas; {_HINT}, not blanks")
+        raise ValueError(
+            f"line {lines[0][0]} has blanks between numbers with commas; {_HINT}, not blanks"
+        )
     if mark is None:
         return [(k, line.split()) for k, line in lines]
     cells = csv.reader([line for _, line in lines], delimiter=mark)

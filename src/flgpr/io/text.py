@@ -27,7 +27,9 @@ def decode_text(data: bytes, name: str, notes: list[str] | None = None) -> str:
         text = data.decode(codec)
     except UnicodeDecodeError as error:
         if codec != "utf-8":
-            raise ValueError(f"{name} begins as {encoding} and is none at byte {error.start}") from None
+            raise ValueError(
+                f"{name} begins as {encoding} and is none at byte {error.start}"
+            ) from None
         text = data.decode("latin-1")
         encoding = "Latin-1, which is assumed because it is no UTF-8"
     if notes is not None and encoding != "UTF-8":

@@ -35,7 +35,10 @@ def touchstone_text(path: Path, notes: list[str]) -> TouchstoneText:
     """
     text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
     head, rows = _parts(text)
-    keywords = {name.lower(): value for name, value in re.findall(r"^\s*\[(.*?)\][ \t]*(\S*)", text, re.MULTILINE)}
+    keywords = {
+        name.lower(): value
+        for name, value in re.findall(r"^\s*\[(.*?)\][ \t]*(\S*)", text, re.MULTILINE)
+    }
     if keywords:  # of version 2, which marks where noise begins
         stated = keywords.get("number of frequencies", "")
         return TouchstoneText(text, path, int(stated) if stated.isdecimal() else 0)
@@ -47,7 +50,9 @@ def touchstone_text(path: Path, notes: list[str]) -> TouchstoneText:
         noise += 1
     numbers = [number for row in rows for number in row]
     if len(numbers) % size or not numbers:
-        raise ValueError(f"its numbers must be {size} for every tone of {ports} ports, got {len(numbers)}")
+        raise ValueError(
+            f"its numbers must be {size} for every tone of {ports} ports, got {len(numbers)}"
+        )
     tones = [numbers[at : at + size] for at in range(0, len(numbers), size)]
     ordered = sorted(tones, key=lambda tone: float(tone[0]))
     if noise:
@@ -77,5 +82,7 @@ def _ports_of(path: Path) -> int:
     """Return the number of ports that the ending tells."""
     ending = _PORTS.fullmatch(path.suffix)
     if ending is None or not 1 <= int(ending[1]) <= 999:
-        raise ValueError(f"the ending must tell the number of ports, such as .s2p, got {path.suffix!r}")
+        raise ValueError(
+            f"the ending must tell the number of ports, such as .s2p, got {path.suffix!r}"
+        )
     return int(ending[1])

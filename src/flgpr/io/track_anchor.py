@@ -16,16 +16,20 @@ FloatArray = NDArray[np.float64]
 _LEAST = 0.5  # m that a track must reach from its first fix, to have a direction
 
 
-def anchor_from_fixes(fixes: ArrayLike, number: ArrayLike | None = None) -> tuple[Anchor, list[str]]:
+def anchor_from_fixes(
+    fixes: ArrayLike, number: ArrayLike | None = None
+) -> tuple[Anchor, list[str]]:
     """Tie a lane to a satellite receiver's own track.
 
-    The lane's origin is the first plausible fix, its +y points to the fix that is farthest from it, along the course
-    of a straight line or drive. How well that ties the lane is not known: the receiver's fixes are all there is.
+    The lane's origin is the first plausible fix, its +y points to the fix that is farthest from it,
+    along the course of a straight line or drive. How well that ties the lane is not known: the
+    receiver's fixes are all there is.
 
     Parameters
     ----------
     fixes : (fix, 3) array_like
-        Longitude and latitude (degrees, WGS 84) and ellipsoidal height (m); what is not finite is left out.
+        Longitude and latitude (degrees, WGS 84) and ellipsoidal height (m); what is not finite is
+        left out.
     number : (fix,) array_like, optional
         Numbers of the traces or scans that the fixes belong to, ascending; by default from 0 on.
 
@@ -43,8 +47,12 @@ def anchor_from_fixes(fixes: ArrayLike, number: ArrayLike | None = None) -> tupl
     finite = np.isfinite(points).all(axis=1) & (np.abs(points[:, 1]) < 89.9)
     known = points[finite]
     if len(known) < 2:
-        raise ValueError(f"an anchor from the track needs two finite fixes or more, got {len(known)} of {len(points)}")
-    numbers = np.arange(len(points)) if number is None else np.round(np.asarray(number, dtype=np.float64))
+        raise ValueError(
+            f"an anchor from the track needs two finite fixes or more, got {len(known)} of {len(points)}"
+        )
+    numbers = (
+        np.arange(len(points)) if number is None else np.round(np.asarray(number, dtype=np.float64))
+    )
     middle = _anchor_at(_middle(known), 0.0)
     local = middle.from_geodetic(known)
     pose = np.concatenate([local, np.zeros_like(local)], axis=1)
@@ -69,7 +77,9 @@ def anchor_from_fixes(fixes: ArrayLike, number: ArrayLike | None = None) -> tupl
         "away; how well that is known the track does not tell"
     ]
     if left_out:
-        notes.append(f"{left_out} of {len(points)} fixes are not plausible and do not enter the lane's place")
+        notes.append(
+            f"{left_out} of {len(points)} fixes are not plausible and do not enter the lane's place"
+        )
     return _anchor_at(start.origin, azimuth), notes
 
 

@@ -38,12 +38,13 @@ def read_track(
 ) -> pd.DataFrame:
     """Read a track from CSV with the columns ``time_s``, ``x_m``, ``y_m``, ``z_m`` in the lane frame.
 
-    Angles are in ``heading_deg`` or ``heading_rad``, ``pitch_deg`` and ``roll_deg`` or the same with rad. With
-    ``heading`` "column" all three must be there; with "course" the heading is the direction of the way, and pitch and
-    roll are zero where there are no such columns. What an import writes beside a run (``time``, ``x``, ...) is read,
-    too, and a take of OptiTrack Motive: of the rigid body ``body`` (the only one, if it is None), with ``axes``, which
-    of Motive's axes are the lane's x, y and z, such as ``("x", "-z", "y")`` where Motive has y up; the body's own axes
-    must have been made along them, with the vehicle along +y of the lane.
+    Angles are in ``heading_deg`` or ``heading_rad``, ``pitch_deg`` and ``roll_deg`` or the same
+    with rad. With ``heading`` "column" all three must be there; with "course" the heading is the
+    direction of the way, and pitch and roll are zero where there are no such columns. What an
+    import writes beside a run (``time``, ``x``, ...) is read, too, and a take of OptiTrack Motive:
+    of the rigid body ``body`` (the only one, if it is None), with ``axes``, which of Motive's axes
+    are the lane's x, y and z, such as ``("x", "-z", "y")`` where Motive has y up; the body's own
+    axes must have been made along them, with the vehicle along +y of the lane.
 
     Fixes that are not finite are left out and counted in ``attrs["notes"]``. A missing column, a stretch of more than
     ``max_gap`` s without a finite fix between others that are left out, or a time that does not increase is a
@@ -56,7 +57,11 @@ def read_track(
         raise ValueError(f"{path}: body and axes are of takes of OptiTrack Motive, this is none")
     encoding: list[str] = []
     with faults_of(path):
-        time, pose = _take(Path(path), body, axes) if take else _fixes(read_text_table(Path(path), encoding), heading)
+        time, pose = (
+            _take(Path(path), body, axes)
+            if take
+            else _fixes(read_text_table(Path(path), encoding), heading)
+        )
         keep, notes = bridged(time, pose, max_gap)
         if heading == "course":
             pose[keep, 3] = course(pose[keep, :3])
@@ -65,7 +70,9 @@ def read_track(
     return track
 
 
-def _fixes(columns: Mapping[str, NDArray[Any]], heading: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _fixes(
+    columns: Mapping[str, NDArray[Any]], heading: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Take times and poses (fix, 6) of a table; a heading along the way is left zero."""
     names = [column.name for column in TRACK_COLUMNS]
     if set(names) <= set(columns):
@@ -80,7 +87,9 @@ def _fixes(columns: Mapping[str, NDArray[Any]], heading: str) -> tuple[NDArray[n
     return time, np.stack([*place, *angles], axis=1)
 
 
-def _take(path: Path, body: str | None, axes: Sequence[str] | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _take(
+    path: Path, body: str | None, axes: Sequence[str] | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     opened = open_arrays(path)
     known = [name.removesuffix("/rotation") for name in opened.arrays if name.endswith("/rotation")]
     bodies = [name for name in known if f"{name}/position" in opened.arrays]
@@ -94,9 +103,13 @@ def _take(path: Path, body: str | None, axes: Sequence[str] | None) -> tuple[NDA
     place = opened.read(f"{name}/position")
     turn = opened.read(f"{name}/rotation")
     if turn.shape[1] != 4:
-        raise ValueError("a take with Euler angles needs a mapping that tells their order: export quaternions instead")
+        raise ValueError(
+            "a take with Euler angles needs a mapping that tells their order: export quaternions instead"
+        )
     scale = factor(opened.arrays[f"{name}/position"].unit, "length", "the header's Length Units")
-    pose = np.concatenate([scale * place @ axes_matrix(axes).T, attitude_of(turn, axes, axes)], axis=1)
+    pose = np.concatenate(
+        [scale * place @ axes_matrix(axes).T, attitude_of(turn, axes, axes)], axis=1
+    )
     return opened.read("time"), pose
 
 
@@ -112,21 +125,29 @@ def read_survey(path: str | Path) -> NDArray[np.float64]:
     with faults_of(path):
         if "left_x_m" in columns:
             left, right = (
-                np.stack([_needed(columns, f"{side}_{axis}_m") for axis in "xyz"], axis=1) for side in ("left", "right")
+                np.stack([_needed(columns, f"{side}_{axis}_m") for axis in "xyz"], axis=1)
+                for side in ("left", "right")
             )
             apart = right - left
             level = np.hypot(apart[:, 0], apart[:, 1])
             if not (level > 1e-3).all():
-                raise ValueError(f"left and right marks must lie apart, they coincide at scan {int(level.argmin())}")
+                raise ValueError(
+                    f"left and right marks must lie apart, they coincide at scan {int(level.argmin())}"
+                )
             pitch = _angle(columns, "pitch")
-            # Rx(pitch)·Ry(roll) takes the line to the right mark to (cos r, sin p·sin r, -cos p·sin r).
-            roll = -np.arcsin(np.clip(apart[:, 2] / (np.linalg.norm(apart, axis=1) * np.cos(pitch)), -1, 1))
+            # Rx(pitch)·Ry(roll) takes the line to the right mark to (cos r, sin p·sin r, -cos p·sin
+            # r).
+            roll = -np.arcsin(
+                np.clip(apart[:, 2] / (np.linalg.norm(apart, axis=1) * np.cos(pitch)), -1, 1)
+            )
             aside = np.arctan2(np.sin(pitch) * np.sin(roll), np.cos(roll))
             heading = np.angle(np.exp(1j * (aside - np.arctan2(apart[:, 1], apart[:, 0]))))
             pose = np.column_stack([(left + right) / 2, heading, pitch, roll])
         else:
             place = [_needed(columns, f"{axis}_m") for axis in "xyz"]
-            pose = np.column_stack([*place, *(_angle(columns, name) for name in ("heading", "pitch", "roll"))])
+            pose = np.column_stack(
+                [*place, *(_angle(columns, name) for name in ("heading", "pitch", "roll"))]
+            )
         bad = ~np.isfinite(pose).all(axis=1)
         if bad.any():
             raise ValueError(f"poses must be finite, got other values for scan {int(bad.argmax())}")
@@ -153,7 +174,9 @@ def read_nmea(
     seen: dict[int, int] = {}
     now = -math.inf
     notes: list[str] = []
-    for number, line in enumerate(decode_text(read_named(path, MAX_MEMORY), path.name, notes).splitlines()):
+    for number, line in enumerate(
+        decode_text(read_named(path, MAX_MEMORY), path.name, notes).splitlines()
+    ):
         if not line.strip():
             continue
         try:
@@ -162,14 +185,20 @@ def read_nmea(
                 seen[message.quality] = seen.get(message.quality, 0) + 1
                 if message.quality in quality:
                     now = _later(message.time, now)
-                    fixes.append((now, message.lon, message.lat, float(message.alt) + float(message.sep)))
+                    fixes.append(
+                        (now, message.lon, message.lat, float(message.alt) + float(message.sep))
+                    )
             elif message.msgID == "HDT" and math.isfinite(now):
                 headings.append((now, math.radians(float(message.headingT))))
         except Exception as error:
             words = " ".join(str(error).split())[:120]
-            raise ValueError(f"{path}: line {number + 1} is no valid NMEA sentence: {words}") from None
+            raise ValueError(
+                f"{path}: line {number + 1} is no valid NMEA sentence: {words}"
+            ) from None
     if len(fixes) < 2:
-        raise ValueError(f"{path}: two fixes of quality {quality} or more are needed, got {len(fixes)} (all: {seen})")
+        raise ValueError(
+            f"{path}: two fixes of quality {quality} or more are needed, got {len(fixes)} (all: {seen})"
+        )
     table = np.array(fixes)
     keep = np.append(True, np.diff(table[:, 0]) > 0)
     time = table[keep, 0]
@@ -180,7 +209,9 @@ def read_nmea(
     unused = sum(seen.values()) - len(fixes)
     if unused:
         counts = ", ".join(f"{count} of {one}" for one, count in sorted(seen.items()))
-        notes.append(f"{unused} of {sum(seen.values())} fixes are not of quality {quality} and not used ({counts})")
+        notes.append(
+            f"{unused} of {sum(seen.values())} fixes are not of quality {quality} and not used ({counts})"
+        )
     if not keep.all():
         notes.append(f"{np.count_nonzero(~keep)} fixes whose time does not go on are not used")
     if not headings:
@@ -197,7 +228,9 @@ def nmea_places(path: str | Path, quality: tuple[int, ...] = FIXED) -> NDArray[n
     path = existing(path)
     nmea = optional("pynmeagps", "gnss")
     places: list[tuple[float, float, float]] = []
-    for number, line in enumerate(decode_text(read_named(path, MAX_MEMORY), path.name).splitlines()):
+    for number, line in enumerate(
+        decode_text(read_named(path, MAX_MEMORY), path.name).splitlines()
+    ):
         if not line.strip():
             continue
         try:
@@ -206,12 +239,17 @@ def nmea_places(path: str | Path, quality: tuple[int, ...] = FIXED) -> NDArray[n
                 places.append((message.lon, message.lat, float(message.alt) + float(message.sep)))
         except Exception as error:
             words = " ".join(str(error).split())[:120]
-            raise ValueError(f"{path}: line {number + 1} is no valid NMEA sentence: {words}") from None
+            raise ValueError(
+                f"{path}: line {number + 1} is no valid NMEA sentence: {words}"
+            ) from None
     return np.array(places, dtype=np.float64).reshape(-1, 3)
 
 
 def _headings(
-    time: NDArray[np.float64], place: NDArray[np.float64], headings: list[tuple[float, float]], azimuth: float
+    time: NDArray[np.float64],
+    place: NDArray[np.float64],
+    headings: list[tuple[float, float]],
+    azimuth: float,
 ) -> NDArray[np.float64]:
     if not headings:
         return course(place)

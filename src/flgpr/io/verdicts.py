@@ -43,7 +43,10 @@ def verdict_bytes(notes: list[dict[str, Any]]) -> bytes:
 
 def check_verdicts(told: Any) -> list[dict[str, Any]]:
     """Take the notes out of what a file or a page says; a ValueError names the rule that it breaks."""
-    if not isinstance(told, dict) or (told.get("format"), told.get("version")) != (VERDICTS_FORMAT, VERDICTS_VERSION):
+    if not isinstance(told, dict) or (told.get("format"), told.get("version")) != (
+        VERDICTS_FORMAT,
+        VERDICTS_VERSION,
+    ):
         raise ValueError(f"format must be {VERDICTS_FORMAT} version {VERDICTS_VERSION}")
     notes = told.get("notes")
     if not isinstance(notes, list):
@@ -67,9 +70,13 @@ def _checked(note: Any, number: int) -> dict[str, Any]:
     if wrong is not None or not text["alarm_id"]:
         raise ValueError(f"notes[{number}].{wrong or 'alarm_id'} must be text")
     if text["verdict"] not in (*VERDICTS, ""):
-        raise ValueError(f"notes[{number}].verdict must be {', '.join(VERDICTS)} or empty, got {text['verdict']!r}")
+        raise ValueError(
+            f"notes[{number}].verdict must be {', '.join(VERDICTS)} or empty, got {text['verdict']!r}"
+        )
     place = {name: note.get(name) for name in ("x", "y")}
-    if not all(one is None or (isinstance(one, int | float) and abs(one) < 1e9) for one in place.values()):
+    if not all(
+        one is None or (isinstance(one, int | float) and abs(one) < 1e9) for one in place.values()
+    ):
         raise ValueError(f"notes[{number}] must have x and y in metres")
     own = {name: text[name] for name in _KEY}
     return {**own, **place, "verdict": text["verdict"], "text": text["text"][:_MOST_TEXT]}

@@ -24,12 +24,20 @@ def read_poses(sources: Sources, spec: Poses, scans: int, anchor: Anchor | None)
     if place is None and spec.geodetic is None:
         place = Positions(file=spec.file, x=spec.x, y=spec.y, z=spec.z, unit=str(spec.unit))
     pose = _way(sources, spec, place, "pose", scans, "scan", anchor)
-    file = place.file if place is not None else spec.geodetic.file if spec.geodetic is not None else None
+    file = (
+        place.file
+        if place is not None
+        else spec.geodetic.file
+        if spec.geodetic is not None
+        else None
+    )
     with sources.entry("pose", file):
         bad = np.argwhere(~np.isfinite(pose))
         if len(bad):
             scan, column = bad[0]
-            raise ValueError(f"pose.{POSE_COMPONENTS[column]} must be finite, got {pose[scan, column]} for scan {scan}")
+            raise ValueError(
+                f"pose.{POSE_COMPONENTS[column]} must be finite, got {pose[scan, column]} for scan {scan}"
+            )
         if spec.heading == "course":
             pose[:, 3] = course(pose[:, :3])
     return pose
@@ -39,7 +47,13 @@ def read_way(sources: Sources, spec: TrackTable, anchor: Anchor | None) -> pd.Da
     """Track that the table ``track`` stands for, of the array's reference point; fixes not finite are left out."""
     time = sources.vector(spec.time, "time", "track.time", "fix")
     pose = _way(sources, spec, spec.position, "track", time.size, "fix", anchor)
-    file = spec.position.file if spec.position is not None else spec.geodetic.file if spec.geodetic else None
+    file = (
+        spec.position.file
+        if spec.position is not None
+        else spec.geodetic.file
+        if spec.geodetic
+        else None
+    )
     with sources.entry("track", file):
         keep, notes = bridged(time, pose)
         sources.notes += notes
@@ -47,7 +61,9 @@ def read_way(sources: Sources, spec: TrackTable, anchor: Anchor | None) -> pd.Da
         pose = pose[keep]
         if spec.heading == "course":
             pose[:, 3] = course(pose[:, :3])
-        return reference_track(make_track(time, pose[:, :3], *pose[:, 3:].T), spec.lever_arm, spec.latency)
+        return reference_track(
+            make_track(time, pose[:, :3], *pose[:, 3:].T), spec.lever_arm, spec.latency
+        )
 
 
 def _way(
@@ -72,16 +88,28 @@ def _way(
         if six:
             angles[:] = points[:, 3:] * factor(spec.angle_unit, "angle", f"{where}.angle_unit")
     if spec.orientation is not None:
-        angles[:] = _attitude(sources, spec.orientation, spec.axes, f"{where}.orientation", count, along)
+        angles[:] = _attitude(
+            sources, spec.orientation, spec.axes, f"{where}.orientation", count, along
+        )
     for column, name in enumerate(("heading", "pitch", "roll")):
         entry = getattr(spec, name)
         if entry is not None and entry != "course":
-            file = spec.file if isinstance(spec, Poses) else place.file if place is not None else "data"
+            file = (
+                spec.file
+                if isinstance(spec, Poses)
+                else place.file
+                if place is not None
+                else "data"
+            )
             scale = factor(spec.angle_unit, "angle", f"{where}.angle_unit")
-            angles[:, column] = scale * sources.component(entry, file, f"{where}.{name}", count, along)
+            angles[:, column] = scale * sources.component(
+                entry, file, f"{where}.{name}", count, along
+            )
     if spec.geodetic is not None:
         if anchor is None and not sources.anchor_from_track:
-            raise ValueError(f"{where}.geodetic needs an anchor, which tells where the lane lies on the Earth")
+            raise ValueError(
+                f"{where}.geodetic needs an anchor, which tells where the lane lies on the Earth"
+            )
         fixes = _geodetic(sources, spec.geodetic, f"{where}.geodetic", count, along)
         if anchor is None:
             with sources.entry(f"{where}.geodetic", spec.geodetic.file):
@@ -94,16 +122,28 @@ def _way(
 
 
 def _attitude(
-    sources: Sources, spec: Orientation, axes: tuple[str, str, str], where: str, count: int, along: str
+    sources: Sources,
+    spec: Orientation,
+    axes: tuple[str, str, str],
+    where: str,
+    count: int,
+    along: str,
 ) -> FloatArray:
     with sources.entry(where, spec.file):
         if spec.variable is not None:
-            parts = real(sources.assembled(sources.arrays(spec.file, spec.variable, where), along, where), where)
+            parts = real(
+                sources.assembled(sources.arrays(spec.file, spec.variable, where), along, where),
+                where,
+            )
             parts = parts.reshape(-1, parts.shape[-1]) if parts.ndim > 1 else parts[None]
         else:
             names = [(name, getattr(spec, name)) for name in "xyzw"]
             parts = np.stack(
-                [sources.component(part, spec.file, f"{where}.{name}", count, along) for name, part in names], axis=1
+                [
+                    sources.component(part, spec.file, f"{where}.{name}", count, along)
+                    for name, part in names
+                ],
+                axis=1,
             )
         if len(parts) != count:
             raise ValueError(f"{where} must have {count} rotations, got {len(parts)}")
@@ -122,15 +162,21 @@ def _geodetic(sources: Sources, spec: Geodetic, where: str, count: int, along: s
     )
     with sources.entry(where, spec.file):
         known = np.isfinite(longitude) & np.isfinite(latitude)
-        if (np.abs(latitude[known] * degrees) > 90).any() or (np.abs(longitude[known] * degrees) > 360).any():
-            raise ValueError(f"{where} must have latitudes within 90 and longitudes within 360 degrees")
+        if (np.abs(latitude[known] * degrees) > 90).any() or (
+            np.abs(longitude[known] * degrees) > 360
+        ).any():
+            raise ValueError(
+                f"{where} must have latitudes within 90 and longitudes within 360 degrees"
+            )
     return np.stack([longitude * degrees, latitude * degrees, height * scale], axis=1)
 
 
 def _in_the_lane(fixes: FloatArray, spec: Geodetic, where: str, anchor: Anchor) -> FloatArray:
     """Take fixes (count, 3) to the lane; a height alone is one over the ground where the anchor has no heights."""
     if not anchor.heights_known and not isinstance(spec.height, float):
-        raise ValueError(f"{where}.height must be a number, the height over the ground: the anchor's points have none")
+        raise ValueError(
+            f"{where}.height must be a number, the height over the ground: the anchor's points have none"
+        )
     known = np.isfinite(fixes[:, :2]).all(axis=1)
     place = np.full(fixes.shape, np.nan)
     if known.any():

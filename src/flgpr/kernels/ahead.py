@@ -116,11 +116,18 @@ def compile_tolerances() -> None:
 def compiled_beside() -> Iterator[None]:
     """Let another process compile what this one will call, until it has done so once or this one leaves the context."""
     done = cache_folder(Path(__file__))
-    if config.NUMBA_NUM_THREADS < 2 or not _writable(done.parent) or done.exists() or not (other := _started()):
+    if (
+        config.NUMBA_NUM_THREADS < 2
+        or not _writable(done.parent)
+        or done.exists()
+        or not (other := _started())
+    ):
         yield
         return
     with other:
-        Thread(target=other.wait, daemon=True).start()  # so that it does not stay as a zombie for a whole drive
+        Thread(
+            target=other.wait, daemon=True
+        ).start()  # so that it does not stay as a zombie for a whole drive
         try:
             yield
         finally:
@@ -128,7 +135,12 @@ def compiled_beside() -> Iterator[None]:
 
 
 def _started() -> Popen[bytes] | None:
-    command = [sys.executable, "-P", "-m", "flgpr.kernels.ahead"]  # -P: modules in the working folder are not meant
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "flgpr.kernels.ahead",
+    ]  # -P: modules in the working folder are not meant
     try:
         return Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=DEVNULL)  # noqa: S603 - nothing from outside
     except OSError:  # no more processes, or no memory for one: the detection compiles alone

@@ -59,7 +59,9 @@ def gain_and_limit(images, keep, clip, gain, limit, begin, end):  # type: ignore
         while below + count[edge] < keep:
             below += count[edge]
             edge += 1
-        border = np.empty(count[edge] + 1, np.float32)  # one more: every value is written before it is judged
+        border = np.empty(
+            count[edge] + 1, np.float32
+        )  # one more: every value is written before it is judged
         spread = 0.0
         lowest = 0.0
         at = 0

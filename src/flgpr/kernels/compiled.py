@@ -26,7 +26,9 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.misc.appdirs import AppDirs
 
 _UNUSED_DAYS = 60  # after which folders of other sources or machines are removed
-_PATIENCE = 120  # seconds for which a process waits for what another compiles, which may have been stopped
+_PATIENCE = (
+    120  # seconds for which a process waits for what another compiles, which may have been stopped
+)
 
 
 @cache
@@ -40,7 +42,9 @@ def _modules(source: Path) -> set[Path]:
     found = {source}
     left = [source]
     while left:
-        names = re.findall(rf"^from flgpr\.{source.parent.name}\.(\w+) import", _text(left.pop()).decode(), re.M)
+        names = re.findall(
+            rf"^from flgpr\.{source.parent.name}\.(\w+) import", _text(left.pop()).decode(), re.M
+        )
         left += (new := {source.with_name(f"{name}.py") for name in names} - found)
         found |= new
     return found
@@ -50,11 +54,17 @@ def _modules(source: Path) -> set[Path]:
 def cache_folder(source: Path) -> Path:
     """Where a module's code is kept. The processor makes part of the name: homes may be shared by unlike machines."""
     features = llvmlite.binding.get_host_cpu_features().flatten()
-    told = hashlib.sha256(f"{numba.__version__} {llvmlite.binding.get_host_cpu_name()} {features}".encode())
+    told = hashlib.sha256(
+        f"{numba.__version__} {llvmlite.binding.get_host_cpu_name()} {features}".encode()
+    )
     for path in sorted(_modules(source)):
         told.update(f"\0{path.name}\0".encode() + _text(path))
     # A folder of ours in either case: old ones in it are removed.
-    home = Path(config.CACHE_DIR, "flgpr") if config.CACHE_DIR else Path(AppDirs("flgpr", False).user_cache_dir)
+    home = (
+        Path(config.CACHE_DIR, "flgpr")
+        if config.CACHE_DIR
+        else Path(AppDirs("flgpr", False).user_cache_dir)
+    )
     return home / f"{source.stem}-{told.hexdigest()[:20]}"
 
 
@@ -108,8 +118,11 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         except RuntimeError:  # neither the user's folder, nor the source's
             return numba.njit(no_cfunc_wrapper=True, **options | {"cache": False})(function)
         if file := getattr(getattr(kernel, "_cache", None), "_cache_file", None):
-            # numba only numbers the files: of two processes, one could leave its code where the other's index points.
-            file._data_name = lambda _: f"{file._index_name.removesuffix('.nbi')}.{uuid4().hex[:12]}.nbc"
+            # numba only numbers the files: of two processes, one could leave its code where the
+            # other's index points.
+            file._data_name = lambda _: (
+                f"{file._index_name.removesuffix('.nbi')}.{uuid4().hex[:12]}.nbc"
+            )
             kernel.compile = _once(kernel.compile, Path(file._index_path).with_suffix(".lock"))
         return kernel
 
@@ -120,7 +133,8 @@ def _once(compile_kernel: Callable[[Any], Any], path: Path) -> Callable[[Any], A
     """Let one process at a time compile a kernel: those that wait find what it has left on disk."""
 
     def alone(signature: Any) -> Any:
-        # numba's own lock first, as it is held when a kernel that is being compiled calls for another one.
+        # numba's own lock first, as it is held when a kernel that is being compiled calls for
+        # another one.
         with global_compiler_lock, _held(path):
             return compile_kernel(signature)
 
@@ -136,7 +150,9 @@ def _held(path: Path) -> Iterator[None]:
             end = time.monotonic() + _PATIENCE
             while not _taken(file.fileno()) and time.monotonic() < end:
                 time.sleep(0.02)
-            stack.callback(fcntl.flock, file, fcntl.LOCK_UN)  # a fork of this process may have the file open as well
+            stack.callback(
+                fcntl.flock, file, fcntl.LOCK_UN
+            )  # a fork of this process may have the file open as well
         yield
 
 

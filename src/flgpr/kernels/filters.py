@@ -21,7 +21,9 @@ from numpy.typing import NDArray
 from flgpr.kernels.compiled import njit
 from flgpr.kernels.threads import share, shared
 
-_FAN = 16  # bins of a level of the histograms, of three, that make up one of the level above; lanes of a vector
+# bins of a level of the histograms, of three, that make up one of the level above; lanes of a
+# vector
+_FAN = 16
 _MOST = 0xFFFF  # pixels that 16 bits count
 _DIGIT = 11  # bits sorted at a time
 _SHORT = ir.IntType(16)
@@ -71,7 +73,9 @@ def _row(context: Any, builder: Any, kind: Any, array: Any, at: Any) -> Any:
 
 def _spread(builder: Any, value: Any, number: Any = _SHORT) -> Any:
     none = ir.Constant(ir.VectorType(number, _FAN), ir.Undefined)
-    first = builder.insert_element(none, builder.trunc(value, number), ir.Constant(ir.IntType(32), 0))
+    first = builder.insert_element(
+        none, builder.trunc(value, number), ir.Constant(ir.IntType(32), 0)
+    )
     return builder.shuffle_vector(first, none, ir.Constant(_ORDER, None))
 
 
@@ -100,7 +104,9 @@ def _bin_of(_context, table, first, columns, wanted, most):  # type: ignore[no-u
         passed = builder.icmp_unsigned("<=", upto, _spread(builder, args[3], number))
         found = builder.zext(builder.ctpop(builder.bitcast(passed, _SHORT)), _INDEX)
         sums = cgutils.alloca_once_value(builder, upto)
-        last = builder.sub(found, builder.zext(builder.icmp_unsigned(">", found, ir.Constant(_INDEX, 0)), _INDEX))
+        last = builder.sub(
+            found, builder.zext(builder.icmp_unsigned(">", found, ir.Constant(_INDEX, 0)), _INDEX)
+        )
         passed_by = builder.load(builder.gep(builder.bitcast(sums, number.as_pointer()), [last]))
         none = builder.icmp_unsigned("==", found, ir.Constant(_INDEX, 0))
         before = builder.select(none, ir.Constant(_INDEX, 0), builder.zext(passed_by, _INDEX))
@@ -114,10 +120,16 @@ def _inside(_context, places, at, box):  # type: ignore[no-untyped-def]  # noqa:
     """Tell as bits which of 16 ``places`` (y, x) from ``at`` on lie in a ``box``: first y, rows, first x, columns."""
 
     def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        low_y, rows, low_x, columns = (_spread(builder, builder.extract_value(args[2], i)) for i in range(4))
-        y, x = (_row(context, builder, sig.args[0].dtype, builder.extract_value(args[0], i), args[1]) for i in range(2))
+        low_y, rows, low_x, columns = (
+            _spread(builder, builder.extract_value(args[2], i)) for i in range(4)
+        )
+        y, x = (
+            _row(context, builder, sig.args[0].dtype, builder.extract_value(args[0], i), args[1])
+            for i in range(2)
+        )
         both = [
-            builder.icmp_unsigned("<", builder.sub(a, low), n) for a, low, n in ((y, low_y, rows), (x, low_x, columns))
+            builder.icmp_unsigned("<", builder.sub(a, low), n)
+            for a, low, n in ((y, low_y, rows), (x, low_x, columns))
         ]
         return builder.zext(builder.bitcast(builder.and_(*both), _SHORT), _INDEX)
 
@@ -133,7 +145,9 @@ def _ones(_context, bits):  # type: ignore[no-untyped-def]
 @intrinsic
 def _lowest(_context, bits):  # type: ignore[no-untyped-def]
     """Place of the lowest bit that is set."""
-    return types.uint64(bits), lambda _c, builder, _s, args: builder.cttz(args[0], ir.Constant(ir.IntType(1), 0))
+    return types.uint64(bits), lambda _c, builder, _s, args: builder.cttz(
+        args[0], ir.Constant(ir.IntType(1), 0)
+    )
 
 
 @njit(cache=True)
@@ -155,7 +169,9 @@ def _pick(places: Any, rank: int, last: int, wanted: Any, box: Any) -> int:
 
 
 @njit(cache=True)
-def _count(row: Any, group: Any, groups: Any, one: Any, coarse: Any, middle: Any, fine: Any) -> None:
+def _count(
+    row: Any, group: Any, groups: Any, one: Any, coarse: Any, middle: Any, fine: Any
+) -> None:
     """Add ``one`` to the three levels for every pixel of a row of bins."""
     fan = uint64(_FAN)
     for x in range(row.size):
@@ -169,7 +185,16 @@ def _count(row: Any, group: Any, groups: Any, one: Any, coarse: Any, middle: Any
 
 @njit(cache=True)
 def _median_rows(
-    places: Any, values: Any, bins: Any, half_y: int, half_x: int, step: int, first: int, last: int, most: Any, out: Any
+    places: Any,
+    values: Any,
+    bins: Any,
+    half_y: int,
+    half_x: int,
+    step: int,
+    first: int,
+    last: int,
+    most: Any,
+    out: Any,
 ) -> None:
     """Median at every ``step``-th pixel of rows ``first`` to ``last``; ``places`` are the y and the x by rank.
 
@@ -196,7 +221,9 @@ def _median_rows(
         for v in range(y0 if y == first else y + half_y, y1):
             _count(bins[v], group, groups, np.uint16(1), coarse, middle, fine)
         if y > first and y - half_y - 1 >= 0:
-            _count(bins[y - half_y - 1], group, groups, np.uint16(0xFFFF), coarse, middle, fine)  # takes one away
+            _count(
+                bins[y - half_y - 1], group, groups, np.uint16(0xFFFF), coarse, middle, fine
+            )  # takes one away
         if y % step:
             continue
         for x in range(0, nx, step):
@@ -239,7 +266,9 @@ def _ranked(order: Any, image: Any) -> Any:
     columns = np.zeros(order.size + _FAN, np.int16)
     per_row = 1 / nx
     for rank in range(order.size):
-        y = int((order[rank] + 0.5) * per_row)  # a division of whole numbers takes several times as long
+        y = int(
+            (order[rank] + 0.5) * per_row
+        )  # a division of whole numbers takes several times as long
         rows[rank] = y
         columns[rank] = order[rank] - y * nx
     for first in range(0, order.size, width):
@@ -274,16 +303,25 @@ def _sort(images, orders, begin, end):  # type: ignore[no-untyped-def]
             orders[i, k] = order[k]
 
 
-def _medians(orders: NDArray[np.int32], images: NDArray[Any], size: tuple[int, int], step: int) -> NDArray[Any]:
+def _medians(
+    orders: NDArray[np.int32], images: NDArray[Any], size: tuple[int, int], step: int
+) -> NDArray[Any]:
     count, ny, nx = images.shape
     out = np.empty((count, -(-ny // step), -(-nx // step)), images.dtype)
     parts = max(1, min(8 // max(count, 1), ny))
     most = np.uint16(0) if size[0] * size[1] <= _MOST else np.uint32(0)
-    share(count * parts, partial(median_of_ranks, orders, images, size[0] // 2, size[1] // 2, step, parts, most, out))
+    share(
+        count * parts,
+        partial(
+            median_of_ranks, orders, images, size[0] // 2, size[1] // 2, step, parts, most, out
+        ),
+    )
     return out
 
 
-def median_stack(images: NDArray[np.float32], size: tuple[int, int], step: int = 1) -> NDArray[np.float32]:
+def median_stack(
+    images: NDArray[np.float32], size: tuple[int, int], step: int = 1
+) -> NDArray[np.float32]:
     """Exact median of finite images (image, y, x) in a window as :func:`median_filter`, at every ``step``-th pixel."""
     stack = np.ascontiguousarray(images, dtype=np.float32)
     orders = np.empty((len(stack), stack.shape[1] * stack.shape[2]), np.int32)
@@ -311,5 +349,7 @@ def _running_sum(array: NDArray[np.float64], half: int, axis: int) -> NDArray[np
     array = np.moveaxis(array, axis, 0)
     sums = np.concatenate([np.zeros((1, *array.shape[1:])), np.cumsum(array, axis=0)])
     centre = np.arange(array.shape[0])
-    result = sums[np.minimum(centre + half + 1, array.shape[0])] - sums[np.maximum(centre - half, 0)]
+    result = (
+        sums[np.minimum(centre + half + 1, array.shape[0])] - sums[np.maximum(centre - half, 0)]
+    )
     return np.moveaxis(result, 0, axis)

@@ -12,7 +12,8 @@ from flgpr.kernels.geometry import cos_sin
 from flgpr.kernels.threads import shared
 
 
-# Neither is compiled by fast mathematics: then the sums differed between a process that compiles and one that loads.
+# Neither is compiled by fast mathematics: then the sums differed between a process that compiles
+# and one that loads.
 @njit(error_model="numpy", cache=True)
 def _steer(signal: Any, wavenumber: Any, path: Any, real: Any, imaginary: Any) -> None:
     """Add to a beam (polarization, tone) the data of all pairs, their delays to a point undone."""

@@ -69,7 +69,9 @@ def bent_path(across: Any, height: Any, depth: Any, entry: Any, index: Any, grou
     ``index`` and ``ground`` are the refractive indices above and below.
     """
     air = across - entry
-    return index * math.sqrt(height * height + air * air) + ground * math.sqrt(depth * depth + entry * entry)
+    return index * math.sqrt(height * height + air * air) + ground * math.sqrt(
+        depth * depth + entry * entry
+    )
 
 
 @njit(fastmath=True, error_model="numpy", cache=True)
@@ -99,7 +101,9 @@ def antenna_rows(
             across = math.sqrt(x * x + y * y)
             height = az - max(z, 0.0)
             depth = max(-z, 0.0)
-            entry = entry_distance(float32(across), float32(height), float32(depth), square32, bend32, 2)
+            entry = entry_distance(
+                float32(across), float32(height), float32(depth), square32, bend32, 2
+            )
             path[k] = bent_path(across, height, depth, entry, index, ground)
     else:
         for k in range(uint64(BLOCK)):

@@ -1,9 +1,9 @@
 """The imaging sums for CUDA: a block per profile, then a thread per pixel or per profile bin.
 
-The algorithm, the window and the 32-bit delays are those of ``profiles``. Delays and phasors of all antennas and pixels
-are computed once and kept on the device; a profile is filled and transformed by one block, in its shared memory where
-it fits; the channels are interpolated in groups small enough for registers. No sum is split between threads, so that
-results do not depend on scheduling.
+The algorithm, the window and the 32-bit delays are those of ``profiles``. Delays and phasors of all
+antennas and pixels are computed once and kept on the device; a profile is filled and transformed by
+one block, in its shared memory where it fits; the channels are interpolated in groups small enough
+for registers. No sum is split between threads, so that results do not depend on scheduling.
 
 Complex numbers that are read many times are read as 64-bit words: the compiler makes two loads of a complex64. Strides,
 widths and numbers of channels are compiled in, so that a channel's address costs no instruction.

@@ -35,11 +35,14 @@ def transform(width: int, beta: float, frequency: FloatArray) -> FloatArray:
     argument = beta**2 - (math.pi * width * frequency) ** 2
     root = np.sqrt(np.abs(argument))
     safe = np.where(root < 1e-6, 1.0, root)
-    # The window is one at its centre; I0(beta) and sinh are both scaled by exp(-beta) to stay in range.
+    # The window is one at its centre; I0(beta) and sinh are both scaled by exp(-beta) to stay in
+    # range.
     grow = np.exp(np.where(argument > 0, safe, 0.0) - beta)
     wide = (grow - np.exp(-2 * beta) / np.maximum(grow, 1e-300)) / 2
     value = np.where(argument > 0, wide, np.sin(safe) * np.exp(-beta)) / safe
-    return np.asarray(width * np.where(root < 1e-6, np.exp(-beta), value) / i0e(beta), dtype=np.float64)
+    return np.asarray(
+        width * np.where(root < 1e-6, np.exp(-beta), value) / i0e(beta), dtype=np.float64
+    )
 
 
 def tone_errors(width: int, beta: float, frequency: FloatArray) -> FloatArray:

@@ -1,9 +1,10 @@
 """Short vectors as machine code: the steps in which all channels of a pixel move together.
 
-A lane row is ``2·channels`` float32 numbers, the real parts of all channels followed by the imaginary parts. A single
-channel would waste most of a vector: its table row holds the bins of all taps instead, so that one load reads them and
-one store writes them. Numba has no vector type, and LLVM does not keep a row in registers across a loop over pairs by
-itself, so these few operations are built as LLVM vectors. LLVM splits them into whatever registers the machine has.
+A lane row is ``2·channels`` float32 numbers, the real parts of all channels followed by the
+imaginary parts. A single channel would waste most of a vector: its table row holds the bins of all
+taps instead, so that one load reads them and one store writes them. Numba has no vector type, and
+LLVM does not keep a row in registers across a loop over pairs by itself, so these few operations
+are built as LLVM vectors. LLVM splits them into whatever registers the machine has.
 
 ``taps`` and ``channels`` are tuples of which only the length counts: it is part of the type, so that a kernel is
 compiled for a width and a number of channels.
@@ -39,7 +40,9 @@ class _Code:
 
     def _at(self, data: Any, index: Any, kind: Any) -> Any:
         step = ir.Constant(_INDEX, 4)
-        return cgutils.pointer_add(self.builder, data, self.builder.mul(index, step), kind.as_pointer())
+        return cgutils.pointer_add(
+            self.builder, data, self.builder.mul(index, step), kind.as_pointer()
+        )
 
     def number(self, data: Any, index: Any, kind: Any = _FLOAT) -> Any:
         return self.builder.load(self._at(data, index, kind), align=4)
@@ -52,7 +55,9 @@ class _Code:
 
     def shuffle(self, value: Any, order: list[int], other: Any = None) -> Any:
         other = ir.Constant(value.type, ir.Undefined) if other is None else other
-        return self.builder.shuffle_vector(value, other, ir.Constant(ir.VectorType(ir.IntType(32), len(order)), order))
+        return self.builder.shuffle_vector(
+            value, other, ir.Constant(ir.VectorType(ir.IntType(32), len(order)), order)
+        )
 
     def load(self, data: Any, index: Any, vector: Any = None) -> Any:
         return self.builder.load(self._at(data, index, vector or self.vector), align=4)
@@ -95,14 +100,20 @@ def combine_antennas(  # type: ignore[no-untyped-def]
     def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         code = _Code(context, builder, _VECTOR)
         narrow = _Code(context, builder, width)
-        delays, cosines, sines, table, target, out = (code.data(sig.args[n], args[n]) for n in (0, 1, 2, 8, 12, 13))
+        delays, cosines, sines, table, target, out = (
+            code.data(sig.args[n], args[n]) for n in (0, 1, 2, 8, 12, 13)
+        )
         whole = ir.VectorType(ir.IntType(32), _VECTOR)
         base, origin, shift = (code.spread(args[n], whole) for n in (5, 6, 7))
         one = ir.Constant(ir.IntType(32), 1)
         mask = code.spread(builder.sub(builder.shl(one, args[7]), one), whole)
-        scale = code.spread(builder.fdiv(ir.Constant(_FLOAT, 1), builder.uitofp(builder.shl(one, args[7]), _FLOAT)))
+        scale = code.spread(
+            builder.fdiv(ir.Constant(_FLOAT, 1), builder.uitofp(builder.shl(one, args[7]), _FLOAT))
+        )
         powers_ = [
-            narrow.shuffle(narrow.load(table, ir.Constant(_INDEX, n * width)), [*range(width)] * together)
+            narrow.shuffle(
+                narrow.load(table, ir.Constant(_INDEX, n * width)), [*range(width)] * together
+            )
             for n in range(powers.count)
         ]
         row = builder.mul(args[14], ir.Constant(_INDEX, BLOCK))
@@ -120,9 +131,13 @@ def combine_antennas(  # type: ignore[no-untyped-def]
             code.store(code.add(code.mul(si, cj), code.mul(ci, sj)), out, code.plus(where, BLOCK))
             half = ir.Constant(code.vector, [0.5] * _VECTOR)
             y = code.sub(code.mul(builder.sitofp(builder.and_(d, mask), code.vector), scale), half)
-            here = code.plus(builder.add(first, builder.mul(k, ir.Constant(_INDEX, width))), 2 * BLOCK)
+            here = code.plus(
+                builder.add(first, builder.mul(k, ir.Constant(_INDEX, width))), 2 * BLOCK
+            )
             for n in range(width):
-                part = code.shuffle(y, [n * together + m for m in range(together) for _ in range(width)])
+                part = code.shuffle(
+                    y, [n * together + m for m in range(together) for _ in range(width)]
+                )
                 value = powers_[-1]
                 for power in powers_[-2::-1]:
                     value = code.add(code.mul(value, part), power)
@@ -140,7 +155,9 @@ def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, chann
     table rows, and the rows cosine and sine, ``BLOCK`` long, before the weights (pixel, tap). The total is the complex
     numbers of all channels; of a single channel it is what every tap adds, all real parts before the imaginary parts.
     """
-    signature = types.void(total, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels)
+    signature = types.void(
+        total, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels
+    )
     width = padded.py_func(taps.count)
     single = channels.count == 1
     half = width if single else channels.count
@@ -151,18 +168,27 @@ def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, chann
         narrow = _Code(context, builder, width)
         sums, profile, start, field = (code.data(sig.args[i], args[i]) for i in (0, 2, 3, 4))
         # Σ cos·v and Σ sin·v, v = Σ_a weight_a·table[bins + a]
-        kept = [cgutils.alloca_once_value(builder, ir.Constant(code.vector, None)) for _ in range(2)]
+        kept = [
+            cgutils.alloca_once_value(builder, ir.Constant(code.vector, None)) for _ in range(2)
+        ]
         with cgutils.for_range(builder, args[6], intp=_INDEX) as loop:
             row, turns, weights = _fields_of(code, narrow, start, field, loop.index, args[5])
             if single:
-                value = code.mul(code.load(profile, row), code.shuffle(weights, [*range(width)] * 2))
+                value = code.mul(
+                    code.load(profile, row), code.shuffle(weights, [*range(width)] * 2)
+                )
             else:
                 value = None
                 for a in range(taps.count):
-                    term = code.mul(code.shuffle(weights, [a] * lanes), code.load(profile, code.plus(row, a * lanes)))
+                    term = code.mul(
+                        code.shuffle(weights, [a] * lanes),
+                        code.load(profile, code.plus(row, a * lanes)),
+                    )
                     value = term if value is None else code.add(value, term)
             for sum_, turn in zip(kept, turns, strict=True):
-                builder.store(code.add(builder.load(sum_), code.mul(code.spread(turn), value)), sum_)
+                builder.store(
+                    code.add(builder.load(sum_), code.mul(code.spread(turn), value)), sum_
+                )
         across, up = (builder.load(sum_) for sum_ in kept)
         real = [*range(half)]
         imaginary = [*range(half, lanes)]
@@ -175,7 +201,9 @@ def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, chann
     return signature, build
 
 
-def _fields_of(code: _Code, taps: _Code, start: Any, field: Any, pair: Any, k: Any) -> tuple[Any, list[Any], Any]:
+def _fields_of(
+    code: _Code, taps: _Code, start: Any, field: Any, pair: Any, k: Any
+) -> tuple[Any, list[Any], Any]:
     """Return where the table row of a pair and pixel starts, its cosine and sine, and its weights."""
     width = taps.lanes
     builder = code.builder
@@ -194,7 +222,9 @@ def spread_pairs(_context, value, at, table, bins, fields, k, pairs, taps, chann
 
     ``value[at:]`` holds the real parts of all channels before the imaginary parts.
     """
-    signature = types.void(value, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels)
+    signature = types.void(
+        value, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels
+    )
     width = padded.py_func(taps.count)
     single = channels.count == 1
     half = width if single else channels.count
@@ -208,14 +238,22 @@ def spread_pairs(_context, value, at, table, bins, fields, k, pairs, taps, chann
         if single:
             row = code.shuffle(row, [0] * half + [1] * half)
         # -j·value: the imaginary parts first, then the real parts with the sign changed.
-        turned = code.shuffle(row, [*range(half, lanes), *range(lanes, lanes + half)], builder.fneg(row))
+        turned = code.shuffle(
+            row, [*range(half, lanes), *range(lanes, lanes + half)], builder.fneg(row)
+        )
         with cgutils.for_range(builder, args[6], intp=_INDEX) as loop:
-            to, (cosine, sine), weights = _fields_of(code, narrow, start, field, loop.index, args[5])
-            rotated = code.add(code.mul(code.spread(cosine), row), code.mul(code.spread(sine), turned))
+            to, (cosine, sine), weights = _fields_of(
+                code, narrow, start, field, loop.index, args[5]
+            )
+            rotated = code.add(
+                code.mul(code.spread(cosine), row), code.mul(code.spread(sine), turned)
+            )
             for a in range(1 if single else taps.count):
                 weight = code.shuffle(weights, [*range(width)] * 2 if single else [a] * lanes)
                 spot = code.plus(to, a * lanes)
-                code.store(code.add(code.load(profile, spot), code.mul(weight, rotated)), profile, spot)
+                code.store(
+                    code.add(code.load(profile, spot), code.mul(weight, rotated)), profile, spot
+                )
         return context.get_dummy_value()
 
     return signature, build
@@ -247,7 +285,10 @@ def butterfly(_context, source, at, gap, target, to, step, twiddle, turn, channe
                 entry = builder.mul(args[7], ir.Constant(_INDEX, 2 * i))
                 c, s = (code.spread(code.number(table, code.plus(entry, j))) for j in (0, 1))
                 re, im = value
-                value = code.sub(code.mul(re, c), code.mul(im, s)), code.add(code.mul(re, s), code.mul(im, c))
+                value = (
+                    code.sub(code.mul(re, c), code.mul(im, s)),
+                    code.add(code.mul(re, s), code.mul(im, c)),
+                )
             code.store(value[0], out, spot)
             code.store(value[1], out, code.plus(spot, half))
 

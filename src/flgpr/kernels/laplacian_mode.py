@@ -41,7 +41,14 @@ def _newton_step(rows: Any, residual: Any, curvature: Any, scale: float, sign: A
 
 @njit(cache=True)
 def _loss(
-    rows: Any, target: Any, scale: float, start: Any, weights: Any, new: Any, residual: Any, curvature: Any
+    rows: Any,
+    target: Any,
+    scale: float,
+    start: Any,
+    weights: Any,
+    new: Any,
+    residual: Any,
+    curvature: Any,
 ) -> float:
     """Penalised loss at new active weights, ``start`` the argument of σ at the old; fills residual and curvature in."""
     trial = start + (new - weights) @ rows
@@ -50,7 +57,14 @@ def _loss(
 
 @njit(cache=True)
 def _descend(
-    rows: Any, target: Any, scale: float, argument: Any, weights: Any, step: Any, residual: Any, curvature: Any
+    rows: Any,
+    target: Any,
+    scale: float,
+    argument: Any,
+    weights: Any,
+    step: Any,
+    residual: Any,
+    curvature: Any,
 ) -> Any:
     """Find the lowest of the whole step and the points on its way where a weight becomes zero; else halve it.
 
@@ -112,7 +126,9 @@ def _solve_active(
 
 
 @njit(cache=True)
-def laplacian_mode(rows: Any, target: Any, offset: float, scale: float, tol: float, max_iter: int) -> Any:
+def laplacian_mode(
+    rows: Any, target: Any, offset: float, scale: float, tol: float, max_iter: int
+) -> Any:
     """Minimise -log p(t | w) + scale · Σ|w|, which is convex.
 
     ``rows`` (k, N) basis functions, ``target`` (N,) in {0, 1}. It ends when no weight misses its condition by more than

@@ -13,7 +13,8 @@ from sklearn.covariance import ledoit_wolf, oas
 Moments = tuple[NDArray[Any], NDArray[Any]]
 LEAST_OGK = 4
 """Rows that moments by orthogonal pairs need: of three, one that lies far out cannot be told from the others."""
-# Maronna & Zamar 2002, Sec. 5: constants of the τ-scale, and the quantile beyond which rows are left out.
+# Maronna & Zamar 2002, Sec. 5: constants of the τ-scale, and the quantile beyond which rows are
+# left out.
 _TAU_LOCATION = 4.5
 _TAU_SCALE = 3.0
 _OGK_KEPT = 0.9
@@ -91,11 +92,15 @@ def _robust_scale(columns: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the τ-scale of every column: squares of at most 3 spreads about the location (Yohai & Zamar 1988)."""
     _, spread = _median_and_spread(columns)
     away = (columns - _robust_location(columns)) / spread
-    scale: NDArray[np.float64] = spread * np.sqrt(np.mean(np.minimum(away**2, _TAU_SCALE**2), axis=0))
+    scale: NDArray[np.float64] = spread * np.sqrt(
+        np.mean(np.minimum(away**2, _TAU_SCALE**2), axis=0)
+    )
     return scale
 
 
-def _median_and_spread(columns: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _median_and_spread(
+    columns: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the median of every column and the median of distances from it, which must not be zero."""
     median = np.median(columns, axis=0)
     spread = np.median(np.abs(columns - median), axis=0)

@@ -63,7 +63,17 @@ def _locate(geometry, a, block, at, delay, cosine, sine):  # type: ignore[no-unt
     gain = geometry.gain[a]
     first = uint64(block * BLOCK)
     antenna_rows(
-        geometry.pixels, first, geometry.antenna[a], medium, per_turn, carrier, gain, uint64(at), delay, cosine, sine
+        geometry.pixels,
+        first,
+        geometry.antenna[a],
+        medium,
+        per_turn,
+        carrier,
+        gain,
+        uint64(at),
+        delay,
+        cosine,
+        sine,
     )
 
 
@@ -73,7 +83,15 @@ def locate(geometry, begin, end):  # type: ignore[no-untyped-def]
     antennas = geometry.antenna.shape[0]
     for block in range(begin, end):
         for a in range(antennas):
-            _locate(geometry, a, block, (block * antennas + a) * BLOCK, geometry.delay, geometry.cosine, geometry.sine)
+            _locate(
+                geometry,
+                a,
+                block,
+                (block * antennas + a) * BLOCK,
+                geometry.delay,
+                geometry.cosine,
+                geometry.sine,
+            )
 
 
 @njit(nogil=True, **_FAST)
@@ -116,7 +134,9 @@ def adjoint(table, bins, geometry, out, taps, powers, channels, begin, end):  # 
                     delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, pair
                 )  # fmt: skip
             for k in range(uint64(BLOCK)):
-                gather_pairs(total, k * uint64(lanes), table, start, fields, k, uint64(held), taps, channels)
+                gather_pairs(
+                    total, k * uint64(lanes), table, start, fields, k, uint64(held), taps, channels
+                )
         wanted = min(BLOCK, count - block * BLOCK)
         if half == 1:
             for k in range(wanted):
@@ -200,4 +220,6 @@ def forward(table, bins, geometry, image, taps, powers, channels, q, end):  # ty
                 value[k * uint64(2 * half) + c] = image[c, first + k].real
                 value[k * uint64(2 * half) + c + uint64(half)] = image[c, first + k].imag
         for k in range(wanted):
-            spread_pairs(value, k * uint64(2 * half), table, start, fields, k, uint64(held), taps, channels)
+            spread_pairs(
+                value, k * uint64(2 * half), table, start, fields, k, uint64(held), taps, channels
+            )

@@ -13,7 +13,8 @@ _TINY = 1e-300
 _RIDGE = 1 + 1e-12  # keeps the curvature of nearly dependent basis functions invertible
 _HOLD = 3  # sweeps between entries
 _SETTLE = 50  # sweeps when nothing enters
-_ENTRIES = 5  # a function that keeps entering and leaving gains only while the likelihood is held quadratic
+# a function that keeps entering and leaving gains only while the likelihood is held quadratic
+_ENTRIES = 5
 _DROP = 0.5  # fall of the log evidence below its highest that a step may cost
 _LOGIT = np.log(0.95 / 0.05)  # log odds that the first function is fitted to
 _STILL = 1e-3  # change of log α that is no action any more
@@ -91,7 +92,9 @@ def laplace(rows: Any, target: Any, offset: float, alpha: Any, mean: Any) -> Any
         while True:
             trial = mean + scale * step
             moved = c + scale * direction
-            reached = _logistic(moved, target, residual, curvature) - 0.5 * (alpha * trial * trial).sum()
+            reached = (
+                _logistic(moved, target, residual, curvature) - 0.5 * (alpha * trial * trial).sum()
+            )
             if reached >= value + 1e-4 * scale * rise or scale < 1e-10:
                 break
             scale *= 0.5
@@ -271,7 +274,13 @@ def _step(
             return chosen, trial, posterior, value, True
         part *= 0.5
     posterior = laplace(rows[active], target, offset, alpha, mean)
-    return active, alpha.copy(), posterior, posterior.evidence - 0.5 * rate * (1 / alpha).sum(), False
+    return (
+        active,
+        alpha.copy(),
+        posterior,
+        posterior.evidence - 0.5 * rate * (1 / alpha).sum(),
+        False,
+    )
 
 
 @njit(cache=True)
@@ -326,16 +335,27 @@ def ascend(
                 change = 0.0
             if change < tolerance:
                 break
-        # Where two functions are almost alike their precisions creep along a ridge without end and without gain.
+        # Where two functions are almost alike their precisions creep along a ridge without end and
+        # without gain.
         flat = abs(value - before) < 1e-2 * tolerance
         if not growing and (change < tolerance or flat) and posterior.converged and iteration > 1:
             converged = True
             break
-    return Ascent(active, alpha, posterior.mean, posterior.covariance, posterior.evidence, iteration, converged)
+    return Ascent(
+        active,
+        alpha,
+        posterior.mean,
+        posterior.covariance,
+        posterior.evidence,
+        iteration,
+        converged,
+    )
 
 
 @njit(cache=True)
-def climb(rows: Any, coarse: Any, target: Any, offset: float, allowed: Any, rate: float, max_iter: int) -> Any:
+def climb(
+    rows: Any, coarse: Any, target: Any, offset: float, allowed: Any, rate: float, max_iter: int
+) -> Any:
     """Take the single best action at a time, removals first (Tipping & Faul 2003, Sec. 4).
 
     It begins with the function whose sums over the examples of either label differ most, for its norm. Slower than
@@ -343,10 +363,13 @@ def climb(rows: Any, coarse: Any, target: Any, offset: float, allowed: Any, rate
     """
     slant = rows @ (target - 0.5)
     for i in range(slant.size):
-        slant[i] = abs(slant[i]) / np.sqrt((rows[i] * rows[i]).sum() + _TINY) if allowed[i] else -1.0
+        slant[i] = (
+            abs(slant[i]) / np.sqrt((rows[i] * rows[i]).sum() + _TINY) if allowed[i] else -1.0
+        )
     first = int(slant.argmax())
     row = rows[first]
-    # Least squares for log odds of a probability of 0.95 for the own label (Tipping's initial weight).
+    # Least squares for log odds of a probability of 0.95 for the own label (Tipping's initial
+    # weight).
     weight = (row * np.copysign(_LOGIT, target - 0.5)).sum() / ((row * row).sum() + _TINY)
     active = np.full(1, first)
     alpha = np.full(1, 1 / max(weight * weight, 1e-6))
@@ -365,7 +388,11 @@ def climb(rows: Any, coarse: Any, target: Any, offset: float, allowed: Any, rate
         for j in range(active.size):
             ratio = s[j] / alpha[j]
             held = 0.5 * (q[j] * q[j] / (s[j] + alpha[j]) - np.log1p(ratio))
-            variance = best_variance(s[j], q[j], rate) if s[j] > _TINY and q[j] * q[j] > s[j] + rate else 0.0
+            variance = (
+                best_variance(s[j], q[j], rate)
+                if s[j] > _TINY and q[j] * q[j] > s[j] + rate
+                else 0.0
+            )
             if variance <= 0:
                 rise = -held
                 if active.size > 1 and (not leave or rise > most):

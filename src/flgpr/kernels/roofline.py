@@ -36,7 +36,9 @@ def _multiply_add(_context, count, scale):  # type: ignore[no-untyped-def]  # no
         total = builder.load(chains[0])
         for chain in chains[1:]:
             total = builder.fadd(total, builder.load(chain))
-        parts = [builder.extract_element(total, ir.Constant(ir.IntType(32), i)) for i in range(_LANES)]
+        parts = [
+            builder.extract_element(total, ir.Constant(ir.IntType(32), i)) for i in range(_LANES)
+        ]
         value = parts[0]
         for part in parts[1:]:
             value = builder.fadd(value, part)

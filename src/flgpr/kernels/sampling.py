@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from flgpr.kernels.compiled import njit
 
 
-def bilinear(images: NDArray[Any], row: NDArray[np.float64], column: NDArray[np.float64]) -> NDArray[Any]:
+def bilinear(
+    images: NDArray[Any], row: NDArray[np.float64], column: NDArray[np.float64]
+) -> NDArray[Any]:
     """Sample images (..., y, x) at fractional pixels of any shape; NaN outside the outermost pixel centres."""
     row, column = np.broadcast_arrays(row, column)
     flat = np.ascontiguousarray(images).reshape(-1, *images.shape[-2:])
@@ -23,7 +25,12 @@ def bilinear(images: NDArray[Any], row: NDArray[np.float64], column: NDArray[np.
 def _sample(images: Any, row: Any, column: Any, out: Any) -> None:
     ny, nx = images.shape[1:]
     for i in range(row.size):
-        inside = (row[i] >= -1e-9) & (row[i] <= ny - 1 + 1e-9) & (column[i] >= -1e-9) & (column[i] <= nx - 1 + 1e-9)
+        inside = (
+            (row[i] >= -1e-9)
+            & (row[i] <= ny - 1 + 1e-9)
+            & (column[i] >= -1e-9)
+            & (column[i] <= nx - 1 + 1e-9)
+        )
         if not inside:
             out[:, i] = np.nan
             continue

@@ -26,11 +26,15 @@ if hasattr(os, "register_at_fork"):
 
 def _pool() -> ThreadPoolExecutor:
     if not _pools:
-        _pools.append(ThreadPoolExecutor(max(1, config.NUMBA_NUM_THREADS - 1), thread_name_prefix="flgpr"))
+        _pools.append(
+            ThreadPoolExecutor(max(1, config.NUMBA_NUM_THREADS - 1), thread_name_prefix="flgpr")
+        )
     return _pools[0]
 
 
-def share(count: int, run: Callable[[int, int], None], step: int | None = None, alone: bool = False) -> None:
+def share(
+    count: int, run: Callable[[int, int], None], step: int | None = None, alone: bool = False
+) -> None:
     """Call ``run(begin, end)`` for parts of ``range(count)`` on as many threads as numba is set to use.
 
     It must release the interpreter lock to run beside others. By default every thread gets a few parts. The caller does

@@ -58,7 +58,9 @@ WINDOWS: dict[str, Callable[[FloatArray], FloatArray]] = {
 
 
 def band_weights(
-    frequency: FloatArray, subbands: tuple[tuple[float, float], ...], window: Callable[[FloatArray], FloatArray]
+    frequency: FloatArray,
+    subbands: tuple[tuple[float, float], ...],
+    window: Callable[[FloatArray], FloatArray],
 ) -> FloatArray:
     """Weights (subband, tone) of every tone in every sub-band; a band without a tone is a row of zeros.
 

@@ -35,14 +35,29 @@ from flgpr.imaging import ImagingOperator
 from flgpr.io import RunDescription, Scan, as_run
 from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
 from flgpr.model.plausible import PoseGate, Sighting, Step, Verdict
-from flgpr.screen import counts, density_threshold, local_maxima, look_weight, seen_along, view_array
+from flgpr.screen import (
+    counts,
+    density_threshold,
+    local_maxima,
+    look_weight,
+    seen_along,
+    view_array,
+)
 
 FloatArray = NDArray[np.float64]
 State = Literal["new", "update", "withdrawn", "final"]
-_FARTHEST_GAP = 50.0  # m; ground farther back than this before a scan is closed without another look
+_FARTHEST_GAP = (
+    50.0  # m; ground farther back than this before a scan is closed without another look
+)
 _MOST_SCANS = 64
 _SHOWN = ("x", "y", "confidence", "scans")  # an alarm in which one of these changed is told anew
-_KEPT = ("x", "y", "confidence", "magnitude", "scans")  # of a passed alarm, after the number in its name
+_KEPT = (
+    "x",
+    "y",
+    "confidence",
+    "magnitude",
+    "scans",
+)  # of a passed alarm, after the number in its name
 _NAME = "alarm-"
 _WITHOUT_END = 1e9  # m
 
@@ -103,7 +118,9 @@ class LiveUpdate:
     step: Step | None = None  #: why the pose is not plausible
     clock: Step | None = None  #: why the time is not, which is no fault of the pose
     anew: bool = False  #: whether detection started anew, at the first of ``released``
-    forgotten: bool = False  #: whether all before was forgotten then: too few poses had agreed on it
+    forgotten: bool = (
+        False  #: whether all before was forgotten then: too few poses had agreed on it
+    )
     #: scans that were held back and what became of them now, in their order
     released: list[tuple[Scan, LiveUpdate]] = field(default_factory=list)
     words: str = ""  #: why a scan that was held back before, or with others, is "refused"
@@ -132,12 +149,18 @@ class LiveDetector:
         check_causal(recipe)
         check_channels(recipe, description.polarization, description.frequency)
         unlearnt(recipe, self.model)
-        made = _made(description, recipe, self.lane, self.model) if recipe.columns or recipe.map is not None else {}
+        made = (
+            _made(description, recipe, self.lane, self.model)
+            if recipe.columns or recipe.map is not None
+            else {}
+        )
         self.mapper = next((one for one in made.values() if isinstance(one, MapStage)), None)
         self.reads = _reads(description, recipe, self.model, made)
         self.grid = self.reads.grid
         image, (median, _), (mean, _) = recipe.image, *recipe.smoothing[:2]
-        reach = self.grid.ny + median // 2 + mean // 2  # rows that the background of those that count hangs on
+        reach = (
+            self.grid.ny + median // 2 + mean // 2
+        )  # rows that the background of those that count hangs on
         self._rows = min(reach, image.grid().ny)
         self._pixels = image.grid().points()
         self._taper = image.weights(description.frequency)
@@ -145,7 +168,9 @@ class LiveDetector:
         self._imaged = [labels.index(one) for one in image.polarizations or labels]
         self._operator: tuple[tuple[float, ...], ImagingOperator] | None = None
         self.gate = PoseGate(recipe.motion)
-        self.held: dict[int, Scan] = {}  # scans held back until others agree with their poses, by number
+        self.held: dict[
+            int, Scan
+        ] = {}  # scans held back until others agree with their poses, by number
         self.left_out = 0  # scans whose pose was not plausible in the end
         self._aliases_told = False
         self._begin()
@@ -153,14 +178,22 @@ class LiveDetector:
     def _begin(self) -> None:
         """Begin with nothing learnt and nothing seen."""
         settings = self.settings
-        self.background = CausalBackground(*self.recipe.smoothing, settings.span, settings.warm_up, self._rows)
+        self.background = CausalBackground(
+            *self.recipe.smoothing, settings.span, settings.warm_up, self._rows
+        )
         self.first_pose: FloatArray | None = None
         self.history: list[CleanedScan] = []  # of scans that still see ground ahead
-        self._sums: AlarmSums | None = None  # features of the latest alarms, from all of these scans
-        self.view: Arrays = {}  # what the run-view has gathered, "row" counted from the lane's first
+        self._sums: AlarmSums | None = (
+            None  # features of the latest alarms, from all of these scans
+        )
+        # what the run-view has gathered, "row" counted from the lane's first
+        self.view: Arrays = {}
         self.alarms: dict[str, LiveAlarm] = {}  # open: some scan may still see them
-        # A day's drive passes 100,000 of them and more: bare numbers, so that memory and snapshots stay small.
-        self.passed = array("d")  # of final alarms the number in the name and ``_KEPT``, one after the other
+        # A day's drive passes 100,000 of them and more: bare numbers, so that memory and snapshots
+        # stay small.
+        self.passed = array(
+            "d"
+        )  # of final alarms the number in the name and ``_KEPT``, one after the other
         self.magnitudes = array("d")  # of all passed maxima that the density rule counts, ascending
         self.seen_area = 0.0  # passed, m²
         self.closed = -math.inf  # ground up to here (lane y) is final
@@ -238,7 +271,10 @@ class LiveDetector:
         ahead = self._reach(pose)
         if ahead[1] < self.closed:
             return LiveUpdate("late", [])
-        if self.newest is not None and np.hypot(*(pose[:2] - self.newest[1][:2])) < self.settings.least_step:
+        if (
+            self.newest is not None
+            and np.hypot(*(pose[:2] - self.newest[1][:2])) < self.settings.least_step
+        ):
             return LiveUpdate("still", [])
         image = self._image(scan)
         gain, background = self.background.add(image)  # refuses an image that cannot be used
@@ -251,18 +287,24 @@ class LiveDetector:
         where = self.newest[1]
         if background is None:
             return LiveUpdate("warm-up", [])
-        cleaned = self.reads.clean(scan.number, pose, image, gain, background, own=self.mapper is not None)
+        cleaned = self.reads.clean(
+            scan.number, pose, image, gain, background, own=self.mapper is not None
+        )
         history = sorted([*self.history, cleaned], key=lambda one: one.number)[-_MOST_SCANS:]
         # until this scan is in them, which may fail
         before = self._sums
         self._sums = None
         if history[-1] is not cleaned or len(history) <= len(self.history):
-            before = None  # a late scan belongs before others, and what a forgotten one gave cannot be taken away
+            # a late scan belongs before others, and what a forgotten one gave cannot be taken away
+            before = None
         self.history = history
         left_behind = self._jump(where)
         row, view = self._look(cleaned, where)
         return LiveUpdate(
-            "taken", left_behind + self._raise(view, where, before), row, np.asarray(view.values, np.float32)
+            "taken",
+            left_behind + self._raise(view, where, before),
+            row,
+            np.asarray(view.values, np.float32),
         )
 
     def learn(self) -> None:
@@ -275,7 +317,9 @@ class LiveDetector:
 
     def table(self) -> pd.DataFrame:
         """All alarms that stand, passed and open, as an alarm table: the most mine-like first."""
-        rows = self.passed + array("d", [value for one in self.alarms.values() for value in _numbers(one)])
+        rows = self.passed + array(
+            "d", [value for one in self.alarms.values() for value in _numbers(one)]
+        )
         table = pd.DataFrame(np.reshape(rows, (-1, 1 + len(_KEPT))), columns=["alarm_id", *_KEPT])
         names = [f"{_NAME}{number:.0f}" for number in table["alarm_id"]]
         table = table.assign(alarm_id=names, scans=table["scans"].astype(int))
@@ -285,7 +329,10 @@ class LiveDetector:
         """Give the mean of the looks at an alarm's place, ground that is not final, and the sum of their weights."""
         grid = self._view_grid(int(self.view["row"]))
         table = self.recipe.run_view
-        at = round((alarm.y - grid.y_min) / table.spacing), round((alarm.x - grid.x_min) / table.spacing)
+        at = (
+            round((alarm.y - grid.y_min) / table.spacing),
+            round((alarm.x - grid.x_min) / table.spacing),
+        )
         weight = float(self.view["weight"][at])
         return float(self.view["sum"][at]) / weight if weight else math.nan, weight
 
@@ -353,7 +400,14 @@ class LiveDetector:
             rx = vehicle_to_scan(one.rx_position, pose)
             bands = [table.subbands[name] for name in self.reads.subbands]
             operator = ImagingOperator(
-                one.frequency, tx, rx, self._pixels, bands, table.tolerance, window=self._taper, device=table.device
+                one.frequency,
+                tx,
+                rx,
+                self._pixels,
+                bands,
+                table.tolerance,
+                window=self._taper,
+                device=table.device,
             )
             self._operator = key, operator
         return np.asarray(self._operator[1].adjoint(scan.signal[self._imaged]), np.complex64)
@@ -400,11 +454,17 @@ class LiveDetector:
             last = min(last, round((end - y) / spacing))
         return first, max(last - first + 1, 3)
 
-    def _raise(self, view: xr.DataArray, pose: FloatArray, before: AlarmSums | None) -> list[LiveAlarm]:
+    def _raise(
+        self, view: xr.DataArray, pose: FloatArray, before: AlarmSums | None
+    ) -> list[LiveAlarm]:
         """Bring the open alarms up to date with the run-view, and close the ground that is passed."""
         found = local_maxima(view, self.recipe.prescreen.radius)
-        column = np.rint((found["x"] - view["x"].values[0]) / self.recipe.run_view.spacing).to_numpy(int)
-        row = np.rint((found["y"] - view["y"].values[0]) / self.recipe.run_view.spacing).to_numpy(int)
+        column = np.rint(
+            (found["x"] - view["x"].values[0]) / self.recipe.run_view.spacing
+        ).to_numpy(int)
+        row = np.rint((found["y"] - view["y"].values[0]) / self.recipe.run_view.spacing).to_numpy(
+            int
+        )
         seen = view["looks"].values[row, column] >= self.settings.looks
         found = found[seen & (found["y"] > self.closed).to_numpy()].reset_index(drop=True)
         strong = found[found["magnitude"] >= self._threshold(found, view)].reset_index(drop=True)
@@ -421,7 +481,8 @@ class LiveDetector:
         """Magnitude that the density rule asks for, on the ground seen so far (Wang et al. 2007, Sec. II-B)."""
         screen = self.recipe.prescreen
         magnitudes = np.append(
-            np.frombuffer(self.magnitudes), found["magnitude"].to_numpy()[self._counts(found["x"], found["y"])]
+            np.frombuffer(self.magnitudes),
+            found["magnitude"].to_numpy()[self._counts(found["x"], found["y"])],
         )
         area = self.seen_area + self._area(view, self.closed, math.inf)
         return density_threshold(magnitudes, area, screen.radius, screen.density)
@@ -441,11 +502,18 @@ class LiveDetector:
         Alarms at pixels where there were some after the scan before take in the newest scan alone.
         """
         grid = self._view_grid()
-        row, column = (np.rint((alarms[n] - low) / grid.dy) for n, low in (("y", grid.y_min), ("x", grid.x_min)))
+        row, column = (
+            np.rint((alarms[n] - low) / grid.dy)
+            for n, low in (("y", grid.y_min), ("x", grid.x_min))
+        )
         pixel = (row * grid.nx + column).to_numpy(np.int64)
         order = np.argsort(pixel)
         # The same place to the last bit, whichever window of the run-view it was found in.
-        places = pd.DataFrame({"x": alarms["x"], "y": grid.y_min + row * grid.dy}).iloc[order].reset_index(drop=True)
+        places = (
+            pd.DataFrame({"x": alarms["x"], "y": grid.y_min + row * grid.dy})
+            .iloc[order]
+            .reset_index(drop=True)
+        )
         pixel = pixel[order]
         sums = AlarmSums(self.reads, places, pixel)
         new = np.ones(len(pixel), bool)
@@ -469,8 +537,13 @@ class LiveDetector:
         changed = []
         names = ["x", "y", "confidence", "magnitude", "scans"]
         for x, y, confidence, magnitude, scans in found[names].itertuples(index=False):
-            near = min(free.values(), key=lambda one: math.hypot(one.x - x, one.y - y), default=None)
-            if near is not None and math.hypot(near.x - x, near.y - y) <= self.recipe.prescreen.radius:
+            near = min(
+                free.values(), key=lambda one: math.hypot(one.x - x, one.y - y), default=None
+            )
+            if (
+                near is not None
+                and math.hypot(near.x - x, near.y - y) <= self.recipe.prescreen.radius
+            ):
                 del free[near.alarm_id]
                 name = near.alarm_id
                 state = "update"
@@ -480,8 +553,19 @@ class LiveDetector:
                 self.named += 1
                 name = f"{_NAME}{self.named}"
                 state = "new"
-            one = LiveAlarm(name, float(x), float(y), float(confidence), float(magnitude), int(scans), state, left)  # type: ignore[arg-type]
-            if state == "new" or any(getattr(one, n) != getattr(self.alarms[name], n) for n in _SHOWN):
+            one = LiveAlarm(
+                name,
+                float(x),
+                float(y),
+                float(confidence),
+                float(magnitude),
+                int(scans),
+                state,  # type: ignore[arg-type]
+                left,
+            )
+            if state == "new" or any(
+                getattr(one, n) != getattr(self.alarms[name], n) for n in _SHOWN
+            ):
                 changed.append(one)
             self.alarms[name] = one
         for gone in free:
@@ -496,7 +580,9 @@ class LiveDetector:
     def _finals(self, limit: float) -> list[LiveAlarm]:
         final = self._pass([one for one in self.alarms.values() if one.y <= limit])
         self.closed = limit
-        self.history = [one for one in self.history if self._reach(one.pose)[1] >= limit - self._margin()]
+        self.history = [
+            one for one in self.history if self._reach(one.pose)[1] >= limit - self._margin()
+        ]
         return final
 
     def _pass(self, alarms: list[LiveAlarm]) -> list[LiveAlarm]:
@@ -531,7 +617,10 @@ def _last_states(alarms: list[LiveAlarm]) -> list[LiveAlarm]:
 
 
 def _numbers(alarm: LiveAlarm) -> list[float]:
-    return [float(alarm.alarm_id.removeprefix(_NAME)), *(float(getattr(alarm, name)) for name in _KEPT)]
+    return [
+        float(alarm.alarm_id.removeprefix(_NAME)),
+        *(float(getattr(alarm, name)) for name in _KEPT),
+    ]
 
 
 @contextmanager
@@ -545,43 +634,86 @@ def _one_thread() -> Iterator[None]:
         numba.set_num_threads(before)
 
 
-def _reads(description: RunDescription, recipe: Recipe, model: Model, made: Mapping[str, Stage]) -> AlarmFeatures:
+def _reads(
+    description: RunDescription, recipe: Recipe, model: Model, made: Mapping[str, Stage]
+) -> AlarmFeatures:
     """Take of a recipe's features what decides on alarms: what the model's detector reads, without one the contrast."""
     single = () if recipe.confidence in RANKS else (recipe.confidence,)
     names = model.detector.features if model.detector is not None else single
-    features = recipe.features.model_copy(update={"variants": False}) if recipe.features and names else None
+    features = (
+        recipe.features.model_copy(update={"variants": False})
+        if recipe.features and names
+        else None
+    )
     stages = {
-        name: one for name, one in made.items() if isinstance(one, FeatureStage) and set(one.columns) & set(names)
+        name: one
+        for name, one in made.items()
+        if isinstance(one, FeatureStage) and set(one.columns) & set(names)
     }
     needed = {recipe.prescreen.subband}
     known = {"magnitude"}.union(*(one.columns for one in stages.values()))
     if features is None:
         needed.add(recipe.contrast.subband)
         known.add("contrast")
-    bands = {f"{one}_{band}": band for band in recipe.image.subbands for one in FEATURES if features is not None}
+    bands = {
+        f"{one}_{band}": band
+        for band in recipe.image.subbands
+        for one in FEATURES
+        if features is not None
+    }
     for name in names:
         if name not in known and name not in bands:
-            raise ValueError(f"model must read features of the recipe's sub-bands when live, got {name}")
+            raise ValueError(
+                f"model must read features of the recipe's sub-bands when live, got {name}"
+            )
         needed |= {bands[name]} if name in bands else set()
     every = bool(stages) or recipe.map is not None  # stages see all of an image
     subbands = [band for band in recipe.image.subbands if every or band in needed]
     labels = list(recipe.image.polarizations) or description.polarization
-    polarimetric = tuple(band for band in subbands if any(f"{one}_{band}" in names for one in POLARIMETRIC))
+    polarimetric = tuple(
+        band for band in subbands if any(f"{one}_{band}" in names for one in POLARIMETRIC)
+    )
     reduced = recipe.model_copy(update={"features": features})
     return AlarmFeatures(reduced, labels, subbands, recipe.near_grid(), stages, polarimetric)
 
 
-def _made(description: RunDescription, recipe: Recipe, lane: Lane | None, model: Model) -> dict[str, Stage]:
+def _made(
+    description: RunDescription, recipe: Recipe, lane: Lane | None, model: Model
+) -> dict[str, Stage]:
     """Make the stages; the run that they are told of has one scan without an echo, at the lane's origin."""
-    run = as_run(description, Scan(0, math.nan, np.zeros(6), np.zeros(description.shape, np.complex64)))
+    run = as_run(
+        description, Scan(0, math.nan, np.zeros(6), np.zeros(description.shape, np.complex64))
+    )
     table = recipe.image
     pose = np.zeros((1, 6))
     where = lane or course_lane(recipe, pose, _WITHOUT_END)
-    imaged = [description.polarization.index(one) for one in table.polarizations or description.polarization]
-    setup = Setup(run, {}, where, imager_of(run, table), recipe.near_grid(), recipe.run_view.grid(where), imaged, 1, {})
-    made = {name: one.of(one.settings, setup, model.stages.get(name)) for name, one in recipe.named().items()}
+    imaged = [
+        description.polarization.index(one)
+        for one in table.polarizations or description.polarization
+    ]
+    setup = Setup(
+        run,
+        {},
+        where,
+        imager_of(run, table),
+        recipe.near_grid(),
+        recipe.run_view.grid(where),
+        imaged,
+        1,
+        {},
+    )
+    made = {
+        name: one.of(one.settings, setup, model.stages.get(name))
+        for name, one in recipe.named().items()
+    }
     check_confidence(
-        recipe, (column for one in made.values() if isinstance(one, FeatureStage) for column in one.columns)
+        recipe,
+        (
+            column
+            for one in made.values()
+            if isinstance(one, FeatureStage)
+            for column in one.columns
+        ),
     )
     return made
 

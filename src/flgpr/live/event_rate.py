@@ -10,7 +10,10 @@ from typing import Any
 
 Event = dict[str, Any]
 BURST = 10  # events of a kind that are written one by one
-_SUMMARY = {"problem": 1.0, "counts": 0.25}  # s between those of a flood; the page misses a radar after 0.75 s
+_SUMMARY = {
+    "problem": 1.0,
+    "counts": 0.25,
+}  # s between those of a flood; the page misses a radar after 0.75 s
 _MOST_KINDS = 32
 
 
@@ -52,7 +55,11 @@ class EventRate:
         """Give summaries of floods whose time has come."""
         now = self._clock()
         floods = self._floods.items()
-        summaries = [_summary(flood, now) for (kind, _), flood in floods if now - flood.written >= _SUMMARY[kind]]
+        summaries = [
+            _summary(flood, now)
+            for (kind, _), flood in floods
+            if now - flood.written >= _SUMMARY[kind]
+        ]
         return [event for event in summaries if event is not None]
 
     def rest(self) -> list[Event]:
@@ -101,4 +108,7 @@ def _summary(flood: _Flood, now: float) -> Event | None:
     if event["event"] == "counts":
         return event
     noun = "problem" if left_out == 1 else "problems"
-    return event | {"more": left_out, "words": f"{left_out:,} more {noun} like this: {event['words']}"}
+    return event | {
+        "more": left_out,
+        "words": f"{left_out:,} more {noun} like this: {event['words']}",
+    }

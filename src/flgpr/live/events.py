@@ -96,7 +96,9 @@ def alarm_event(
 
 def position_events(name: str, update: LiveUpdate) -> list[Event]:
     """Tell that a pose is not plausible ("pose"), or a time ("clock"), with the numbers, of a frame called ``name``."""
-    beyond = update.step is not None and update.step.strain > 1  # else it agrees better with those held back
+    beyond = (
+        update.step is not None and update.step.strain > 1
+    )  # else it agrees better with those held back
     kinds = [("pose", update.step if beyond else None), ("clock", update.clock)]
     return [
         {"event": "problem", "name": name, "words": step.words, "kind": kind} | step.as_json()
@@ -112,7 +114,13 @@ def anew_event(scan: int, update: LiveUpdate, where: NDArray[np.float64]) -> Eve
     """
     numbers = [held.number for held, _ in update.released]
     pose = [round(float(value), 4) for value in where]
-    return {"event": "anew", "scan": scan, "held": numbers, "pose": pose, "forgotten": update.forgotten}
+    return {
+        "event": "anew",
+        "scan": scan,
+        "held": numbers,
+        "pose": pose,
+        "forgotten": update.forgotten,
+    }
 
 
 def view_event(row: int, view: NDArray[np.float32]) -> Event:
@@ -122,7 +130,13 @@ def view_event(row: int, view: NDArray[np.float32]) -> Event:
     seen = values[np.isfinite(values)]
     median = float(np.median(seen.astype(np.float32))) if seen.size else 0.0
     data = base64.b64encode(values.astype("<f2").tobytes()).decode()
-    return {"event": "view", "row": row + skip, "rows": len(values), "median_db": round(median, 2), "halves": data}
+    return {
+        "event": "view",
+        "row": row + skip,
+        "rows": len(values),
+        "median_db": round(median, 2),
+        "halves": data,
+    }
 
 
 def _drop_unfinished(path: Path) -> None:

@@ -46,8 +46,14 @@ class Fault:
         """Read ``KIND:SCAN`` or ``KIND:SCAN:COUNT``, such as ``lost:40:13``."""
         kind, _, rest = text.partition(":")
         numbers = rest.split(":")
-        if kind not in FAULTS or len(numbers) > 2 or not all(n.isascii() and n.isdigit() for n in numbers):
-            raise ValueError(f"fault must be {', '.join(FAULTS)} with a scan and a number, as lost:40:5, got {text!r}")
+        if (
+            kind not in FAULTS
+            or len(numbers) > 2
+            or not all(n.isascii() and n.isdigit() for n in numbers)
+        ):
+            raise ValueError(
+                f"fault must be {', '.join(FAULTS)} with a scan and a number, as lost:40:5, got {text!r}"
+            )
         return cls(kind, int(numbers[0]), int(numbers[1]) if len(numbers) == 2 else 1)
 
 
@@ -81,7 +87,9 @@ def feed(
     last = total if count is None else min(first + count, total)
     beyond = [fault.scan for fault in wrong if not first <= fault.scan < last]
     if beyond:
-        raise ValueError(f"fault must begin with a scan that is played ({first} to {last - 1}), got {beyond[0]}")
+        raise ValueError(
+            f"fault must begin with a scan that is played ({first} to {last - 1}), got {beyond[0]}"
+        )
     sink = _FolderSink(Path(folder)) if folder is not None else _SocketSink(Path(str(socket_path)))
     with sink:
         sink.begin(description)
@@ -107,14 +115,23 @@ def feed(
     return len(played)
 
 
-def _played(first: int, last: int, faults: Sequence[Fault]) -> list[tuple[float, int, bool, frozenset[str]]]:
+def _played(
+    first: int, last: int, faults: Sequence[Fault]
+) -> list[tuple[float, int, bool, frozenset[str]]]:
     """Order what is played: when, in scans, which scan, whether once more, and the faults that it has."""
     played = []
     for scan in range(first, last):
-        late = sum(fault.count + 0.5 for fault in faults if fault.kind == "late" and fault.scan == scan)
-        kinds = frozenset(fault.kind for fault in faults if fault.scan <= scan < fault.scan + fault.count)
+        late = sum(
+            fault.count + 0.5 for fault in faults if fault.kind == "late" and fault.scan == scan
+        )
+        kinds = frozenset(
+            fault.kind for fault in faults if fault.scan <= scan < fault.scan + fault.count
+        )
         if "lost" not in kinds:
-            played += [(scan + late, scan, again, kinds) for again in (False, True)[: 1 + ("twice" in kinds)]]
+            played += [
+                (scan + late, scan, again, kinds)
+                for again in (False, True)[: 1 + ("twice" in kinds)]
+            ]
     return sorted(played, key=lambda one: one[:3])
 
 
@@ -130,8 +147,13 @@ class _FolderSink(AbstractContextManager["_FolderSink"]):
         path = self._folder / RUN_FILE
         if not path.exists():
             write_description(description, self._folder)
-        elif Folder(self._folder).read(RUN_FILE) != (json.dumps(description.as_json(), indent=1) + "\n").encode():
-            raise ValueError(f"folder must be empty or hold the same run, got {self._folder} with another {RUN_FILE}")
+        elif (
+            Folder(self._folder).read(RUN_FILE)
+            != (json.dumps(description.as_json(), indent=1) + "\n").encode()
+        ):
+            raise ValueError(
+                f"folder must be empty or hold the same run, got {self._folder} with another {RUN_FILE}"
+            )
 
     def scan(self, number: int, frame: bytes, again: bool) -> None:
         name = Path(scan_name(number))
@@ -149,7 +171,9 @@ class _SocketSink(AbstractContextManager["_SocketSink"]):
         except OSError as error:
             self._socket.close()
             reason = error.strerror or "its path is too long"
-            raise ValueError(f"socket must be one that flgpr live listens on, got {path}: {reason}") from None
+            raise ValueError(
+                f"socket must be one that flgpr live listens on, got {path}: {reason}"
+            ) from None
 
     def __exit__(self, *_: object) -> None:
         self._socket.close()

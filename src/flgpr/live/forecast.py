@@ -1,8 +1,9 @@
 """What further looks will make of an alarm's probability, learnt from what the alarms of training lanes became.
 
-The map at a place is the mean of its looks, weighed by their distances, and the confidence its logistic regression. So
-after looks of the weights w, W having been gathered, log odds z become z + A e, where A = Σw / (W + Σw) is known from
-where the vehicle will be, and e is how far the new looks lie off the mean so far. It is taken as Gaussian,
+The map at a place is the mean of its looks, weighed by their distances, and the confidence its
+logistic regression. So after looks of the weights w, W having been gathered, log odds z become z +
+A e, where A = Σw / (W + Σw) is known from where the vehicle will be, and e is how far the new looks
+lie off the mean so far. It is taken as Gaussian,
 
     e ~ N(a + (b + c p) z, σ² (ρ + (1 - ρ) Σw² / (Σw)²)),  ln σ = g + h p,  p = 1 / (1 + exp(-z)):
 
@@ -64,11 +65,17 @@ class Forecast:
         p = _probability(odds)
         share = total / (seen + total)
         alike = rho + (1 - rho) * sum(one * one for one in looks) / total**2
-        return odds + share * (a + (b + c * p) * known), share * math.exp(g + h * p) * math.sqrt(alike)
+        return odds + share * (a + (b + c * p) * known), share * math.exp(g + h * p) * math.sqrt(
+            alike
+        )
 
     def arrays(self) -> Arrays:
         """Give its arrays."""
-        return {"mean": np.array(self.mean), "spread": np.array(self.spread), "correlation": np.array(self.correlation)}
+        return {
+            "mean": np.array(self.mean),
+            "spread": np.array(self.spread),
+            "correlation": np.array(self.correlation),
+        }
 
 
 def foresees(recipe: Recipe, model: Model) -> bool:
@@ -95,13 +102,20 @@ def forecast_of(recipe: Recipe, model: Model) -> Forecast | None:
     shapes = {name: one.shape for name, one in learnt.items()}
     known = {"mean": (3,), "spread": (2,), "correlation": ()}
     if shapes != known or not all(np.isfinite(one).all() for one in learnt.values()):
-        raise ValueError(f"model must hold finite {NAME} of shapes {known}, got {shapes}: train it again")
+        raise ValueError(
+            f"model must hold finite {NAME} of shapes {known}, got {shapes}: train it again"
+        )
     (a, b, c), (g, h) = learnt["mean"].tolist(), learnt["spread"].tolist()
     return Forecast((a, b, c), (g, h), float(learnt["correlation"]))
 
 
 def told(
-    forecast: Forecast, detector: LiveDetector, alarm: LiveAlarm, margin: float | None, threshold: float, worth: float
+    forecast: Forecast,
+    detector: LiveDetector,
+    alarm: LiveAlarm,
+    margin: float | None,
+    threshold: float,
+    worth: float,
 ) -> dict[str, Any]:
     """Tell an alarm's probability and, of an open one, what further looks will make of it: members of its event.
 
@@ -175,7 +189,9 @@ def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
 
     def parts(numbers: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         rho = expit(numbers[5])
-        return off - terms @ numbers[:3], 2 * (numbers[3] + numbers[4] * p) + np.log(rho + (1 - rho) * alike)
+        return off - terms @ numbers[:3], 2 * (numbers[3] + numbers[4] * p) + np.log(
+            rho + (1 - rho) * alike
+        )
 
     def unlikely(numbers: NDArray[np.float64]) -> float:
         rest, variance = parts(numbers)
@@ -196,7 +212,12 @@ def _scans(run: xr.Dataset) -> Iterator[Scan]:
     for number in np.flatnonzero(complete_scans(run)):
         one = run.isel(scan=number)
         signal = np.asarray(one["signal"].values, dtype=np.complex64)
-        yield Scan(int(number), float(one["time"]), np.asarray(one["pose"].values, dtype=np.float64), signal)
+        yield Scan(
+            int(number),
+            float(one["time"]),
+            np.asarray(one["pose"].values, dtype=np.float64),
+            signal,
+        )
 
 
 def _confidence(detector: LiveDetector, value: float) -> float:

@@ -76,15 +76,21 @@ class Intake:
     A number counts as come before when its scan went on and was not refused: a bad frame takes no number away.
     """
 
-    def __init__(self, description: RunDescription, longest_gap: int = 3, limits: MotionLimits | None = None) -> None:
+    def __init__(
+        self, description: RunDescription, longest_gap: int = 3, limits: MotionLimits | None = None
+    ) -> None:
         self.description = description
         self._longest = longest_gap
         self._limits = limits or MotionLimits()
         self.counts: dict[str, int] = dict.fromkeys(COUNTS, 0)
         self._used = Numbers()
         self._came = Numbers()
-        self._poses: list[tuple[int, NDArray[np.float64]]] = []  # those that were plausible, ascending
-        self._own_poses: list[tuple[int, NDArray[np.float64]]] = []  # all that came last, not those that were filled in
+        self._poses: list[
+            tuple[int, NDArray[np.float64]]
+        ] = []  # those that were plausible, ascending
+        self._own_poses: list[
+            tuple[int, NDArray[np.float64]]
+        ] = []  # all that came last, not those that were filled in
 
     def admit(self, data: bytes, fault: ScanFileError | None = None) -> Scan | None:
         """Give a frame's scan if it is whole, of this run, with a pose and not come before; else count it.
@@ -108,7 +114,9 @@ class Intake:
             return None
         if scan.pose is not None:
             return scan
-        pose = None if self.counts["held"] else self._fill(scan.number)  # not while it is in doubt where it is
+        pose = (
+            None if self.counts["held"] else self._fill(scan.number)
+        )  # not while it is in doubt where it is
         self.counts["pose_missing" if pose is None else "pose_filled"] += 1
         return None if pose is None else Scan(scan.number, scan.time, pose, scan.signal)
 
@@ -126,7 +134,9 @@ class Intake:
         if outcome in ("taken", "warm-up") and newest is not None and number < newest:
             self.counts["out_of_order"] += 1
         if not self._used.runs and not self._came.near(number, self._limits.scans):
-            self._came = Numbers()  # what came before was of no use, and its numbers are not this run's
+            self._came = (
+                Numbers()
+            )  # what came before was of no use, and its numbers are not this run's
         if outcome != "refused":
             self._used.add(number)
         self._came.add(number)
@@ -135,7 +145,9 @@ class Intake:
             if known == number:
                 self._poses = _with_pose(self._poses, number, pose)
 
-    def settled(self, held: int, left_out: int, anew: bool = False, forgotten: bool = False) -> None:
+    def settled(
+        self, held: int, left_out: int, anew: bool = False, forgotten: bool = False
+    ) -> None:
         """Note how many scans are held back, how many were left out as implausible in all, and a new beginning.
 
         Where all before was ``forgotten``, so are its counts and numbers.
@@ -155,11 +167,19 @@ class Intake:
         poses = [[number, pose.tolist()] for number, pose in self._poses]
         used, came = ([list(run) for run in numbers.runs] for numbers in (self._used, self._came))
         own_poses = [[number, pose.tolist()] for number, pose in self._own_poses]
-        return {"counts": dict(self.counts), "used": used, "came": came, "poses": poses, "own_poses": own_poses}
+        return {
+            "counts": dict(self.counts),
+            "used": used,
+            "came": came,
+            "poses": poses,
+            "own_poses": own_poses,
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a state that :meth:`state` gave."""
-        self.counts = dict.fromkeys(COUNTS, 0) | {name: int(n) for name, n in state["counts"].items()}
+        self.counts = dict.fromkeys(COUNTS, 0) | {
+            name: int(n) for name, n in state["counts"].items()
+        }
         self._used = Numbers(state["used"])
         self._came = Numbers(state["came"])
         self._poses, self._own_poses = (

@@ -15,7 +15,10 @@ from pathlib import Path
 from flgpr.live.stream import FrameStream
 from flgpr.live.watch import Inbox
 
-SENDERS = {"refused": "as many as may be are connected", "ended": "they sent nothing of use for too long"}
+SENDERS = {
+    "refused": "as many as may be are connected",
+    "ended": "they sent nothing of use for too long",
+}
 """Why senders are refused or ended."""
 _LOOK = 0.2  # s between looks at whether it is over
 _BACKLOG = 64  # senders that wait to be accepted; a further one is told by the system to try again
@@ -62,7 +65,9 @@ class _Sender(threading.Thread):
                 paused = now - heard > self._limits.pause
                 taken = self._hand_over(part or b"", paused or not is_open)
                 if taken:
-                    heard = begun = time.monotonic()  # the time for which it was held back does not count
+                    heard = begun = (
+                        time.monotonic()
+                    )  # the time for which it was held back does not count
                 elif not self._stream.waiting:
                     begun = now
                 elif now - begun > self._limits.frame:
@@ -120,7 +125,9 @@ class SocketWatch(threading.Thread):
             self._socket.bind(str(path))
         except OSError as error:
             self._socket.close()
-            raise ValueError(f"socket must be a path that can be made, got {path}: {_reason(error)}") from None
+            raise ValueError(
+                f"socket must be a path that can be made, got {path}: {_reason(error)}"
+            ) from None
         finally:
             os.umask(before)
         self._socket.listen(_BACKLOG)
@@ -166,7 +173,11 @@ class SocketWatch(threading.Thread):
         """
         strangers = [sender for sender in self._senders if not sender.has_sent_good]
         last = time.monotonic() - self._limits.pause
-        idle = [sender for sender in strangers or self._senders if not sender.held_back and sender.useful < last]
+        idle = [
+            sender
+            for sender in strangers or self._senders
+            if not sender.held_back and sender.useful < last
+        ]
         if not idle:
             return False
         longest = min(idle, key=lambda sender: sender.useful)
@@ -207,4 +218,6 @@ def _make_room(path: Path) -> None:
             return
         except OSError:  # it may listen, and not to us
             pass
-    raise ValueError(f"socket must be free, got {path}, on which another program listens: give another path")
+    raise ValueError(
+        f"socket must be free, got {path}, on which another program listens: give another path"
+    )

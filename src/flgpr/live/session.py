@@ -48,7 +48,14 @@ from flgpr.live.events import (
 )
 from flgpr.live.intake import Intake
 from flgpr.live.senders import SENDERS, SocketWatch
-from flgpr.live.state import SNAPSHOT_FILE, Snapshot, SnapshotWriter, read_snapshot, restore_snapshot, take_snapshot
+from flgpr.live.state import (
+    SNAPSHOT_FILE,
+    Snapshot,
+    SnapshotWriter,
+    read_snapshot,
+    restore_snapshot,
+    take_snapshot,
+)
 from flgpr.live.stream import largest_frame
 from flgpr.live.vehicle import Vehicle
 from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox
@@ -121,7 +128,12 @@ class LiveRun:
         self._lane: Lane | None = read_lane(options.lane) if options.lane is not None else None
         self._anchor = read_anchor(options.anchor) if options.anchor is not None else None
         lane = None if self._lane is None else asdict(self._lane)
-        own = {"recipe": sha256(text.encode()), "model": digest, "lane": lane, "flgpr": flgpr.__version__}
+        own = {
+            "recipe": sha256(text.encode()),
+            "model": digest,
+            "lane": lane,
+            "flgpr": flgpr.__version__,
+        }
         self._own: dict[str, Any] = own | {"settings": asdict(options.settings)}
         self.output = Path(options.output)
         self.inbox = Inbox()
@@ -234,11 +246,15 @@ class LiveRun:
                 raise ValueError(f"{arrival.name}: {error}") from None
             events.append([{"event": "problem", "name": arrival.name, "words": str(error)}])
 
-    def _describe(self, description: RunDescription, events: EventFile, snapshot: Snapshot | None) -> None:
+    def _describe(
+        self, description: RunDescription, events: EventFile, snapshot: Snapshot | None
+    ) -> None:
         """Make the detector once the run is known, and go on from a snapshot where there is one."""
         self._fingerprint = sha256(canonical_json(self._own | {"run": description.run_id}))
         check_scan_memory(description.shape, self._recipe)
-        detector = LiveDetector(description, self._recipe, self._lane, self._model, self.options.settings)
+        detector = LiveDetector(
+            description, self._recipe, self._lane, self._model, self.options.settings
+        )
         intake = Intake(description, limits=self._recipe.motion)
         if snapshot is not None:
             self._names = restore_snapshot(snapshot, detector, intake, self._fingerprint)
@@ -277,7 +293,12 @@ class LiveRun:
         return scan is not None
 
     def _update_events(
-        self, scan: Scan, update: LiveUpdate, arrival: Arrival, detector: LiveDetector, intake: Intake
+        self,
+        scan: Scan,
+        update: LiveUpdate,
+        arrival: Arrival,
+        detector: LiveDetector,
+        intake: Intake,
     ) -> list[Event]:
         """Tell what a scan changed, and those held back that went on with it."""
         latency = max(time.time() - arrival.when, 0.0)
@@ -296,26 +317,42 @@ class LiveRun:
         lines += [_scan_event(each, changed.outcome, arrival, latency) for each, changed in settled]
         if where is not None:
             lines += self._alarm_events(update, scan.number, where, latency, detector)
-        lines += [view_event(changed.row, changed.view) for _, changed in settled if changed.view is not None]
+        lines += [
+            view_event(changed.row, changed.view)
+            for _, changed in settled
+            if changed.view is not None
+        ]
         if update.outcome == "taken":
             self._latency = [*self._latency[-_REPORTED:], latency]
         return lines
 
     def _alarm_events(
-        self, update: LiveUpdate, scan: int, where: NDArray[np.float64], latency: float, detector: LiveDetector
+        self,
+        update: LiveUpdate,
+        scan: int,
+        where: NDArray[np.float64],
+        latency: float,
+        detector: LiveDetector,
     ) -> list[Event]:
         """Tell alarms that changed, to whoever listens, too."""
         told = [self._alarm_event(alarm, scan, where, latency) for alarm in update.alarms]
-        # Of some the last word was to wait for a look, which did not come: told again where that holds no more.
-        for name in self._waiting & (detector.alarms.keys() - {alarm.alarm_id for alarm in update.alarms}):
-            event = self._alarm_event(replace(detector.alarms[name], state="update"), scan, where, latency)
+        # Of some the last word was to wait for a look, which did not come: told again where that
+        # holds no more.
+        for name in self._waiting & (
+            detector.alarms.keys() - {alarm.alarm_id for alarm in update.alarms}
+        ):
+            event = self._alarm_event(
+                replace(detector.alarms[name], state="update"), scan, where, latency
+            )
             told += [event] if event.get("wait") is False else []
         for event in told:
             (self._waiting.add if event.get("wait") else self._waiting.discard)(event["alarm_id"])
             self._tell(as_line(event))
         return told
 
-    def _alarm_event(self, alarm: LiveAlarm, scan: int, where: NDArray[np.float64], latency: float) -> Event:
+    def _alarm_event(
+        self, alarm: LiveAlarm, scan: int, where: NDArray[np.float64], latency: float
+    ) -> Event:
         event = alarm_event(alarm, scan, where, self.options.vehicle, latency)
         if self._forecast is not None and self._detector is not None:
             least = 0.0 if self.options.threshold is None else self.options.threshold
@@ -367,7 +404,9 @@ class LiveRun:
         if self._detector is None or self._intake is None:
             raise ValueError("a snapshot needs a run, got none")
         if self.options.incoming is not None and os.path.isdir(self.options.incoming):
-            self._names.intersection_update(os.listdir(self.options.incoming))  # what was taken away is not read again
+            self._names.intersection_update(
+                os.listdir(self.options.incoming)
+            )  # what was taken away is not read again
         return take_snapshot(self._detector, self._intake, self._names, self._fingerprint)
 
     def _finish(self, events: EventFile, writer: SnapshotWriter) -> LiveReport:
@@ -381,14 +420,21 @@ class LiveRun:
         writer.last(self._snapshot())
         if not self._frames and (self.output / REPORT_FILE).is_file():
             tell_finished(self.output, "--fresh makes it anew")
-            return LiveReport(dict(intake.counts), _percentiles([]), len(detector.table()), float("nan"))
+            return LiveReport(
+                dict(intake.counts), _percentiles([]), len(detector.table()), float("nan")
+            )
         table = detector.table()
         write_table(table, self.output / "alarms.csv")
         moments = self._moments
         rate = (self._frames - 1) / (moments[-1] - moments[0]) if self._frames > 1 else float("nan")
         report = LiveReport(dict(intake.counts), _percentiles(self._latency), len(table), rate)
-        events.append([{"event": "end", "alarms": len(table), "latency": report.latency_ms, **intake.counts}])
-        told = asdict(report) | {"rate": rate if np.isfinite(rate) else None, "recipe": self._recipe.name}
+        events.append(
+            [{"event": "end", "alarms": len(table), "latency": report.latency_ms, **intake.counts}]
+        )
+        told = asdict(report) | {
+            "rate": rate if np.isfinite(rate) else None,
+            "recipe": self._recipe.name,
+        }
         write_whole(self.output / REPORT_FILE, canonical_json(told) + b"\n")
         return report
 
@@ -400,7 +446,9 @@ def rehearse(description: RunDescription, recipe: Recipe, model: Model) -> None:
     for number in range(5):
         noise = rng.standard_normal((2, *description.shape), dtype=np.float32)
         pose = np.array([0.0, float(number), 2.0, 0.0, 0.0, 0.0])
-        detector.add(Scan(number, float("nan"), pose, (noise[0] + 1j * noise[1]).astype(np.complex64)))
+        detector.add(
+            Scan(number, float("nan"), pose, (noise[0] + 1j * noise[1]).astype(np.complex64))
+        )
 
 
 def _scan_event(scan: Scan, outcome: str, arrival: Arrival, latency: float) -> Event:
@@ -418,8 +466,14 @@ def _faults(counts: dict[str, int]) -> dict[str, int]:
 def _percentiles(latency: list[float]) -> dict[str, float]:
     if not latency:
         return {"scans": 0}
-    found = {"median": np.median(latency), "p95": np.percentile(latency, 95), "largest": np.max(latency)}
-    return {name: round(1e3 * float(value), 1) for name, value in found.items()} | {"scans": len(latency)}
+    found = {
+        "median": np.median(latency),
+        "p95": np.percentile(latency, 95),
+        "largest": np.max(latency),
+    }
+    return {name: round(1e3 * float(value), 1) for name, value in found.items()} | {
+        "scans": len(latency)
+    }
 
 
 def _check_same_run(snapshot: Snapshot, incoming: Path) -> None:
@@ -433,5 +487,9 @@ def _check_output(folder: Path) -> None:
     own = {EVENT_FILE, "alarms.csv", REPORT_FILE}
     own |= {name + PARTIAL for name in own}  # of a process that was killed
     names = [entry.name for entry in folder.iterdir()] if folder.is_dir() else []
-    if folder.is_file() or any(name not in own and not name.startswith(SNAPSHOT_FILE) for name in names):
-        raise FileExistsError(f"output must be a new folder or a live run's, got {folder}, which holds other files")
+    if folder.is_file() or any(
+        name not in own and not name.startswith(SNAPSHOT_FILE) for name in names
+    ):
+        raise FileExistsError(
+            f"output must be a new folder or a live run's, got {folder}, which holds other files"
+        )

@@ -31,12 +31,18 @@ class SnapshotError(ValueError):
     """A snapshot is damaged or belongs to another run, recipe or model."""
 
 
-def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], fingerprint: str) -> Snapshot:
+def take_snapshot(
+    detector: LiveDetector, intake: Intake, names: set[str], fingerprint: str
+) -> Snapshot:
     """Gather the state, as JSON values and arrays; later scans do not change what was gathered."""
     arrays = {f"background.{name}": value for name, value in detector.background.state().items()}
     arrays |= {f"view.{name}": value for name, value in detector.view.items()}
     for i, one in enumerate(detector.history):
-        arrays |= {f"scan{i}.{name}": value for name, value in vars(one).items() if isinstance(value, np.ndarray)}
+        arrays |= {
+            f"scan{i}.{name}": value
+            for name, value in vars(one).items()
+            if isinstance(value, np.ndarray)
+        }
     arrays |= {f"numbers.{name}": np.array(getattr(detector, name)) for name in _NUMBERS}
     arrays |= {f"held{number}.signal": scan.signal for number, scan in detector.held.items()}
     newest = detector.newest
@@ -77,19 +83,27 @@ def read_snapshot(path: Path) -> Snapshot | None:
     except BundleError as error:
         raise SnapshotError(f"{error}; --fresh begins anew") from None
     if (words.get("format"), words.get("version")) != (FORMAT, VERSION):
-        raise SnapshotError(f"{path}: format must be {FORMAT} version {VERSION}; --fresh begins anew")
+        raise SnapshotError(
+            f"{path}: format must be {FORMAT} version {VERSION}; --fresh begins anew"
+        )
     return words, arrays
 
 
-def restore_snapshot(snapshot: Snapshot, detector: LiveDetector, intake: Intake, fingerprint: str) -> set[str]:
+def restore_snapshot(
+    snapshot: Snapshot, detector: LiveDetector, intake: Intake, fingerprint: str
+) -> set[str]:
     """Bring a new detector and intake, made alike, to a snapshot's state; give the names of the files read."""
     words, arrays = snapshot
     if words.get("fingerprint") != fingerprint:
-        raise SnapshotError("the snapshot belongs to another run, recipe, model or setting; --fresh begins anew")
+        raise SnapshotError(
+            "the snapshot belongs to another run, recipe, model or setting; --fresh begins anew"
+        )
     try:
         return _restored(words, arrays, detector, intake)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        raise SnapshotError(f"the snapshot does not hold what it must ({error!r}); --fresh begins anew") from None
+        raise SnapshotError(
+            f"the snapshot does not hold what it must ({error!r}); --fresh begins anew"
+        ) from None
 
 
 def _restored(
@@ -97,7 +111,10 @@ def _restored(
 ) -> set[str]:
     detector.background.restore(_group(arrays, "background."))
     detector.view = _group(arrays, "view.")
-    detector.history = [CleanedScan(number, **_group(arrays, f"scan{i}.")) for i, number in enumerate(words["history"])]
+    detector.history = [
+        CleanedScan(number, **_group(arrays, f"scan{i}."))
+        for i, number in enumerate(words["history"])
+    ]
     detector.alarms = {one["alarm_id"]: LiveAlarm(**one) for one in words["alarms"]}
     for name in _NUMBERS:
         setattr(detector, name, array("d", arrays[f"numbers.{name}"].tobytes()))
@@ -106,7 +123,9 @@ def _restored(
     before = words["before"]
     detector.before = None if before is None else np.asarray(before, dtype=np.float64)
     detector.first_pose = None if first is None else np.asarray(first, dtype=np.float64)
-    detector.newest = None if newest is None else (newest[0], np.asarray(newest[1], dtype=np.float64))
+    detector.newest = (
+        None if newest is None else (newest[0], np.asarray(newest[1], dtype=np.float64))
+    )
     for name in _SCALARS:
         value = words["scalars"][name]
         setattr(detector, name, -np.inf if value is None else value)
@@ -132,7 +151,9 @@ class SnapshotWriter:
         """Write a snapshot, unless the last one is still being written."""
         if self._thread is None or not self._thread.is_alive():
             self.raise_error()
-            self._thread = threading.Thread(target=self._write_aside, args=(snapshot,), name="snapshot")
+            self._thread = threading.Thread(
+                target=self._write_aside, args=(snapshot,), name="snapshot"
+            )
             self._thread.start()
 
     def last(self, snapshot: Snapshot) -> None:
@@ -161,4 +182,8 @@ class SnapshotWriter:
 
 
 def _group(arrays: dict[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
-    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+    return {
+        name.removeprefix(prefix): array
+        for name, array in arrays.items()
+        if name.startswith(prefix)
+    }

@@ -19,7 +19,9 @@ _CANDIDATES = 16  # beginnings of frames that are tried within a frame that may 
 def largest_frame(description: RunDescription) -> int:
     """Give the bytes that a frame of a run may have: a scan, or the description written with more digits."""
     scan = 8 * math.prod(description.shape)
-    return min(2 * max(scan, len(canonical_json(description.as_json()))) + _HEADER_ROOM, LARGEST_FRAME)
+    return min(
+        2 * max(scan, len(canonical_json(description.as_json()))) + _HEADER_ROOM, LARGEST_FRAME
+    )
 
 
 class FrameStream:
@@ -64,13 +66,17 @@ class FrameStream:
 
     def _first(self) -> tuple[Arrival, int]:
         if not MAGIC.startswith(self._kept[: len(MAGIC)]):
-            raise ScanFileError(f"frame must begin with {MAGIC.decode()}, got {bytes(self._kept[: len(MAGIC)])!r}")
+            raise ScanFileError(
+                f"frame must begin with {MAGIC.decode()}, got {bytes(self._kept[: len(MAGIC)])!r}"
+            )
         size = frame_size(bytes(self._kept[: head_size()]))
         most = self._described if self.largest is None else self.largest
         if size > most:
             raise ScanFileError(f"frame must have at most {most} bytes, got {size}")
         if len(self._kept) < size and 0 < 2 * self._usual < size and self._within():
-            raise ScanFileError(f"frame must have {size} bytes, got {len(self._kept)} before the next one begins")
+            raise ScanFileError(
+                f"frame must have {size} bytes, got {len(self._kept)} before the next one begins"
+            )
         if len(self._kept) < size:
             raise TruncatedFrameError(f"frame must have {size} bytes, got {len(self._kept)}")
         data = bytes(self._kept[:size])
@@ -80,7 +86,9 @@ class FrameStream:
         if frame.kind == "run":
             description = {k: v for k, v in frame.header.items() if k != "kind"}
             with contextlib.suppress(ScanFileError):  # whoever takes it tells what is wrong with it
-                self._described = max(largest_frame(parse_description(description)), _LARGEST_DESCRIPTION)
+                self._described = max(
+                    largest_frame(parse_description(description)), _LARGEST_DESCRIPTION
+                )
             return Arrival("run", SOCKET, now, value=description), size
         if frame.kind == "end":
             return Arrival("end", SOCKET, now), size

@@ -17,8 +17,11 @@ class Vehicle:
     speed: float | None = None  #: v, m/s; None where no stopping distance is asked for
     #: t, s: from the alarm to brakes that hold. Default 1.5 s, a driver who is alert and brakes that build up
     reaction: float = 1.5
-    deceleration: float = 3.0  #: a, m/s². Default 3, loose ground; a dry road allows about 7, mud or ice 1 to 2
-    front: float = 0.0  #: how far the vehicle's foremost wheel or bumper lies ahead of the array's reference point, m
+    deceleration: float = (
+        3.0  #: a, m/s². Default 3, loose ground; a dry road allows about 7, mud or ice 1 to 2
+    )
+    # : how far the vehicle's foremost wheel or bumper lies ahead of the array's reference point, m
+    front: float = 0.0
 
     def __post_init__(self) -> None:
         if self.speed is not None and not 0 < self.speed < 100:
@@ -26,7 +29,9 @@ class Vehicle:
         if not 0 <= self.reaction < 60:
             raise ValueError(f"reaction must lie between 0 and 60 s, got {self.reaction}")
         if not 0.1 <= self.deceleration <= 20:
-            raise ValueError(f"deceleration must lie between 0.1 and 20 m/s², got {self.deceleration}")
+            raise ValueError(
+                f"deceleration must lie between 0.1 and 20 m/s², got {self.deceleration}"
+            )
         if not -50 <= self.front <= 50:
             raise ValueError(f"front must lie between -50 and 50 m, got {self.front}")
 
@@ -47,4 +52,8 @@ class Vehicle:
         ``left`` was left when the scan was taken, ``latency`` seconds ago. None without a speed.
         """
         stopping = self.stopping_distance
-        return None if stopping is None or self.speed is None else left - self.speed * latency - stopping
+        return (
+            None
+            if stopping is None or self.speed is None
+            else left - self.speed * latency - stopping
+        )

@@ -72,7 +72,9 @@ class Inbox:
     arrivals: queue.Queue[Arrival] = field(default_factory=ArrivalQueue)
     stop: threading.Event = field(default_factory=threading.Event)
     awaited: bool = False  #: whether what comes is taken at once
-    largest: int | None = None  #: bytes that a frame of the run may have; None while the run is not known
+    largest: int | None = (
+        None  #: bytes that a frame of the run may have; None while the run is not known
+    )
     _senders: Counter[str] = field(default_factory=Counter)
     _counting: threading.Lock = field(default_factory=threading.Lock)
 
@@ -135,7 +137,9 @@ class FolderWatch(threading.Thread):
             if description is None:
                 return False
             self._described = True
-            self._inbox.put(Arrival("run", str(self._folder), time.time(), value=description.as_json()))
+            self._inbox.put(
+                Arrival("run", str(self._folder), time.time(), value=description.as_json())
+            )
         names = set(os.listdir(self._folder))
         self._known &= names  # a radar that takes away what was read lets us forget it
         self._growing = {name: seen for name, seen in self._growing.items() if name in names}
@@ -152,7 +156,11 @@ class FolderWatch(threading.Thread):
         try:
             with Folder(self._folder).open(name, _MOST_FILE) as file:
                 state = os.fstat(file.fileno())
-                data = file.read(LARGEST_FRAME) if state.st_size <= LARGEST_FRAME else file.read(head_size())
+                data = (
+                    file.read(LARGEST_FRAME)
+                    if state.st_size <= LARGEST_FRAME
+                    else file.read(head_size())
+                )
         except FileNotFoundError:
             return False
         except DoorError:

@@ -26,7 +26,8 @@ ALIAS_LEVEL = 0.25
 _CHANCE = 3.5  # amplitude over 1/√N that N tones at random places pass at one path in 200,000
 _EVEN = 1e-3  # spread of the steps of even tones, over the step
 _GAP = 20  # usual steps: what wider gaps do to the response lies beside the echo itself
-_FINENESS = 32  # places per usual step to which uneven tones are rounded: 6 degrees of phase at the first alias
+# places per usual step to which uneven tones are rounded: 6 degrees of phase at the first alias
+_FINENESS = 32
 _MOST_PLACES = 2**20
 _HALVINGS = 40
 
@@ -37,7 +38,9 @@ class ImagePaths:
 
     unambiguous: float  #: path after which echoes repeat, see :func:`unambiguous_path`
     cell: float  #: width of a range cell in path, c over the band
-    direct: float  #: shortest path that an echo can have: from a transmitter straight to its receiver
+    direct: (
+        float  #: shortest path that an echo can have: from a transmitter straight to its receiver
+    )
     nearest: float  #: no path by way of the image is shorter
     farthest: float  #: longest path by way of the image
 
@@ -70,11 +73,13 @@ class ImagePaths:
 def unambiguous_path(frequency: ArrayLike) -> float:
     """Give the path after which the echoes of tones repeat, m: c/Δf for even tones, infinite for a single one.
 
-    Uneven tones repeat exactly after c over their greatest common spacing, which may be far off, and nearly as strongly
-    before: half the tones 5 MHz and half 2.5 MHz apart show an echo 60 m behind itself with a third of its amplitude.
-    So the first path counts at which the response of the tones, ``|Σ_f exp(j2πfL/c)|`` over their number N, comes back
-    to ``ALIAS_LEVEL``, or to 3.5/√N where chance alone brings more; infinite if none does within two usual steps' path.
-    Missing tones and gaps up to 20 usual steps are no coarser steps: such tones repeat as if none were missing.
+    Uneven tones repeat exactly after c over their greatest common spacing, which may be far off,
+    and nearly as strongly before: half the tones 5 MHz and half 2.5 MHz apart show an echo 60 m
+    behind itself with a third of its amplitude. So the first path counts at which the response of
+    the tones, ``|Σ_f exp(j2πfL/c)|`` over their number N, comes back to ``ALIAS_LEVEL``, or to
+    3.5/√N where chance alone brings more; infinite if none does within two usual steps' path.
+    Missing tones and gaps up to 20 usual steps are no coarser steps: such tones repeat as if none
+    were missing.
 
     Examples
     --------
@@ -156,7 +161,12 @@ def image_paths(frequency: ArrayLike, tx: ArrayLike, rx: ArrayLike, x: Span, y: 
 
 
 def tightest_paths(
-    frequency: ArrayLike, subbands: Mapping[str, Span], tx: ArrayLike, rx: ArrayLike, x: Span, y: Span
+    frequency: ArrayLike,
+    subbands: Mapping[str, Span],
+    tx: ArrayLike,
+    rx: ArrayLike,
+    x: Span,
+    y: Span,
 ) -> ImagePaths:
     """Compare an image's paths with the tones of every sub-band (Hz) by themselves; give what has least room.
 
@@ -165,7 +175,10 @@ def tightest_paths(
     tones = check_frequency(frequency)
     chosen = [tones[(tones >= low) & (tones <= high)] for low, high in subbands.values()]
     found = [image_paths(part, tx, rx, x, y) for part in chosen if part.size]
-    return min(found or [image_paths(tones, tx, rx, x, y)], key=lambda paths: paths.unambiguous - paths.needed)
+    return min(
+        found or [image_paths(tones, tx, rx, x, y)],
+        key=lambda paths: paths.unambiguous - paths.needed,
+    )
 
 
 def clear_end(paths: ImagePaths, tx: ArrayLike, rx: ArrayLike, x: Span, y: Span) -> float:
@@ -189,14 +202,19 @@ def check_tones(sensor: Sensor, x: Span, y: Span) -> ImagePaths:
     Raises
     ------
     ValueError
-        ``tones.step`` is wider than c over the image's longest path and a range cell less the shortest path that an
-        echo can have; the error tells the widest step, and where the image may end for the step given.
+        ``tones.step`` is wider than c over the image's longest path and a range cell less the
+        shortest path that an echo can have; the error tells the widest step, and where the image
+        may end for the step given.
     """
     tx, rx = (side + [0.0, 0.0, sensor.height] for side in sensor.pairs())
     paths = image_paths(sensor.tones.axis(), tx, rx, x, y)
     if paths.aliased:
         end = clear_end(paths, tx, rx, x, y)
-        mend = f", or end the image {math.floor(100 * end) / 100:g} m ahead" if math.isfinite(end) else ""
+        mend = (
+            f", or end the image {math.floor(100 * end) / 100:g} m ahead"
+            if math.isfinite(end)
+            else ""
+        )
         raise ValueError(
             f"tones.step must be at most {math.floor(paths.widest_step / 1e4) / 100:g} MHz for an image up to "
             f"{y[1]:g} m ahead, whose longest path is {paths.farthest:.4g} m, got {sensor.tones.step / 1e6:g} MHz: "

@@ -32,7 +32,9 @@ def as_aperture(run: xr.Dataset, weights: ArrayLike) -> tuple[NDArray[Any], Floa
 
 def way_weights(position: ArrayLike) -> FloatArray:
     """Share of the way that each position (scan, 3) stands for, half the way to both neighbours over the mean."""
-    return half_steps(np.linalg.norm(np.diff(np.asarray(position, dtype=np.float64), axis=0), axis=1))
+    return half_steps(
+        np.linalg.norm(np.diff(np.asarray(position, dtype=np.float64), axis=0), axis=1)
+    )
 
 
 def half_steps(step: FloatArray) -> FloatArray:
@@ -45,11 +47,15 @@ def aperture_pose(run: xr.Dataset) -> FloatArray:
     """Pose (6,) of a run taken as one scan: mean place and heading along the way of its complete scans, level."""
     pose = run["pose"].values[complete_scans(run)]
     if not len(pose):
-        raise ValueError(f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}")
+        raise ValueError(
+            f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}"
+        )
     weights = way_weights(pose[:, :3])
     ahead = weights @ np.exp(1j * pose[:, 3]) / weights.sum()
     if not abs(ahead) > _ALIKE:
-        raise ValueError("run must head one way to be one aperture; its headings differ too much for a mean of them")
+        raise ValueError(
+            "run must head one way to be one aperture; its headings differ too much for a mean of them"
+        )
     heading = np.angle(ahead)
     return np.array([*np.average(pose[:, :3], axis=0, weights=weights), heading, 0.0, 0.0])
 
@@ -64,7 +70,9 @@ def synthetic_aperture(run: xr.Dataset) -> tuple[NDArray[Any], FloatArray, Float
     check_run(run)
     scans = np.flatnonzero(complete_scans(run))
     if not scans.size:
-        raise ValueError(f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}")
+        raise ValueError(
+            f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}"
+        )
     pose = run["pose"].values[scans]
     return as_aperture(run.isel(scan=scans), way_weights(pose[:, :3]))
 
@@ -81,10 +89,19 @@ def aperture_run(run: xr.Dataset) -> xr.Dataset:
     pose = aperture_pose(run)
     size = run["signal"].dtype.itemsize * run["signal"].size * int(scans.sum()) // run.sizes["scan"]
     if size > _LARGEST:
-        raise ValueError(f"run must have at most {_LARGEST / 1e9:g} GB to be one aperture, got {size / 1e9:.3g} GB")
+        raise ValueError(
+            f"run must have at most {_LARGEST / 1e9:g} GB to be one aperture, got {size / 1e9:.3g} GB"
+        )
     field, tx, rx = synthetic_aperture(run)
     tx, rx = (lane_to_scan(ends, pose) - [0.0, 0.0, pose[2]] for ends in (tx, rx))
     time = [run["time"].values[scans].mean()]
     return make_run(
-        field[None], run["frequency"].values, run["polarization"].values, tx, rx, pose[None], time, dict(run.attrs)
+        field[None],
+        run["frequency"].values,
+        run["polarization"].values,
+        tx,
+        rx,
+        pose[None],
+        time,
+        dict(run.attrs),
     )

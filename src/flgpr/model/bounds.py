@@ -42,7 +42,9 @@ class Entries(BaseModel):
         largest = next((one.value for one in marks if isinstance(one, Largest)), LARGEST)
         for number in _numbers(value):
             if not abs(number) <= largest:
-                raise ValueError(f"must lie between {-largest:g} and {largest:g}, got {_short(number)}")
+                raise ValueError(
+                    f"must lie between {-largest:g} and {largest:g}, got {_short(number)}"
+                )
         return value
 
 

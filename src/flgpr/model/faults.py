@@ -13,13 +13,21 @@ from pydantic import BaseModel, ValidationError
 
 from flgpr.door import read_named
 
-_BRANCHES = ("float", "str", "Variable")  # what pydantic calls the kinds of an entry that may be of several
+_BRANCHES = (
+    "float",
+    "str",
+    "Variable",
+)  # what pydantic calls the kinds of an entry that may be of several
 Entries = TypeVar("Entries", bound=BaseModel)
 
 
 def preset_names(folder: Traversable) -> list[str]:
     """Names of the TOML files in a folder of the package."""
-    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    return sorted(
+        entry.name.removesuffix(".toml")
+        for entry in folder.iterdir()
+        if entry.name.endswith(".toml")
+    )
 
 
 def load_preset(schema: type[Entries], kind: str, name: str | Path, folder: Traversable) -> Entries:
@@ -36,7 +44,9 @@ def load_preset(schema: type[Entries], kind: str, name: str | Path, folder: Trav
 def parse_entries(schema: type[Entries], data: str | bytes, what: str, whole: str = "") -> Entries:
     """Read TOML that is ``what``; see :func:`describe_fault` for ``whole``."""
     try:
-        return schema.model_validate(tomllib.loads(data if isinstance(data, str) else data.decode("utf-8")))
+        return schema.model_validate(
+            tomllib.loads(data if isinstance(data, str) else data.decode("utf-8"))
+        )
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"{what}: not valid TOML: {error}") from None
     except ValidationError as error:
@@ -52,7 +62,9 @@ def describe_fault(fault: Any, schema: type[BaseModel], whole: str) -> str:
 
 def first_fault(error: ValidationError, schema: type[BaseModel], whole: str = "") -> str:
     """Tell the first fault of a validation, unknown entries before missing ones; see :func:`describe_fault`."""
-    return describe_fault(min(error.errors(), key=lambda one: one["type"] != "extra_forbidden"), schema, whole)
+    return describe_fault(
+        min(error.errors(), key=lambda one: one["type"] != "extra_forbidden"), schema, whole
+    )
 
 
 def _rule(fault: Any, schema: type[BaseModel], path: tuple[str | int, ...]) -> str:
@@ -60,7 +72,9 @@ def _rule(fault: Any, schema: type[BaseModel], path: tuple[str | int, ...]) -> s
     if fault["type"] == "missing":
         return "is missing"
     if fault["type"] == "extra_forbidden":
-        known = sorted({name for model in _models_at(schema, path[:-1]) for name in model.model_fields})
+        known = sorted(
+            {name for model in _models_at(schema, path[:-1]) for name in model.model_fields}
+        )
         near = get_close_matches(str(path[-1]), known, 1)
         if near:
             return f"no such entry; did you mean {near[0]}?"
@@ -75,7 +89,9 @@ def _models_at(schema: type[BaseModel], path: tuple[str | int, ...]) -> list[typ
     here = [schema]
     for part in path:
         if isinstance(part, str):
-            fields = [model.model_fields[part].annotation for model in here if part in model.model_fields]
+            fields = [
+                model.model_fields[part].annotation for model in here if part in model.model_fields
+            ]
             here = [model for field in fields for model in _models_in(field)]
     return here
 

@@ -55,7 +55,9 @@ def _cos_sin(angle: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]
     """Cosine and sine by the mathematical library: NumPy's differ between processors in the last bit."""
     every = np.asarray(angle, dtype=np.float64)
     of = every.ravel().tolist()
-    return np.reshape([*map(math.cos, of)], every.shape), np.reshape([*map(math.sin, of)], every.shape)
+    return np.reshape([*map(math.cos, of)], every.shape), np.reshape(
+        [*map(math.sin, of)], every.shape
+    )
 
 
 def _shift(pose: NDArray[np.float64], components: list[int]) -> NDArray[np.float64]:
@@ -90,14 +92,18 @@ def vehicle_to_scan(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]
     This and its kin take points (..., point, 3) for poses (..., 6) as well, whose leading axes broadcast.
     """
     p = np.asarray(pose, dtype=np.float64)
-    level = np.asarray(position, dtype=np.float64) @ attitude_matrix(p[..., 4], p[..., 5]).swapaxes(-1, -2)
+    level = np.asarray(position, dtype=np.float64) @ attitude_matrix(p[..., 4], p[..., 5]).swapaxes(
+        -1, -2
+    )
     return level + _shift(p, [2])
 
 
 def scan_to_lane(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
     """Take points (..., 3), m, from the scan frame of a pose (6,) to the lane frame."""
     p = np.asarray(pose, dtype=np.float64)
-    return np.asarray(position, dtype=np.float64) @ heading_matrix(p[..., 3]).swapaxes(-1, -2) + _shift(p, [0, 1])
+    return np.asarray(position, dtype=np.float64) @ heading_matrix(p[..., 3]).swapaxes(
+        -1, -2
+    ) + _shift(p, [0, 1])
 
 
 def lane_to_scan(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
@@ -134,7 +140,9 @@ class Grid:
 
     def __post_init__(self) -> None:
         if self.nx < 1 or self.ny < 1:
-            raise ValueError(f"grid must have at least one pixel each way, got nx = {self.nx}, ny = {self.ny}")
+            raise ValueError(
+                f"grid must have at least one pixel each way, got nx = {self.nx}, ny = {self.ny}"
+            )
         if not (self.dx > 0 and self.dy > 0):
             raise ValueError(f"grid spacing must be positive, got dx = {self.dx}, dy = {self.dy}")
 

@@ -10,7 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model.arrays import FloatArray
-from flgpr.model.plausible import FLOOR, REMEMBERED, SHORTEST, MotionLimits, PoseGate, Sighting, Step, moved
+from flgpr.model.plausible import (
+    FLOOR,
+    REMEMBERED,
+    SHORTEST,
+    MotionLimits,
+    PoseGate,
+    Sighting,
+    Step,
+    moved,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,9 +58,13 @@ class Motion:
                 f"images leave out: {some_steps(self.steps)}"
             )
         if self.restarts and self.fits:
-            lines.append(f"positions jump {_times(self.restarts)} and go on from there: {some_steps(self.restarts)}")
+            lines.append(
+                f"positions jump {_times(self.restarts)} and go on from there: {some_steps(self.restarts)}"
+            )
         if self.clock:
-            lines.append(f"the clock jumps {_times(self.clock)}, positions do not: {some_steps(self.clock)}")
+            lines.append(
+                f"the clock jumps {_times(self.clock)}, positions do not: {some_steps(self.clock)}"
+            )
         return lines
 
     def as_json(self) -> dict[str, Any]:
@@ -72,7 +85,10 @@ def _times(steps: Sequence[Step]) -> str:
 
 
 def judge_poses(
-    pose: ArrayLike, time: ArrayLike | None = None, limits: MotionLimits | None = None, number: ArrayLike | None = None
+    pose: ArrayLike,
+    time: ArrayLike | None = None,
+    limits: MotionLimits | None = None,
+    number: ArrayLike | None = None,
 ) -> Motion:
     """Tell which poses (scan, 6) of a track, with times (scan,) or none, are plausible after those before.
 
@@ -84,7 +100,9 @@ def judge_poses(
     poses = np.asarray(pose, dtype=np.float64)
     times = np.full(len(poses), np.nan) if time is None else np.asarray(time, dtype=np.float64)
     if poses.ndim != 2 or poses.shape[1] != 6 or times.shape != (len(poses),):
-        raise ValueError(f"pose must be (scan, 6) and time (scan,), got {poses.shape} and {times.shape}")
+        raise ValueError(
+            f"pose must be (scan, 6) and time (scan,), got {poses.shape} and {times.shape}"
+        )
     numbers = np.arange(len(poses)) if number is None else np.asarray(number, dtype=np.int64)
     doubtful = _doubtful(limits, times, poses, numbers)
     if not doubtful.any():
@@ -99,7 +117,9 @@ def judge_poses(
     while at < len(sightings):
         one = sightings[at]
         if at and not doubtful[at] and gate.is_settled_at(sightings[at - 1].number):
-            stop = at + int(np.argmax(np.append(doubtful[at:], True)))  # all until then follow one from the other
+            stop = at + int(
+                np.argmax(np.append(doubtful[at:], True))
+            )  # all until then follow one from the other
             trusted |= set(numbers[at:stop].tolist())
             gate.trust(sightings[max(stop - REMEMBERED, at) : stop])
             at = stop
@@ -113,7 +133,9 @@ def judge_poses(
             faults[one.number] = verdict.step
         if verdict.anew and not verdict.forgotten:
             restarts.append(faults[verdict.trusted[0]])
-        for forgotten in verdict.forgotten:  # the step away from it is that of the first one that others agree with
+        for forgotten in (
+            verdict.forgotten
+        ):  # the step away from it is that of the first one that others agree with
             faults[forgotten] = faults[verdict.trusted[0]]
     plausible = np.isin(numbers, list(trusted))
     fits = len(gate.confirmed) >= limits.agree and 2 * np.count_nonzero(plausible) > len(poses)

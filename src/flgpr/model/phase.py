@@ -12,7 +12,11 @@ from flgpr.model.constants import SPEED_OF_LIGHT
 
 def path_phase(frequency: ArrayLike, path: ArrayLike) -> NDArray[np.complex128]:
     """Field (..., frequency) of a unit scatterer at a total path: ``exp(-j2πf·path/c)``, exact for long paths."""
-    turns = np.asarray(path, dtype=np.float64)[..., None] * np.asarray(frequency, dtype=np.float64) / SPEED_OF_LIGHT
+    turns = (
+        np.asarray(path, dtype=np.float64)[..., None]
+        * np.asarray(frequency, dtype=np.float64)
+        / SPEED_OF_LIGHT
+    )
     return np.asarray(np.exp(-2j * np.pi * (turns - np.floor(turns))), dtype=np.complex128)
 
 

@@ -25,8 +25,17 @@ SHORTEST = 0.1
 """Time to which those of scans are known, s: a burst of stamps is no speed."""
 FLOOR = {"speed": 1.0, "climb": 1.5, "turn": 0.5, "tilt": 0.25, "acceleration": 2.0}
 """What positioning itself may be off from scan to scan, m and rad: a smaller step is never too large."""
-_ALONE = 4.0  # times that a pose must agree better with a single one held back than with the trusted ones
-_UNIT = {"speed": "m", "climb": "m", "turn": "rad", "tilt": "rad", "acceleration": "m", "pause": "s", "scans": "scans"}
+# times that a pose must agree better with a single one held back than with the trusted ones
+_ALONE = 4.0
+_UNIT = {
+    "speed": "m",
+    "climb": "m",
+    "turn": "rad",
+    "tilt": "rad",
+    "acceleration": "m",
+    "pause": "s",
+    "scans": "scans",
+}
 _WORDS = {
     "speed": "{value:.4g} m away",
     "climb": "{value:.4g} m higher or lower",
@@ -44,13 +53,19 @@ class MotionLimits(Entries):
     #: most, m/s²: how far a pose may lie from where those before lead. It counts only between scans with times
     acceleration: Annotated[float, Field(ge=0.1, le=1000)] = 10.0
     climb: Annotated[float, Field(ge=0.1, le=1000)] = 5.0  #: most, up or down, m/s
-    turn: Annotated[float, Field(ge=0.1, le=100)] = 3.0  #: most of the heading, rad/s; some vehicles turn on a spot
+    turn: Annotated[float, Field(ge=0.1, le=100)] = (
+        3.0  #: most of the heading, rad/s; some vehicles turn on a spot
+    )
     tilt: Annotated[float, Field(ge=0.1, le=100)] = 1.0  #: most of pitch and roll, rad/s
     #: time that a scan is taken to last where no times are known, s: a step of 15 m and a turn of 1.5 rad by default
     interval: Annotated[float, Field(ge=1e-3, le=3600)] = 0.5
-    pause: Annotated[float, Field(ge=1), Largest(1e9)] = 86_400.0  #: longest time between two scans, s
+    pause: Annotated[float, Field(ge=1), Largest(1e9)] = (
+        86_400.0  #: longest time between two scans, s
+    )
     scans: Annotated[int, Field(ge=1)] = 1000  #: most scans that may be lost in a row
-    agree: Annotated[int, Field(ge=2, le=100)] = 3  #: poses that agree with one another, from which on they are trusted
+    agree: Annotated[int, Field(ge=2, le=100)] = (
+        3  #: poses that agree with one another, from which on they are trusted
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +108,14 @@ class Step:
         if self.limit == "finite":
             return f"{since}: its pose is not finite"
         if self.limit == "pause":
-            went = f"goes back by {-self.value:.6g} s" if self.value < 0 else f"jumps ahead by {self.value:.6g} s"
-            return f"clock at {since} {went}" + (f", at most {self.most:g} s (pause)" if self.value > 0 else "")
+            went = (
+                f"goes back by {-self.value:.6g} s"
+                if self.value < 0
+                else f"jumps ahead by {self.value:.6g} s"
+            )
+            return f"clock at {since} {went}" + (
+                f", at most {self.most:g} s (pause)" if self.value > 0 else ""
+            )
         found = _WORDS[self.limit].format(value=self.value)
         if self.limit == "scans" or self.seconds is None:
             return f"{since}: {found}, at most {self.most:.4g} {self.unit} ({self.limit})"
@@ -133,7 +154,9 @@ def clock_step(limits: MotionLimits, before: Sighting, after: Sighting) -> Step 
     return Step(after.number, before.number, "pause", forward, limits.pause)
 
 
-def step_between(limits: MotionLimits, before: Sighting, after: Sighting, earlier: Sequence[Sighting] = ()) -> Step:
+def step_between(
+    limits: MotionLimits, before: Sighting, after: Sighting, earlier: Sequence[Sighting] = ()
+) -> Step:
     """Give the step between two poses by the limit that it strains most; above a strain of 1 it is not plausible.
 
     Scans that are missing in between, and time, widen what is allowed. Without times, or where the clock is out of
@@ -172,7 +195,9 @@ def _swerve(limits: MotionLimits, known: Sequence[Sighting], after: Sighting) ->
             off = float(np.hypot(*(after.pose[:2] - ahead)))
             steps.append(Step(after.number, before.number, "acceleration", off, most, seconds))
     least = min(steps, key=lambda one: one.strain, default=None)
-    return least if least is None or least.strain <= 1 else steps[-1]  # what is told is off the latest way
+    return (
+        least if least is None or least.strain <= 1 else steps[-1]
+    )  # what is told is off the latest way
 
 
 def _elapsed(limits: MotionLimits, before: Sighting, after: Sighting) -> float | None:
@@ -191,7 +216,9 @@ class Verdict:
     trusted: list[int] = field(default_factory=list)
     #: numbers that were held back and are left out for good
     dropped: list[int] = field(default_factory=list)
-    held: bool = False  #: whether this pose is held back; one that is neither trusted nor held is left out
+    held: bool = (
+        False  #: whether this pose is held back; one that is neither trusted nor held is left out
+    )
     step: Step | None = None  #: why this pose is not plausible
     clock: Step | None = None  #: why its time is not
     anew: bool = False  #: whether what is trusted begins anew, away from all before
@@ -211,9 +238,13 @@ class PoseGate:
     def __init__(self, limits: MotionLimits) -> None:
         self.limits = limits
         self.trusted: list[Sighting] = []  # the last ones, by number
-        self.confirmed: list[int] = []  # numbers of the first that were trusted since it began, up to limits.agree
+        self.confirmed: list[
+            int
+        ] = []  # numbers of the first that were trusted since it began, up to limits.agree
         self.held: dict[int, Sighting] = {}  # by number, as they came
-        self._links: dict[int, int] = {}  # from a pose held back to the one before that it agrees with
+        self._links: dict[
+            int, int
+        ] = {}  # from a pose held back to the one before that it agrees with
 
     @property
     def _is_confirmed(self) -> bool:
@@ -240,10 +271,13 @@ class PoseGate:
         if one.number <= newest.number:
             return self._judge_late(one)
         clock = clock_step(self.limits, newest, one)
-        step = step_between(self.limits, newest, one, self.trusted[:-1] if self._is_confirmed else ())
+        step = step_between(
+            self.limits, newest, one, self.trusted[:-1] if self._is_confirmed else ()
+        )
         strain, link = self._link(one)
-        # Lost scans widen what is allowed after the trusted ones until anything is. A pose that agrees far better with
-        # those held back is theirs; one of these alone must do so by much, for it may be a little off the true way.
+        # Lost scans widen what is allowed after the trusted ones until anything is. A pose that
+        # agrees far better with those held back is theirs; one of these alone must do so by much,
+        # for it may be a little off the true way.
         alone = link is not None and len(self._chain(link)) == 1
         if step.strain <= 1 and step.strain <= strain * (_ALONE if alone else 1):
             dropped = list(self.held)
@@ -293,7 +327,11 @@ class PoseGate:
         leaving += others[: max(len(others) + 1 - most, 0)]
         for number in leaving:
             del self.held[number]
-        self._links = {after: before for after, before in self._links.items() if not {after, before} & {*leaving}}
+        self._links = {
+            after: before
+            for after, before in self._links.items()
+            if not {after, before} & {*leaving}
+        }
         self.held[one.number] = one
         if link is not None:
             self._links[one.number] = link
@@ -342,4 +380,6 @@ def _as_json(one: Sighting) -> list[Any]:
 
 def _from_json(one: list[Any]) -> Sighting:
     number, time, pose = one
-    return Sighting(int(number), math.nan if time is None else float(time), np.asarray(pose, dtype=np.float64))
+    return Sighting(
+        int(number), math.nan if time is None else float(time), np.asarray(pose, dtype=np.float64)
+    )

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model.constants import AXES, POLARIZATIONS, POSE_COMPONENTS
 
-_LOWEST_FREQUENCY = 1e6  # Hz; anything below is a unit other than hertz, for no ground-penetrating radar works there
+# Hz; anything below is a unit other than hertz, for no ground-penetrating radar works there
+_LOWEST_FREQUENCY = 1e6
 # m and rad, s; runs of one vehicle are told apart by their heights alone
 _MOUNT = 1e-6
 _LATE = 1e-3
@@ -26,8 +27,8 @@ def make_run(
     Parameters
     ----------
     signal : (scan, polarization, pair, frequency) array_like of complex
-        Received field over transmitted field, arbitrary common scale. A sweep that holds a value which is not finite
-        counts as missing: it is kept as it is and flagged in ``valid``.
+        Received field over transmitted field, arbitrary common scale. A sweep that holds a value
+        which is not finite counts as missing: it is kept as it is and flagged in ``valid``.
     frequency : (frequency,) array_like
         Tones in Hz, strictly increasing; they need not be uniform.
     polarization : (polarization,) array_like of str
@@ -44,8 +45,8 @@ def make_run(
     Returns
     -------
     xarray.Dataset
-        Variables ``signal`` (complex64), ``valid`` (scan, polarization, pair), ``tx_position``, ``rx_position``,
-        ``pose``; coordinates ``frequency``, ``polarization``, ``time``.
+        Variables ``signal`` (complex64), ``valid`` (scan, polarization, pair), ``tx_position``,
+        ``rx_position``, ``pose``; coordinates ``frequency``, ``polarization``, ``time``.
 
     Examples
     --------
@@ -63,7 +64,9 @@ def make_run(
         raise ValueError(
             f"signal must have the dimensions (scan, polarization, pair, frequency), got shape {data.shape}"
         )
-    if not (np.issubdtype(data.dtype, np.complexfloating) or np.issubdtype(data.dtype, np.floating)):
+    if not (
+        np.issubdtype(data.dtype, np.complexfloating) or np.issubdtype(data.dtype, np.floating)
+    ):
         raise ValueError(f"signal must be complex numbers, got {data.dtype}")
     data = data.astype(np.complex64, copy=False)
     scans, polarizations, pairs, tones = data.shape
@@ -100,7 +103,9 @@ def check_frequency(frequency: ArrayLike, count: int | None = None) -> NDArray[n
         want = "at least one tone" if count is None else f"{count} tones"
         raise ValueError(f"frequency must be one-dimensional with {want}, got shape {tones.shape}")
     if not np.isfinite(tones).all():
-        raise ValueError(f"frequency must be finite, got {np.count_nonzero(~np.isfinite(tones))} values that are not")
+        raise ValueError(
+            f"frequency must be finite, got {np.count_nonzero(~np.isfinite(tones))} values that are not"
+        )
     if tones.min() < _LOWEST_FREQUENCY:
         raise ValueError(
             f"frequency must be in hertz (at least {_LOWEST_FREQUENCY:.0e} Hz), "
@@ -119,10 +124,21 @@ def check_run(run: xr.Dataset) -> xr.Dataset:
 
     A variable or dimension that is missing or holds values a run may not hold is a ValueError.
     """
-    needed = ("signal", "valid", "tx_position", "rx_position", "pose", "frequency", "polarization", "time")
+    needed = (
+        "signal",
+        "valid",
+        "tx_position",
+        "rx_position",
+        "pose",
+        "frequency",
+        "polarization",
+        "time",
+    )
     missing = [name for name in needed if name not in run.variables]
     if missing:
-        raise ValueError(f"run must hold the variables {', '.join(needed)}; missing: {', '.join(missing)}")
+        raise ValueError(
+            f"run must hold the variables {', '.join(needed)}; missing: {', '.join(missing)}"
+        )
     order = ("scan", "polarization", "pair", "frequency")
     if run["signal"].dims != order:
         raise ValueError(f"run.signal must have the dimensions {order}, got {run['signal'].dims}")
@@ -145,7 +161,9 @@ def _positions(value: ArrayLike, name: str, pairs: int) -> NDArray[np.float64]:
         raise ValueError(f"{name} must have the shape (pair, 3) = ({pairs}, 3), got {array.shape}")
     if not np.isfinite(array).all():
         bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
-        raise ValueError(f"{name} must be finite, got other values for pair {', '.join(map(str, bad[:5]))}")
+        raise ValueError(
+            f"{name} must be finite, got other values for pair {', '.join(map(str, bad[:5]))}"
+        )
     return array
 
 
@@ -177,7 +195,9 @@ def _polarization_labels(value: ArrayLike, count: int) -> list[str]:
     labels = [str(label) for label in np.atleast_1d(np.asarray(value))]
     unknown = [label for label in labels if label not in POLARIZATIONS]
     if unknown:
-        raise ValueError(f"polarization must be among {', '.join(POLARIZATIONS)}, got {', '.join(map(repr, unknown))}")
+        raise ValueError(
+            f"polarization must be among {', '.join(POLARIZATIONS)}, got {', '.join(map(repr, unknown))}"
+        )
     if len(labels) != count or len(set(labels)) != count:
         raise ValueError(f"polarization must name {count} different polarizations, got {labels}")
     return labels
@@ -204,10 +224,14 @@ def check_shared_poses(runs: Mapping[str, xr.Dataset]) -> None:
         a = one["pose"].values
         b = other["pose"].values
         if a.shape != b.shape:
-            raise ValueError(f"runs must share their poses: {first} has {len(a)} scans, {name} has {len(b)}")
+            raise ValueError(
+                f"runs must share their poses: {first} has {len(a)} scans, {name} has {len(b)}"
+            )
         apart = np.abs(np.delete(a - b, 2, axis=1)).max()
         height = np.ptp(a[:, 2] - b[:, 2])
-        late = np.nan_to_num(np.abs(one["time"].values - other["time"].values)).max()  # NaN where there are no times
+        late = np.nan_to_num(
+            np.abs(one["time"].values - other["time"].values)
+        ).max()  # NaN where there are no times
         if not (max(apart, height) <= _MOUNT and late <= _LATE):
             raise ValueError(
                 f"runs must share their poses: {first} and {name} are up to {apart:.3g} m or rad apart, their heights "

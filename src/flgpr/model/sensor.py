@@ -42,7 +42,9 @@ class Antenna(Entries):
     #: gain_db, gain_frequency: a horn's gain on its axis, dBi, and the frequency at which it holds, Hz
     gain_db: Decibels = 7.8
     gain_frequency: Hertz = 1e9
-    exponent: Annotated[float, Field(ge=0, le=1000)] = 2.0  #: n of a horn's cos^n at ``gain_frequency``
+    exponent: Annotated[float, Field(ge=0, le=1000)] = (
+        2.0  #: n of a horn's cos^n at ``gain_frequency``
+    )
     #: whether n is the same at all frequencies, or grows as the gain of a constant aperture does, so that the beam
     #: narrows as 1/f
     beam: Literal["constant", "aperture"] = "constant"
@@ -69,32 +71,52 @@ class SystemErrors(Entries):
     antenna_gain_db: Annotated[float, Field(ge=0, le=100)] = 0.0
     antenna_phase: Annotated[float, Field(ge=0)] = 0.0
     antenna_delay: Annotated[float, Field(ge=0)] = 0.0
-    antenna_drift: Annotated[float, Field(ge=0)] = 0.0  #: slow change of these errors over their fixed part, rms
+    antenna_drift: Annotated[float, Field(ge=0)] = (
+        0.0  #: slow change of these errors over their fixed part, rms
+    )
     #: imbalance_db, imbalance_phase: rms gain, dB, and phase, rad, of V over H that all transmitting, and that all
     #: receiving antennas share
     imbalance_db: Annotated[float, Field(ge=0, le=100)] = 0.0
     imbalance_phase: Annotated[float, Field(ge=0)] = 0.0
     #: response of an antenna's resonances over its direct one, each at its own frequency, dB
     ringing_db: Decibels | None = None
-    ringing_q: Annotated[float, Field(gt=0)] = 15.0  #: their quality factor: they ring as ``exp(-π·f·t/Q)``
+    ringing_q: Annotated[float, Field(gt=0)] = (
+        15.0  #: their quality factor: they ring as ``exp(-π·f·t/Q)``
+    )
     #: their frequencies, Hz; every port's differ from them by 2 % rms
     ringing_frequencies: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Largest(1e12)] = ()
     #: time of a sweep over all tones, s, in which the vehicle drives on; the pose is that of its middle
     sweep_time: Annotated[float, Field(ge=0)] = 0.0
-    self_signature_db: Decibels | None = None  #: level of the self-signature over the clutter in the image, dB
-    self_signature_drift: Annotated[float, Field(ge=0)] = 0.0  #: its relative change from scan to scan, rms
-    gain_db: Annotated[float, Field(ge=0, le=100)] = 0.0  #: change of the gain from scan to scan, dB rms
+    self_signature_db: Decibels | None = (
+        None  #: level of the self-signature over the clutter in the image, dB
+    )
+    self_signature_drift: Annotated[float, Field(ge=0)] = (
+        0.0  #: its relative change from scan to scan, rms
+    )
+    gain_db: Annotated[float, Field(ge=0, le=100)] = (
+        0.0  #: change of the gain from scan to scan, dB rms
+    )
     #: mean clutter over thermal noise in the image at ``noise_range`` within ``noise_band``, dB
     clutter_to_noise_db: Decibels | None = None
     noise_range: Annotated[float, Field(gt=0)] = 16.0  #: distance ahead of the array, m
-    noise_band: Annotated[tuple[float, float], Largest(1e12)] = (0.75e9, 1.35e9)  #: band of that image, Hz
-    interference_tones: Annotated[int, Field(ge=0, le=100_000)] = 0  #: number of tones with interference
+    noise_band: Annotated[tuple[float, float], Largest(1e12)] = (
+        0.75e9,
+        1.35e9,
+    )  #: band of that image, Hz
+    interference_tones: Annotated[int, Field(ge=0, le=100_000)] = (
+        0  #: number of tones with interference
+    )
     #: least and greatest level of the interference over the noise, dB
     interference_db: tuple[Decibels, Decibels] = (10.0, 30.0)
-    burst_probability: Annotated[float, Field(ge=0, le=1)] = 0.0  #: fraction of sweeps that pulsed interference hits
+    burst_probability: Annotated[float, Field(ge=0, le=1)] = (
+        0.0  #: fraction of sweeps that pulsed interference hits
+    )
     #: least and greatest number of consecutive tones that it hits
     burst_tones: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (5, 40)
-    burst_db: tuple[Decibels, Decibels] = (10.0, 30.0)  #: least and greatest level of it over the noise, dB
+    burst_db: tuple[Decibels, Decibels] = (
+        10.0,
+        30.0,
+    )  #: least and greatest level of it over the noise, dB
     #: position, heading, attitude: rms error of the reported position in each axis, m, of the reported heading, and of
     #: pitch and roll, rad
     position: Annotated[float, Field(ge=0)] = 0.0
@@ -107,7 +129,9 @@ class SystemErrors(Entries):
         for name in ("interference_db", "burst_tones", "burst_db"):
             low, high = getattr(self, name)
             if not low <= high:
-                raise ValueError(f"{name} must be the least and the greatest value, got {low:g} and {high:g}")
+                raise ValueError(
+                    f"{name} must be the least and the greatest value, got {low:g} and {high:g}"
+                )
         return self
 
 
@@ -121,7 +145,9 @@ class Sensor(Entries):
     #: tx, rx: antenna positions in the vehicle frame, m. The vehicle frame's origin is the array's reference point
     tx: tuple[Position, ...]
     rx: tuple[Position, ...]
-    height: Annotated[float, Field(gt=0, le=1000)]  #: height of the reference point over the mean ground, m
+    height: Annotated[
+        float, Field(gt=0, le=1000)
+    ]  #: height of the reference point over the mean ground, m
     tilt: Angle = 0.0  #: downward tilt of the antennas' axes, rad
     #: whether one pair is moved over the positions, so that transmitter i goes with receiver i alone
     scanned: bool = False
@@ -143,24 +169,38 @@ class Sensor(Entries):
                         ends = np.asarray([line["first"], line["last"]], dtype=float)
                         count = int(line["count"])
                     except (KeyError, TypeError, ValueError, OverflowError):
-                        raise ValueError(f"{side} must be a list of positions or hold first, last and count") from None
+                        raise ValueError(
+                            f"{side} must be a list of positions or hold first, last and count"
+                        ) from None
                     if not 0 <= count <= MOST_ANTENNAS or not (np.abs(ends) <= LARGEST).all():
-                        raise ValueError(f"{side} must hold finite places, count up to {MOST_ANTENNAS}, got {line}")
+                        raise ValueError(
+                            f"{side} must hold finite places, count up to {MOST_ANTENNAS}, got {line}"
+                        )
                     data[side] = [tuple(p) for p in np.linspace(ends[0], ends[1], count).tolist()]
         return data
 
     @model_validator(mode="after")
     def _check(self) -> Sensor:
         unknown = [label for label in self.polarization if label not in POLARIZATIONS]
-        if unknown or not self.polarization or len(set(self.polarization)) != len(self.polarization):
-            raise ValueError(f"polarization must be different ones of {POLARIZATIONS}, got {self.polarization}")
+        if (
+            unknown
+            or not self.polarization
+            or len(set(self.polarization)) != len(self.polarization)
+        ):
+            raise ValueError(
+                f"polarization must be different ones of {POLARIZATIONS}, got {self.polarization}"
+            )
         if not self.tx or not self.rx:
             raise ValueError("tx and rx must each hold at least one antenna")
         if self.scanned and len(self.tx) != len(self.rx):
-            raise ValueError(f"a scanned pair needs as many tx as rx positions, got {len(self.tx)} and {len(self.rx)}")
+            raise ValueError(
+                f"a scanned pair needs as many tx as rx positions, got {len(self.tx)} and {len(self.rx)}"
+            )
         x_min, x_max, y_min, y_max = self.footprint
         if not (x_max > x_min and y_max > y_min):
-            raise ValueError(f"footprint must have x_max > x_min and y_max > y_min, got {self.footprint}")
+            raise ValueError(
+                f"footprint must have x_max > x_min and y_max > y_min, got {self.footprint}"
+            )
         return self
 
     def pairs(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -174,7 +214,9 @@ class Sensor(Entries):
         """Transmitter and receiver of every pair, as indices into ``tx`` and ``rx``, each of shape (pair,)."""
         if self.scanned:
             return np.arange(len(self.tx)), np.arange(len(self.rx))
-        return np.repeat(np.arange(len(self.tx)), len(self.rx)), np.tile(np.arange(len(self.rx)), len(self.tx))
+        return np.repeat(np.arange(len(self.tx)), len(self.rx)), np.tile(
+            np.arange(len(self.rx)), len(self.tx)
+        )
 
 
 def sensor_presets() -> list[str]:

@@ -18,33 +18,116 @@ class Column:
     unit: str  #: unit, "1" for a pure number, "" for text
     meaning: str  #: what the value says
     required: bool = False  #: whether the table must have it
-    missing: str = "NaN"  #: the value that stands for "not known"; empty when the column may have no gap
+    missing: str = (
+        "NaN"  #: the value that stands for "not known"; empty when the column may have no gap
+    )
 
 
 ALARM_COLUMNS = (
     Column("alarm_id", "text", "", "name of the alarm, unique within its table", missing="empty"),
     Column("x", "number", "m", "cross-track position in the lane frame", required=True, missing=""),
     Column("y", "number", "m", "down-track position in the lane frame", required=True, missing=""),
-    Column("confidence", "number", "1", "higher means more like a mine; no absolute scale", required=True, missing=""),
+    Column(
+        "confidence",
+        "number",
+        "1",
+        "higher means more like a mine; no absolute scale",
+        required=True,
+        missing="",
+    ),
     Column("magnitude", "number", "1", "run-view magnitude over the gain background at the alarm"),
     Column("scans", "number", "1", "number of scans that saw the alarm and entered its confidence"),
-    Column("lane", "text", "", "name of the lane the alarm lies in, for tables of several lanes", missing="empty"),
+    Column(
+        "lane",
+        "text",
+        "",
+        "name of the lane the alarm lies in, for tables of several lanes",
+        missing="empty",
+    ),
 )
 TRUTH_COLUMNS = (
-    Column("target_id", "text", "", "name of the target, unique within its table", required=True, missing=""),
-    Column("x", "number", "m", "cross-track position of the centre in the lane frame", required=True, missing=""),
-    Column("y", "number", "m", "down-track position of the centre in the lane frame", required=True, missing=""),
-    Column("kind", "text", "", "metal, plastic, simulant or another kind of target", required=True, missing=""),
-    Column("depth", "number", "m", "top of the target below the mean surface; 0 is flush", required=True),
+    Column(
+        "target_id",
+        "text",
+        "",
+        "name of the target, unique within its table",
+        required=True,
+        missing="",
+    ),
+    Column(
+        "x",
+        "number",
+        "m",
+        "cross-track position of the centre in the lane frame",
+        required=True,
+        missing="",
+    ),
+    Column(
+        "y",
+        "number",
+        "m",
+        "down-track position of the centre in the lane frame",
+        required=True,
+        missing="",
+    ),
+    Column(
+        "kind",
+        "text",
+        "",
+        "metal, plastic, simulant or another kind of target",
+        required=True,
+        missing="",
+    ),
+    Column(
+        "depth",
+        "number",
+        "m",
+        "top of the target below the mean surface; 0 is flush",
+        required=True,
+    ),
     Column("radius", "number", "m", "radius of the target"),
     Column("height", "number", "m", "height of the target's body"),
-    Column("lane", "text", "", "name of the lane the target lies in, for tables of several lanes", missing="empty"),
+    Column(
+        "lane",
+        "text",
+        "",
+        "name of the lane the target lies in, for tables of several lanes",
+        missing="empty",
+    ),
 )
 OBJECT_COLUMNS = (
-    Column("object_id", "text", "", "name of the object, unique within its table", required=True, missing=""),
-    Column("x", "number", "m", "cross-track position of the centre in the lane frame", required=True, missing=""),
-    Column("y", "number", "m", "down-track position of the centre in the lane frame", required=True, missing=""),
-    Column("kind", "text", "", "rock, post, bush, fiducial, hole or other non-target", required=True, missing=""),
+    Column(
+        "object_id",
+        "text",
+        "",
+        "name of the object, unique within its table",
+        required=True,
+        missing="",
+    ),
+    Column(
+        "x",
+        "number",
+        "m",
+        "cross-track position of the centre in the lane frame",
+        required=True,
+        missing="",
+    ),
+    Column(
+        "y",
+        "number",
+        "m",
+        "down-track position of the centre in the lane frame",
+        required=True,
+        missing="",
+    ),
+    Column(
+        "kind",
+        "text",
+        "",
+        "rock, post, bush, fiducial, hole or other non-target",
+        required=True,
+        missing="",
+    ),
     Column("radius", "number", "m", "radius of the object"),
     Column("height", "number", "m", "height above the mean surface"),
 )
@@ -75,20 +158,27 @@ def empty_table(columns: tuple[Column, ...]) -> pd.DataFrame:
 
 
 def _check(table: pd.DataFrame, columns: tuple[Column, ...], name: str, key: str) -> pd.DataFrame:
-    missing = [column.name for column in columns if column.required and column.name not in table.columns]
+    missing = [
+        column.name for column in columns if column.required and column.name not in table.columns
+    ]
     if missing:
-        raise ValueError(f"{name} must have the columns {', '.join(missing)}; got {', '.join(map(str, table.columns))}")
+        raise ValueError(
+            f"{name} must have the columns {', '.join(missing)}; got {', '.join(map(str, table.columns))}"
+        )
     table = table.copy()
     for column in columns:
         if column.kind != "number" or column.name not in table.columns:
             continue
         values = table[column.name]
-        # Float64 stays as it is: to take a column out and put it back costs more than all the rest of a small table.
+        # Float64 stays as it is: to take a column out and put it back costs more than all the rest
+        # of a small table.
         if not (isinstance(values, pd.Series) and values.dtype == np.float64):
             try:
                 values = table[column.name] = pd.to_numeric(values).astype(np.float64)
             except (ValueError, TypeError) as error:
-                raise ValueError(f"{name}.{column.name} must be numbers ({column.unit}): {error}") from None
+                raise ValueError(
+                    f"{name}.{column.name} must be numbers ({column.unit}): {error}"
+                ) from None
         bad = ~np.isfinite(values.to_numpy())
         if not column.missing and bad.any():
             raise ValueError(
@@ -99,5 +189,7 @@ def _check(table: pd.DataFrame, columns: tuple[Column, ...], name: str, key: str
         repeated = table[key].duplicated().to_numpy() & table[key].notna().to_numpy()
         keys = ["lane", key] if "lane" in table.columns else [key]
         if repeated.any() and table.duplicated(keys).any():
-            raise ValueError(f"{name}.{key} must be unique, got {table[key][repeated].iloc[0]!r} more than once")
+            raise ValueError(
+                f"{name}.{key} must be unique, got {table[key][repeated].iloc[0]!r} more than once"
+            )
     return table

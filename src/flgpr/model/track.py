@@ -15,14 +15,20 @@ TRACK_COLUMNS = (
     Column("x", "number", "m", "cross-track position in the lane frame", required=True, missing=""),
     Column("y", "number", "m", "down-track position in the lane frame", required=True, missing=""),
     Column("z", "number", "m", "height over the mean ground", required=True, missing=""),
-    Column("heading", "number", "rad", "clockwise from +y seen from above", required=True, missing=""),
+    Column(
+        "heading", "number", "rad", "clockwise from +y seen from above", required=True, missing=""
+    ),
     Column("pitch", "number", "rad", "see the vehicle frame", required=True, missing=""),
     Column("roll", "number", "rad", "see the vehicle frame", required=True, missing=""),
 )
 
 
 def make_track(
-    time: ArrayLike, position: ArrayLike, heading: ArrayLike = 0.0, pitch: ArrayLike = 0.0, roll: ArrayLike = 0.0
+    time: ArrayLike,
+    position: ArrayLike,
+    heading: ArrayLike = 0.0,
+    pitch: ArrayLike = 0.0,
+    roll: ArrayLike = 0.0,
 ) -> pd.DataFrame:
     """Assemble and validate a track: times on the positions' clock, and positions (fix, 3) in the lane frame."""
     times = np.asarray(time, dtype=np.float64)
@@ -32,8 +38,13 @@ def make_track(
             f"a track must have at least two fixes with time (fix,) and position (fix, 3), got {times.shape} and "
             f"{points.shape}"
         )
-    angles = [np.broadcast_to(np.asarray(v, dtype=np.float64), times.shape) for v in (heading, pitch, roll)]
-    track = pd.DataFrame(dict(zip(("time", *POSE_COMPONENTS), [times, *points.T, *angles], strict=True)))
+    angles = [
+        np.broadcast_to(np.asarray(v, dtype=np.float64), times.shape)
+        for v in (heading, pitch, roll)
+    ]
+    track = pd.DataFrame(
+        dict(zip(("time", *POSE_COMPONENTS), [times, *points.T, *angles], strict=True))
+    )
     return check_track(track)
 
 
@@ -42,15 +53,21 @@ def check_track(track: pd.DataFrame) -> pd.DataFrame:
     names = [column.name for column in TRACK_COLUMNS]
     missing = [name for name in names if name not in track.columns]
     if missing:
-        raise ValueError(f"track must have the columns {', '.join(names)}; missing: {', '.join(missing)}")
+        raise ValueError(
+            f"track must have the columns {', '.join(names)}; missing: {', '.join(missing)}"
+        )
     values = track[names].to_numpy(dtype=np.float64)
     bad = ~np.isfinite(values)
     if bad.any():
         row, column = np.argwhere(bad)[0]
-        raise ValueError(f"track.{names[column]} must be finite, got {values[row, column]} at fix {row}")
+        raise ValueError(
+            f"track.{names[column]} must be finite, got {values[row, column]} at fix {row}"
+        )
     if (np.diff(values[:, 0]) <= 0).any():
         first = int(np.argmax(np.diff(values[:, 0]) <= 0))
-        raise ValueError(f"track.time must increase strictly, got {values[first, 0]:g} s, {values[first + 1, 0]:g} s")
+        raise ValueError(
+            f"track.time must increase strictly, got {values[first, 0]:g} s, {values[first + 1, 0]:g} s"
+        )
     return track
 
 
@@ -65,7 +82,9 @@ def bridged(
     keep = np.isfinite(time) & np.isfinite(pose).all(axis=1)
     rows = np.flatnonzero(keep)
     if rows.size < 2:
-        raise ValueError(f"a track must have at least two finite fixes, got {rows.size} of {keep.size}")
+        raise ValueError(
+            f"a track must have at least two finite fixes, got {rows.size} of {keep.size}"
+        )
     gap = np.where(np.diff(rows) > 1, np.diff(time[rows]), 0.0)
     worst = int(gap.argmax())
     if gap[worst] > max_gap:
@@ -74,11 +93,17 @@ def bridged(
             f"after {time[rows[worst]]:g} s"
         )
     missing = keep.size - rows.size
-    return keep, [f"{missing} of {keep.size} fixes of the track not finite, bridged"] if missing else []
+    return keep, [
+        f"{missing} of {keep.size} fixes of the track not finite, bridged"
+    ] if missing else []
 
 
 def poses_at(
-    track: pd.DataFrame, time: ArrayLike, clock_offset: float = 0.0, clock_rate: float = 1.0, max_gap: float = np.inf
+    track: pd.DataFrame,
+    time: ArrayLike,
+    clock_offset: float = 0.0,
+    clock_rate: float = 1.0,
+    max_gap: float = np.inf,
 ) -> NDArray[np.float64]:
     """Interpolate a track at ``clock_offset + clock_rate·time``, linearly, to poses (scan, 6) with headings within ±π.
 
@@ -88,7 +113,9 @@ def poses_at(
     stamp = track["time"].to_numpy()
     when = clock_offset + clock_rate * np.asarray(time, dtype=np.float64)
     if not np.isfinite(when).all():
-        raise ValueError("time must be finite for every scan to take poses from a track, got a missing time")
+        raise ValueError(
+            "time must be finite for every scan to take poses from a track, got a missing time"
+        )
     slack = 1e-9 * max(1.0, float(np.abs(stamp).max()))
     if when.min() < stamp[0] - slack or when.max() > stamp[-1] + slack:
         raise ValueError(
@@ -99,7 +126,9 @@ def poses_at(
     gap = stamp[right] - stamp[right - 1]
     if gap.max() > max_gap:
         worst = int(gap.argmax())
-        raise ValueError(f"the track must have no gap over {max_gap:g} s, got {gap[worst]:g} s at scan {worst}")
+        raise ValueError(
+            f"the track must have no gap over {max_gap:g} s, got {gap[worst]:g} s at scan {worst}"
+        )
     pose = np.empty((when.size, 6))
     for column, name in enumerate(POSE_COMPONENTS):
         values = track[name].to_numpy(dtype=np.float64)
@@ -108,7 +137,9 @@ def poses_at(
     return pose
 
 
-def reference_track(track: pd.DataFrame, lever_arm: ArrayLike = (0.0, 0.0, 0.0), latency: float = 0.0) -> pd.DataFrame:
+def reference_track(
+    track: pd.DataFrame, lever_arm: ArrayLike = (0.0, 0.0, 0.0), latency: float = 0.0
+) -> pd.DataFrame:
     """Take a track of a positioning antenna to the array's reference point.
 
     ``p - Rz(-heading)·Rx(pitch)·Ry(roll)·lever_arm`` at ``time - latency``; the lever arm is the antenna's place in the
@@ -117,7 +148,9 @@ def reference_track(track: pd.DataFrame, lever_arm: ArrayLike = (0.0, 0.0, 0.0),
     check_track(track)
     lever = np.asarray(lever_arm, dtype=np.float64)
     if lever.shape != (3,) or not np.isfinite(lever).all() or not np.isfinite(latency):
-        raise ValueError(f"lever_arm must be three finite lengths and latency finite, got {lever.tolist()}, {latency}")
+        raise ValueError(
+            f"lever_arm must be three finite lengths and latency finite, got {lever.tolist()}, {latency}"
+        )
     moved = track.copy()
     moved["time"] = track["time"] - latency
     moved[["x", "y", "z"]] = track[["x", "y", "z"]].to_numpy() - attitudes(track) @ lever
@@ -141,7 +174,9 @@ def course(position: ArrayLike, least: float = 0.05) -> NDArray[np.float64]:
     step = points[after] - points[before]
     known = np.flatnonzero(np.hypot(*step.T) >= least)
     if not known.size:
-        raise ValueError(f"the track must move by at least {least:g} m to tell a heading, it does not")
+        raise ValueError(
+            f"the track must move by at least {least:g} m to tell a heading, it does not"
+        )
     heading = np.unwrap(np.arctan2(step[known, 0], step[known, 1]))
     return np.asarray(np.angle(np.exp(1j * np.interp(rows, known, heading))), dtype=np.float64)
 

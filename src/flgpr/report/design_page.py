@@ -22,7 +22,10 @@ _SHADES = "viridis"
 
 
 def design_report(
-    sensors: Sequence[str | Path], output: str | Path, question: Question | None = None, track: Track = silent
+    sensors: Sequence[str | Path],
+    output: str | Path,
+    question: Question | None = None,
+    track: Track = silent,
 ) -> list[Design]:
     """Study one to four arrays (presets or TOML) side by side, write the page and give the findings.
 
@@ -65,9 +68,18 @@ def geometry_figure(designs: Sequence[Design]) -> Figure:
         tx, rx = design.sensor.pairs()
         height = design.sensor.height
         middle = (tx + rx) / 2
-        axes.plot(middle[:, 0], middle[:, 2] + height - 0.25, "|", color="0.6", ms=6, label="midpoints of the pairs")
+        axes.plot(
+            middle[:, 0],
+            middle[:, 2] + height - 0.25,
+            "|",
+            color="0.6",
+            ms=6,
+            label="midpoints of the pairs",
+        )
         axes.plot(tx[:, 0], tx[:, 2] + height, "^", color=_RED, ms=6, label="transmitters")
-        axes.plot(rx[:, 0], rx[:, 2] + height, "v", color=_BLUE, ms=5, mfc="none", label="receivers")
+        axes.plot(
+            rx[:, 0], rx[:, 2] + height, "v", color=_BLUE, ms=5, mfc="none", label="receivers"
+        )
         axes.set(title=design.sensor.name, xlabel="cross-track x (m)", ylabel="height (m)")
         axes.margins(0.1, 0.35)
         axes.legend(fontsize=8, loc="upper center", ncols=3, frameon=False)
@@ -80,9 +92,14 @@ def spread_figure(designs: Sequence[Design]) -> Figure:
     rows = figure.subplots(len(designs), 3, squeeze=False)
     for row, design in zip(rows, designs, strict=True):
         for axes, (distance, (y, x, power)) in zip(row, design.close.items(), strict=True):
-            image = axes.pcolormesh(x, y, power, vmin=-40, vmax=0, cmap=_SHADES, shading="nearest", rasterized=True)
+            image = axes.pcolormesh(
+                x, y, power, vmin=-40, vmax=0, cmap=_SHADES, shading="nearest", rasterized=True
+            )
             axes.contour(x, y, power, levels=[-3.01], colors="white", linewidths=1)
-            axes.set(title=f"{design.sensor.name}, {distance:.0f} m ahead", xlabel="cross-range offset (m)")
+            axes.set(
+                title=f"{design.sensor.name}, {distance:.0f} m ahead",
+                xlabel="cross-range offset (m)",
+            )
         row[0].set_ylabel("down-range offset (m)")
         figure.colorbar(image, ax=list(row), label="dB")
     return figure
@@ -98,12 +115,25 @@ def resolution_figure(designs: Sequence[Design]) -> Figure:
         high = max(map(np.nanmax, values))
         for row, design, value in zip(rows, designs, values, strict=True):
             image = row[column].pcolormesh(
-                design.y, design.x, value.T, vmin=low, vmax=high, cmap=_SHADES, shading="gouraud", rasterized=True
+                design.y,
+                design.x,
+                value.T,
+                vmin=low,
+                vmax=high,
+                cmap=_SHADES,
+                shading="gouraud",
+                rasterized=True,
             )
-            levels = np.unique(np.round(np.linspace(np.nanmin(value), np.nanmax(value), 6)[1:-1], 0))
-            lines = row[column].contour(design.y, design.x, value.T, levels=levels, colors="white", linewidths=0.8)
+            levels = np.unique(
+                np.round(np.linspace(np.nanmin(value), np.nanmax(value), 6)[1:-1], 0)
+            )
+            lines = row[column].contour(
+                design.y, design.x, value.T, levels=levels, colors="white", linewidths=0.8
+            )
             row[column].clabel(lines, fmt="%.0f cm", fontsize=8)
-            row[column].set(title=f"{design.sensor.name}, {title}", xlabel="ahead y (m)", ylabel="across x (m)")
+            row[column].set(
+                title=f"{design.sensor.name}, {title}", xlabel="ahead y (m)", ylabel="across x (m)"
+            )
             figure.colorbar(image, ax=row[column], label="half-power width (cm)")
     return figure
 
@@ -111,10 +141,14 @@ def resolution_figure(designs: Sequence[Design]) -> Figure:
 def lobe_figure(designs: Sequence[Design]) -> Figure:
     """Draw the response over the ground to a point at the middle distance, 0 to -60 dB, its highest lobe ringed."""
     figure = Figure(figsize=(11, 3.8 * len(designs)), layout="constrained")
-    for axes, design in zip(figure.subplots(len(designs), 1, squeeze=False)[:, 0], designs, strict=True):
+    for axes, design in zip(
+        figure.subplots(len(designs), 1, squeeze=False)[:, 0], designs, strict=True
+    ):
         distance = list(design.responses)[1]
         y, x, power = design.responses[distance]
-        image = axes.pcolormesh(y, x, power.T, vmin=-60, vmax=0, cmap=_SHADES, shading="nearest", rasterized=True)
+        image = axes.pcolormesh(
+            y, x, power.T, vmin=-60, vmax=0, cmap=_SHADES, shading="nearest", rasterized=True
+        )
         lobe = design.lobes[1]
         middle = (design.x[0] + design.x[-1]) / 2
         axes.plot(distance + lobe["y"], middle + lobe["x"], "o", ms=13, mfc="none", mec=_RED, mew=2)
@@ -133,7 +167,9 @@ def ratio_figure(designs: Sequence[Design], kind: str) -> Figure:
     columns = max(1, *map(len, labels))
     figure = Figure(figsize=(11, 3.2 * len(designs)), layout="constrained")
     rows = figure.subplots(len(designs), columns, squeeze=False)
-    values = [design.ratio[kind, p] for design, some in zip(designs, labels, strict=True) for p in some]
+    values = [
+        design.ratio[kind, p] for design, some in zip(designs, labels, strict=True) for p in some
+    ]
     low, high = (min(map(np.min, values)), max(map(np.max, values))) if values else (0.0, 1.0)
     image = None
     for row, design, some in zip(rows, designs, labels, strict=True):
@@ -143,11 +179,25 @@ def ratio_figure(designs: Sequence[Design], kind: str) -> Figure:
             value = design.ratio[kind, label]
             y = design.ratio_y
             x = design.ratio_x
-            image = axes.pcolormesh(y, x, value.T, vmin=low, vmax=high, cmap=_SHADES, shading="nearest")
+            image = axes.pcolormesh(
+                y, x, value.T, vmin=low, vmax=high, cmap=_SHADES, shading="nearest"
+            )
             for i, j in np.ndindex(*value.shape):
                 colour = "black" if value[i, j] > (low + high) / 2 else "white"
-                axes.text(y[i], x[j], f"{value[i, j]:.0f}", color=colour, fontsize=8, ha="center", va="center")
-            axes.set(title=f"{design.sensor.name}, {kind}, {label}", xlabel="ahead y (m)", ylabel="across x (m)")
+                axes.text(
+                    y[i],
+                    x[j],
+                    f"{value[i, j]:.0f}",
+                    color=colour,
+                    fontsize=8,
+                    ha="center",
+                    va="center",
+                )
+            axes.set(
+                title=f"{design.sensor.name}, {kind}, {label}",
+                xlabel="ahead y (m)",
+                ylabel="across x (m)",
+            )
     if image is not None:
         figure.colorbar(image, ax=rows, label="signal to clutter (dB)")
     return figure
@@ -163,7 +213,13 @@ def range_figure(designs: Sequence[Design]) -> Figure:
                 if one == kind:
                     style = "-" if label == "HH" else "--"
                     middle = value[:, value.shape[1] // 2]
-                    axes.plot(design.ratio_y, middle, style, color=colour, label=f"{design.sensor.name} {label}")
+                    axes.plot(
+                        design.ratio_y,
+                        middle,
+                        style,
+                        color=colour,
+                        label=f"{design.sensor.name} {label}",
+                    )
         axes.axhline(0, color="0.5", lw=0.8)
         axes.set(title=f"{kind} mine, straight ahead", xlabel="ahead y (m)")
     figure.axes[0].set_ylabel("signal to clutter (dB)")

@@ -38,21 +38,32 @@ def _band(name: str) -> str:
 
 
 def run_view_figure(
-    result: Result, names: list[str], truth: pd.DataFrame | None = None, objects: pd.DataFrame | None = None
+    result: Result,
+    names: list[str],
+    truth: pd.DataFrame | None = None,
+    objects: pd.DataFrame | None = None,
 ) -> Figure:
     """Draw run-views of some detections with alarms, lane and what stands there; dB re the lane's strongest pixel."""
     screen = result.recipe.prescreen
     chosen = [one for one in result.detections if one.name in names]
     width = 4.6
     ratio = _ratio(chosen[0].view)
-    figure = Figure(figsize=(width * len(chosen) + 0.6, width * ratio * 0.82 + 1.5), layout="constrained")
+    figure = Figure(
+        figsize=(width * len(chosen) + 0.6, width * ratio * 0.82 + 1.5), layout="constrained"
+    )
     for axes, one in zip(np.atleast_1d(figure.subplots(1, len(chosen))), chosen, strict=True):
         view = select(one.view, screen.polarization, screen.subband)
         _show(axes, view, result.lane)
         _overlay(axes, one.alarms, result, truth, objects)
         title = "recipe as it stands" if one.name == "main" else one.title
         axes.set_title(_wrapped(title, 38), fontsize=9)
-    figure.legend(handles=_legend(truth, objects), loc="outside lower center", ncols=7, fontsize=8, frameon=False)
+    figure.legend(
+        handles=_legend(truth, objects),
+        loc="outside lower center",
+        ncols=7,
+        fontsize=8,
+        frameon=False,
+    )
     scale = ", not to scale" if _is_long(chosen[0].view) else ""
     figure.suptitle(f"Run-view {screen.polarization}, {_band(screen.subband)}{scale}", fontsize=11)
     return figure
@@ -62,7 +73,9 @@ def channel_figure(result: Result) -> Figure:
     """Draw the main run-view, polarizations down, sub-bands across; each in dB re its strongest pixel in the lane."""
     view = result.detections[0].view
     rows, columns = view.sizes["polarization"], view.sizes["subband"]
-    figure = Figure(figsize=(2.6 * columns + 0.6, 2.6 * _ratio(view) * rows * 0.92 + 0.6), layout="constrained")
+    figure = Figure(
+        figsize=(2.6 * columns + 0.6, 2.6 * _ratio(view) * rows * 0.92 + 0.6), layout="constrained"
+    )
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for i, polarization in enumerate(view["polarization"].values):
         for j, subband in enumerate(view["subband"].values):
@@ -80,23 +93,49 @@ def whole_roc_figure(scored: Sequence[Score]) -> Figure:
         curve = one.curve
         targets = int(one.curve.attrs["n_targets"])
         far = np.append(curve["far"], curve["far"].iloc[-1] + 1 / one.curve.attrs["area"])
-        label = "all targets" if len(scored) == 1 else "recipe as it stands" if one.name == "main" else one.title
-        style: dict[str, Any] = {"lw": 2.2 if i == 0 else 1.3, "ls": "-" if i == 0 else "--", "color": f"C{i}"}
-        axes.step(far, np.append(curve["pd"], curve["pd"].iloc[-1]), where="post", label=_wrapped(label, 44), **style)
+        label = (
+            "all targets"
+            if len(scored) == 1
+            else "recipe as it stands"
+            if one.name == "main"
+            else one.title
+        )
+        style: dict[str, Any] = {
+            "lw": 2.2 if i == 0 else 1.3,
+            "ls": "-" if i == 0 else "--",
+            "color": f"C{i}",
+        }
+        axes.step(
+            far,
+            np.append(curve["pd"], curve["pd"].iloc[-1]),
+            where="post",
+            label=_wrapped(label, 44),
+            **style,
+        )
         if i == 0:
-            low, high = (np.append(curve[name], curve[name].iloc[-1]) for name in ("pd_low", "pd_high"))
+            low, high = (
+                np.append(curve[name], curve[name].iloc[-1]) for name in ("pd_low", "pd_high")
+            )
             axes.fill_between(far, low, high, step="post", alpha=0.15, color="C0", lw=0)
             by_chance = np.append(curve["chance"], curve["chance"].iloc[-1])
             axes.step(far, by_chance, where="post", color="0.45", ls=":", lw=1.6, label="chance")
-    axes.set(xlabel="false alarms per m²", ylabel=f"probability of detection ({targets} targets)", ylim=(-0.02, 1.02))
-    axes.set_title(f"Every alarm, {100 * scored[0].rules.level:g} % intervals point by point", fontsize=10)
+    axes.set(
+        xlabel="false alarms per m²",
+        ylabel=f"probability of detection ({targets} targets)",
+        ylim=(-0.02, 1.02),
+    )
+    axes.set_title(
+        f"Every alarm, {100 * scored[0].rules.level:g} % intervals point by point", fontsize=10
+    )
     axes.set_xlim(left=0)
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="best")
     return figure
 
 
-def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None, beyond: float) -> Figure:
+def geometry_figure(
+    run: dict[str, Any], lane: Lane, looks: xr.DataArray | None, beyond: float
+) -> Figure:
     """Draw in plan and from the side where a manifest's run had its antennas, and how often each spot was seen."""
     tx, rx = (np.asarray(run[name], dtype=float) for name in ("tx_m", "rx_m"))
     pose = plausible_poses(run)
@@ -105,7 +144,12 @@ def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None,
     if looks is not None:
         most = int(looks.max())
         looks = _thinned(looks)
-        shades: dict[str, Any] = {"cmap": "Blues", "vmin": 0, "vmax": max(most, 1), "shading": "nearest"}
+        shades: dict[str, Any] = {
+            "cmap": "Blues",
+            "vmin": 0,
+            "vmax": max(most, 1),
+            "shading": "nearest",
+        }
         mesh = plan.pcolormesh(looks["x"], looks["y"], looks, **shades)
         figure.colorbar(mesh, ax=plan, label="scans that see the ground", shrink=0.7)
     plan.add_patch(_lane_patch(lane))
@@ -113,9 +157,19 @@ def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None,
         turn = np.array([[np.cos(one[3]), np.sin(one[3])], [-np.sin(one[3]), np.cos(one[3])]])
         for positions, marker, name in ((rx, ".", "receivers"), (tx, "^", "transmitters")):
             place = positions[:, :2] @ turn.T + one[:2]
-            plan.plot(*place.T, marker, ms=5, color="C3" if marker == "^" else "0.25", label=name if k == 0 else None)
+            plan.plot(
+                *place.T,
+                marker,
+                ms=5,
+                color="C3" if marker == "^" else "0.25",
+                label=name if k == 0 else None,
+            )
     scale = looks is not None and _is_long(looks)
-    plan.set(xlabel="cross-track x (m)", ylabel="down-track y (m)", title="plan, not to scale" if scale else "plan")
+    plan.set(
+        xlabel="cross-track x (m)",
+        ylabel="down-track y (m)",
+        title="plan, not to scale" if scale else "plan",
+    )
     plan.set_aspect("auto" if scale else "equal")
     plan.set_ylim(min(pose[:, 1].min(), lane.y_min) - beyond, lane.y_max + beyond)
     plan.legend(fontsize=8, loc="upper right")
@@ -127,7 +181,12 @@ def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None,
     highest = max(float(pose[:, 2].max()), 0.5)
     flat = lane.y_max - min(pose[:, 1].min(), lane.y_min) > 6 * highest
     title = "side, with rays to\nboth ends of the lane" + (", not to scale" if flat else "")
-    side.set(xlabel="down-track y (m)", ylabel="height z (m)", title=title, aspect="auto" if flat else "equal")
+    side.set(
+        xlabel="down-track y (m)",
+        ylabel="height z (m)",
+        title=title,
+        aspect="auto" if flat else "equal",
+    )
     side.set_ylim(min(-0.3 * highest, 1.2 * float(pose[:, 2].min())), 1.4 * highest)
     return figure
 
@@ -158,41 +217,79 @@ def _show(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> None:
     inside = level[lane.contains(*np.meshgrid(x, y)) & np.isfinite(level)]
     level = level - (inside.max() if inside.size else 0.0)
     axes.set_facecolor("0.8")
-    mesh = axes.pcolormesh(x, y, level, cmap="viridis", vmin=-DYNAMIC_RANGE, vmax=0, shading="nearest", rasterized=True)
+    mesh = axes.pcolormesh(
+        x, y, level, cmap="viridis", vmin=-DYNAMIC_RANGE, vmax=0, shading="nearest", rasterized=True
+    )
     axes.add_patch(_lane_patch(lane))
-    axes.set(xlabel="cross-track x (m)", ylabel="down-track y (m)", aspect="auto" if stretched else "equal")
+    axes.set(
+        xlabel="cross-track x (m)",
+        ylabel="down-track y (m)",
+        aspect="auto" if stretched else "equal",
+    )
     if bar and axes.figure is not None:
         axes.figure.colorbar(mesh, ax=axes, shrink=0.7, label="dB re strongest pixel in the lane")
 
 
 def _lane_patch(lane: Lane) -> Rectangle:
     corner = (lane.x_min, lane.y_min)
-    return Rectangle(corner, lane.x_max - lane.x_min, lane.y_max - lane.y_min, fill=False, ec="white", lw=1.4, ls="-.")
+    return Rectangle(
+        corner,
+        lane.x_max - lane.x_min,
+        lane.y_max - lane.y_min,
+        fill=False,
+        ec="white",
+        lw=1.4,
+        ls="-.",
+    )
 
 
 def _overlay(
-    axes: Axes, alarms: pd.DataFrame, result: Result, truth: pd.DataFrame | None, objects: pd.DataFrame | None
+    axes: Axes,
+    alarms: pd.DataFrame,
+    result: Result,
+    truth: pd.DataFrame | None,
+    objects: pd.DataFrame | None,
 ) -> None:
     if objects is not None:
         axes.plot(objects["x"], objects["y"], "x", color="white", ms=7, mew=1.6)
     if truth is not None:
         for row in truth.to_dict("records"):
-            axes.plot(row["x"], row["y"], _MARKER.get(row["kind"], "o"), mfc="none", mec="red", ms=9, mew=1.8)
-            halo = Circle((row["x"], row["y"]), result.recipe.score.halo, fill=False, ec="red", lw=1.2, ls=":")
+            axes.plot(
+                row["x"],
+                row["y"],
+                _MARKER.get(row["kind"], "o"),
+                mfc="none",
+                mec="red",
+                ms=9,
+                mew=1.8,
+            )
+            halo = Circle(
+                (row["x"], row["y"]), result.recipe.score.halo, fill=False, ec="red", lw=1.2, ls=":"
+            )
             axes.add_patch(halo)
     axes.plot(alarms["x"], alarms["y"], "o", mfc="none", mec="white", ms=6, mew=1.2)
     for rank, (x, y) in enumerate(zip(alarms["x"][:_RANKS], alarms["y"][:_RANKS], strict=True), 1):
         offset = (-11, 3) if x > 0.8 * result.lane.x_max else (5, 3)
-        axes.annotate(str(rank), (x, y), xytext=offset, textcoords="offset points", color="white", fontsize=8)
+        axes.annotate(
+            str(rank), (x, y), xytext=offset, textcoords="offset points", color="white", fontsize=8
+        )
 
 
 def _legend(truth: pd.DataFrame | None, objects: pd.DataFrame | None) -> list[Line2D]:
     def mark(marker: str, colour: str, label: str) -> Line2D:
-        return Line2D([], [], marker=marker, ls="none", mfc="none", mec=colour, ms=7, mew=1.6, label=label)
+        return Line2D(
+            [], [], marker=marker, ls="none", mfc="none", mec=colour, ms=7, mew=1.6, label=label
+        )
 
-    handles = [mark("o", "0.3", "alarm, with rank"), Line2D([], [], color="0.3", ls="-.", label="lane")]
+    handles = [
+        mark("o", "0.3", "alarm, with rank"),
+        Line2D([], [], color="0.3", ls="-.", label="lane"),
+    ]
     if truth is not None:
-        handles += [mark(_MARKER.get(kind, "o"), "red", f"{kind} mine") for kind in dict.fromkeys(truth["kind"])]
+        handles += [
+            mark(_MARKER.get(kind, "o"), "red", f"{kind} mine")
+            for kind in dict.fromkeys(truth["kind"])
+        ]
         handles.append(Line2D([], [], color="red", ls=":", label="halo"))
     if objects is not None and len(objects):
         handles.append(mark("x", "0.3", ", ".join(dict.fromkeys(objects["kind"]))))
@@ -204,7 +301,9 @@ _WIDE = 7.5
 _HIGH = 6.0
 
 
-def image_figure(image: xr.DataArray, peaks: pd.DataFrame, pose: NDArray[np.float64], span: float = 40.0) -> Figure:
+def image_figure(
+    image: xr.DataArray, peaks: pd.DataFrame, pose: NDArray[np.float64], span: float = 40.0
+) -> Figure:
     """Draw an image (polarization, z, y, x), complex, ``span`` dB down from each polarization's strongest pixel.
 
     An axis of one value is left out; a volume is drawn as its strongest pixels along each axis. ``peaks`` (x, y, z, m)
@@ -236,18 +335,27 @@ def image_figure(image: xr.DataArray, peaks: pd.DataFrame, pose: NDArray[np.floa
                 vmax=0, aspect="equal" if 0.12 < np.ptp(v) / np.ptp(u) < 2.5 else "auto", interpolation="nearest",
             )  # fmt: skip
             window = axes.axis()
-            axes.plot(pose[:, "xyz".index(a)], pose[:, "xyz".index(b)], ".", color="#4fc3f7", markersize=2)
+            axes.plot(
+                pose[:, "xyz".index(a)], pose[:, "xyz".index(b)], ".", color="#4fc3f7", markersize=2
+            )
             axes.axis(window)
             axes.set(xlabel=f"{a} (m)", ylabel=f"{b} (m)")
             if row == 0:
                 for number, peak in enumerate(peaks[[a, b]].to_numpy(), 1):
                     axes.annotate(
-                        str(number), peak, xytext=(6, 6), textcoords="offset points", color="white", fontsize=8
+                        str(number),
+                        peak,
+                        xytext=(6, 6),
+                        textcoords="offset points",
+                        color="white",
+                        fontsize=8,
                     )
                     axes.plot(*peak, "o", mfc="none", mec="white", markersize=9)
         bar = figure.colorbar(drawn, ax=line[-1], shrink=0.8, pad=0.02)
         # On two lines, so that the bar of a low panel holds its label as a whole.
         bar.set_label(f"{label}, dB re its\nstrongest pixel", fontsize=9)
     fixed = ", ".join(f"{axis} = {image[axis].values[0]:g} m" for axis in "xyz" if axis not in wide)
-    figure.suptitle(", ".join(part for part in (str(image.attrs.get("title", "")), fixed) if part), fontsize=10)
+    figure.suptitle(
+        ", ".join(part for part in (str(image.attrs.get("title", "")), fixed) if part), fontsize=10
+    )
     return figure

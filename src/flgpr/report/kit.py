@@ -44,7 +44,8 @@ def figure_png(figure: Figure, dpi: float = 110) -> bytes:
     """Render a figure as PNG, the same for equal figures; dpi in dots per inch."""
     stream = BytesIO()
     figure.dpi = dpi
-    # savefig draws a figure with a layout twice. Without the metadata the library's version is in it.
+    # savefig draws a figure with a layout twice. Without the metadata the library's version is in
+    # it.
     FigureCanvasAgg(figure).print_png(stream, metadata={"Software": None})  # type: ignore[no-untyped-call]
     return stream.getvalue()
 

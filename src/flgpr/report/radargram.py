@@ -77,7 +77,9 @@ def _across(number: NDArray[np.int64], distance: FloatArray | None) -> tuple[flo
 
 def _distances_above(axes: Axes, number: NDArray[np.int64], distance: FloatArray) -> None:
     """Write the distances of some traces on an axis above."""
-    chosen = np.unique(np.linspace(0, number.size - 1, min(_TICKS, number.size)).round().astype(int))
+    chosen = np.unique(
+        np.linspace(0, number.size - 1, min(_TICKS, number.size)).round().astype(int)
+    )
     above = axes.secondary_xaxis("top")
     above.set_xticks(number[chosen], [f"{value:.4g}" for value in distance[chosen]])
     above.set_xlabel("distance along the line (m), uneven")

@@ -80,15 +80,23 @@ def write_score_report(
     return {keys.get(name, name.replace(".", "_")): home / name for name in content}
 
 
-def score_files(scored: Sequence[Score], notes: Mapping[str, Any], **page: Any) -> dict[str, str | bytes]:
+def score_files(
+    scored: Sequence[Score], notes: Mapping[str, Any], **page: Any
+) -> dict[str, str | bytes]:
     """Make the files of a score, by name: page, ``roc.json`` and figures; ``page`` as for :func:`report_html`."""
     figures = _figures(scored[0])
-    pictures = {name: {kind: figure_bytes(one, kind) for kind in _FORMATS} for name, one in figures.items()}
+    pictures = {
+        name: {kind: figure_bytes(one, kind) for kind in _FORMATS} for name, one in figures.items()
+    }
     shown = {name: kinds["png"] for name, kinds in pictures.items()}
     return {
         "report.html": report_html(scored=scored, notes=notes, bands=shown, **page),
         "roc.json": roc_json(scored, notes),
-        **{f"{name}.{kind}": data for name, kinds in pictures.items() for kind, data in kinds.items()},
+        **{
+            f"{name}.{kind}": data
+            for name, kinds in pictures.items()
+            for kind, data in kinds.items()
+        },
     }
 
 
@@ -110,14 +118,25 @@ def report_html(
     ``bands`` are curves as PNG by name, ``sections`` the addresses of the pages of a lane's sections ("" for none); the
     rest is as for :func:`write_score_report`, and ``objects`` are drawn.
     """
-    values: dict[str, Any] = {"result": result, "scored": scored, "title": title, "sections": sections}
+    values: dict[str, Any] = {
+        "result": result,
+        "scored": scored,
+        "title": title,
+        "sections": sections,
+    }
     if result is not None:
         values |= _found(result, scored[0].matched.truth if scored else None, objects)
     if scored:
         values |= _scored(scored, worst, alarm_patches or {}, target_patches or {})
         values["roadside"] = _roadside_shares(scored[0], values.get("notes", {}))
-        values |= {"bands": bands or {}, "told": {**scored[0].told_rules(), **(notes or {})}, "in_words": in_words}
-    alarms = scored[0].labels if scored else result.detections[0].alarms if result else pd.DataFrame()
+        values |= {
+            "bands": bands or {},
+            "told": {**scored[0].told_rules(), **(notes or {})},
+            "in_words": in_words,
+        }
+    alarms = (
+        scored[0].labels if scored else result.detections[0].alarms if result else pd.DataFrame()
+    )
     columns = [name for name in _COLUMNS if name in alarms]
     rows = alarms[:_MOST].to_dict("records")
     values["n_alarms"] = len(alarms)
@@ -126,7 +145,9 @@ def report_html(
     return render("report.html", **values)
 
 
-def _found(result: Result, truth: pd.DataFrame | None, objects: pd.DataFrame | None) -> dict[str, Any]:
+def _found(
+    result: Result, truth: pd.DataFrame | None, objects: pd.DataFrame | None
+) -> dict[str, Any]:
     """Draw what was found, and tell what was run."""
     main, *others = result.detections
     run = result.manifest["run"]
@@ -141,13 +162,18 @@ def _found(result: Result, truth: pd.DataFrame | None, objects: pd.DataFrame | N
         "geometry": geometry_figure(run, result.lane, main.view["looks"], 0.4),
         "scans": run["scans"] - len(left_out_scans(run)),
         "height": np.mean(plausible_poses(run)[:, 2]),
-        "libraries": [f"{name} {version}" for name, version in result.manifest["libraries"].items()],
+        "libraries": [
+            f"{name} {version}" for name, version in result.manifest["libraries"].items()
+        ],
         "notes": {one.name: one.notes for one in result.detections},
     }
 
 
 def _scored(
-    scored: Sequence[Score], worst: int, alarm_patches: Mapping[Any, ArrayLike], target_patches: Mapping[Any, ArrayLike]
+    scored: Sequence[Score],
+    worst: int,
+    alarm_patches: Mapping[Any, ArrayLike],
+    target_patches: Mapping[Any, ArrayLike],
 ) -> dict[str, Any]:
     """Lay out what became of targets and alarms."""
     main = scored[0]
@@ -155,8 +181,13 @@ def _scored(
     false = main.worst_false_alarms(worst)
     groups = main.breakdown()
     missed["deep"] = [_plain(100 * depth) for depth in missed["depth"]]
-    missed["off"] = [f"{off:.2f}" if found else "none" for off, found in missed[["distance", "detected"]].to_numpy()]
-    missed["at"] = [f"{far:.4f}" if found else "never" for far, found in missed[["far", "detected"]].to_numpy()]
+    missed["off"] = [
+        f"{off:.2f}" if found else "none"
+        for off, found in missed[["distance", "detected"]].to_numpy()
+    ]
+    missed["at"] = [
+        f"{far:.4f}" if found else "never" for far, found in missed[["far", "detected"]].to_numpy()
+    ]
     false["key"] = false["alarm_id"] if "alarm_id" in false.columns else false.index
     by = [name for name in ("kind", "depth", "soil") if name in groups.columns]
     none = not len(main.matched.truth)
@@ -179,9 +210,13 @@ def _scored(
         "by": by,
         "breakdown": _rows(groups, (*(f"{{{name}}}" for name in by), *_GROUP)),
         "missed": _rows(missed, _MISSED),
-        "missed_patches": _patches([k for k in missed["target_id"] if k in target_patches][:worst], target_patches),
+        "missed_patches": _patches(
+            [k for k in missed["target_id"] if k in target_patches][:worst], target_patches
+        ),
         "false_alarms": _rows(false, _FALSE),
-        "false_patches": _patches([key for key in false["key"] if key in alarm_patches], alarm_patches),
+        "false_patches": _patches(
+            [key for key in false["key"] if key in alarm_patches], alarm_patches
+        ),
     }
 
 
@@ -219,12 +254,24 @@ def _outcome_rows(one: Score) -> list[list[str]]:
     for row in one.outcomes.to_dict("records"):
         told = ["found" if row["found"] else "missed", "never", "", "", "", ""]
         if row["detected"]:
-            told[1:] = [f"{row['far']:.3g}", f"{row['rank']:d}", f"{row['n_false']:d}", f"{row['distance']:.2f}"]
+            told[1:] = [
+                f"{row['far']:.3g}",
+                f"{row['rank']:d}",
+                f"{row['n_false']:d}",
+                f"{row['distance']:.2f}",
+            ]
             told.append(f"({row['dx']:+.2f}, {row['dy']:+.2f})")
         deep = "depth not known" if np.isnan(row["depth"]) else f"{100 * row['depth']:.1f} cm"
-        cells = [row["target_id"], f"{row['kind']}, {deep}", f"({row['x']:.2f}, {row['y']:.2f})", *told]
+        cells = [
+            row["target_id"],
+            f"{row['kind']}, {deep}",
+            f"({row['x']:.2f}, {row['y']:.2f})",
+            *told,
+        ]
         if _knows_shifts(one):
-            cells.append(f"{row['expected_shift']:.2f}" if np.isfinite(row["expected_shift"]) else "")
+            cells.append(
+                f"{row['expected_shift']:.2f}" if np.isfinite(row["expected_shift"]) else ""
+            )
         rows.append(cells)
     return rows
 
@@ -238,11 +285,16 @@ def _roadside_shares(main: Score, notes: Mapping[str, Any]) -> list[tuple[str, f
     if "roadside" not in main.labels or not notes.get(main.name, {}).get("mask_pixels"):
         return []
     found = main.outcomes[main.outcomes["detected"]]
-    return [(row["target_id"], float(main.labels["roadside"].iloc[row["alarm"]])) for row in found.to_dict("records")]
+    return [
+        (row["target_id"], float(main.labels["roadside"].iloc[row["alarm"]]))
+        for row in found.to_dict("records")
+    ]
 
 
 def _patches(keys: Sequence[Any], patches: Mapping[Any, ArrayLike]) -> Any:
-    return patch_figure([patches[key] for key in keys], [str(key) for key in keys]) if keys else None
+    return (
+        patch_figure([patches[key] for key in keys], [str(key) for key in keys]) if keys else None
+    )
 
 
 def _plain(value: Any, spec: str = "") -> str:

@@ -26,7 +26,9 @@ def slices_figure(image: xr.DataArray, pose: NDArray[np.float64], span: float = 
     rows = math.ceil(count / columns)
     width = 3.1
     ratio = float(np.clip(np.ptp(y) / np.ptp(x), 0.4, 2.2))
-    figure = Figure(figsize=(width * columns + 1.4, (width * ratio + 0.7) * rows + 0.5), layout="constrained")
+    figure = Figure(
+        figsize=(width * columns + 1.4, (width * ratio + 0.7) * rows + 0.5), layout="constrained"
+    )
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     drawn: Any = None
     for number, axes in enumerate(panels.ravel()):
@@ -51,6 +53,11 @@ def slices_figure(image: xr.DataArray, pose: NDArray[np.float64], span: float = 
             axes.set_ylabel("y (m)")
         if number >= count - columns:
             axes.set_xlabel("x (m)")
-    figure.colorbar(drawn, ax=panels, label=f"{image['polarization'].values[0]}, dB re the strongest pixel", shrink=0.7)
+    figure.colorbar(
+        drawn,
+        ax=panels,
+        label=f"{image['polarization'].values[0]}, dB re the strongest pixel",
+        shrink=0.7,
+    )
     figure.suptitle(str(image.attrs.get("title", "")), fontsize=10)
     return figure

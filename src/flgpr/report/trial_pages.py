@@ -19,14 +19,29 @@ from flgpr.scoring.figures import COLOURS
 # length of lane in a row of the map, m, and rows in a picture: half a printed page
 _STRIP = 30.0
 _STRIPS = 4
-_DIGITS = {"depth_m": ".3f"}  # a mine is laid to the centimetre, and its depth is told in halves of it
+_DIGITS = {
+    "depth_m": ".3f"
+}  # a mine is laid to the centimetre, and its depth is told in halves of it
 _MARKS = "osD^vP*X"
 _POINT = (
     "{n_detected:.0f} of {n_targets:.0f}", "{pd:.2f}", "{pd_low:.2f} to {pd_high:.2f}", "{chance}", "{n_false:.0f}",
     "{far:.4f}", "{far_low:.4f} to {far_high:.4f}",
 )  # fmt: skip
-POINT_HEAD = (">found", ">Pd", ">Pd interval", ">chance", ">false alarms", ">FAR (per m²)", ">FAR interval (per m²)")
-_PAIR = ("{far_allowed:g}", "{first} less {second}", "{difference:+.2f}", "{low:+.2f} to {high:+.2f}")
+POINT_HEAD = (
+    ">found",
+    ">Pd",
+    ">Pd interval",
+    ">chance",
+    ">false alarms",
+    ">FAR (per m²)",
+    ">FAR interval (per m²)",
+)
+_PAIR = (
+    "{far_allowed:g}",
+    "{first} less {second}",
+    "{difference:+.2f}",
+    "{low:+.2f} to {high:+.2f}",
+)
 _MEAN = (
     "{first} less {second}", "{pd_mean_a:.3f} ({low_a:.3f} to {high_a:.3f}), chance {chance_a:.3f}",
     "{pd_mean_b:.3f} ({low_b:.3f} to {high_b:.3f}), chance {chance_b:.3f}",
@@ -35,7 +50,11 @@ _MEAN = (
 
 
 def sheet_html(
-    sheet: pd.DataFrame, lanes: Mapping[str, Lane], name: str, digest: str, anchor: Anchor | None = None
+    sheet: pd.DataFrame,
+    lanes: Mapping[str, Lane],
+    name: str,
+    digest: str,
+    anchor: Anchor | None = None,
 ) -> str:
     """Write the crew's page of an emplacement plan: map, table and room for what was emplaced.
 
@@ -43,15 +62,23 @@ def sheet_html(
     with an anchor ``easting_m`` and ``northing_m``; ``name`` and ``digest`` (SHA-256) are those of the plan's file.
     """
     numbers = [one for one in ("x_m", "y_m", "depth_m", "easting_m", "northing_m") if one in sheet]
-    told = sheet.assign(**{one: [format(value, _DIGITS.get(one, ".2f")) for value in sheet[one]] for one in numbers})
+    told = sheet.assign(
+        **{one: [format(value, _DIGITS.get(one, ".2f")) for value in sheet[one]] for one in numbers}
+    )
     parts = []
     for lane, one in lanes.items():
-        own = sheet["lane"].astype(str) == lane if "lane" in sheet else pd.Series(data=True, index=sheet.index)
+        own = (
+            sheet["lane"].astype(str) == lane
+            if "lane" in sheet
+            else pd.Series(data=True, index=sheet.index)
+        )
         rows = told.loc[own, ["target_id", "kind", *numbers]].to_numpy().tolist()
         parts.append((lane, one, lane_maps(one, sheet[own]), rows))
     sigma = None if anchor is None else float(anchor.uncertainty(sheet["x_m"], sheet["y_m"]).max())
     crs = None if anchor is None else anchor.utm()
-    return render("sheet.html", lanes=parts, name=name, digest=digest, count=len(sheet), crs=crs, sigma=sigma)
+    return render(
+        "sheet.html", lanes=parts, name=name, digest=digest, count=len(sheet), crs=crs, sigma=sigma
+    )
 
 
 def lane_maps(lane: Lane, targets: pd.DataFrame) -> list[Figure]:
@@ -70,17 +97,33 @@ def lane_maps(lane: Lane, targets: pd.DataFrame) -> list[Figure]:
             end = min(start + _STRIP, lane.y_max)
             axes.fill_between([start, end], lane.x_min, lane.x_max, color="0.95")
             axes.hlines([lane.x_min, lane.x_max], start, end, color="0.3", lw=1.2)
-            axes.vlines([y for y in (lane.y_min, lane.y_max) if start <= y <= end], lane.x_min, lane.x_max, color="0.3")
-            own = targets[(targets["y_m"] >= start) & ((targets["y_m"] < end) | (end == lane.y_max))]
+            axes.vlines(
+                [y for y in (lane.y_min, lane.y_max) if start <= y <= end],
+                lane.x_min,
+                lane.x_max,
+                color="0.3",
+            )
+            own = targets[
+                (targets["y_m"] >= start) & ((targets["y_m"] < end) | (end == lane.y_max))
+            ]
             for target in own.to_dict("records"):
                 number = kinds[str(target["kind"])]
-                style = {"color": COLOURS[number % len(COLOURS)], "ms": 6, "mfc": "white", "mew": 1.6}
+                style = {
+                    "color": COLOURS[number % len(COLOURS)],
+                    "ms": 6,
+                    "mfc": "white",
+                    "mew": 1.6,
+                }
                 axes.plot(target["y_m"], target["x_m"], _MARKS[number % len(_MARKS)], **style)
                 place = (target["y_m"], target["x_m"])
-                axes.annotate(target["target_id"], place, (5, 4), textcoords="offset points", fontsize=9)
+                axes.annotate(
+                    target["target_id"], place, (5, 4), textcoords="offset points", fontsize=9
+                )
             # Seen from above with travel to the right, the lane's right side is below.
             axes.set(
-                xlim=(start - 0.5, start + length + 0.5), ylim=(lane.x_max + 0.5, lane.x_min - 0.5), aspect="equal"
+                xlim=(start - 0.5, start + length + 0.5),
+                ylim=(lane.x_max + 0.5, lane.x_min - 0.5),
+                aspect="equal",
             )
             axes.set_xticks(np.arange(np.ceil(start / 5) * 5, end + 0.01, 5.0))
             axes.set_xticks(np.arange(np.ceil(start), end + 0.01, 1.0), minor=True)
@@ -89,12 +132,24 @@ def lane_maps(lane: Lane, targets: pd.DataFrame) -> list[Figure]:
             axes.grid(which="minor", axis="x", alpha=0.2)
         marks = [
             axes.plot(
-                [], [], _MARKS[k % len(_MARKS)], color=COLOURS[k % len(COLOURS)], mfc="white", mew=1.6, label=kind
+                [],
+                [],
+                _MARKS[k % len(_MARKS)],
+                color=COLOURS[k % len(COLOURS)],
+                mfc="white",
+                mew=1.6,
+                label=kind,
             )[0]
             for kind, k in kinds.items()
         ]
         if marks:
-            figure.legend(handles=marks, loc="outside upper right", ncols=len(marks), fontsize=8, frameon=False)
+            figure.legend(
+                handles=marks,
+                loc="outside upper right",
+                ncols=len(marks),
+                fontsize=8,
+                frameon=False,
+            )
         figure.supxlabel("y (m), direction of travel →", fontsize=9)
         figures.append(figure)
     return figures
@@ -103,20 +158,27 @@ def lane_maps(lane: Lane, targets: pd.DataFrame) -> list[Figure]:
 def blind_html(told: BlindScore, notes: Mapping[str, Any]) -> str:
     """Write the page of a blind score: what the owner of the truth allows, never a place; ``notes`` are provenance."""
     groups = {
-        str(group): [[f"{row['far_allowed']:g}", *_cells(row, _POINT)] for row in points.to_dict("records")]
+        str(group): [
+            [f"{row['far_allowed']:g}", *_cells(row, _POINT)] for row in points.to_dict("records")
+        ]
         for group, points in told.points.groupby("group", sort=False)
     }
     targets = None
     if told.targets is not None:
         seen = ["not at any" if np.isnan(far) else f"{far:g}" for far in told.targets["found_from"]]
-        deep = ["not known" if np.isnan(depth) else f"{100 * depth:.1f}" for depth in told.targets["depth"]]
+        deep = [
+            "not known" if np.isnan(depth) else f"{100 * depth:.1f}"
+            for depth in told.targets["depth"]
+        ]
         targets = told.targets.assign(depth=deep, found_from=seen).astype(str)
     return render(
         "blind.html",
         told=told,
         groups=groups,
         head=[">allowed FAR (per m²)", *POINT_HEAD],
-        picture=points_figure({str(name): one for name, one in told.points.groupby("group", sort=False)}),
+        picture=points_figure(
+            {str(name): one for name, one in told.points.groupby("group", sort=False)}
+        ),
         targets=targets,
         notes={name: _head_in_words(value) for name, value in notes.items()},
     )
@@ -130,7 +192,10 @@ def _head_in_words(note: Any) -> Any:
 
 
 def comparison_html(
-    told: SideBySide, curves: Mapping[str, pd.DataFrame], rules: Mapping[str, Any], notes: Mapping[str, Any]
+    told: SideBySide,
+    curves: Mapping[str, pd.DataFrame],
+    rules: Mapping[str, Any],
+    notes: Mapping[str, Any],
 ) -> str:
     """Write the page of detectors side by side; without ``curves``, those of the detectors by name, points alone."""
     records = told.points.to_dict("records")
@@ -138,7 +203,11 @@ def comparison_html(
         [*_cells(row, _PAIR), f"{row['only_first']} and {row['only_second']}", f"{row['p']:.3g}"]
         for row in told.pairs.to_dict("records")
     ]
-    means = None if told.means is None else [_cells(row, _MEAN) for row in told.means.to_dict("records")]
+    means = (
+        None
+        if told.means is None
+        else [_cells(row, _MEAN) for row in told.means.to_dict("records")]
+    )
     return render(
         "comparison.html",
         names=list(dict.fromkeys(told.points["detector"])),
@@ -150,7 +219,9 @@ def comparison_html(
         pairs=sorted(pairs, key=lambda row: float(row[0])),
         means=means,
         tests=len(told.pairs),
-        picture=points_figure({str(name): one for name, one in told.points.groupby("detector", sort=False)}),
+        picture=points_figure(
+            {str(name): one for name, one in told.points.groupby("detector", sort=False)}
+        ),
         roc=roc_figure(dict(curves)) if curves else None,
         rules={name: in_words(value) for name, value in rules.items()},
         level=f"{100 * rules['level']:g}",
@@ -166,7 +237,10 @@ def points_figure(groups: Mapping[str, pd.DataFrame]) -> Figure:
     step = 0.7 / max(1, len(groups))
     allowed = sorted({far for one in groups.values() for far in one["far_allowed"]})
     for number, (name, points) in enumerate(groups.items()):
-        place = np.searchsorted(allowed, points["far_allowed"]) + (number - (len(groups) - 1) / 2) * step
+        place = (
+            np.searchsorted(allowed, points["far_allowed"])
+            + (number - (len(groups) - 1) / 2) * step
+        )
         colour = COLOURS[number % len(COLOURS)]
         mark = _MARKS[number % len(_MARKS)]
         axes.vlines(place, points["pd_low"], points["pd_high"], color=colour, lw=1.6)
@@ -175,7 +249,9 @@ def points_figure(groups: Mapping[str, pd.DataFrame]) -> Figure:
         axes.plot(place, points["chance"], "_", color=colour, ms=9, mew=1.6, alpha=0.7)
     axes.plot([], [], "_", color="0.3", ms=9, label="chance")
     axes.set_xticks(range(len(allowed)), [f"{far:g}" for far in allowed])
-    axes.set(ylim=(-0.03, 1.03), xlabel="allowed false alarms per m²", ylabel="probability of detection")
+    axes.set(
+        ylim=(-0.03, 1.03), xlabel="allowed false alarms per m²", ylabel="probability of detection"
+    )
     axes.grid(axis="y", alpha=0.3)
     figure.legend(fontsize=8, loc="outside right upper", frameon=False)
     return figure

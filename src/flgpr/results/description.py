@@ -16,7 +16,9 @@ from flgpr.model.motion import judge_run
 from flgpr.model.plausible import MotionLimits
 
 
-def describe_run(run: xr.Dataset, path: str | Path | None = None, limits: MotionLimits | None = None) -> dict[str, Any]:
+def describe_run(
+    run: xr.Dataset, path: str | Path | None = None, limits: MotionLimits | None = None
+) -> dict[str, Any]:
     """Describe a run for a manifest: counts, band, antennas, poses, missing sweeps, and the digest of its store.
 
     ``motion`` tells what positions are not plausible by the ``limits``, in words and numbers, where some are not.

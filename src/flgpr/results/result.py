@@ -130,13 +130,20 @@ def _write_places(alarms: pd.DataFrame, home: Path, reference: Any, processing_i
     from flgpr.io import georeference, write_earth_geojson
 
     points = georeference(alarms, anchor, "alarms", processing_id)
-    about = {"kind": "alarms", "anchor_crs": anchor.crs, "anchor_sigma_m": None, "processing_id": processing_id}
+    about = {
+        "kind": "alarms",
+        "anchor_crs": anchor.crs,
+        "anchor_sigma_m": None,
+        "processing_id": processing_id,
+    }
     write_earth_geojson(points, home / "alarms.geojson", about)
 
 
 def _anchor_of(reference: Any) -> Anchor | None:
     """Make the anchor of a run's attribute ``georeference``; none, with a note, of one that is damaged."""
-    from flgpr.io import own_anchor  # geodesy takes its time to load, and few runs are tied to the Earth
+    from flgpr.io import (
+        own_anchor,
+    )  # geodesy takes its time to load, and few runs are tied to the Earth
 
     try:
         return own_anchor(reference)
@@ -169,7 +176,11 @@ def _content(
 
 def _listing(home: Path) -> dict[str, dict[str, Any]]:
     """List digests and sizes of all files of a folder that was just written."""
-    files = {path.relative_to(home).as_posix(): path.read_bytes() for path in sorted(home.rglob("*")) if path.is_file()}
+    files = {
+        path.relative_to(home).as_posix(): path.read_bytes()
+        for path in sorted(home.rglob("*"))
+        if path.is_file()
+    }
     return {
         "files": {name: sha256(data) for name, data in files.items()},
         "sizes": {name: len(data) for name, data in files.items()},
@@ -206,7 +217,13 @@ def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
     folder = Path(folder)
     read_result_manifest(folder)
     with held_folder(folder, wait=True):
-        _add_files(folder, {name: text.encode() if isinstance(text, str) else text for name, text in files.items()})
+        _add_files(
+            folder,
+            {
+                name: text.encode() if isinstance(text, str) else text
+                for name, text in files.items()
+            },
+        )
 
 
 def _add_files(folder: Path, data: Mapping[str, bytes]) -> None:
@@ -215,11 +232,15 @@ def _add_files(folder: Path, data: Mapping[str, bytes]) -> None:
         parent = (folder / name).parent
         parent.mkdir(exist_ok=True)
         if parent != folder:
-            Folder(folder).path(parent.relative_to(folder).as_posix())  # a link would lead the file elsewhere
+            Folder(folder).path(
+                parent.relative_to(folder).as_posix()
+            )  # a link would lead the file elsewhere
     content = {name: value for name, value in manifest.items() if name not in _NOT_CONTENT}
     before = _added(manifest)
     after: Added = {name: [(sha256(body), len(body))] for name, body in data.items()}
-    both = {name: [*before.get(name, [(None, None)]), *versions] for name, versions in after.items()}
+    both = {
+        name: [*before.get(name, [(None, None)]), *versions] for name, versions in after.items()
+    }
     write_whole(folder / "manifest.json", _manifest(content, {**before, **both}))
     for name, body in data.items():
         write_whole(folder / name, body)
@@ -240,7 +261,9 @@ def read_result_manifest(folder: str | Path) -> dict[str, Any]:
             raise ValueError(f"format must be {FORMAT} version {VERSION}")
         return manifest
     except OSError as error:
-        raise ResultError(f"{folder}: not a whole result folder: {error.filename} is missing") from None
+        raise ResultError(
+            f"{folder}: not a whole result folder: {error.filename} is missing"
+        ) from None
     except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
         raise ResultError(f"{folder}: manifest.json is altered: {error}") from None
 
@@ -258,7 +281,9 @@ def read_result(folder: str | Path) -> Result:
         for name in (files.listed or {}).keys() - files.proven:
             files.check(name)
     except FileNotFoundError as error:
-        raise ResultError(f"{folder}: not a whole result folder: {error.filename} is missing") from None
+        raise ResultError(
+            f"{folder}: not a whole result folder: {error.filename} is missing"
+        ) from None
     except DoorError as error:
         raise ResultError(str(error)) from None
     except ResultError:
@@ -275,7 +300,9 @@ def join_sections(folder: Path, homes: Sequence[Path], most: int = 2400) -> Resu
     step = -(-rows // max(1, most - len(homes)))
     views = [_thinned_view(read_result(home).detections[0].view, step) for home in homes]
     sections = read_sections(folder)
-    whole = replace(first.detections[0], alarms=sections.alarms(), view=xr.concat(views, "y"), features=None)
+    whole = replace(
+        first.detections[0], alarms=sections.alarms(), view=xr.concat(views, "y"), features=None
+    )
     return replace(first, folder=folder, lane=sections.lane(), detections=[whole])
 
 
@@ -291,7 +318,9 @@ def thinned(view: xr.DataArray, step: int) -> xr.DataArray:
 
 
 def _thinned_view(view: xr.DataArray, step: int) -> xr.DataArray:
-    return thinned(view, step).assign_coords(looks=thinned(view["looks"].reset_coords(drop=True), step))
+    return thinned(view, step).assign_coords(
+        looks=thinned(view["looks"].reset_coords(drop=True), step)
+    )
 
 
 def _read_detection(files: Folder, entry: dict[str, Any]) -> Detection:
@@ -301,7 +330,9 @@ def _read_detection(files: Folder, entry: dict[str, Any]) -> Detection:
         view = parse_view(data)
     except Exception as error:  # the parser raises whatever it stumbles over
         raise ResultError(f"{files.root}: {home}run_view.npz cannot be read ({error!r})") from None
-    alarms = parse_own_table(files.read(f"{home}alarms.csv"), "alarms", files.root / f"{home}alarms.csv")
+    alarms = parse_own_table(
+        files.read(f"{home}alarms.csv"), "alarms", files.root / f"{home}alarms.csv"
+    )
     table = files.read_if_listed(f"{home}features.csv")
     features = None if table is None else parse_columns(table)
     stored = files.read_if_listed(f"{home}{FRAMES}")
@@ -309,7 +340,15 @@ def _read_detection(files: Folder, entry: dict[str, Any]) -> Detection:
         frames = None if stored is None else _parse_frames(stored)
     except Exception as error:  # the parser raises whatever it stumbles over
         raise ResultError(f"{files.root}: {home}{FRAMES} cannot be read ({error!r})") from None
-    return Detection(entry["name"], entry["title"], alarms, view, entry["notes"], features=features, frames=frames)
+    return Detection(
+        entry["name"],
+        entry["title"],
+        alarms,
+        view,
+        entry["notes"],
+        features=features,
+        frames=frames,
+    )
 
 
 def parse_view(data: bytes) -> xr.DataArray:
@@ -321,7 +360,9 @@ def parse_view(data: bytes) -> xr.DataArray:
         raise ValueError(f"polarization, subband, y and x must be lists, got the shapes {axes}")
     sizes = tuple(axis[0] for axis in axes)
     if shapes["magnitude"] != sizes or shapes["looks"] != sizes[2:]:
-        raise ValueError(f"magnitude and looks must fit {sizes}, got {shapes['magnitude']} and {shapes['looks']}")
+        raise ValueError(
+            f"magnitude and looks must fit {sizes}, got {shapes['magnitude']} and {shapes['looks']}"
+        )
     labels = {name: [str(label) for label in arrays[name]] for name in ("polarization", "subband")}
     coords = {**labels, "y": arrays["y"], "x": arrays["x"], "looks": (("y", "x"), arrays["looks"])}
     dims = ("polarization", "subband", "y", "x")
@@ -332,7 +373,10 @@ def _frames_bytes(alarms: pd.DataFrame, poses: Mapping[int, NDArray[np.float64]]
     """Write the alarms of every frame, and the poses of all frames that were searched, as arrays."""
     buffer = io.BytesIO()
     arrays: dict[str, Any] = {str(name): alarms[name].to_numpy() for name in _FRAME_COLUMNS}
-    arrays |= {"frames": np.array(list(poses), dtype=np.int64), "poses": np.array(list(poses.values())).reshape(-1, 6)}
+    arrays |= {
+        "frames": np.array(list(poses), dtype=np.int64),
+        "poses": np.array(list(poses.values())).reshape(-1, 6),
+    }
     np.savez_compressed(buffer, **arrays)
     return buffer.getvalue()
 
@@ -345,7 +389,9 @@ def _parse_frames(data: bytes) -> tuple[pd.DataFrame, dict[int, NDArray[np.float
     if len(columns) != 1 or len(columns.pop()) != 1:
         raise ValueError(f"{', '.join(_FRAME_COLUMNS)} must be lists of one length")
     if len(shapes["frames"]) != 1 or shapes["poses"] != (*shapes["frames"], 6):
-        raise ValueError(f"poses must be 6 numbers per frame, got {shapes['poses']} for {shapes['frames']}")
+        raise ValueError(
+            f"poses must be 6 numbers per frame, got {shapes['poses']} for {shapes['frames']}"
+        )
     alarms = pd.DataFrame({name: arrays[name] for name in _FRAME_COLUMNS})
     return alarms, dict(zip(arrays["frames"].tolist(), arrays["poses"], strict=True))
 
@@ -353,7 +399,9 @@ def _parse_frames(data: bytes) -> tuple[pd.DataFrame, dict[int, NDArray[np.float
 def _view_bytes(view: xr.DataArray) -> bytes:
     buffer = io.BytesIO()
     arrays: dict[str, Any] = {name: np.asarray(view[name].values) for name in ("y", "x", "looks")}
-    arrays |= {name: np.asarray(view[name].values, dtype=str) for name in ("polarization", "subband")}
+    arrays |= {
+        name: np.asarray(view[name].values, dtype=str) for name in ("polarization", "subband")
+    }
     arrays["magnitude"] = view.values.astype(np.float32)
     np.savez_compressed(buffer, **arrays)
     return buffer.getvalue()

@@ -36,7 +36,12 @@ from flgpr.scoring import (
 ROC_FORMAT = "flgpr-score"
 ROC_VERSION = 1
 COMPARISON_FORMAT = "flgpr-comparison"
-_SHARED = ("far", "n_false", "far_low", "far_high")  # alike for all subsets of the targets (rules 5 and 6)
+_SHARED = (
+    "far",
+    "n_false",
+    "far_low",
+    "far_high",
+)  # alike for all subsets of the targets (rules 5 and 6)
 _OWN = ("pd", "n_detected", "pd_low", "pd_high", "chance")
 _MOST_DEPTHS = 6
 VIEW_SCORE = "view/score.json"
@@ -50,7 +55,10 @@ def score_detections(result: Result, truth: pd.DataFrame, far: float = Rules.far
     """
     own = result.recipe.score
     rules = Rules(halo=own.halo, area="union" if own.area == "frames" else own.area, far=far)
-    scored = [score(one.alarms, truth, result.lane, rules, name=one.name, title=one.title) for one in result.detections]
+    scored = [
+        score(one.alarms, truth, result.lane, rules, name=one.name, title=one.title)
+        for one in result.detections
+    ]
     shift = expected_shift(scored[0].matched.truth, result.manifest["run"])
     return [replace(one, outcomes=one.outcomes.assign(expected_shift=shift)) for one in scored]
 
@@ -65,7 +73,9 @@ def score_by_frames(result: Result, truth: pd.DataFrame, far: float = Rules.far)
         )
     rules = Rules(halo=result.recipe.score.halo, far=far)
     title = f"{main.title}, every frame counts its area"
-    return score_frames(*main.frames, truth, result.recipe.frame_area(), rules, name=main.name, title=title)
+    return score_frames(
+        *main.frames, truth, result.recipe.frame_area(), rules, name=main.name, title=title
+    )
 
 
 def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float64]:
@@ -78,7 +88,9 @@ def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float
     x, y, depth = (truth[name].to_numpy(dtype=float) for name in ("x", "y", "depth"))
     soil = run["soil"]["permittivity"]
     poses = plausible_poses(run)
-    shifts = [refraction_shift(depth, soil, pose[2], np.hypot(x - pose[0], y - pose[1])) for pose in poses]
+    shifts = [
+        refraction_shift(depth, soil, pose[2], np.hypot(x - pose[0], y - pose[1])) for pose in poses
+    ]
     return np.asarray(np.mean(shifts, axis=0), dtype=np.float64)
 
 
@@ -101,11 +113,20 @@ def comparison_json(told: SideBySide, rules: Mapping[str, Any], notes: Mapping[s
     """Write ``comparison.json`` of detectors side by side."""
     head = {"format": COMPARISON_FORMAT, "version": ROC_VERSION, "flgpr": flgpr.__version__}
     tables = {"points": told.points, "pairs": told.pairs, "means": told.means}
-    rows = {name: None if table is None else table.to_dict("records") for name, table in tables.items()}
-    return json.dumps(plain_json({**head, "rules": rules, "notes": notes, **rows}), indent=1, allow_nan=False) + "\n"
+    rows = {
+        name: None if table is None else table.to_dict("records") for name, table in tables.items()
+    }
+    return (
+        json.dumps(
+            plain_json({**head, "rules": rules, "notes": notes, **rows}), indent=1, allow_nan=False
+        )
+        + "\n"
+    )
 
 
-def _roc_json(rules: Mapping[str, Any], notes: Mapping[str, Any], detections: Mapping[str, Any]) -> str:
+def _roc_json(
+    rules: Mapping[str, Any], notes: Mapping[str, Any], detections: Mapping[str, Any]
+) -> str:
     head = {"format": ROC_FORMAT, "version": ROC_VERSION, "flgpr": flgpr.__version__}
     content = plain_json({**head, "rules": rules, "notes": notes, "detections": detections})
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
@@ -115,7 +136,9 @@ SCORE_FORMAT = "flgpr-view-score"
 SCORE_VERSION = 1
 
 
-def view_score(result: Result, scored: Sequence[Score], objects: pd.DataFrame | None = None) -> bytes:
+def view_score(
+    result: Result, scored: Sequence[Score], objects: pd.DataFrame | None = None
+) -> bytes:
     """Make ``view/score.json``, which names the result it belongs to and its own digest."""
     truth = scored[0].matched.truth
     classes = depth_classes(truth)
@@ -136,12 +159,18 @@ def view_score(result: Result, scored: Sequence[Score], objects: pd.DataFrame | 
     return canonical_json(head)[:-1] + b',"content":' + body + b"}\n"
 
 
-def read_scored_truth(result: Result, folder: Path | None = None) -> tuple[pd.DataFrame, pd.DataFrame | None] | None:
+def read_scored_truth(
+    result: Result, folder: Path | None = None
+) -> tuple[pd.DataFrame, pd.DataFrame | None] | None:
     """Read truth and objects that a result, or a score's ``folder``, was scored with; None where it was not scored.
 
     A file that is altered or another result's is a ValueError.
     """
-    files = listed_files(result.folder, read_result_manifest(result.folder)) if folder is None else Folder(folder)
+    files = (
+        listed_files(result.folder, read_result_manifest(result.folder))
+        if folder is None
+        else Folder(folder)
+    )
     path = files.root / VIEW_SCORE
     data = files.read_if_listed(VIEW_SCORE, MOST_JSON)
     if data is None:
@@ -172,7 +201,9 @@ def depth_classes(truth: pd.DataFrame) -> list[tuple[str, tuple[float, float]]]:
     ]
 
 
-def depth_labels(truth: pd.DataFrame, classes: list[tuple[str, tuple[float, float]]]) -> list[str | None]:
+def depth_labels(
+    truth: pd.DataFrame, classes: list[tuple[str, tuple[float, float]]]
+) -> list[str | None]:
     """Name each target's depth class; None where the depth is unknown."""
     return [
         next((label for label, (low, high) in classes if low <= depth <= high), None)
@@ -210,14 +241,26 @@ def _scored(one: Score, classes: list[tuple[str, tuple[float, float]]]) -> Mappi
 
 def _shared(one: Score) -> dict[str, Any]:
     attrs = {"area": float(one.curve.iloc[-1]["area"]), "level": one.curve.attrs["level"]}
-    point: dict[str, Any] = {"row": int(operating_row(one.curve, one.far)), "few_halos": one.few_halos}
+    point: dict[str, Any] = {
+        "row": int(operating_row(one.curve, one.far)),
+        "few_halos": one.few_halos,
+    }
     point |= {"far_asked": one.rules.far, "far_allowed": one.far}
-    return {**attrs, "point": point, "threshold": one.curve["threshold"].tolist(), **_rounded(one.curve, _SHARED)}
+    return {
+        **attrs,
+        "point": point,
+        "threshold": one.curve["threshold"].tolist(),
+        **_rounded(one.curve, _SHARED),
+    }
 
 
 def _curve(one: Score, chosen: NDArray[np.bool_]) -> dict[str, Any]:
     subset = chosen if len(chosen) else None
-    options: dict[str, Any] = {"area": one.rules.area, "frame_area": one.rules.frame_area, "level": one.rules.level}
+    options: dict[str, Any] = {
+        "area": one.rules.area,
+        "frame_area": one.rules.frame_area,
+        "level": one.rules.level,
+    }
     curve = one.chance.beside(roc_of(one.matched, subset, **options), subset)
     mean = pd_mean(curve) if len(chosen) else None
     return {"n_targets": int(curve.iloc[-1]["n_targets"]), "pd_mean": mean, **_rounded(curve, _OWN)}

@@ -39,7 +39,9 @@ class Sections:
 
     def alarms(self) -> pd.DataFrame:
         """Read all alarms, ranked together."""
-        return parse_own_table(self.files.read("alarms.csv"), "alarms", self.files.root / "alarms.csv")
+        return parse_own_table(
+            self.files.read("alarms.csv"), "alarms", self.files.root / "alarms.csv"
+        )
 
     def lane(self) -> Lane:
         """Read the whole lane."""
@@ -77,7 +79,9 @@ def read_sections(folder: str | Path) -> Sections:
         for name, home in zip(sections.names, sections.homes, strict=True):
             _check_section(folder, home, name, content["files"][f"{name}/{_MANIFEST}"])
     except OSError as error:
-        raise ResultError(f"{folder}: not a whole folder of sections: {error.filename} is missing") from None
+        raise ResultError(
+            f"{folder}: not a whole folder of sections: {error.filename} is missing"
+        ) from None
     except DoorError as error:
         raise ResultError(str(error)) from None
     except ResultError:

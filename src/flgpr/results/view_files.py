@@ -51,7 +51,9 @@ def write_view(
     grid = _grid(views[0][2])
     for name, _, view in views:
         if _grid(view) != grid:
-            raise ValueError(f"run-views must share one grid, got another in {name!r}: {_grid(view)} and {grid}")
+            raise ValueError(
+                f"run-views must share one grid, got another in {name!r}: {_grid(view)} and {grid}"
+            )
     index = {
         "format": VIEW_FORMAT,
         "version": VIEW_VERSION,
@@ -60,8 +62,12 @@ def write_view(
         "grid": grid,
         "tile_rows": TILE_ROWS,
         "unit": "dB",
-        "channel": list(channel) if channel else [str(views[-1][2][n].values[0]) for n in ("polarization", "subband")],
-        "layers": [layer for name, stage, view in views for layer in _write_layers(home, name, stage, view)],
+        "channel": list(channel)
+        if channel
+        else [str(views[-1][2][n].values[0]) for n in ("polarization", "subband")],
+        "layers": [
+            layer for name, stage, view in views for layer in _write_layers(home, name, stage, view)
+        ],
         "scans": _scans(run),
         "sight": [recipe.image.y[0], recipe.run_view.y_max],
         "georeference": run.get("georeference"),
@@ -69,7 +75,10 @@ def write_view(
     }
     if recipe.image.frames == "all":
         index["aperture"] = True  # what explains alarms is of all scans
-    write_whole(home / "index.json", json.dumps(plain_json(index), separators=(",", ":"), allow_nan=False) + "\n")
+    write_whole(
+        home / "index.json",
+        json.dumps(plain_json(index), separators=(",", ":"), allow_nan=False) + "\n",
+    )
 
 
 def _stages(recipe: Recipe) -> dict[str, str]:
@@ -95,7 +104,9 @@ def pyramid(level: NDArray[np.float16]) -> Iterable[NDArray[np.float16]]:
         yield level
 
 
-def _write_layers(home: Path, detection: str, stage: str, view: xr.DataArray) -> Iterable[dict[str, Any]]:
+def _write_layers(
+    home: Path, detection: str, stage: str, view: xr.DataArray
+) -> Iterable[dict[str, Any]]:
     for p, polarization in enumerate(view["polarization"].values):
         for s, subband in enumerate(view["subband"].values):
             values = decibels(view.sel(polarization=polarization, subband=subband).values)
@@ -111,7 +122,9 @@ def _write_layers(home: Path, detection: str, stage: str, view: xr.DataArray) ->
                 "stage": stage,
                 "polarization": str(polarization),
                 "subband": str(subband),
-                "percentiles": dict(zip(("1", "50", "99", "99.9", "100"), np.round(marks, 2).tolist(), strict=True)),
+                "percentiles": dict(
+                    zip(("1", "50", "99", "99.9", "100"), np.round(marks, 2).tolist(), strict=True)
+                ),
                 "levels": files,
             }
 
@@ -120,7 +133,9 @@ def _write_detection(home: Path, detection: Detection) -> dict[str, Any]:
     alarms = detection.alarms.reset_index(drop=True)
     features = detection.features
     if features is None:
-        features = alarms[[name for name in alarms.columns if name not in _PLACE]].select_dtypes("number")
+        features = alarms[[name for name in alarms.columns if name not in _PLACE]].select_dtypes(
+            "number"
+        )
     contributions = detection.contributions
     entry: dict[str, Any] = {
         "name": detection.name,
@@ -179,7 +194,10 @@ def _write_evidence(home: Path, name: str, evidence: Evidence) -> dict[str, Any]
         "polarimetric": _columns(evidence.polarimetric),
         "adds": evidence.adds,
         "alone": evidence.alone,
-        "causes": [[[_rounded(value) for value in row] for row in np.round(one, 3)] for one in evidence.causes],
+        "causes": [
+            [[_rounded(value) for value in row] for row in np.round(one, 3)]
+            for one in evidence.causes
+        ],
     }
 
 
@@ -188,12 +206,17 @@ def _grid(view: xr.DataArray) -> dict[str, float]:
     x = view["x"].values
     steps = {"dx": x[1] - x[0] if len(x) > 1 else 1.0, "dy": y[1] - y[0] if len(y) > 1 else 1.0}
     found = {"x": x[0], "y": y[0], "nx": len(x), "ny": len(y)} | steps
-    return {name: round(float(value), 9) if name[0] != "n" else int(value) for name, value in found.items()}
+    return {
+        name: round(float(value), 9) if name[0] != "n" else int(value)
+        for name, value in found.items()
+    }
 
 
 def _scans(run: Mapping[str, Any]) -> dict[str, list[Any]]:
     pose = np.asarray(run.get("pose", np.zeros((0, 6))), dtype=np.float64).reshape(-1, 6)
-    columns = {name: np.round(pose[:, i], 4).tolist() for i, name in enumerate(("x", "y", "z", "heading"))}
+    columns = {
+        name: np.round(pose[:, i], 4).tolist() for i, name in enumerate(("x", "y", "z", "heading"))
+    }
     return columns | {"masked": left_out_scans(run)}
 
 

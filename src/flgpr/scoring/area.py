@@ -19,10 +19,11 @@ _TURN = 2 * math.pi
 def union_area(centre: ArrayLike, radius: float, lane: Lane) -> float:
     """Compute the area, m², of the part of a lane that equal discs (centres (disc, 2) and radius in m) cover.
 
-    The border of the covered region consists of circle arcs that no other disc covers and of stretches of the lane's
-    border inside a disc. Both are found in closed form as complements and unions of intervals (angles on a circle,
-    lengths on a border), and Green's theorem, A = ½∮(x dy - y dx), sums them. Nothing is sampled. A radius that is not
-    positive, or centres of another shape, are a ValueError.
+    The border of the covered region consists of circle arcs that no other disc covers and of
+    stretches of the lane's border inside a disc. Both are found in closed form as complements and
+    unions of intervals (angles on a circle, lengths on a border), and Green's theorem, A = ½∮(x dy
+    - y dx), sums them. Nothing is sampled. A radius that is not positive, or centres of another
+    shape, are a ValueError.
 
     Examples
     --------
@@ -34,9 +35,15 @@ def union_area(centre: ArrayLike, radius: float, lane: Lane) -> float:
     >>> [round(union_area(centre, 1.0, lane), 3) for centre in ([[0, 10]], [[0, 10], [0, 11]], [[2, 30]])]
     [3.142, 5.055, 1.571]
     """
-    points = np.asarray(centre, dtype=np.float64).reshape(-1, 2) if np.size(centre) == 0 else np.asarray(centre, float)
+    points = (
+        np.asarray(centre, dtype=np.float64).reshape(-1, 2)
+        if np.size(centre) == 0
+        else np.asarray(centre, float)
+    )
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
-        raise ValueError(f"centre must be finite positions of shape (disc, 2), got shape {points.shape}")
+        raise ValueError(
+            f"centre must be finite positions of shape (disc, 2), got shape {points.shape}"
+        )
     if not (math.isfinite(radius) and radius > 0):
         raise ValueError(f"radius must be positive and finite, got {radius}")
     origin = np.array([(lane.x_min + lane.x_max) / 2, (lane.y_min + lane.y_max) / 2])
@@ -58,14 +65,21 @@ def _arc_sum(points: FloatArray, radius: float, half: FloatArray) -> float:
         (circle, np.maximum(start, 0), np.minimum(end, _TURN)),
         (circle[wrap], start[wrap] + _TURN, np.full(wrap.sum(), _TURN)),
         (circle[over], np.zeros(over.sum()), end[over] - _TURN),
-        # Empty intervals at 0 and at a full turn close the gap before the first and after the last hidden one.
+        # Empty intervals at 0 and at a full turn close the gap before the first and after the last
+        # hidden one.
         (np.arange(len(points)), np.zeros(len(points)), np.zeros(len(points))),
         (np.arange(len(points)), np.full(len(points), _TURN), np.full(len(points), _TURN)),
     ]
     circles, starts, ends = zip(*pieces, strict=True)
-    which, first, last = _gaps(np.concatenate(circles), np.concatenate(starts), np.concatenate(ends))
+    which, first, last = _gaps(
+        np.concatenate(circles), np.concatenate(starts), np.concatenate(ends)
+    )
     x, y = points[which].T
-    turned = radius * (last - first) + x * (np.sin(last) - np.sin(first)) - y * (np.cos(last) - np.cos(first))
+    turned = (
+        radius * (last - first)
+        + x * (np.sin(last) - np.sin(first))
+        - y * (np.cos(last) - np.cos(first))
+    )
     return float(0.5 * radius * turned.sum())
 
 
@@ -77,7 +91,12 @@ def _hidden_angles(points: FloatArray, radius: float, half: FloatArray) -> Inter
     middle = [np.arctan2(step[:, 1], step[:, 0])]
     width = [np.arccos(np.clip(np.hypot(*step.T) / (2 * radius), 0, 1))]
     circle = [pairs[:, 0]]
-    for axis, sign, angle in ((0, 1, 0.0), (1, 1, math.pi / 2), (0, -1, math.pi), (1, -1, 3 * math.pi / 2)):
+    for axis, sign, angle in (
+        (0, 1, 0.0),
+        (1, 1, math.pi / 2),
+        (0, -1, math.pi),
+        (1, -1, 3 * math.pi / 2),
+    ):
         reach = (half[axis] - sign * points[:, axis]) / radius
         cut = np.flatnonzero(reach < 1)
         circle.append(cut)

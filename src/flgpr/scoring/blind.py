@@ -68,13 +68,17 @@ class BlindScore:
     #: ``pd_low``, ``pd_high``, ``n_detected``, ``n_targets``, ``n_false``, and the Pd that ``chance`` gives. It has no
     #: thresholds: the confidence at which Pd rises would tell which alarm lies on a target
     points: pd.DataFrame
-    counts: dict[str, Any]  #: ``n_alarms``, ``n_targets``, ``area`` (m²), ``halo_radius`` (m), ``area_rule``
+    counts: dict[
+        str, Any
+    ]  #: ``n_alarms``, ``n_targets``, ``area`` (m²), ``halo_radius`` (m), ``area_rule``
     looks: int  #: how often this truth was scored or opened so far, this time included
     lists: int  #: how many different alarm lists that were
     #: where the truth's owner allows it, a row per target: ``target_id``, ``kind``, ``depth``, and ``found_from``, the
     #: least allowed FAR of the points at which it is found (NaN: at none); never a place
     targets: pd.DataFrame | None = None
-    registered: dict[str, Any] | None = None  #: the register's line of the recipe, if that had to be there
+    registered: dict[str, Any] | None = (
+        None  #: the register's line of the recipe, if that had to be there
+    )
     #: of the ``log`` and the ``register``, ``lines`` and the ``head``, the last one's hash: a copy of before lacks it
     heads: dict[str, dict[str, Any]] = field(default_factory=dict)
 
@@ -93,11 +97,12 @@ def seal_truth(
 ) -> Path:
     """Write an encrypted truth together with the lane and the rules it is to be scored by.
 
-    The key comes from the passphrase by scrypt. The content is encrypted with AES-256-GCM, and the whole file is
-    authenticated with it: its format, note, cost and salt enter as associated data, and no other way of writing them is
-    read. An identity within the ciphertext, drawn at random, is what looks are counted by, so that a copy, or a file
-    sealed again, has a count of its own and an altered one none. Both come from the library ``cryptography``, the
-    passphrase is judged by ``zxcvbn``; without them, the extra ``seal``, it is a ModuleNotFoundError.
+    The key comes from the passphrase by scrypt. The content is encrypted with AES-256-GCM, and the
+    whole file is authenticated with it: its format, note, cost and salt enter as associated data,
+    and no other way of writing them is read. An identity within the ciphertext, drawn at random, is
+    what looks are counted by, so that a copy, or a file sealed again, has a count of its own and an
+    altered one none. Both come from the library ``cryptography``, the passphrase is judged by
+    ``zxcvbn``; without them, the extra ``seal``, it is a ModuleNotFoundError.
 
     Parameters
     ----------
@@ -106,16 +111,16 @@ def seal_truth(
     path : str or Path
         File to write, and returned; an existing one is refused.
     passphrase : str or callable
-        One that is hard to guess (:func:`flgpr.scoring.check_passphrase`); or what asks for it, when everything else is
-        found right.
+        One that is hard to guess (:func:`flgpr.scoring.check_passphrase`); or what asks for it,
+        when everything else is found right.
     by : str, optional
         Column of truth whose groups get curves of their own beside that of all targets.
     show : {"curve", "targets"}
-        What a score may tell: operating points and counts, or also which target is found at which of the points. Either
-        way no places.
+        What a score may tell: operating points and counts, or also which target is found at which
+        of the points. Either way no places.
     book : mapping, optional
-        ``truth``, hash of the truth in a register, and ``line``, hash of that register's last line: scores then demand
-        this register, with the recipe in it.
+        ``truth``, hash of the truth in a register, and ``line``, hash of that register's last line:
+        scores then demand this register, with the recipe in it.
     """
     if Path(path).exists():
         raise FileExistsError(f"output must not exist yet, got {path}")
@@ -159,14 +164,18 @@ def seals(
     return json.loads(json.dumps(there, default=_plain)) == wanted, opened.book
 
 
-def _to_seal(truth: pd.DataFrame, lane: LaneLike, halo: float, area: str, by: str | None, show: str) -> dict[str, Any]:
+def _to_seal(
+    truth: pd.DataFrame, lane: LaneLike, halo: float, area: str, by: str | None, show: str
+) -> dict[str, Any]:
     """Check what is to be sealed, and give it."""
     lanes = as_lanes(lane)
     one_of("show", show, SHOWS)
     if by is not None and by not in truth.columns:
         raise ValueError(f"by must name a column of truth, got {by!r}")
     # An empty alarm list is scored once, so that a truth that cannot be scored is never sealed.
-    trial = match(pd.DataFrame({"x": [], "y": [], "confidence": [], "lane": []}), truth, lanes, halo)
+    trial = match(
+        pd.DataFrame({"x": [], "y": [], "confidence": [], "lane": []}), truth, lanes, halo
+    )
     roc_of(trial, area=area)  # type: ignore[arg-type]
     return {
         "truth": check_truth(truth).to_dict("list"),
@@ -199,14 +208,20 @@ class _Opened:
     book: dict[str, str] | None  #: the register that it is bound to
 
 
-def _enter(identity: str, log: Path, **entry: Any) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def _enter(
+    identity: str, log: Path, **entry: Any
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Enter a look into a sealed truth's log; give all its looks so far, this one last, and all lines of the log."""
     lines = enter(log, lambda _: {"sealed": identity, **entry})
     return _looks(identity, lines), lines
 
 
 def _looks(identity: str, lines: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [line for line in lines if line.get("sealed") == identity and line.get("event") in ("score", "open")]
+    return [
+        line
+        for line in lines
+        if line.get("sealed") == identity and line.get("event") in ("score", "open")
+    ]
 
 
 def _log_of(sealed: str | Path, log: str | Path | None) -> Path:
@@ -229,7 +244,9 @@ def _decrypted(path: str | Path, passphrase: Phrase) -> _Opened:
     try:
         content = parse_json(cipher.decrypt(*_nonce_and(header, sealed)))
     except InvalidTag:
-        raise ValueError("passphrase must be the one of the sealed truth, or the file was altered") from None
+        raise ValueError(
+            "passphrase must be the one of the sealed truth, or the file was altered"
+        ) from None
     rules = {"show": SHOWS[0], **content["rules"]}
     truth = pd.DataFrame(content["truth"])
     return _Opened(content["identity"], truth, content["lanes"], rules, content.get("book"))
@@ -247,7 +264,10 @@ def _header(salt: bytes, nonce: bytes) -> dict[str, Any]:
 
 def _written(header: Mapping[str, Any], sealed: bytes) -> bytes:
     """Write a sealed file in its one form."""
-    return json.dumps({**header, "sealed": base64.b64encode(sealed).decode()}, indent=1).encode() + b"\n"
+    return (
+        json.dumps({**header, "sealed": base64.b64encode(sealed).decode()}, indent=1).encode()
+        + b"\n"
+    )
 
 
 def _read_sealed(path: Path) -> tuple[dict[str, Any], bytes]:
@@ -308,7 +328,10 @@ def score_blind(
     curve = roc_of(matched, area=rules["area"])
     return BlindScore(
         points=pd.concat(tables, ignore_index=True),
-        counts={name: curve.attrs[name] for name in ("n_alarms", "n_targets", "area", "halo_radius", "area_rule")},
+        counts={
+            name: curve.attrs[name]
+            for name in ("n_alarms", "n_targets", "area", "halo_radius", "area_rule")
+        },
         looks=len(look.looks),
         lists=len({line["alarms"] for line in look.looks if "alarms" in line}),
         targets=_found_from(matched, rules["area"]) if rules["show"] == "targets" else None,
@@ -326,7 +349,9 @@ class BlindLook:
     rules: dict[str, Any]
     looks: list[dict[str, Any]]  #: all looks so far, this one last
     line: dict[str, Any] | None  #: the register's line of the recipe
-    heads: dict[str, dict[str, Any]]  #: of the ``log`` and the ``register``: how many lines, and the last one's hash
+    heads: dict[
+        str, dict[str, Any]
+    ]  #: of the ``log`` and the ``register``: how many lines, and the last one's hash
 
 
 def match_blind(
@@ -350,7 +375,9 @@ def match_blind(
     if some:
         lanes = {name: lanes[name] for name in some}
         truth = truth[truth["lane"].isin(lanes)].reset_index(drop=True)
-    matched = match(alarms, truth, lanes if list(lanes) != [""] else lanes[""], opened.rules["halo"])
+    matched = match(
+        alarms, truth, lanes if list(lanes) != [""] else lanes[""], opened.rules["halo"]
+    )
     entry = {"alarms": alarm_hash(matched.alarms), "n_alarms": len(matched.alarms)}
     looks, lines = _enter(opened.identity, place, event="score", **entry)
     heads = {"log": head_of(lines)}
@@ -366,26 +393,40 @@ def match_blind(
     return BlindLook(matched, truth, opened.rules, looks, line, heads)
 
 
-def _admitted(sealed: str | Path, log: Path, opened: _Opened, registered: Registration | None) -> dict[str, Any] | None:
+def _admitted(
+    sealed: str | Path, log: Path, opened: _Opened, registered: Registration | None
+) -> dict[str, Any] | None:
     """Find the line of the recipe in the register, or refuse the look; None where no register is asked for."""
     bound = opened.book
     if registered is None:
         if bound is not None:
-            raise ValueError(f"{sealed} was sealed with a register: it is scored with --recipe and --book only")
+            raise ValueError(
+                f"{sealed} was sealed with a register: it is scored with --recipe and --book only"
+            )
         return None
     book = parts_of(registered.book)[0]
     lines = read_book(registered.book)
     if bound is not None:
         if bound["line"] not in {line["hash"] for line in lines}:
-            raise ValueError(f"book must be the register that {sealed} was sealed with, unaltered, got {book}")
-        require_truth(book, bound["truth"], opened.lanes, {"halo": opened.rules["halo"]}, planned=True)
+            raise ValueError(
+                f"book must be the register that {sealed} was sealed with, unaltered, got {book}"
+            )
+        require_truth(
+            book, bound["truth"], opened.lanes, {"halo": opened.rules["halo"]}, planned=True
+        )
     line = require_registered(book, registered.recipe, registered.model)
     looks = _looks(opened.identity, read_register(log))
-    entered = {one["look"] for one in lines if one.get("sealed") == opened.identity and "look" in one}
+    entered = {
+        one["look"] for one in lines if one.get("sealed") == opened.identity and "look" in one
+    }
     if not entered <= {look["hash"] for look in looks}:
-        raise ValueError(f"log of {sealed} must have every look that {book} has, got one without them")
+        raise ValueError(
+            f"log of {sealed} must have every look that {book} has, got one without them"
+        )
     if looks and datetime.fromisoformat(line["time"]) >= datetime.fromisoformat(looks[0]["time"]):
-        raise ValueError(f"recipe must be registered before the first look at {sealed}, got it at {line['time']}")
+        raise ValueError(
+            f"recipe must be registered before the first look at {sealed}, got it at {line['time']}"
+        )
     return line
 
 
@@ -400,7 +441,17 @@ def _found_from(matched: Match, area: Any) -> pd.DataFrame:
 def _points(matched: Match, level: Chance, name: str, subset: Any, area: Any) -> pd.DataFrame:
     curve = level.beside(roc_of(matched, subset, area=area), subset)
     rows = curve.iloc[operating_row(curve, np.array(FAR_GRID))].reset_index(drop=True)
-    columns = ["far", "far_low", "far_high", "pd", "pd_low", "pd_high", "n_detected", "n_targets", "n_false"]
+    columns = [
+        "far",
+        "far_low",
+        "far_high",
+        "pd",
+        "pd_low",
+        "pd_high",
+        "n_detected",
+        "n_targets",
+        "n_false",
+    ]
     # More digits of the chance level could be held against guesses of where targets stand.
     rows = rows[[*columns, "chance"]].round({"chance": 2}).assign(group=name, far_allowed=FAR_GRID)
     rows.attrs = {}
@@ -417,7 +468,9 @@ def _cipher(passphrase: str, header: Mapping[str, Any]) -> Any:
         from cryptography.hazmat.primitives.ciphers.aead import AESGCM
         from cryptography.hazmat.primitives.kdf.scrypt import Scrypt
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError('sealed truth needs the library cryptography: pip install "flgpr[seal]"') from error
+        raise ModuleNotFoundError(
+            'sealed truth needs the library cryptography: pip install "flgpr[seal]"'
+        ) from error
     scrypt = header["scrypt"]
     salt = base64.b64decode(scrypt["salt"])
     key = Scrypt(salt=salt, length=32, n=scrypt["n"], r=8, p=1).derive(passphrase.encode())

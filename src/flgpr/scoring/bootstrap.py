@@ -36,8 +36,12 @@ class Design:
     target_cluster: IntArray
     target_lane: IntArray
     block_lane: IntArray  #: (block,) lane of every block
-    block_area: FloatArray  #: (block,) area of every block outside the halos, m², in proportion to ``area``
-    block_y: tuple[tuple[int, float, float], ...]  #: first block, start (m) and length (m) of the blocks of each lane
+    block_area: (
+        FloatArray  #: (block,) area of every block outside the halos, m², in proportion to ``area``
+    )
+    block_y: tuple[
+        tuple[int, float, float], ...
+    ]  #: first block, start (m) and length (m) of the blocks of each lane
     area: float  #: area that the FAR of the whole list refers to, m²
 
     def draw(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
@@ -54,12 +58,15 @@ class Design:
 class Scores:
     """What a detector's alarms amount to: scores of the targets, false alarms in falling order."""
 
-    target: FloatArray  #: (target,) confidence of each chosen target's best alarm, -inf where there is none
+    # : (target,) confidence of each chosen target's best alarm, -inf where there is none
+    target: FloatArray
     false: FloatArray  #: (false,) confidences of the false alarms, falling
     block: IntArray  #: (false,) block each of them lies in
     above: IntArray  #: (target,) number of false alarms at or above each target's score
 
-    def pd_at(self, far: FloatArray, target: FloatArray, block: FloatArray, area: float) -> FloatArray:
+    def pd_at(
+        self, far: FloatArray, target: FloatArray, block: FloatArray, area: float
+    ) -> FloatArray:
         """Read weighted Pd at allowed false alarm rates."""
         rate = np.cumsum(block[self.block]) / area
         first = np.searchsorted(rate, far, side="right")
@@ -71,7 +78,9 @@ class Scores:
     def shares(self, far_max: float, block: FloatArray, area: float) -> FloatArray:
         """Compute what each target adds to PD_mean: 1 - FAR/far_max at which it is found, at least 0."""
         rate = np.append(0.0, np.cumsum(block[self.block])) / area
-        return np.where(np.isneginf(self.target), 0.0, np.maximum(0.0, 1 - rate[self.above] / far_max))
+        return np.where(
+            np.isneginf(self.target), 0.0, np.maximum(0.0, 1 - rate[self.above] / far_max)
+        )
 
 
 def band(
@@ -89,10 +98,10 @@ def band(
 ) -> pd.DataFrame:
     """Compute a simultaneous confidence band of Pd over FAR by bootstrap, clustered by target and lane.
 
-    The band is Pd ± c·s: s is the standard deviation of the resampled curves, not less than the binomial one with two
-    successes and two failures added (resampling sees no spread where all targets are found), and c the level's
-    quantile of the largest standardised deviation over the whole grid, not less than the normal one. See the docs for
-    its measured coverage.
+    The band is Pd ± c·s: s is the standard deviation of the resampled curves, not less than the
+    binomial one with two successes and two failures added (resampling sees no spread where all
+    targets are found), and c the level's quantile of the largest standardised deviation over the
+    whole grid, not less than the normal one. See the docs for its measured coverage.
 
     Parameters
     ----------
@@ -107,19 +116,24 @@ def band(
     block : float
         Length of the blocks of lane whose false alarms are drawn together, m.
     cluster : str, optional
-        Column of truth that names the mine where several rows show the same one; by default each row is its own.
+        Column of truth that names the mine where several rows show the same one; by default each
+        row is its own.
 
     Returns
     -------
     DataFrame
         ``far``, ``pd``, ``pd_low``, ``pd_high``.
     """
-    grid = np.linspace(0, 0.1, 51) if far is None else np.atleast_1d(np.asarray(far, dtype=np.float64))
+    grid = (
+        np.linspace(0, 0.1, 51) if far is None else np.atleast_1d(np.asarray(far, dtype=np.float64))
+    )
     if grid.ndim != 1 or not (grid >= 0).all():
         raise ValueError(f"far must be rates of at least 0, got {grid}")
     if not 0 < level < 1:
         raise ValueError(f"level must lie between 0 and 1, got {level}")
-    design = make_design(matched, subset, block=block, cluster=cluster, area=area, frame_area=frame_area)
+    design = make_design(
+        matched, subset, block=block, cluster=cluster, area=area, frame_area=frame_area
+    )
     scores = make_scores(matched, design, subset)
     ones = np.ones(len(scores.target)), np.ones(len(design.block_lane))
     centre = scores.pd_at(grid, *ones, design.area)
@@ -128,9 +142,11 @@ def band(
     shrunk = (centre * n + 2) / (n + 4)
     spread = np.maximum(curves.std(axis=0, ddof=1), np.sqrt(shrunk * (1 - shrunk) / (n + 4)))
     factor = max(
-        float(np.quantile((np.abs(curves - centre) / spread).max(axis=1), level)), float(special.ndtri((1 + level) / 2))
+        float(np.quantile((np.abs(curves - centre) / spread).max(axis=1), level)),
+        float(special.ndtri((1 + level) / 2)),
     )
-    # Pd rises with FAR, so a bound that dips or juts may be drawn level without losing a curve that was inside.
+    # Pd rises with FAR, so a bound that dips or juts may be drawn level without losing a curve that
+    # was inside.
     low = np.maximum.accumulate(np.clip(centre - factor * spread, 0, 1))
     high = np.minimum.accumulate(np.clip(centre + factor * spread, 0, 1)[::-1])[::-1]
     result = pd.DataFrame({"far": grid, "pd": centre, "pd_low": low, "pd_high": high})
@@ -162,7 +178,9 @@ def pd_mean_interval(
 
     The average goes up to ``far_max``, per m²; the other parameters are those of :func:`band`.
     """
-    design = make_design(matched, subset, block=block, cluster=cluster, area=area, frame_area=frame_area)
+    design = make_design(
+        matched, subset, block=block, cluster=cluster, area=area, frame_area=frame_area
+    )
     scores = make_scores(matched, design, subset)
     means = [
         (target * scores.shares(far_max, weight, drawn)).sum() / target.sum()
@@ -207,7 +225,9 @@ def make_design(
     names = matched.truth.loc[chosen, cluster] if cluster is not None else np.arange(chosen.sum())
     codes, unique = pd.factorize(np.asarray(names))
     if (codes < 0).any():
-        raise ValueError(f"cluster must name a mine in every row, got {int((codes < 0).sum())} rows without {cluster}")
+        raise ValueError(
+            f"cluster must name a mine in every row, got {int((codes < 0).sum())} rows without {cluster}"
+        )
     points = matched.truth[["x", "y"]].to_numpy()
     layout: list[tuple[int, float, float]] = []
     areas: list[float] = []
@@ -239,7 +259,9 @@ def make_scores(matched: Match, design: Design, subset: Subset = None) -> Scores
     lane = matched.alarm_lane[row]
     y = matched.alarms["y"].to_numpy()[row]
     first, start, length = (np.array(column)[lane] for column in zip(*design.block_y, strict=True))
-    block = np.minimum(first + np.floor((y - start) / length).astype(np.int64), _last_block(design, lane))
+    block = np.minimum(
+        first + np.floor((y - start) / length).astype(np.int64), _last_block(design, lane)
+    )
     above = np.searchsorted(-false, -target, side="right")
     return Scores(target, false, block.astype(np.int64), above.astype(np.int64))
 
@@ -267,7 +289,8 @@ class Draw:
     """Lanes, targets and stretches of lane drawn anew: how often each counts."""
 
     target: FloatArray  #: (target,)
-    alarm: FloatArray  #: (alarm,) as often as the target that it hits or the stretch of lane that it stands on
+    # : (alarm,) as often as the target that it hits or the stretch of lane that it stands on
+    alarm: FloatArray
     area: float  #: that the false alarms stand on, m²
 
 
@@ -277,7 +300,13 @@ class Rescorer:
     ``reference`` are the alarms, with any confidences; ``area`` is the rule of FAR's area where nothing is drawn.
     """
 
-    def __init__(self, reference: Match, subset: Subset = None, far_max: float = 0.1, area: AreaRule = "union") -> None:
+    def __init__(
+        self,
+        reference: Match,
+        subset: Subset = None,
+        far_max: float = 0.1,
+        area: AreaRule = "union",
+    ) -> None:
         chosen = select_targets(reference.truth, subset)
         number = np.where(chosen, np.cumsum(chosen) - 1, -1)[reference.pair_target]
         self._alarm = reference.pair_alarm[number >= 0]
@@ -292,18 +321,26 @@ class Rescorer:
         scores, target, weight, area = self._scores(confidence, draw)
         return float(scores.shares(self._far_max, weight, area) @ target / target.sum())
 
-    def pd_at(self, confidence: FloatArray, far: FloatArray, draw: Draw | None = None) -> FloatArray:
+    def pd_at(
+        self, confidence: FloatArray, far: FloatArray, draw: Draw | None = None
+    ) -> FloatArray:
         """Give Pd at allowed false alarm rates, per m²; NaN in a draw without any of the targets."""
         scores, target, weight, area = self._scores(confidence, draw)
-        return scores.pd_at(far, target, weight, area) if target.any() else np.full(len(far), np.nan)
+        return (
+            scores.pd_at(far, target, weight, area) if target.any() else np.full(len(far), np.nan)
+        )
 
-    def _scores(self, confidence: FloatArray, draw: Draw | None) -> tuple[Scores, FloatArray, FloatArray, float]:
+    def _scores(
+        self, confidence: FloatArray, draw: Draw | None
+    ) -> tuple[Scores, FloatArray, FloatArray, float]:
         """Scores with every false alarm a block of its own, the weights of targets and false alarms, and the area."""
         best = np.full(len(self._targets), -np.inf)
         np.maximum.at(best, self._pair, confidence[self._alarm])
         row = self._false[np.argsort(-confidence[self._false], kind="stable")]
         false = confidence[row]
-        scores = Scores(best, false, np.arange(row.size), np.searchsorted(-false, -best, side="right"))
+        scores = Scores(
+            best, false, np.arange(row.size), np.searchsorted(-false, -best, side="right")
+        )
         if draw is None:
             return scores, np.ones(best.size), np.ones(row.size), self.area
         return scores, draw.target[self._targets], draw.alarm[row], draw.area

@@ -29,15 +29,16 @@ def box_roc(
 ) -> pd.DataFrame:
     """Compute the ROC of a detector image from its peaks in boxes (Cosgrove et al. 2004, Sec. IV-B).
 
-    H1 is the peak in the box around every target of the subset, H0 the peak in every box of a tiling of the lane that
-    keeps off all known targets. Its FAR is the fraction of H0 boxes at or above the threshold over the area of a box.
-    It saturates at one per box and is no count of alarms.
+    H1 is the peak in the box around every target of the subset, H0 the peak in every box of a
+    tiling of the lane that keeps off all known targets. Its FAR is the fraction of H0 boxes at or
+    above the threshold over the area of a box. It saturates at one per box and is no count of
+    alarms.
 
     Parameters
     ----------
     image : (y, x) or (look, y, x) array_like
-        Detector output, higher means more like a mine; NaN where nothing was imaged. Looks of the same mine count as
-        distinct samples, as in the paper.
+        Detector output, higher means more like a mine; NaN where nothing was imaged. Looks of the
+        same mine count as distinct samples, as in the paper.
     x, y : (x,), (y,) array_like
         Pixel centres in the lane frame, m, rising.
     truth, lane, subset
@@ -50,8 +51,8 @@ def box_roc(
     Returns
     -------
     DataFrame
-        As of :func:`flgpr.scoring.roc`; ``n_targets`` is the number of H1 peaks, ``n_false`` that of H0 boxes at or
-        above the threshold, ``area`` that of all H0 boxes.
+        As of :func:`flgpr.scoring.roc`; ``n_targets`` is the number of H1 peaks, ``n_false`` that
+        of H0 boxes at or above the threshold, ``area`` that of all H0 boxes.
     """
     truth = check_truth(truth)
     one = as_lane(lane)
@@ -63,11 +64,13 @@ def box_roc(
     return peak_roc(peaks, clutter, box**2, level)
 
 
-def peak_roc(target_peaks: ArrayLike, clutter_peaks: ArrayLike, box_area: float, level: float = 0.95) -> pd.DataFrame:
+def peak_roc(
+    target_peaks: ArrayLike, clutter_peaks: ArrayLike, box_area: float, level: float = 0.95
+) -> pd.DataFrame:
     """Compute the ROC of peaks under H1 and H0, e.g. pooled over lanes; see :func:`box_roc`.
 
-    Peaks that are NaN, of boxes that were not imaged, are left out; at least one must be left under H0. The area of a
-    box is in m².
+    Peaks that are NaN, of boxes that were not imaged, are left out; at least one must be left under
+    H0. The area of a box is in m².
 
     Examples
     --------
@@ -85,7 +88,9 @@ def peak_roc(target_peaks: ArrayLike, clutter_peaks: ArrayLike, box_area: float,
     """
     if not (math.isfinite(box_area) and box_area > 0):
         raise ValueError(f"box_area must be positive, got {box_area}")
-    at, off = (np.asarray(peaks, dtype=np.float64).ravel() for peaks in (target_peaks, clutter_peaks))
+    at, off = (
+        np.asarray(peaks, dtype=np.float64).ravel() for peaks in (target_peaks, clutter_peaks)
+    )
     unseen = int(np.isnan(at).sum())
     at = at[~np.isnan(at)]
     off = off[~np.isnan(off)]
@@ -93,13 +98,22 @@ def peak_roc(target_peaks: ArrayLike, clutter_peaks: ArrayLike, box_area: float,
         raise ValueError("clutter_peaks must hold at least one imaged box, got none")
     thresholds = np.append(np.inf, np.unique(np.concatenate([at, off]))[::-1])
     n_false = count_at(thresholds, off)
-    attrs = {**describe("box"), "box_area": float(box_area), "n_boxes": len(off), "n_not_imaged": unseen}
-    curve = make_curve(thresholds, count_at(thresholds, at), n_false, len(at), len(off) * box_area, attrs, level)
+    attrs = {
+        **describe("box"),
+        "box_area": float(box_area),
+        "n_boxes": len(off),
+        "n_not_imaged": unseen,
+    }
+    curve = make_curve(
+        thresholds, count_at(thresholds, at), n_false, len(at), len(off) * box_area, attrs, level
+    )
     low, high = clopper_pearson(n_false, len(off), level)
     return curve.assign(far_low=low / box_area, far_high=high / box_area)
 
 
-def box_peaks(image: ArrayLike, x: ArrayLike, y: ArrayLike, centre: ArrayLike, box: float = 1.0) -> FloatArray:
+def box_peaks(
+    image: ArrayLike, x: ArrayLike, y: ArrayLike, centre: ArrayLike, box: float = 1.0
+) -> FloatArray:
     """Find the peak of an image in boxes, as (look, box); NaN for a box without an imaged pixel.
 
     A box of side ``box`` about a ``centre`` (box, 2), m, holds the pixel centres from its lower border up to below its
@@ -109,7 +123,9 @@ def box_peaks(image: ArrayLike, x: ArrayLike, y: ArrayLike, centre: ArrayLike, b
     across = np.asarray(x, dtype=np.float64)
     along = np.asarray(y, dtype=np.float64)
     if values.ndim not in (2, 3) or values.shape[-2:] != (along.size, across.size):
-        raise ValueError(f"image must have the shape ([look,] {along.size}, {across.size}), got {values.shape}")
+        raise ValueError(
+            f"image must have the shape ([look,] {along.size}, {across.size}), got {values.shape}"
+        )
     if (np.diff(across) <= 0).any() or (np.diff(along) <= 0).any():
         raise ValueError("x and y must rise strictly")
     if not (math.isfinite(box) and box > 0):
@@ -127,7 +143,9 @@ def box_peaks(image: ArrayLike, x: ArrayLike, y: ArrayLike, centre: ArrayLike, b
     return np.where(np.isneginf(peaks), np.nan, peaks)
 
 
-def offset_boxes(targets: ArrayLike, lane: LaneLike, box: float = 1.0, clearance: float = 0.0) -> FloatArray:
+def offset_boxes(
+    targets: ArrayLike, lane: LaneLike, box: float = 1.0, clearance: float = 0.0
+) -> FloatArray:
     """Tile a lane with boxes from its lower left corner and keep those off the boxes of all targets.
 
     Targets (target, 2), the side of a box and the clearance to a target's box are in m, and so are the centres (box, 2)
@@ -135,10 +153,14 @@ def offset_boxes(targets: ArrayLike, lane: LaneLike, box: float = 1.0, clearance
     """
     one = as_lane(lane)
     if not (math.isfinite(box) and box > 0 and clearance >= 0):
-        raise ValueError(f"box must be positive and clearance not negative, got {box} m and {clearance} m")
+        raise ValueError(
+            f"box must be positive and clearance not negative, got {box} m and {clearance} m"
+        )
     columns = int((one.x_max - one.x_min) / box + 1e-9)
     rows = int((one.y_max - one.y_min) / box + 1e-9)
-    x, y = np.meshgrid(one.x_min + box * (np.arange(columns) + 0.5), one.y_min + box * (np.arange(rows) + 0.5))
+    x, y = np.meshgrid(
+        one.x_min + box * (np.arange(columns) + 0.5), one.y_min + box * (np.arange(rows) + 0.5)
+    )
     centres = np.stack([x.ravel(), y.ravel()], axis=1)
     points = np.asarray(targets, dtype=np.float64).reshape(-1, 2)
     apart = np.abs(centres[:, None, :] - points[None, :, :]).max(axis=-1, initial=0.0)
@@ -156,7 +178,8 @@ def example_roc(
 ) -> pd.DataFrame:
     """Compute the ROC of held-out scores of examples, false alarms over the area that was searched.
 
-    Every example that passed the prescreener counts by itself, whether or not another shows the same mine.
+    Every example that passed the prescreener counts by itself, whether or not another shows the
+    same mine.
 
     Parameters
     ----------
@@ -169,8 +192,8 @@ def example_roc(
     n_targets : int, optional
         Number of target examples with those that a prescreener lost; by default none was lost.
     repeats : int
-        How often each clutter example occurs, e.g. once for each held-out mine with a one-class detector
-        (flsar2004, par. 52); the false alarms are divided by it.
+        How often each clutter example occurs, e.g. once for each held-out mine with a one-class
+        detector (flsar2004, par. 52); the false alarms are divided by it.
     level : float
         Level of the exact intervals of each row.
 
@@ -182,8 +205,8 @@ def example_roc(
     Raises
     ------
     ValueError
-        If shapes differ, a score is not finite, ``n_targets`` is less than the target examples, or ``repeats`` does
-        not divide the number of clutter examples.
+        If shapes differ, a score is not finite, ``n_targets`` is less than the target examples, or
+        ``repeats`` does not divide the number of clutter examples.
 
     Examples
     --------
@@ -200,22 +223,35 @@ def example_roc(
     scores = np.asarray(score, dtype=np.float64)
     mine = np.asarray(is_target)
     if scores.ndim != 1 or mine.shape != scores.shape:
-        raise ValueError(f"score and is_target must be of one length, got shapes {scores.shape} and {mine.shape}")
+        raise ValueError(
+            f"score and is_target must be of one length, got shapes {scores.shape} and {mine.shape}"
+        )
     if not np.isin(mine, (0, 1)).all():
         raise ValueError(f"is_target must hold truth values, got {np.unique(mine)[:4]}")
     if not np.isfinite(scores).all():
-        raise ValueError(f"score must be finite, got {int((~np.isfinite(scores)).sum())} values that are not")
+        raise ValueError(
+            f"score must be finite, got {int((~np.isfinite(scores)).sum())} values that are not"
+        )
     mine = mine.astype(bool)
     found = int(mine.sum())
     total = found if n_targets is None else int(n_targets)
     if total < found:
         raise ValueError(f"n_targets must be at least the {found} target examples, got {n_targets}")
     if repeats < 1 or (len(scores) - found) % repeats:
-        raise ValueError(f"repeats must divide the {len(scores) - found} clutter examples, got {repeats}")
+        raise ValueError(
+            f"repeats must divide the {len(scores) - found} clutter examples, got {repeats}"
+        )
     if not (math.isfinite(area) and area > 0):
         raise ValueError(f"area must be positive, got {area}")
     thresholds = np.append(np.inf, np.unique(scores)[::-1])
     n_false = count_at(thresholds, scores[~mine])
-    attrs = {**describe("examples"), "n_examples": len(scores), "n_prescreened": found, "repeats": int(repeats)}
+    attrs = {
+        **describe("examples"),
+        "n_examples": len(scores),
+        "n_prescreened": found,
+        "repeats": int(repeats),
+    }
     counted = n_false if repeats == 1 else n_false / repeats
-    return make_curve(thresholds, count_at(thresholds, scores[mine]), counted, total, area, attrs, level)
+    return make_curve(
+        thresholds, count_at(thresholds, scores[mine]), counted, total, area, attrs, level
+    )

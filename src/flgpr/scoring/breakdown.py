@@ -31,7 +31,8 @@ def pd_table(
 ) -> pd.DataFrame:
     """Tabulate Pd by properties of the targets, all at the one threshold that keeps the FAR of the whole list.
 
-    The groups add up to the whole: an alarm in the halos of two targets finds both, whichever groups they belong to.
+    The groups add up to the whole: an alarm in the halos of two targets finds both, whichever
+    groups they belong to.
 
     Parameters
     ----------
@@ -42,7 +43,8 @@ def pd_table(
     by : sequence of str
         Columns of truth to group by; "soil" is left out where truth does not have it.
     depth_edges : sequence of float, optional
-        Borders of depth classes, m; a depth on a border belongs to the deeper class. ``None`` takes depths as they are.
+        Borders of depth classes, m; a depth on a border belongs to the deeper class. ``None`` takes
+        depths as they are.
     level : float
         Level of the Clopper-Pearson intervals.
     chance : Chance, optional
@@ -51,9 +53,9 @@ def pd_table(
     Returns
     -------
     DataFrame
-        One row per combination that occurs: the columns of ``by``, ``n_targets``, ``n_detected``, ``pd``, ``pd_low``,
-        ``pd_high`` and, with a chance level, ``chance``, the Pd it gives; ``attrs`` hold ``threshold`` and ``far``, the
-        one reached.
+        One row per combination that occurs: the columns of ``by``, ``n_targets``, ``n_detected``,
+        ``pd``, ``pd_low``, ``pd_high`` and, with a chance level, ``chance``, the Pd it gives;
+        ``attrs`` hold ``threshold`` and ``far``, the one reached.
     """
     curve = roc_of(matched, area=area, frame_area=frame_area, level=level)
     row = int(operating_row(curve, far))
@@ -70,10 +72,19 @@ def pd_table(
     low, high = clopper_pearson(result["n_detected"], result["n_targets"], level)
     result = result.assign(pd=result["n_detected"] / result["n_targets"], pd_low=low, pd_high=high)
     if chance is not None:
-        moved = table.assign(clear=(~np.isnan(chance.best)).sum(axis=1), struck=(chance.best >= threshold).sum(axis=1))
-        sums = moved.groupby(names, sort=True, dropna=False, observed=True)[["clear", "struck"]].sum()
+        moved = table.assign(
+            clear=(~np.isnan(chance.best)).sum(axis=1),
+            struck=(chance.best >= threshold).sum(axis=1),
+        )
+        sums = moved.groupby(names, sort=True, dropna=False, observed=True)[
+            ["clear", "struck"]
+        ].sum()
         result["chance"] = (sums["struck"] / sums["clear"]).to_numpy()
-    result.attrs = {"threshold": threshold, "far": float(curve["far"].iloc[row]), "far_allowed": float(far)}
+    result.attrs = {
+        "threshold": threshold,
+        "far": float(curve["far"].iloc[row]),
+        "far_allowed": float(far),
+    }
     return result
 
 
@@ -104,15 +115,17 @@ def decision_curves(
     Parameters
     ----------
     sightings : DataFrame
-        One row per alarm and scan that saw it: an alarm table with the column ``ahead``, the down-track distance from
-        the radar to the alarm in that scan, m. Rows that share ``alarm_id`` (and ``lane``) are one alarm; without that
-        column each row is an alarm of its own.
+        One row per alarm and scan that saw it: an alarm table with the column ``ahead``, the
+        down-track distance from the radar to the alarm in that scan, m. Rows that share
+        ``alarm_id`` (and ``lane``) are one alarm; without that column each row is an alarm of its
+        own.
     truth, lane, options
         As for :func:`flgpr.scoring.roc`.
     distances : sequence of float
         Decision distances, m.
     combine : {"max", "mean"}
-        How the confidences of one alarm's scans become one; its place is that of its most confident scan.
+        How the confidences of one alarm's scans become one; its place is that of its most confident
+        scan.
 
     Returns
     -------
@@ -121,13 +134,21 @@ def decision_curves(
     """
     one_of("combine", combine, ("max", "mean"))
     table = check_alarms(sightings.drop(columns="alarm_id", errors="ignore"))
-    if "ahead" not in table.columns or not np.isfinite(pd.to_numeric(table["ahead"], errors="coerce")).all():
-        raise ValueError("sightings must have the column ahead, finite, m: the distance from the radar in that scan")
+    if (
+        "ahead" not in table.columns
+        or not np.isfinite(pd.to_numeric(table["ahead"], errors="coerce")).all()
+    ):
+        raise ValueError(
+            "sightings must have the column ahead, finite, m: the distance from the radar in that scan"
+        )
     if "alarm_id" in sightings.columns:
-        # A row without a name is an alarm of its own; its number cannot be taken for a name, which is text.
+        # A row without a name is an alarm of its own; its number cannot be taken for a name, which
+        # is text.
         table["alarm_id"] = [
             row if missing else str(name)
-            for row, (name, missing) in enumerate(zip(sightings["alarm_id"], sightings["alarm_id"].isna(), strict=True))
+            for row, (name, missing) in enumerate(
+                zip(sightings["alarm_id"], sightings["alarm_id"].isna(), strict=True)
+            )
         ]
     keys = [name for name in ("lane", "alarm_id") if name in table.columns]
     curves = {}
@@ -144,7 +165,9 @@ def decision_curves(
     return curves
 
 
-def decision_table(curves: Mapping[float, pd.DataFrame], far: float = 0.01, far_max: float = 0.1) -> pd.DataFrame:
+def decision_table(
+    curves: Mapping[float, pd.DataFrame], far: float = 0.01, far_max: float = 0.1
+) -> pd.DataFrame:
     """Summarise what :func:`decision_curves` gives at the allowed ``far``, per m²: one row per distance.
 
     Its columns are ``distance`` (m), ``threshold``, ``pd``, ``pd_low``, ``pd_high``, ``far``, the one reached,
@@ -154,5 +177,11 @@ def decision_table(curves: Mapping[float, pd.DataFrame], far: float = 0.01, far_
     for distance, curve in curves.items():
         point = curve.iloc[int(operating_row(curve, far))]
         columns = ("threshold", "pd", "pd_low", "pd_high", "far", "n_detected", "n_targets")
-        rows.append({"distance": distance, **point[list(columns)].to_dict(), "pd_mean": pd_mean(curve, far_max)})
+        rows.append(
+            {
+                "distance": distance,
+                **point[list(columns)].to_dict(),
+                "pd_mean": pd_mean(curve, far_max),
+            }
+        )
     return pd.DataFrame(rows).astype({"n_detected": int, "n_targets": int})

@@ -78,12 +78,16 @@ def chance(matched: Match, shifts: int = SHIFTS, seed: int = 0) -> Chance:
         raise ValueError(f"shifts must be at least 1, got {shifts}")
     parts = (np.arange(shifts) + np.random.default_rng(seed).random(shifts)) / shifts
     best = np.full((len(matched.truth), shifts), np.nan)
-    targets, alarms = (table[["x", "y"]].to_numpy(dtype=float) for table in (matched.truth, matched.alarms))
+    targets, alarms = (
+        table[["x", "y"]].to_numpy(dtype=float) for table in (matched.truth, matched.alarms)
+    )
     for number, lane in enumerate(matched.lanes.values()):
         own = np.flatnonzero(matched.target_lane == number)
         free = np.flatnonzero((matched.alarm_lane == number) & ~matched.in_halo)
         if len(own):
-            best[own] = _best_moved(targets[own], alarms[free], matched.confidence[free], lane, matched.halo, parts)
+            best[own] = _best_moved(
+                targets[own], alarms[free], matched.confidence[free], lane, matched.halo, parts
+            )
     return Chance(matched.truth, best)
 
 
@@ -107,7 +111,12 @@ def random_pd(far: Any, halo: float) -> Any:
 
 
 def _best_moved(
-    targets: FloatArray, alarms: FloatArray, confidence: FloatArray, lane: Lane, halo: float, parts: FloatArray
+    targets: FloatArray,
+    alarms: FloatArray,
+    confidence: FloatArray,
+    lane: Lane,
+    halo: float,
+    parts: FloatArray,
 ) -> FloatArray:
     """Find the highest confidence in each target's halo after each shift, given in parts of the lane's length."""
     length = lane.y_max - lane.y_min
@@ -130,6 +139,10 @@ def _closed(points: FloatArray, lane: Lane, reach: float) -> tuple[FloatArray, N
     """Repeat points near either end of a lane beyond the other; tells which row each of them was."""
     length = lane.y_max - lane.y_min
     copies = [points, points + [0, length], points - [0, length]]
-    near = [np.abs(one[:, 1] - (lane.y_min + lane.y_max) / 2) <= length / 2 + reach for one in copies]
+    near = [
+        np.abs(one[:, 1] - (lane.y_min + lane.y_max) / 2) <= length / 2 + reach for one in copies
+    ]
     rows = [np.flatnonzero(one) for one in near]
-    return np.concatenate([one[row] for one, row in zip(copies, rows, strict=True)]), np.concatenate(rows)
+    return np.concatenate(
+        [one[row] for one, row in zip(copies, rows, strict=True)]
+    ), np.concatenate(rows)

@@ -22,7 +22,18 @@ from flgpr.scoring.matching import Match, Subset, select_targets
 
 _ENUMERATED = 20  # signs; a million sums
 _FLIPS = 100_000
-_POINT = ("far", "far_low", "far_high", "pd", "pd_low", "pd_high", "n_detected", "n_targets", "n_false", "chance")
+_POINT = (
+    "far",
+    "far_low",
+    "far_high",
+    "pd",
+    "pd_low",
+    "pd_high",
+    "n_detected",
+    "n_targets",
+    "n_false",
+    "chance",
+)
 
 
 @dataclass(frozen=True)
@@ -38,7 +49,9 @@ class Comparison:
     high: float
     #: two-sided p of the sign-flip test on what each mine adds to PD_mean; the false alarms are taken as given
     p_value: float
-    enumerated: bool  #: whether all signs were tried; otherwise 100,000 random ones, with the p that stays valid then
+    # : whether all signs were tried; otherwise 100,000 random ones, with the p that stays valid
+    # then
+    enumerated: bool
     far: float  #: operating point of the test on detections, per m²
     #: only_a, only_b: mines found there by one alone, or in more passes than by the other
     only_a: int
@@ -95,7 +108,9 @@ def compare(
         As for :func:`flgpr.scoring.band`.
     """
     _check_pair(first, second)
-    design = make_design(first, subset, block=block, cluster=cluster, area=area, frame_area=frame_area)
+    design = make_design(
+        first, subset, block=block, cluster=cluster, area=area, frame_area=frame_area
+    )
     a = make_scores(first, design, subset)
     b = make_scores(second, design, subset)
     ones = np.ones(len(design.block_lane))
@@ -112,7 +127,8 @@ def compare(
     by_mine = np.bincount(design.target_cluster, weights=share_a - share_b)
     p_value, enumerated = sign_flip_test(by_mine, seed)
     found_a, found_b = (~np.isneginf(s.target) & (s.above / design.area <= far) for s in (a, b))
-    # Looks at one mine are no independent trials: a mine counts once, for the detector that finds it more often.
+    # Looks at one mine are no independent trials: a mine counts once, for the detector that finds
+    # it more often.
     lead = np.bincount(design.target_cluster, weights=found_a.astype(float) - found_b.astype(float))
     only_a = int((lead > 0).sum())
     only_b = int((lead < 0).sum())
@@ -124,15 +140,19 @@ def compare(
     )  # fmt: skip
 
 
-def _pd_mean_by_chance(matched: Match, subset: Subset, far_max: float, seed: int, **area: Any) -> float:
-    return pd_mean_by_chance(chance(matched, seed=seed).beside(roc_of(matched, subset, **area), subset), far_max)
+def _pd_mean_by_chance(
+    matched: Match, subset: Subset, far_max: float, seed: int, **area: Any
+) -> float:
+    return pd_mean_by_chance(
+        chance(matched, seed=seed).beside(roc_of(matched, subset, **area), subset), far_max
+    )
 
 
 def sign_flip_test(differences: ArrayLike, seed: int = 0) -> tuple[float, bool]:
     """Test whether paired differences, one per mine, are symmetric about zero, by flipping their signs.
 
-    It gives the two-sided p and whether all signs were tried; for more than 20 differences that are not zero, signs are
-    drawn with the seed.
+    It gives the two-sided p and whether all signs were tried; for more than 20 differences that are
+    not zero, signs are drawn with the seed.
 
     Examples
     --------
@@ -173,11 +193,13 @@ def mcnemar_test(only_a: int, only_b: int) -> float:
     return float(scipy.stats.binomtest(only_a, total).pvalue) if total else 1.0
 
 
-def paired_interval(only_a: int, only_b: int, n_targets: int, level: float = 0.95) -> tuple[float, float]:
+def paired_interval(
+    only_a: int, only_b: int, n_targets: int, level: float = 0.95
+) -> tuple[float, float]:
     """Compute an interval of the difference of two detectors' Pd on the same targets, by Tango's score test.
 
-    It is that of Tango (1998, Statistics in Medicine 17, 891), which holds for few targets, too, and does not shrink to
-    a point where both find the same.
+    It is that of Tango (1998, Statistics in Medicine 17, 891), which holds for few targets, too,
+    and does not shrink to a point where both find the same.
 
     Examples
     --------
@@ -187,13 +209,18 @@ def paired_interval(only_a: int, only_b: int, n_targets: int, level: float = 0.9
     [0.014, 0.339]
     """
     if not 0 < n_targets >= only_a + only_b or min(only_a, only_b) < 0:
-        raise ValueError(f"only_a and only_b must be counts among n_targets, got {only_a}, {only_b} of {n_targets}")
+        raise ValueError(
+            f"only_a and only_b must be counts among n_targets, got {only_a}, {only_b} of {n_targets}"
+        )
     z = float(scipy.stats.norm.ppf((1 + level) / 2))
     return _lower_end(only_a, only_b, n_targets, z), -_lower_end(only_b, only_a, n_targets, z)
 
 
 def side_by_side(
-    matches: Mapping[str, Match], fars: Sequence[float], rules: Rules | None = None, means: bool = True
+    matches: Mapping[str, Match],
+    fars: Sequence[float],
+    rules: Rules | None = None,
+    means: bool = True,
 ) -> SideBySide:
     """Set detectors side by side, two or more, at allowed FARs, per m².
 
@@ -204,7 +231,9 @@ def side_by_side(
     if len(matches) < 2:
         raise ValueError(f"matches must be two or more to be compared, got {len(matches)}")
     if not all(len(one.truth) for one in matches.values()):
-        raise ValueError("truth must have at least one target for detectors to be compared, got none")
+        raise ValueError(
+            "truth must have at least one target for detectors to be compared, got none"
+        )
     how: dict[str, Any] = {"area": rules.area, "level": rules.level}
     options: dict[str, Any] = {"far_max": rules.far_max, "draws": rules.draws, "seed": rules.seed}
     points = []
@@ -225,7 +254,16 @@ def side_by_side(
         pairs += [who | row for row in _paired_points(first, second, fars, rules)]
         if means:
             found = compare(first, second, **how, **options)
-            told = ("pd_mean_a", "chance_a", "pd_mean_b", "chance_b", "difference", "low", "high", "p_value")
+            told = (
+                "pd_mean_a",
+                "chance_a",
+                "pd_mean_b",
+                "chance_b",
+                "difference",
+                "low",
+                "high",
+                "p_value",
+            )
             ends = {
                 f"{end}_{which}": float(value)
                 for which, one in (("a", name), ("b", other))
@@ -237,14 +275,21 @@ def side_by_side(
     return SideBySide(table, pd.DataFrame(pairs), pd.DataFrame(mean) if means else None)
 
 
-def _paired_points(first: Match, second: Match, fars: Sequence[float], rules: Rules) -> list[dict[str, Any]]:
+def _paired_points(
+    first: Match, second: Match, fars: Sequence[float], rules: Rules
+) -> list[dict[str, Any]]:
     """Tell at each FAR how many targets one detector alone finds, and what that says."""
     a, b = (assign(one, rules.area)["far"].to_numpy() for one in (first, second))
     rows = []
     for far in fars:
         only = int(((a <= far) & (b > far)).sum()), int(((b <= far) & (a > far)).sum())
         low, high = paired_interval(*only, len(a), rules.level)
-        row = {"far_allowed": far, "difference": (only[0] - only[1]) / len(a), "low": low, "high": high}
+        row = {
+            "far_allowed": far,
+            "difference": (only[0] - only[1]) / len(a),
+            "low": low,
+            "high": high,
+        }
         rows.append(row | {"only_first": only[0], "only_second": only[1], "p": mcnemar_test(*only)})
     return rows
 
@@ -254,19 +299,29 @@ def _lower_end(more: int, less: int, n: int, z: float) -> float:
 
     def excess(gap: float) -> float:
         b = (2 * n - more + less) * gap - more - less
-        share = (math.sqrt(max(0.0, b * b + 8 * n * less * gap * (1 - gap))) - b) / (4 * n)  # of those counted as less
+        share = (math.sqrt(max(0.0, b * b + 8 * n * less * gap * (1 - gap))) - b) / (
+            4 * n
+        )  # of those counted as less
         return more - less - n * gap - z * math.sqrt(max(0.0, n * (2 * share + gap * (1 - gap))))
 
     found = (more - less) / n
-    start = found - 1e-10  # at the difference itself the test statistic is zero over zero if nothing differs
-    return float(scipy.optimize.brentq(excess, -1.0, start)) if start > -1 and excess(start) < 0 else found
+    start = (
+        found - 1e-10
+    )  # at the difference itself the test statistic is zero over zero if nothing differs
+    return (
+        float(scipy.optimize.brentq(excess, -1.0, start))
+        if start > -1 and excess(start) < 0
+        else found
+    )
 
 
 def _check_pair(first: Match, second: Match) -> None:
     same_truth = first.truth[["target_id", "x", "y"]].equals(second.truth[["target_id", "x", "y"]])
     same_truth = same_truth and np.array_equal(first.target_lane, second.target_lane)
     if not same_truth or first.lanes != second.lanes or first.halo != second.halo:
-        raise ValueError("first and second must be matched to the same truth, lanes and halo, in the same order")
+        raise ValueError(
+            "first and second must be matched to the same truth, lanes and halo, in the same order"
+        )
 
 
 @dataclass(frozen=True)
@@ -280,19 +335,24 @@ class Agreement:
     share: float
     share_low: float
     share_high: float
-    expected: float  #: share that analysts with these shares of verdicts would judge alike by chance
+    expected: (
+        float  #: share that analysts with these shares of verdicts would judge alike by chance
+    )
     #: kappa, kappa_low, kappa_high: NaN where both gave one and the same verdict throughout: chance explains all of it
     kappa: float
     kappa_low: float
     kappa_high: float
 
 
-def agreement(first: Sequence[str], second: Sequence[str], categories: Sequence[str], level: float = 0.95) -> Agreement:
+def agreement(
+    first: Sequence[str], second: Sequence[str], categories: Sequence[str], level: float = 0.95
+) -> Agreement:
     """Compare verdicts of two analysts on the same alarms, in the same order.
 
-    Kappa is that of Cohen 1960, Eq. 1 ("A coefficient of agreement for nominal scales", Educ. Psychol. Meas. 20); its
-    interval is the exact one of the agreement with the chance agreement taken as given, as there: it covers at least as
-    often as the level says, also where all verdicts agree. Verdicts that are no category are a ValueError.
+    Kappa is that of Cohen 1960, Eq. 1 ("A coefficient of agreement for nominal scales", Educ.
+    Psychol. Meas. 20); its interval is the exact one of the agreement with the chance agreement
+    taken as given, as there: it covers at least as often as the level says, also where all verdicts
+    agree. Verdicts that are no category are a ValueError.
 
     Examples
     --------
@@ -304,7 +364,9 @@ def agreement(first: Sequence[str], second: Sequence[str], categories: Sequence[
     (8, 0.6, -0.11, 0.95)
     """
     if len(first) != len(second) or not len(first):
-        raise ValueError(f"verdicts must be of the same alarms, at least one, got {len(first)} and {len(second)}")
+        raise ValueError(
+            f"verdicts must be of the same alarms, at least one, got {len(first)} and {len(second)}"
+        )
     strange = sorted({str(one) for one in [*first, *second] if one not in categories})
     if strange:
         raise ValueError(f"verdicts must be {', '.join(categories)}, got {', '.join(strange)}")

@@ -18,11 +18,13 @@ _SMOOTH = 500.0
 FloatArray = NDArray[np.float64]
 
 
-def clopper_pearson(successes: ArrayLike, trials: ArrayLike, level: float = 0.95) -> tuple[FloatArray, FloatArray]:
+def clopper_pearson(
+    successes: ArrayLike, trials: ArrayLike, level: float = 0.95
+) -> tuple[FloatArray, FloatArray]:
     """Bound a probability by the exact binomial interval (Clopper & Pearson 1934), equal tails: low, high.
 
-    Successes and trials are broadcast against one another; the bounds cover at least as often as the level says and are
-    0 and 1 without any trial.
+    Successes and trials are broadcast against one another; the bounds cover at least as often as
+    the level says and are 0 and 1 without any trial.
 
     Examples
     --------
@@ -34,19 +36,25 @@ def clopper_pearson(successes: ArrayLike, trials: ArrayLike, level: float = 0.95
     (array([0.735, 0.428, 0.   ]), array([1.   , 0.945, 0.071]))
     """
     tail = _tail(level)
-    k, n = np.broadcast_arrays(np.asarray(successes, dtype=np.float64), np.asarray(trials, dtype=np.float64))
+    k, n = np.broadcast_arrays(
+        np.asarray(successes, dtype=np.float64), np.asarray(trials, dtype=np.float64)
+    )
     if ((k < 0) | (k > n)).any():
-        raise ValueError(f"successes must lie between 0 and trials, got {k.min():g}..{k.max():g} of {n.min():g}")
+        raise ValueError(
+            f"successes must lie between 0 and trials, got {k.min():g}..{k.max():g} of {n.min():g}"
+        )
     low = np.where(k > 0, special.betaincinv(np.maximum(k, 1), n - k + 1, tail), 0.0)
     high = np.where(k < n, special.betaincinv(k + 1, np.maximum(n - k, 1), 1 - tail), 1.0)
     return low, high
 
 
-def poisson_interval(count: ArrayLike, exposure: ArrayLike = 1.0, level: float = 0.95) -> tuple[FloatArray, FloatArray]:
+def poisson_interval(
+    count: ArrayLike, exposure: ArrayLike = 1.0, level: float = 0.95
+) -> tuple[FloatArray, FloatArray]:
     """Bound a rate by the exact Poisson interval (Garwood 1936), equal tails: low, high.
 
-    Events (a mean of repeated counts need not be whole) are counted over an exposure, e.g. an area in m²; the bounds
-    are per unit of it and cover at least as often as the level says.
+    Events (a mean of repeated counts need not be whole) are counted over an exposure, e.g. an area
+    in m²; the bounds are per unit of it and cover at least as often as the level says.
 
     Examples
     --------
@@ -78,9 +86,12 @@ def _gamma_quantile(shape: FloatArray, probability: float) -> FloatArray:
         exact = np.where(few > 0, special.gammaincinv(np.where(few > 0, few, 1), probability), 0.0)
         rest = shape[len(few) :]
         return exact if len(rest) == 0 else np.append(exact, _gamma_quantile(rest, probability))
-    # The standardised quantile varies slowly with the shape: a spline through nodes agrees to 1e-12 and takes no time.
+    # The standardised quantile varies slowly with the shape: a spline through nodes agrees to 1e-12
+    # and takes no time.
     nodes = np.geomspace(shape[0], shape[-1], _NODES)
-    standard = CubicSpline(np.log(nodes), (special.gammaincinv(nodes, probability) - nodes) / np.sqrt(nodes))
+    standard = CubicSpline(
+        np.log(nodes), (special.gammaincinv(nodes, probability) - nodes) / np.sqrt(nodes)
+    )
     return shape + np.sqrt(shape) * standard(np.log(shape))
 
 
@@ -97,16 +108,34 @@ class Convention:
     name: str  #: its name, found in ``curve.attrs["convention"]``
     source: str  #: the paper it follows
     far: str  #: what its FAR is
-    counts: bool  #: whether FAR is a number of alarms over an area; then curves convert by exchanging the area
+    # : whether FAR is a number of alarms over an area; then curves convert by exchanging the area
+    counts: bool
 
 
 CONVENTIONS = {
     convention.name: convention
     for convention in (
-        Convention("lane", "Wang et al. 2007, rules 1-6", "false alarms over the lane's area outside the halos", True),
-        Convention("frames", "Fuse et al. 2018, Fig. 9", "false alarms over the area of all frames", True),
-        Convention("examples", "flsar2004, par. 45", "clutter examples called mines over the searched area", True),
-        Convention("box", "Cosgrove et al. 2004, Sec. IV-B", "fraction of clutter boxes over the area of a box", False),
+        Convention(
+            "lane",
+            "Wang et al. 2007, rules 1-6",
+            "false alarms over the lane's area outside the halos",
+            True,
+        ),
+        Convention(
+            "frames", "Fuse et al. 2018, Fig. 9", "false alarms over the area of all frames", True
+        ),
+        Convention(
+            "examples",
+            "flsar2004, par. 45",
+            "clutter examples called mines over the searched area",
+            True,
+        ),
+        Convention(
+            "box",
+            "Cosgrove et al. 2004, Sec. IV-B",
+            "fraction of clutter boxes over the area of a box",
+            False,
+        ),
     )
 }
 CURVE_COLUMNS = (
@@ -131,7 +160,9 @@ def make_curve(
 ) -> pd.DataFrame:
     """Assemble a ROC table of false alarms over an area, m²; thresholds fall from +inf; without targets Pd is NaN."""
     if not (math.isfinite(area) and area > 0):
-        raise ValueError(f"area must be positive, got {area:g} m²: the halos leave no room for false alarms")
+        raise ValueError(
+            f"area must be positive, got {area:g} m²: the halos leave no room for false alarms"
+        )
     pd_low, pd_high = clopper_pearson(n_detected, n_targets, level)
     far_low, far_high = poisson_interval(n_false, area, level)
     found = n_detected / n_targets if n_targets else np.full(len(thresholds), np.nan)
@@ -140,7 +171,12 @@ def make_curve(
         np.full(len(thresholds), n_targets), np.full(len(thresholds), float(area)),
     )  # fmt: skip
     curve = pd.DataFrame(dict(zip(CURVE_COLUMNS, columns, strict=True)))
-    curve.attrs = {**dict(attrs), "n_targets": int(n_targets), "area": float(area), "level": float(level)}
+    curve.attrs = {
+        **dict(attrs),
+        "n_targets": int(n_targets),
+        "area": float(area),
+        "level": float(level),
+    }
     return curve
 
 
@@ -201,7 +237,9 @@ def pd_mean_by_chance(curve: pd.DataFrame, far_max: float) -> float:
     return pd_mean(curve.assign(pd=curve["chance"]), far_max)
 
 
-def with_area(curve: pd.DataFrame, area: float, convention: Literal["lane", "frames", "examples"]) -> pd.DataFrame:
+def with_area(
+    curve: pd.DataFrame, area: float, convention: Literal["lane", "frames", "examples"]
+) -> pd.DataFrame:
     """Express the FAR of a curve over another area, m², which is that of another convention.
 
     Either convention must count false alarms over an area: a fraction of boxes holds no such count, so that the

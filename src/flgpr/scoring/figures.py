@@ -35,7 +35,9 @@ def roc_figure(
     """
     conventions = {str(curve.attrs.get("convention")) for curve in curves.values()}
     if len(conventions) > 1:
-        raise ValueError(f"curves must share one convention to be drawn together, got {', '.join(sorted(conventions))}")
+        raise ValueError(
+            f"curves must share one convention to be drawn together, got {', '.join(sorted(conventions))}"
+        )
     shown = bands or {}
     panels = len(curves) if len(shown) > _MOST_BANDS else 1
     columns = min(panels, _PANELS_WIDE)
@@ -49,12 +51,25 @@ def roc_figure(
         colour = COLOURS[number % len(COLOURS)]
         if name in shown:
             area = shown[name]
-            axes.fill_between(area["far"], area["pd_low"], area["pd_high"], color=colour, alpha=0.18, linewidth=0)
+            axes.fill_between(
+                area["far"], area["pd_low"], area["pd_high"], color=colour, alpha=0.18, linewidth=0
+            )
         label = f"{name} ({int(curve.attrs['n_targets'])})"
-        _draw_steps(axes, curve, "pd", far_max, label=label, color=colour, ls=DASHES[number % len(DASHES)], lw=1.6)
+        _draw_steps(
+            axes,
+            curve,
+            "pd",
+            far_max,
+            label=label,
+            color=colour,
+            ls=DASHES[number % len(DASHES)],
+            lw=1.6,
+        )
         if "chance" in curve:
             label = "chance" if number < panels else "_"  # once in each legend
-            _draw_steps(axes, curve, "chance", far_max, label=label, color=colour, ls=(0, (1, 2)), lw=1.2)
+            _draw_steps(
+                axes, curve, "chance", far_max, label=label, color=colour, ls=(0, (1, 2)), lw=1.2
+            )
     for axes in plots[:panels]:
         axes.set(xlim=(0, far_max), ylim=(-0.02, 1.02))
         axes.grid(alpha=0.3)
@@ -76,7 +91,8 @@ def _draw_steps(axes: Axes, curve: pd.DataFrame, column: str, far_max: float, **
 
 
 def _new_figure(figsize: tuple[float, float], dpi: int) -> Figure:
-    # Drawing is the one part of scoring that needs it, and it takes longer to import than all the rest.
+    # Drawing is the one part of scoring that needs it, and it takes longer to import than all the
+    # rest.
     from matplotlib.figure import Figure
 
     return Figure(figsize=figsize, dpi=dpi, layout="constrained")
@@ -86,14 +102,23 @@ def patch_figure(patches: Sequence[ArrayLike], labels: Sequence[str], columns: i
     """Draw image patches (y, x), forward upwards, side by side, each on its own grey scale; complex ones by modulus."""
     arrays = [np.asarray(patch) for patch in patches]
     if len(arrays) == 0 or len(arrays) != len(labels):
-        raise ValueError(f"patches and labels must be equally many and some, got {len(arrays)} and {len(labels)}")
+        raise ValueError(
+            f"patches and labels must be equally many and some, got {len(arrays)} and {len(labels)}"
+        )
     if any(array.ndim != 2 for array in arrays):
-        raise ValueError(f"patches must have two dimensions, got {[array.ndim for array in arrays]}")
+        raise ValueError(
+            f"patches must have two dimensions, got {[array.ndim for array in arrays]}"
+        )
     rows = math.ceil(len(arrays) / columns)
     figure = _new_figure(figsize=(1.45 * columns, 1.75 * rows), dpi=120)
     for number, (array, label) in enumerate(zip(arrays, labels, strict=True)):
         axes = figure.add_subplot(rows, columns, number + 1)
-        axes.imshow(np.abs(array) if np.iscomplexobj(array) else array, origin="lower", cmap="gray", aspect="equal")
+        axes.imshow(
+            np.abs(array) if np.iscomplexobj(array) else array,
+            origin="lower",
+            cmap="gray",
+            aspect="equal",
+        )
         axes.set_title(label, fontsize=7)
         axes.set_xticks([])
         axes.set_yticks([])

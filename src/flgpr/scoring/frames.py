@@ -32,7 +32,11 @@ class UnrolledFrames:
 
 
 def unroll_frames(
-    alarms: pd.DataFrame, poses: Mapping[int, ArrayLike], truth: pd.DataFrame, area: Lane, halo: float
+    alarms: pd.DataFrame,
+    poses: Mapping[int, ArrayLike],
+    truth: pd.DataFrame,
+    area: Lane,
+    halo: float,
 ) -> UnrolledFrames:
     """Give every frame's detection area a place of its own on an unrolled lane.
 
@@ -47,31 +51,42 @@ def unroll_frames(
     area : Lane
         Detection area of a frame, in its scan frame (Sec. 4: -7 to 7 m, 5 to 10 m ahead).
     halo : float
-        Radius of the halo, m, at most half of ``GAP``: targets so far outside the area are kept, since an alarm
-        beside one of them is not false.
+        Radius of the halo, m, at most half of ``GAP``: targets so far outside the area are kept,
+        since an alarm beside one of them is not false.
 
     Raises
     ------
     ValueError
-        If the halo is too large, no frame was searched, or an alarm belongs to a frame that was not.
+        If the halo is too large, no frame was searched, or an alarm belongs to a frame that was
+        not.
     """
     if not 0 < halo <= GAP / 2:
-        raise ValueError(f"halo must be positive and at most {GAP / 2:g} m to be scored by frames, got {halo:g}")
+        raise ValueError(
+            f"halo must be positive and at most {GAP / 2:g} m to be scored by frames, got {halo:g}"
+        )
     if not poses:
         raise ValueError("poses must hold at least one frame that was searched, got none")
     strange = sorted(set(alarms["frame"]) - set(poses))
     if strange:
-        raise ValueError(f"frame must be one of those that were searched, got alarms of {strange[:4]}")
+        raise ValueError(
+            f"frame must be one of those that were searched, got alarms of {strange[:4]}"
+        )
     slot = area.y_max - area.y_min + GAP
     start = {frame: number * slot - area.y_min for number, frame in enumerate(sorted(poses))}
     offset = alarms["frame"].map(start).to_numpy(dtype=np.float64)
-    unrolled = alarms.assign(x=alarms["across"], y=alarms["ahead"].to_numpy(dtype=np.float64) + offset)
+    unrolled = alarms.assign(
+        x=alarms["across"], y=alarms["ahead"].to_numpy(dtype=np.float64) + offset
+    )
     near = Lane(area.x_min - halo, area.x_max + halo, area.y_min - halo, area.y_max + halo)
     looks = []
     for frame in sorted(poses):
-        across, ahead = lane_to_scan(ground_points(truth), np.asarray(poses[frame], dtype=np.float64))[:, :2].T
+        across, ahead = lane_to_scan(
+            ground_points(truth), np.asarray(poses[frame], dtype=np.float64)
+        )[:, :2].T
         table = truth.assign(x=across, y=ahead + start[frame], inside=area.contains(across, ahead))
-        table = table.assign(mine=truth["target_id"], target_id=truth["target_id"].astype(str) + f"-{frame}")
+        table = table.assign(
+            mine=truth["target_id"], target_id=truth["target_id"].astype(str) + f"-{frame}"
+        )
         looks.append(table[near.contains(across, ahead)])
     strip = Lane(area.x_min, area.x_max, 0.0, slot * len(poses))
     return UnrolledFrames(unrolled, pd.concat(looks, ignore_index=True), strip, slot, len(poses))
@@ -115,7 +130,9 @@ def score_frames(
     outside = _within(unrolled.alarms, unrolled.looks[~inside], radius)
     neither = outside & ~_within(unrolled.alarms, unrolled.looks[inside], radius)
     total = accumulated_area(unrolled.frames, (area.x_min, area.x_max), (area.y_min, area.y_max))
-    by_frames = replace(rules, area="frames", frame_area=total, block=_BLOCK * unrolled.slot, cluster="mine")
+    by_frames = replace(
+        rules, area="frames", frame_area=total, block=_BLOCK * unrolled.slot, cluster="mine"
+    )
     counted = unrolled.alarms[~neither].reset_index(drop=True)
     looks = unrolled.looks[inside].drop(columns="inside").reset_index(drop=True)
     return score(counted, looks, unrolled.lane, by_frames, name=name, title=title)
@@ -123,5 +140,7 @@ def score_frames(
 
 def _within(alarms: pd.DataFrame, looks: pd.DataFrame, radius: float) -> NDArray[np.bool_]:
     """Tell which alarms lie in the halo of one of the looks."""
-    away = np.hypot(*(alarms[[axis]].to_numpy(dtype=np.float64) - looks[axis].to_numpy() for axis in ("x", "y")))
+    away = np.hypot(
+        *(alarms[[axis]].to_numpy(dtype=np.float64) - looks[axis].to_numpy() for axis in ("x", "y"))
+    )
     return np.asarray((away <= radius).any(axis=1))

@@ -33,9 +33,9 @@ def roc(
 ) -> pd.DataFrame:
     """Compute the ROC of an alarm list (Wang et al. 2007, Sec. II-F, rules 1 to 6).
 
-    The first row is the threshold +inf, where nothing is declared. One row follows for every distinct confidence of
-    the table, falling; alarms at or above the threshold are declared, so that ties are one step. All subsets of one
-    truth therefore share their thresholds.
+    The first row is the threshold +inf, where nothing is declared. One row follows for every
+    distinct confidence of the table, falling; alarms at or above the threshold are declared, so
+    that ties are one step. All subsets of one truth therefore share their thresholds.
 
     Parameters
     ----------
@@ -46,34 +46,38 @@ def roc(
     halo : float
         Halo size, m; its border is within.
     subset : None, str, sequence, mapping or callable
-        Targets to score, see :func:`flgpr.scoring.select_targets`. Alarms in the halo of any known target are never
-        false, and the area stays that of all known targets (rules 5 and 6).
+        Targets to score, see :func:`flgpr.scoring.select_targets`. Alarms in the halo of any known
+        target are never false, and the area stays that of all known targets (rules 5 and 6).
     area : {"union", "paper", "frames"}
-        FAR area: lane less the exact union of halos clipped to it; lane less N·π·r² (rule 6); or ``frame_area``.
+        FAR area: lane less the exact union of halos clipped to it; lane less N·π·r² (rule 6); or
+        ``frame_area``.
     frame_area : float, optional
-        Area accumulated over all frames, m² (Fuse et al. 2018), see :func:`flgpr.scoring.accumulated_area`.
+        Area accumulated over all frames, m² (Fuse et al. 2018), see
+        :func:`flgpr.scoring.accumulated_area`.
     halo_as : {"radius", "diameter"}
         What ``halo`` is: a radius (Wang et al. 2007) or a diameter (Fuse et al. 2018).
     assignment : {"halo", "nearest"}
         Whether an alarm detects every target in reach or only the nearest.
     shared : {"drop", "count"}
-        With a subset: what becomes of an alarm in the halo of a target outside it. By default it is neither detection
-        nor false alarm (rule 5), even where it is in the halo of a target of the subset too. "count" lets it detect
-        that one, so that a target is found or missed alike in every subset.
+        With a subset: what becomes of an alarm in the halo of a target outside it. By default it is
+        neither detection nor false alarm (rule 5), even where it is in the halo of a target of the
+        subset too. "count" lets it detect that one, so that a target is found or missed alike in
+        every subset.
     refraction : Refraction, optional
-        Move buried targets to where focusing on the surface shows them. Off by default, as in the papers.
+        Move buried targets to where focusing on the surface shows them. Off by default, as in the
+        papers.
     survey_error : float, optional
-        Standard deviation of the surveyed positions per axis, m; it changes no count, ``attrs`` tell its share of the
-        halo.
+        Standard deviation of the surveyed positions per axis, m; it changes no count, ``attrs``
+        tell its share of the halo.
     level : float
         Level of the exact intervals of each row, Clopper-Pearson for Pd and Poisson for FAR.
 
     Returns
     -------
     DataFrame
-        ``threshold``, ``pd``, ``far`` (per m²), ``n_detected``, ``n_false``, ``pd_low``, ``pd_high``, ``far_low``,
-        ``far_high``, ``n_targets``, ``area`` (m²); ``attrs`` name the convention and all choices. Without targets
-        ``pd`` is NaN.
+        ``threshold``, ``pd``, ``far`` (per m²), ``n_detected``, ``n_false``, ``pd_low``,
+        ``pd_high``, ``far_low``, ``far_high``, ``n_targets``, ``area`` (m²); ``attrs`` name the
+        convention and all choices. Without targets ``pd`` is NaN.
 
     Raises
     ------
@@ -96,7 +100,9 @@ def roc(
     2        2.0  0.5  0.0043           1        1
     3        1.0  1.0  0.0043           2        1
     """
-    matched = match(alarms, truth, lane, halo, halo_as=halo_as, assignment=assignment, refraction=refraction)
+    matched = match(
+        alarms, truth, lane, halo, halo_as=halo_as, assignment=assignment, refraction=refraction
+    )
     curve = roc_of(matched, subset, area=area, frame_area=frame_area, shared=shared, level=level)
     curve.attrs["assignment"] = assignment
     if survey_error is not None:
@@ -148,7 +154,9 @@ def far_area(matched: Match, area: AreaRule, frame_area: float | None = None) ->
     """
     one_of("area", area, ("union", "paper", "frames"))
     if (area == "frames") != (frame_area is not None):
-        raise ValueError(f'frame_area must be given with area="frames" and only then, got {frame_area} with {area!r}')
+        raise ValueError(
+            f'frame_area must be given with area="frames" and only then, got {frame_area} with {area!r}'
+        )
     if frame_area is not None:
         total = float(frame_area)
     else:
@@ -164,7 +172,9 @@ def far_area(matched: Match, area: AreaRule, frame_area: float | None = None) ->
 
 
 def accumulated_area(
-    frames: int, x_span: tuple[float, float] = (-7.0, 7.0), y_span: tuple[float, float] = (5.0, 10.0)
+    frames: int,
+    x_span: tuple[float, float] = (-7.0, 7.0),
+    y_span: tuple[float, float] = (5.0, 10.0),
 ) -> float:
     """Compute the area, m², of all frames, the same ground counted again in each (Fuse et al. 2018, Fig. 9).
 
@@ -173,7 +183,9 @@ def accumulated_area(
     width = x_span[1] - x_span[0]
     length = y_span[1] - y_span[0]
     if frames < 1 or width <= 0 or length <= 0:
-        raise ValueError(f"frames and extents must be positive, got {frames} frames of {width:g} m by {length:g} m")
+        raise ValueError(
+            f"frames and extents must be positive, got {frames} frames of {width:g} m by {length:g} m"
+        )
     return frames * width * length
 
 
@@ -183,13 +195,18 @@ def _in_words(subset: Subset) -> str:
     if isinstance(subset, str):
         return subset
     if isinstance(subset, Mapping):
-        return ", ".join(f"{name}={_in_words(value) if callable(value) else value}" for name, value in subset.items())
+        return ", ".join(
+            f"{name}={_in_words(value) if callable(value) else value}"
+            for name, value in subset.items()
+        )
     if callable(subset):
         return str(getattr(subset, "__name__", "predicate"))
     return "chosen targets"
 
 
-def assign(matched: Match, area: AreaRule = "union", frame_area: float | None = None) -> pd.DataFrame:
+def assign(
+    matched: Match, area: AreaRule = "union", frame_area: float | None = None
+) -> pd.DataFrame:
     """Tell for every target which alarm is its best one and what it costs to find it.
 
     Parameters
@@ -202,10 +219,11 @@ def assign(matched: Match, area: AreaRule = "union", frame_area: float | None = 
     Returns
     -------
     DataFrame
-        The truth table's columns and, per target: ``detected``, whether any alarm is in its halo; ``alarm``, row of
-        its best alarm (-1 for none); ``confidence`` (-inf for none); ``distance`` of that alarm, m (NaN); ``rank``
-        among all alarms, 1 for the highest, ties sharing the best rank (0 for none); ``n_false``, the false alarms at
-        or above that confidence; ``far``, the same per m² (inf for none): the FAR at which the target is found.
+        The truth table's columns and, per target: ``detected``, whether any alarm is in its halo;
+        ``alarm``, row of its best alarm (-1 for none); ``confidence`` (-inf for none); ``distance``
+        of that alarm, m (NaN); ``rank`` among all alarms, 1 for the highest, ties sharing the best
+        rank (0 for none); ``n_false``, the false alarms at or above that confidence; ``far``, the
+        same per m² (inf for none): the FAR at which the target is found.
     """
     alarm, confidence, distance = matched.best()
     found = alarm >= 0
@@ -231,7 +249,9 @@ def label_alarms(matched: Match) -> pd.DataFrame:
     within a halo (-1 for none); ``distance`` to it, m (NaN for none).
     """
     best = matched.best()[0]
-    label = np.where(matched.in_halo, "ignored", np.where(matched.false, "false", "outside")).astype(object)
+    label = np.where(
+        matched.in_halo, "ignored", np.where(matched.false, "false", "outside")
+    ).astype(object)
     label[best[best >= 0]] = "detection"
     target = np.full(len(label), -1)
     distance = np.full(len(label), np.nan)

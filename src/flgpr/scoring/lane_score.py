@@ -36,11 +36,14 @@ class Rules:
     frame_area: float | None = None
     refraction: Refraction | None = None
     survey_error: float | None = None
-    far: float = 0.05  #: operating point at which targets count as found or missed and Pd is broken down, per m²
+    # : operating point at which targets count as found or missed and Pd is broken down, per m²
+    far: float = 0.05
     far_max: float = 0.1  #: end of the FAR axis and of the averaging of PD_mean, per m²
     level: float = 0.95  #: level of all intervals and bands
     draws: int = 1000  #: draws of the bootstrap
-    shifts: int = SHIFTS  #: shifts of the targets for the chance level, see :func:`flgpr.scoring.chance`
+    shifts: int = (
+        SHIFTS  #: shifts of the targets for the chance level, see :func:`flgpr.scoring.chance`
+    )
     seed: int = 0  #: seed of both
     #: block, cluster: what the bootstrap draws together, see :func:`flgpr.scoring.band`
     block: float = 10.0
@@ -58,11 +61,15 @@ class Score:
     matched: Match = field(repr=False)  #: alarms and targets
     #: ROC with its counts and exact intervals, see :func:`flgpr.scoring.roc`, and the Pd that ``chance`` gives
     curve: pd.DataFrame = field(repr=False)
-    far: float  #: operating point, per m²: that of the rules, or one false alarm where the lane cannot tell less
+    # : operating point, per m²: that of the rules, or one false alarm where the lane cannot tell
+    # less
+    far: float
     #: one row per target as :func:`flgpr.scoring.assign` gives it, its best alarm's offset ``dx``, ``dy``, m, and
     #: whether it is ``found`` at the operating point
     outcomes: pd.DataFrame = field(repr=False)
-    labels: pd.DataFrame = field(repr=False)  #: one row per alarm as :func:`flgpr.scoring.label_alarms` gives it
+    labels: pd.DataFrame = field(
+        repr=False
+    )  #: one row per alarm as :func:`flgpr.scoring.label_alarms` gives it
     chance: Chance = field(repr=False)  #: what alarms that know nothing of the targets find
     survey: SurveyShare | None  #: what the error of the survey takes of the halo, if it is known
 
@@ -126,10 +133,16 @@ class Score:
         return {name: self._curve_of((kinds == name).to_numpy()) for name in sorted(kinds.unique())}
 
     def _curve_of(self, rows: NDArray[np.bool_]) -> pd.DataFrame:
-        options = {"area": self.rules.area, "frame_area": self.rules.frame_area, "level": self.rules.level}
+        options = {
+            "area": self.rules.area,
+            "frame_area": self.rules.frame_area,
+            "level": self.rules.level,
+        }
         return self.chance.beside(roc_of(self.matched, rows, **options), rows)  # type: ignore[arg-type]
 
-    def bands(self, by: Literal["kind", "depth"] | None = None) -> dict[str, tuple[pd.DataFrame, pd.DataFrame]]:
+    def bands(
+        self, by: Literal["kind", "depth"] | None = None
+    ) -> dict[str, tuple[pd.DataFrame, pd.DataFrame]]:
         """Compute curve and simultaneous band of all targets, or of each group of them; none without targets."""
         truth = self.matched.truth
         if not len(truth):
@@ -159,7 +172,9 @@ class Score:
     def breakdown(self) -> pd.DataFrame:
         """Tabulate Pd by kind, depth and soil, see :func:`flgpr.scoring.pd_table`."""
         options: dict[str, Any] = {"area": self.rules.area, "frame_area": self.rules.frame_area}
-        return pd_table(self.matched, self.far, level=self.rules.level, chance=self.chance, **options)
+        return pd_table(
+            self.matched, self.far, level=self.rules.level, chance=self.chance, **options
+        )
 
     def missed(self) -> pd.DataFrame:
         """Take the outcomes of the targets that are not found at the operating point, the hardest first."""
@@ -177,7 +192,9 @@ class Score:
 
     def told_rules(self) -> dict[str, Any]:
         """Tell the convention and all choices, the same for all lists of a lane."""
-        convention = {str(name): value for name, value in self.curve.attrs.items() if name not in COUNTS}
+        convention = {
+            str(name): value for name, value in self.curve.attrs.items() if name not in COUNTS
+        }
         seed = {"seed": self.rules.seed}
         draws: dict[str, Any] = {
             "bootstrap": {"draws": self.rules.draws} | seed, "chance": {"shifts": self.rules.shifts} | seed,
@@ -202,7 +219,11 @@ class Score:
         far_max = self.rules.far_max
         mean = {"value": pd_mean(curve, far_max), "chance": pd_mean_by_chance(curve, far_max)}
         points = self.operating_points(curve).drop(columns=["threshold", *_COUNTED])
-        return {"n_targets": curve.attrs["n_targets"], "pd_mean": mean, "points": points.to_dict("records")}
+        return {
+            "n_targets": curve.attrs["n_targets"],
+            "pd_mean": mean,
+            "points": points.to_dict("records"),
+        }
 
 
 def score(
@@ -216,7 +237,8 @@ def score(
 ) -> Score:
     """Score an alarm list by the halo rules of Wang et al. 2007.
 
-    Tables and lane are as for :func:`flgpr.scoring.roc`; name and title say what the list is called.
+    Tables and lane are as for :func:`flgpr.scoring.roc`; name and title say what the list is
+    called.
 
     Examples
     --------
@@ -235,15 +257,23 @@ def score(
     rules = rules or Rules()
     if not (math.isfinite(rules.far) and rules.far > 0):
         raise ValueError(f"far must be a positive number of false alarms per m², got {rules.far}")
-    matched = match(alarms, truth, lane, rules.halo, halo_as=rules.halo_as, refraction=rules.refraction)
+    matched = match(
+        alarms, truth, lane, rules.halo, halo_as=rules.halo_as, refraction=rules.refraction
+    )
     survey = None if rules.survey_error is None else survey_share(rules.survey_error, matched.halo)
     level = chance(matched, rules.shifts, rules.seed)
-    curve = level.beside(roc_of(matched, area=rules.area, frame_area=rules.frame_area, level=rules.level))
+    curve = level.beside(
+        roc_of(matched, area=rules.area, frame_area=rules.frame_area, level=rules.level)
+    )
     far = max(rules.far, 1 / curve.attrs["area"])
     outcomes = assign(matched, rules.area, rules.frame_area)
     best = outcomes["alarm"].to_numpy(dtype=int)
     for axis in ("x", "y"):
-        place = np.append(matched.alarms[axis].to_numpy(dtype=float), np.nan)[best]  # -1, no alarm, takes the NaN
+        place = np.append(matched.alarms[axis].to_numpy(dtype=float), np.nan)[
+            best
+        ]  # -1, no alarm, takes the NaN
         outcomes["d" + axis] = place - outcomes[axis]
     outcomes["found"] = outcomes["far"] <= far
-    return Score(name, title, rules, matched, curve, far, outcomes, label_alarms(matched), level, survey)
+    return Score(
+        name, title, rules, matched, curve, far, outcomes, label_alarms(matched), level, survey
+    )

@@ -25,20 +25,24 @@ class Split:
 
 
 def splits(
-    examples: pd.DataFrame, by: Literal["example", "target", "lane", "site"] = "target", *, folds: int | None = None
+    examples: pd.DataFrame,
+    by: Literal["example", "target", "lane", "site"] = "target",
+    *,
+    folds: int | None = None,
 ) -> list[Split]:
     """Divide examples so that each is tested once.
 
     Parameters
     ----------
     examples : DataFrame
-        One row per example. ``target`` names its mine, missing or empty for clutter; two passes over one mine share
-        the name. ``lane`` and ``site`` are needed to split by them.
+        One row per example. ``target`` names its mine, missing or empty for clutter; two passes
+        over one mine share the name. ``lane`` and ``site`` are needed to split by them.
     by : {"example", "target", "lane", "site"}
-        What is left out at a time. "target", the headline, leaves out a mine with all its looks; clutter is dealt
-        to the folds in turn, stretches that carry the same ``clutter`` name together where that column exists. With
-        "lane" and "site" the looks at a tested mine from other lanes are left out of training. "example" leaves out
-        single rows as flsar2004 did, and straddles.
+        What is left out at a time. "target", the headline, leaves out a mine with all its looks;
+        clutter is dealt to the folds in turn, stretches that carry the same ``clutter`` name
+        together where that column exists. With "lane" and "site" the looks at a tested mine from
+        other lanes are left out of training. "example" leaves out single rows as flsar2004 did, and
+        straddles.
     folds : int, optional
         Number of groups that mines are dealt to instead of one mine at a time ("target" only).
 
@@ -64,7 +68,9 @@ def splits(
     if folds is not None and by != "target":
         raise ValueError(f'folds must be left out unless by="target", got {folds} with {by!r}')
     if len(np.unique(group)) < 2:
-        raise ValueError(f"examples must fall into at least two groups by {by}, got {len(np.unique(group))}")
+        raise ValueError(
+            f"examples must fall into at least two groups by {by}, got {len(np.unique(group))}"
+        )
     result = []
     for value in np.unique(group):
         test = rows[group == value]
@@ -72,8 +78,14 @@ def splits(
         tested = set(mine[test]) - {""}
         if by in ("lane", "site"):
             train = train[~np.isin(mine[train], list(tested))] if tested else train
-        name = str(examples[by].iloc[test[0]]) if by in ("lane", "site") else ", ".join(sorted(tested)) or str(value)
-        result.append(Split(f"leave-one-{by}-out", name, train, test, bool(tested & set(mine[train]))))
+        name = (
+            str(examples[by].iloc[test[0]])
+            if by in ("lane", "site")
+            else ", ".join(sorted(tested)) or str(value)
+        )
+        result.append(
+            Split(f"leave-one-{by}-out", name, train, test, bool(tested & set(mine[train])))
+        )
     return result
 
 
@@ -81,27 +93,39 @@ def _named(examples: pd.DataFrame, column: str) -> NDArray[Any]:
     if column not in examples.columns:
         raise ValueError(f"examples must have the column {column} to split by it")
     if examples[column].isna().any():
-        raise ValueError(f"examples.{column} must be named in every row, got {int(examples[column].isna().sum())} gaps")
+        raise ValueError(
+            f"examples.{column} must be named in every row, got {int(examples[column].isna().sum())} gaps"
+        )
     return examples[column].astype(str).to_numpy(dtype=object)
 
 
 def _mines(examples: pd.DataFrame) -> NDArray[Any]:
     if "target" not in examples.columns:
-        raise ValueError(f"examples must have the column target; got {', '.join(map(str, examples.columns))}")
+        raise ValueError(
+            f"examples must have the column target; got {', '.join(map(str, examples.columns))}"
+        )
     return examples["target"].fillna("").astype(str).to_numpy(dtype=object)
 
 
-def _target_groups(examples: pd.DataFrame, mine: NDArray[Any], folds: int | None) -> NDArray[np.int64]:
+def _target_groups(
+    examples: pd.DataFrame, mine: NDArray[Any], folds: int | None
+) -> NDArray[np.int64]:
     """Give every example the number of its group: mines one by one or dealt to folds, clutter dealt in turn."""
     is_mine = mine != ""
     names = list(dict.fromkeys(mine[is_mine]))
     count = len(names) if folds is None else folds
     if folds is not None and not 2 <= folds <= max(len(names), 2):
-        raise ValueError(f"folds must lie between 2 and the number of mines ({len(names)}), got {folds}")
+        raise ValueError(
+            f"folds must lie between 2 and the number of mines ({len(names)}), got {folds}"
+        )
     group = np.zeros(len(mine), dtype=np.int64)
     place = {name: number % count for number, name in enumerate(names)}
     group[is_mine] = [place[name] for name in mine[is_mine]]
-    clutter = examples["clutter"] if "clutter" in examples.columns else pd.Series(np.arange(len(mine)).astype(str))
+    clutter = (
+        examples["clutter"]
+        if "clutter" in examples.columns
+        else pd.Series(np.arange(len(mine)).astype(str))
+    )
     stretches = pd.factorize(clutter.astype(str).to_numpy()[~is_mine])[0]
     group[~is_mine] = stretches % max(count, 1)
     return group

@@ -30,7 +30,9 @@ def content_hash(content: bytes | str | Path | Mapping[str, Any]) -> str:
     elif isinstance(content, bytes):
         data = content
     else:
-        data = (content if isinstance(content, str) else json.dumps(content, sort_keys=True)).encode()
+        data = (
+            content if isinstance(content, str) else json.dumps(content, sort_keys=True)
+        ).encode()
     return hashlib.sha256(data).hexdigest()
 
 
@@ -38,7 +40,8 @@ def alarm_hash(alarms: pd.DataFrame) -> str:
     """Hash what scoring sees of an alarm list; the order of rows and further columns do not matter."""
     names = [name for name in ("lane", "x", "y", "confidence") if name in alarms.columns]
     lines = sorted(
-        ",".join(repr(value) for value in row) for row in alarms[names].astype(object).itertuples(index=False)
+        ",".join(repr(value) for value in row)
+        for row in alarms[names].astype(object).itertuples(index=False)
     )
     return content_hash("\n".join([",".join(names), *lines]))
 
@@ -69,21 +72,24 @@ def register(path: Book, /, **entry: Any) -> dict[str, Any]:
     return enter(path, lambda _: entry)[-1]
 
 
-def enter(path: Book, make_entry: Callable[[list[dict[str, Any]]], Mapping[str, Any]]) -> list[dict[str, Any]]:
+def enter(
+    path: Book, make_entry: Callable[[list[dict[str, Any]]], Mapping[str, Any]]
+) -> list[dict[str, Any]]:
     """Append a line that depends on those before it, while nobody else can; give all lines, the new one last.
 
     Parameters
     ----------
     path : str, Path or WitnessedRegister
-        The register, made if missing. A witness (:func:`check_witness`) is asked before, and told of the new line
-        afterwards.
+        The register, made if missing. A witness (:func:`check_witness`) is asked before, and told
+        of the new line afterwards.
     make_entry : callable
         What makes the entry of the lines so far; an error of it leaves the register as it is.
 
     Raises
     ------
     ValueError
-        If the register was altered, lacks a line that the witness saw, or is held by another process for 30 s.
+        If the register was altered, lacks a line that the witness saw, or is held by another
+        process for 30 s.
     """
     file, witness = parts_of(path)
     with AppendLog(file, _PATIENCE) as log:
@@ -92,7 +98,10 @@ def enter(path: Book, make_entry: Callable[[list[dict[str, Any]]], Mapping[str, 
         if witness is not None:
             check_witness(lines, witness, file)
         line = dict(make_entry(lines))
-        line |= {"time": datetime.now(UTC).isoformat(timespec="milliseconds"), "number": len(lines) + 1}
+        line |= {
+            "time": datetime.now(UTC).isoformat(timespec="milliseconds"),
+            "number": len(lines) + 1,
+        }
         line["previous"] = lines[-1]["hash"] if lines else ""
         line["hash"] = content_hash(line)
         log.append(json.dumps(line, sort_keys=True).encode())
@@ -130,7 +139,9 @@ def check_witness(lines: Sequence[Mapping[str, Any]], witness: str | Path, path:
     notes = [note for note in read_register(witness) if note.get("event") == WITNESS]
     mine = [note for note in notes if not lines or note["of"] == lines[0]["hash"]]
     if notes and not mine:
-        raise ValueError(f"register {path} must be one that {witness} knows, got one that begins otherwise")
+        raise ValueError(
+            f"register {path} must be one that {witness} knows, got one that begins otherwise"
+        )
     for note in mine:
         if note["lines"] > len(lines):
             raise ValueError(
@@ -138,11 +149,15 @@ def check_witness(lines: Sequence[Mapping[str, Any]], witness: str | Path, path:
                 f"on {note['time']}"
             )
         if lines[note["lines"] - 1]["hash"] != note["head"]:
-            raise ValueError(f"register {path} has another line {note['lines']} than {witness} saw on {note['time']}")
+            raise ValueError(
+                f"register {path} has another line {note['lines']} than {witness} saw on {note['time']}"
+            )
     return len(mine)
 
 
-def check_head(lines: Sequence[Mapping[str, Any]], told: Mapping[str, Any], path: str | Path, source: str) -> None:
+def check_head(
+    lines: Sequence[Mapping[str, Any]], told: Mapping[str, Any], path: str | Path, source: str
+) -> None:
     """Demand that a register holds what a report says of it (:func:`head_of`); a ValueError names the line."""
     count = told["lines"]
     head = told["head"]
@@ -160,7 +175,9 @@ def _parsed(file: Path, texts: Sequence[bytes]) -> list[dict[str, Any]]:
     for number, text in enumerate(texts, start=1):
         line = _fitting(text, lines)
         if line is None:
-            raise ValueError(f"register {file} must be unaltered, got a line {number} that does not fit")
+            raise ValueError(
+                f"register {file} must be unaltered, got a line {number} that does not fit"
+            )
         lines.append(line)
     return lines
 
@@ -170,7 +187,9 @@ def _fitting(text: bytes, lines: Sequence[Mapping[str, Any]]) -> dict[str, Any] 
     try:
         line = parse_json(text)
         body = {key: value for key, value in line.items() if key != "hash"}
-        fits = line["hash"] == content_hash(body) and line["previous"] == (lines[-1]["hash"] if lines else "")
+        fits = line["hash"] == content_hash(body) and line["previous"] == (
+            lines[-1]["hash"] if lines else ""
+        )
     except (ValueError, AttributeError, KeyError, TypeError):
         return None
     return line if fits else None
@@ -221,9 +240,15 @@ def require_registered(path: str | Path, recipe: str, model: str | None = None) 
             return line
     got = f"{recipe[:12]}..."
     if any(line in early for line in named):
-        raise ValueError(f"recipe must be registered with its model in {path}, got {got} with the model {model}")
-    late = f" in line {named[0]['number']}, after the look in line {len(early) + 1}" if named else ""
-    raise ValueError(f"recipe must be registered in {path} before the truth is opened, got {got}{late}")
+        raise ValueError(
+            f"recipe must be registered with its model in {path}, got {got} with the model {model}"
+        )
+    late = (
+        f" in line {named[0]['number']}, after the look in line {len(early) + 1}" if named else ""
+    )
+    raise ValueError(
+        f"recipe must be registered in {path} before the truth is opened, got {got}{late}"
+    )
 
 
 def require_truth(
@@ -251,11 +276,15 @@ def require_truth(
         )
     last = [line for line in known if line["plan"] == plan][-1]
     if last.get("truth", plan) != truth:
-        raise ValueError(f"truth must be the survey in line {last['number']} of {path}, got what it replaced")
+        raise ValueError(
+            f"truth must be the survey in line {last['number']} of {path}, got what it replaced"
+        )
     borders = list(last["lanes"].values())
     strange = [dict(one) for one in lanes.values() if dict(one) not in borders]
     if strange:
         raise ValueError(f"lane must be as planned in {path}, {borders}, got {strange[0]}")
     for name, value in rules.items():
         if last.get("rules", {}).get(name, value) != value:
-            raise ValueError(f"{name} must be {last['rules'][name]:g} as planned in {path}, got {value:g}")
+            raise ValueError(
+                f"{name} must be {last['rules'][name]:g} as planned in {path}, got {value:g}"
+            )

@@ -21,7 +21,9 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 Subset = Sequence[Any] | BoolArray | Mapping[str, Any] | Callable[[pd.DataFrame], Any] | str | None
-MARGIN = 10.0  # m; a table whose every point lies farther than this outside the lane belongs to another lane or frame
+# m; a table whose every point lies farther than this outside the lane belongs to another lane or
+# frame
+MARGIN = 10.0
 _BORDERS = {"x_min", "x_max", "y_min", "y_max"}
 _ENOUGH = 5  # points from which a table's shape says that its axes are swapped
 
@@ -53,20 +55,26 @@ def lane_of_rows(table: pd.DataFrame, lanes: Mapping[str, Lane], name: str) -> N
     known = list(lanes)
     if "lane" not in table.columns:
         if len(known) > 1:
-            raise ValueError(f"{name} must have the column lane, for there are {len(known)} lanes: {', '.join(known)}")
+            raise ValueError(
+                f"{name} must have the column lane, for there are {len(known)} lanes: {', '.join(known)}"
+            )
         return np.zeros(len(table), dtype=np.int64)
     named = table["lane"].fillna("").astype(str)
     if known == [""]:
         several = sorted(set(named))
         if len(several) > 1:
-            raise ValueError(f"lane must be given by name, for {name} holds several lanes: {', '.join(several)}")
+            raise ValueError(
+                f"lane must be given by name, for {name} holds several lanes: {', '.join(several)}"
+            )
         return np.zeros(len(table), dtype=np.int64)
     if len(known) == 1:
         named = named.where(named != "", known[0])
     strange = sorted(set(named) - set(known))
     if strange:
         raise ValueError(f"{name}.lane must be one of {', '.join(known)}; got {strange[0]!r}")
-    return np.asarray(named.map({lane: number for number, lane in enumerate(known)}), dtype=np.int64)
+    return np.asarray(
+        named.map({lane: number for number, lane in enumerate(known)}), dtype=np.int64
+    )
 
 
 def positions(table: pd.DataFrame) -> FloatArray:
@@ -117,7 +125,9 @@ def _swapped(x: NDArray[np.float64], y: NDArray[np.float64], lane: Lane, known: 
 
 def _likely_cause(x: NDArray[np.float64], y: NDArray[np.float64]) -> str:
     if max(np.abs(x).max(), np.abs(y).max()) > 1e4:
-        return "are these map coordinates (UTM, or millimetres)? Lane coordinates in metres are needed"
+        return (
+            "are these map coordinates (UTM, or millimetres)? Lane coordinates in metres are needed"
+        )
     if np.abs(x).max() <= 180 and np.abs(y).max() <= 90 and np.ptp(x) < 0.1 and np.ptp(y) < 0.1:
         return "are these degrees of longitude and latitude? Lane coordinates in metres are needed"
     return "is it the right lane?"
@@ -158,11 +168,17 @@ class Match:
         areas = []
         for number, lane in enumerate(self.lanes.values()):
             own = points[self.target_lane == number]
-            halos = union_area(own, self.halo, lane) if area == "union" else len(own) * math.pi * self.halo**2
+            halos = (
+                union_area(own, self.halo, lane)
+                if area == "union"
+                else len(own) * math.pi * self.halo**2
+            )
             areas.append(lane.area - halos)
         return np.array(areas)
 
-    def best(self, chosen: BoolArray | None = None, shared: Literal["drop", "count"] = "drop") -> tuple[Any, ...]:
+    def best(
+        self, chosen: BoolArray | None = None, shared: Literal["drop", "count"] = "drop"
+    ) -> tuple[Any, ...]:
         """Find each target's best alarm (rule 2): highest confidence, then the nearest, then the first in the table.
 
         An alarm in the halo of a chosen and of another target is disregarded (rule 5), or with ``shared="count"``
@@ -170,7 +186,11 @@ class Match:
         row (-1 for none), confidence (-inf) and distance (m; NaN).
         """
         targets = len(self.truth)
-        keep = np.ones(len(self.pair_alarm), dtype=bool) if chosen is None else chosen[self.pair_target]
+        keep = (
+            np.ones(len(self.pair_alarm), dtype=bool)
+            if chosen is None
+            else chosen[self.pair_target]
+        )
         if chosen is not None and shared == "drop":
             elsewhere = np.zeros(len(self.alarms), dtype=bool)
             elsewhere[self.pair_alarm[~keep]] = True
@@ -204,8 +224,8 @@ def match(
     Parameters
     ----------
     alarms, truth : DataFrame
-        Tables as :mod:`flgpr.model` describes them. With several lanes both name theirs in the column ``lane``, and
-        alarms meet only targets of their own lane.
+        Tables as :mod:`flgpr.model` describes them. With several lanes both name theirs in the
+        column ``lane``, and alarms meet only targets of their own lane.
     lane : Lane, mapping, Series or DataFrame
         The scored lane, or several, see :func:`as_lanes`.
     halo : float
@@ -213,10 +233,11 @@ def match(
     halo_as : {"radius", "diameter"}
         Whether the halo is given as a radius (Wang et al. 2007) or a diameter (Fuse et al. 2018).
     assignment : {"halo", "nearest"}
-        Whether an alarm within several halos can detect each of those targets (Wang et al. 2007, rules 1 and 2 to the
-        letter), or only the nearest (as that paper labels training hits).
+        Whether an alarm within several halos can detect each of those targets (Wang et al. 2007,
+        rules 1 and 2 to the letter), or only the nearest (as that paper labels training hits).
     refraction : Refraction, optional
-        Move buried targets to where focusing on the surface shows them. Off by default, as in the papers.
+        Move buried targets to where focusing on the surface shows them. Off by default, as in the
+        papers.
 
     Raises
     ------
@@ -277,17 +298,33 @@ def match(
         distance = distance[keep]
     false = inside & ~in_halo
     return Match(
-        alarms, truth, lanes, radius, alarm_lane, target_lane, row, target, distance, in_halo, false, refraction
+        alarms,
+        truth,
+        lanes,
+        radius,
+        alarm_lane,
+        target_lane,
+        row,
+        target,
+        distance,
+        in_halo,
+        false,
+        refraction,
     )
 
 
-def pairs_within(here: FloatArray, there: FloatArray, radius: float) -> tuple[IntArray, IntArray, FloatArray]:
+def pairs_within(
+    here: FloatArray, there: FloatArray, radius: float
+) -> tuple[IntArray, IntArray, FloatArray]:
     """List the pairs (first, second, distance) of points of two sets within a radius, its border included, m."""
     if len(here) == 0 or len(there) == 0:
         none = np.zeros(0, dtype=np.int64)
         return none, none, np.zeros(0)
-    # The tree rounds differently on the border: let it find a little too much, then decide by the plain formula.
-    near = cKDTree(here).sparse_distance_matrix(cKDTree(there), radius * (1 + 1e-6) + 1e-9, output_type="ndarray")
+    # The tree rounds differently on the border: let it find a little too much, then decide by the
+    # plain formula.
+    near = cKDTree(here).sparse_distance_matrix(
+        cKDTree(there), radius * (1 + 1e-6) + 1e-9, output_type="ndarray"
+    )
     first = near["i"].astype(np.int64)
     second = near["j"].astype(np.int64)
     distance = np.hypot(here[first, 0] - there[second, 0], here[first, 1] - there[second, 1])
@@ -319,31 +356,43 @@ def select_targets(truth: pd.DataFrame, subset: Subset) -> BoolArray:
         chosen = _by_id(truth, [subset])
     else:
         values = np.asarray(subset)
-        chosen = _as_mask(values, len(truth)) if values.dtype == bool else _by_id(truth, list(subset))
+        chosen = (
+            _as_mask(values, len(truth)) if values.dtype == bool else _by_id(truth, list(subset))
+        )
     if len(truth) and not chosen.any():
         kinds = ", ".join(sorted(map(str, truth["kind"].unique())))
-        raise ValueError(f"subset must select at least one target, got {subset!r} of {len(truth)} targets ({kinds})")
+        raise ValueError(
+            f"subset must select at least one target, got {subset!r} of {len(truth)} targets ({kinds})"
+        )
     return chosen
 
 
 def _rows_with(column: pd.Series[Any], wanted: Any) -> BoolArray:
     if callable(wanted):
         return _as_mask(wanted(column), len(column))
-    values = list(wanted) if isinstance(wanted, list | tuple | set | frozenset | np.ndarray | pd.Series) else [wanted]
+    values = (
+        list(wanted)
+        if isinstance(wanted, list | tuple | set | frozenset | np.ndarray | pd.Series)
+        else [wanted]
+    )
     return column.isin(values).to_numpy(dtype=bool)
 
 
 def _as_mask(values: Any, length: int) -> BoolArray:
     mask = np.asarray(values)
     if mask.shape != (length,) or mask.dtype != bool:
-        raise ValueError(f"subset must give one truth value per target ({length}), got {mask.dtype} {mask.shape}")
+        raise ValueError(
+            f"subset must give one truth value per target ({length}), got {mask.dtype} {mask.shape}"
+        )
     return mask
 
 
 def _by_id(truth: pd.DataFrame, wanted: list[Any]) -> BoolArray:
     unknown = [name for name in wanted if name not in set(truth["target_id"])]
     if unknown:
-        raise ValueError(f"subset must name target_id of truth, got {unknown[0]!r} ({len(unknown)} unknown)")
+        raise ValueError(
+            f"subset must name target_id of truth, got {unknown[0]!r} ({len(unknown)} unknown)"
+        )
     return truth["target_id"].isin(wanted).to_numpy(dtype=bool)
 
 

@@ -16,8 +16,8 @@ PASSPHRASE_RULE = (
 def check_passphrase(passphrase: str) -> None:
     """Refuse a passphrase that a program guesses soon, in words that do not tell it.
 
-    The number of guesses is that of zxcvbn (Wheeler 2016), which knows common passwords, names, dates, keyboard rows
-    and repetitions.
+    The number of guesses is that of zxcvbn (Wheeler 2016), which knows common passwords, names,
+    dates, keyboard rows and repetitions.
 
     Raises
     ------
@@ -36,11 +36,15 @@ def check_passphrase(passphrase: str) -> None:
     ValueError: passphrase must be hard to guess: a program finds it in about 10^1 guesses...
     """
     if len(passphrase) < _SHORTEST:
-        raise ValueError(f"passphrase must have at least {_SHORTEST} characters, got {len(passphrase)}")
+        raise ValueError(
+            f"passphrase must have at least {_SHORTEST} characters, got {len(passphrase)}"
+        )
     try:
         from zxcvbn import zxcvbn  # type: ignore[import-untyped]
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError('a passphrase is judged by the library zxcvbn: pip install "flgpr[seal]"') from error
+        raise ModuleNotFoundError(
+            'a passphrase is judged by the library zxcvbn: pip install "flgpr[seal]"'
+        ) from error
     guesses = float(zxcvbn(passphrase[:_JUDGED])["guesses"])
     if guesses < _LEAST_GUESSES:
         raise ValueError(

@@ -11,16 +11,19 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 
-def refraction_shift(depth: ArrayLike, permittivity: float, height: float, distance: ArrayLike) -> Any:
+def refraction_shift(
+    depth: ArrayLike, permittivity: float, height: float, distance: ArrayLike
+) -> Any:
     """Compute how far, m, behind its place a buried object shows in an image focused on the surface.
 
-    With θ the incidence angle from the vertical, Δ = d·sqrt(ε - sin²θ)/sinθ: the delay d·sqrt(ε - sin²θ) that the
-    soil adds to a one-way path, turned into ground range.
+    With θ the incidence angle from the vertical, Δ = d·sqrt(ε - sin²θ)/sinθ: the delay d·sqrt(ε -
+    sin²θ) that the soil adds to a one-way path, turned into ground range.
 
     Parameters
     ----------
     depth : array_like
-        Depth d below the mean surface, m. Objects on or above the surface (depth 0 or less) do not move; NaN stays.
+        Depth d below the mean surface, m. Objects on or above the surface (depth 0 or less) do not
+        move; NaN stays.
     permittivity : float
         Relative permittivity ε of the soil, at least 1.
     height, distance : float, array_like
@@ -62,8 +65,12 @@ class Refraction:
         """Move the buried targets of a truth table to where they show, along the line from the radar."""
         aside = truth["x"].to_numpy() - self.radar_x
         range_ = np.hypot(aside, self.distance)
-        shift = np.nan_to_num(refraction_shift(truth["depth"].to_numpy(), self.permittivity, self.height, range_))
-        return truth.assign(x=truth["x"] + shift * aside / range_, y=truth["y"] + shift * self.distance / range_)
+        shift = np.nan_to_num(
+            refraction_shift(truth["depth"].to_numpy(), self.permittivity, self.height, range_)
+        )
+        return truth.assign(
+            x=truth["x"] + shift * aside / range_, y=truth["y"] + shift * self.distance / range_
+        )
 
 
 @dataclass(frozen=True)
@@ -73,7 +80,9 @@ class SurveyShare:
     sigma: float  #: standard deviation of a surveyed position per axis, m
     halo: float  #: halo radius, m
     share: float  #: ``sigma`` over ``halo``
-    radius_95: float  #: radius around a surveyed position that holds the true one 95 times in 100, m
+    radius_95: (
+        float  #: radius around a surveyed position that holds the true one 95 times in 100, m
+    )
     lost: float  #: probability that an alarm exactly on the true position falls outside the halo
 
 
@@ -92,7 +101,9 @@ def survey_share(sigma: float, halo: float = 1.0) -> SurveyShare:
     if not halo > 0:
         raise ValueError(f"halo must be positive, got {halo}")
     lost = math.exp(-(halo**2) / (2 * sigma**2)) if sigma > 0 else 0.0
-    return SurveyShare(float(sigma), float(halo), sigma / halo, sigma * math.sqrt(-2 * math.log(0.05)), lost)
+    return SurveyShare(
+        float(sigma), float(halo), sigma / halo, sigma * math.sqrt(-2 * math.log(0.05)), lost
+    )
 
 
 def jitter(truth: pd.DataFrame, sigma: float, seed: int | np.random.Generator = 0) -> pd.DataFrame:

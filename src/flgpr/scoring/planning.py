@@ -43,8 +43,8 @@ def sample_size(
 ) -> SamplePlan:
     """Plan how many mines and how much ground show Pd >= pd at FAR <= far.
 
-    A claim is shown when its exact one-sided bound (Clopper-Pearson, Poisson) meets it. Without an assumption on the
-    detector the plan is the smallest: no miss and no false alarm may happen.
+    A claim is shown when its exact one-sided bound (Clopper-Pearson, Poisson) meets it. Without an
+    assumption on the detector the plan is the smallest: no miss and no false alarm may happen.
 
     Parameters
     ----------
@@ -80,14 +80,18 @@ def sample_size(
         if passed >= power:
             break
     else:
-        raise ValueError(f"true_pd must be further above pd = {pd}, got {true_pd}: it takes over {_MOST} misses")
+        raise ValueError(
+            f"true_pd must be further above pd = {pd}, got {true_pd}: it takes over {_MOST} misses"
+        )
     for false_alarms in range(_MOST):
         area = area_needed(far, false_alarms, each)
         quiet = 1.0 if true_far is None else float(special.pdtr(false_alarms, true_far * area))
         if quiet >= power:
             break
     else:
-        raise ValueError(f"true_far must be further under far = {far}, got {true_far}: over {_MOST} false alarms")
+        raise ValueError(
+            f"true_far must be further under far = {far}, got {true_far}: over {_MOST} false alarms"
+        )
     unknown = float("nan")
     return SamplePlan(
         mines, misses, area, false_alarms,
@@ -112,7 +116,9 @@ def mines_needed(pd: float, misses: int, confidence: float = 0.95) -> int:
         low, high = high, 2 * high
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if _at_most(misses, middle, 1 - pd) <= 1 - confidence else (middle, high)
+        low, high = (
+            (low, middle) if _at_most(misses, middle, 1 - pd) <= 1 - confidence else (middle, high)
+        )
     return high
 
 
@@ -127,7 +133,9 @@ def area_needed(far: float, false_alarms: int, confidence: float = 0.95) -> floa
     """
     _check_open(confidence=confidence)
     if not (math.isfinite(far) and far > 0 and false_alarms >= 0):
-        raise ValueError(f"far must be positive and false_alarms not negative, got {far} and {false_alarms}")
+        raise ValueError(
+            f"far must be positive and false_alarms not negative, got {far} and {false_alarms}"
+        )
     return float(special.gammaincinv(false_alarms + 1, confidence) / far)
 
 
@@ -141,25 +149,31 @@ def emplacement_plan(
     lane : Lane, mapping, Series or DataFrame
         The lane or lanes; a target goes to a lane with a chance by its area.
     targets : DataFrame
-        One row per sort: ``kind``, ``depth`` (m), ``count``; further columns (soil, radius, ...) are copied.
+        One row per sort: ``kind``, ``depth`` (m), ``count``; further columns (soil, radius, ...)
+        are copied.
     seed : int
         The same seed gives the same plan.
     spacing, edge : float
-        Least distance between two targets, and to the lane's border, m. At a spacing of twice the halo radius or more
-        no halos overlap.
+        Least distance between two targets, and to the lane's border, m. At a spacing of twice the
+        halo radius or more no halos overlap.
 
     Returns
     -------
     DataFrame
-        Truth table: ``target_id``, ``x`` and ``y`` in whole millimetres, ``kind``, ``depth``, further columns, ``lane``
-        if the lanes have names; ordered by lane and y. ``attrs`` hold seed, spacing and edge.
+        Truth table: ``target_id``, ``x`` and ``y`` in whole millimetres, ``kind``, ``depth``,
+        further columns, ``lane`` if the lanes have names; ordered by lane and y. ``attrs`` hold
+        seed, spacing and edge.
     """
     missing = [name for name in ("kind", "depth", "count") if name not in targets.columns]
     if missing:
-        raise ValueError(f"targets must have the columns kind, depth, count; missing: {', '.join(missing)}")
+        raise ValueError(
+            f"targets must have the columns kind, depth, count; missing: {', '.join(missing)}"
+        )
     taken = [name for name in ("target_id", "x", "y") if name in targets.columns]
     if taken:
-        raise ValueError(f"targets must not have columns that are drawn here, got {', '.join(taken)}")
+        raise ValueError(
+            f"targets must not have columns that are drawn here, got {', '.join(taken)}"
+        )
     counts = pd.to_numeric(targets["count"], errors="coerce").to_numpy(dtype=np.float64)
     if len(counts) == 0 or not ((counts >= 1) & (counts == np.floor(counts))).all():
         raise ValueError(f"targets.count must be whole and positive, got {counts.tolist()}")
@@ -167,12 +181,22 @@ def emplacement_plan(
         raise ValueError(f"spacing and edge must not be negative, got {spacing} m and {edge} m")
     lanes = as_lanes(lane)
     rng = np.random.default_rng(seed)
-    sorts = targets.loc[targets.index.repeat(counts.astype(np.int64))].drop(columns="count").reset_index(drop=True)
+    sorts = (
+        targets.loc[targets.index.repeat(counts.astype(np.int64))]
+        .drop(columns="count")
+        .reset_index(drop=True)
+    )
     names, places = _draw_places(lanes, len(sorts), spacing, edge, rng)
-    plan = sorts.iloc[rng.permutation(len(sorts))].reset_index(drop=True).assign(x=places[:, 0], y=places[:, 1])
+    plan = (
+        sorts.iloc[rng.permutation(len(sorts))]
+        .reset_index(drop=True)
+        .assign(x=places[:, 0], y=places[:, 1])
+    )
     if list(lanes) != [""]:
         plan["lane"] = names
-    plan = plan.sort_values([*(["lane"] if "lane" in plan.columns else []), "y"]).reset_index(drop=True)
+    plan = plan.sort_values([*(["lane"] if "lane" in plan.columns else []), "y"]).reset_index(
+        drop=True
+    )
     width = len(str(len(plan)))
     plan.insert(0, "target_id", [f"T{number + 1:0{width}d}" for number in range(len(plan))])
     plan.attrs = {"seed": int(seed), "spacing": float(spacing), "edge": float(edge)}
@@ -195,7 +219,8 @@ def _draw_places(
 ) -> tuple[list[str], NDArray[np.float64]]:
     """Draw places one after the other and refuse those too close to an earlier one."""
     sizes = {
-        name: (lane.x_max - lane.x_min - 2 * edge, lane.y_max - lane.y_min - 2 * edge) for name, lane in lanes.items()
+        name: (lane.x_max - lane.x_min - 2 * edge, lane.y_max - lane.y_min - 2 * edge)
+        for name, lane in lanes.items()
     }
     areas = np.array([max(0.0, width) * max(0.0, length) for width, length in sizes.values()])
     if not areas.sum() > 0:

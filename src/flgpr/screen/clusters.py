@@ -32,7 +32,9 @@ class Ellipse:
 
     def __post_init__(self) -> None:
         if not (self.half_x > 0 and self.half_y > 0):
-            raise ValueError(f"ellipse half-axes must be positive, got {self.half_x} and {self.half_y}")
+            raise ValueError(
+                f"ellipse half-axes must be positive, got {self.half_x} and {self.half_y}"
+            )
 
 
 @dataclass(frozen=True)
@@ -48,9 +50,10 @@ class ClusterThresholds:
 def find_clusters(image: xr.DataArray, threshold: float, radius: float = 0.2) -> pd.DataFrame:
     """Mark the pixels of a magnitude (y, x) above a threshold and gather them into clusters (Sec. 3.1.1).
 
-    The paper names a clustering method without its parameters; here a marked pixel that none within ``radius`` (m; the
-    paper's is 20 cm) outshines leads a cluster, and every other joins the strongest leader within the radius, if there
-    is one: a cluster depends on its surroundings alone, however long the lane.
+    The paper names a clustering method without its parameters; here a marked pixel that none within
+    ``radius`` (m; the paper's is 20 cm) outshines leads a cluster, and every other joins the
+    strongest leader within the radius, if there is one: a cluster depends on its surroundings
+    alone, however long the lane.
 
     The table has x, y (m) of the strongest pixel, peak, size (marked area, m²), mean, std of the marked amplitudes;
     from strong to weak.
@@ -70,7 +73,9 @@ def find_clusters(image: xr.DataArray, threshold: float, radius: float = 0.2) ->
     found = []
     for members in _leaders(place, radius):
         inside = amplitude[members]
-        found.append((*place[members[0]], inside[0], members.size * pixel, inside.mean(), inside.std()))
+        found.append(
+            (*place[members[0]], inside[0], members.size * pixel, inside.mean(), inside.std())
+        )
     return pd.DataFrame(found, columns=list(CLUSTER_COLUMNS[:-1]), dtype=np.float64)
 
 
@@ -78,7 +83,9 @@ def _leaders(points: FloatArray, radius: float) -> list[NDArray[np.intp]]:
     """Group points (n, 2), the strongest first, about leaders; the leader is the first of its group."""
     if not len(points):
         return []
-    strong, weak = cKDTree(points).query_pairs(radius * (1 + 1e-9), output_type="ndarray").T  # strong < weak
+    strong, weak = (
+        cKDTree(points).query_pairs(radius * (1 + 1e-9), output_type="ndarray").T
+    )  # strong < weak
     joins = np.arange(len(points))
     joins[weak] = len(points)
     leads = joins < len(points)
@@ -98,11 +105,16 @@ def energy_ratio(image: xr.DataArray, places: ArrayLike, ellipse: Ellipse) -> Fl
     power = np.nan_to_num(np.asarray(image.values, dtype=np.float64)) ** 2
     x, y = image["x"].values, image["y"].values
     ratio = np.empty(len(np.reshape(places, (-1, 2))))
-    centres = np.reshape(np.asarray(places, dtype=np.float64), (-1, 2)) + [ellipse.offset_x, ellipse.offset_y]
+    centres = np.reshape(np.asarray(places, dtype=np.float64), (-1, 2)) + [
+        ellipse.offset_x,
+        ellipse.offset_y,
+    ]
     for i, (u, v) in enumerate(centres):
         rows = np.flatnonzero(np.abs(y - v) <= 2 * ellipse.half_y)
         columns = np.flatnonzero(np.abs(x - u) <= 2 * ellipse.half_x)
-        inside = ((x[columns] - u) / ellipse.half_x) ** 2 + ((y[rows, None] - v) / ellipse.half_y) ** 2 <= 1
+        inside = ((x[columns] - u) / ellipse.half_x) ** 2 + (
+            (y[rows, None] - v) / ellipse.half_y
+        ) ** 2 <= 1
         part = power[np.ix_(rows, columns)]
         e_in = float(part[inside].sum())
         ratio[i] = (float(part.sum()) - e_in) / e_in if e_in > 0 else math.inf
@@ -142,10 +154,15 @@ def learn_thresholds(
         raise ValueError("places must hold at least one mine that the image sees, got none")
     amplitude = 0.5 * float(np.quantile(peaks, 1 - pass_share))
     clusters = pd.concat(
-        [_clusters_of_mines(image, places, amplitude, radius, reach, ellipse) for image, places in lanes]
+        [
+            _clusters_of_mines(image, places, amplitude, radius, reach, ellipse)
+            for image, places in lanes
+        ]
     )
     if clusters.empty:
-        raise ValueError("places must hold at least one mine that leads a cluster of its own, got none")
+        raise ValueError(
+            "places must hold at least one mine that leads a cluster of its own, got none"
+        )
     return ClusterThresholds(
         amplitude,
         float(np.quantile(clusters["size"], 1 - pass_share)),
@@ -155,7 +172,12 @@ def learn_thresholds(
 
 
 def _clusters_of_mines(
-    image: xr.DataArray, places: ArrayLike, amplitude: float, radius: float, reach: float, ellipse: Ellipse
+    image: xr.DataArray,
+    places: ArrayLike,
+    amplitude: float,
+    radius: float,
+    reach: float,
+    ellipse: Ellipse,
 ) -> pd.DataFrame:
     """Give the strongest cluster within ``reach`` of every place, with its energy ratio.
 
@@ -205,7 +227,9 @@ def fit_ellipse(template: ArrayLike, spacing: tuple[float, float]) -> Ellipse:
     brightest = np.unravel_index(int(power.argmax()), power.shape)
     power = np.maximum(power - np.median(power), 0)
     if not power.any():
-        raise ValueError("template must rise above its median, as that of a mine that the images show, got zero")
+        raise ValueError(
+            "template must rise above its median, as that of a mine that the images show, got zero"
+        )
     half = []
     offset = []
     for axis, step in ((1, spacing[0]), (0, spacing[1])):
@@ -233,15 +257,16 @@ def fuse_clusters(
     radius : float
         Clusters within it of the strongest make one region, m.
     rule : {"and", "or", "and-or"}
-        Which regions pass: those seen in all images (par. 18), in any, or in all ranges of some polarization (par. 44).
+        Which regions pass: those seen in all images (par. 18), in any, or in all ranges of some
+        polarization (par. 44).
     levels : mapping of (polarization, range) to float, optional
         What the peaks of an image are measured in; default the mean peak of its clusters.
 
     Returns
     -------
     DataFrame
-        x, y (m), mean over the images' strongest clusters; ``images``, how many saw it; ``strength``, its peak over the
-        image's level.
+        x, y (m), mean over the images' strongest clusters; ``images``, how many saw it;
+        ``strength``, its peak over the image's level.
     """
     if rule not in RULES:
         raise ValueError(f"rule must be one of {', '.join(RULES)}, got {rule!r}")
@@ -249,16 +274,22 @@ def fuse_clusters(
         raise ValueError("tables must hold at least one image, got none")
     keys = list(tables)
     parts = [
-        table[["x", "y"]].assign(strength=table["peak"] / (levels[key] if levels else table["peak"].mean()), image=i)
+        table[["x", "y"]].assign(
+            strength=table["peak"] / (levels[key] if levels else table["peak"].mean()), image=i
+        )
         for i, (key, table) in enumerate(tables.items())
     ]
-    pool = pd.concat(parts, ignore_index=True).sort_values("strength", ascending=False, kind="stable")
+    pool = pd.concat(parts, ignore_index=True).sort_values(
+        "strength", ascending=False, kind="stable"
+    )
     pool = pool.reset_index(drop=True)
     regions = []
     for members in _leaders(pool[["x", "y"]].to_numpy(dtype=np.float64), radius):
         best = pool.iloc[members].drop_duplicates("image")
         if _passes({keys[i] for i in best["image"]}, keys, rule):
-            regions.append((best["x"].mean(), best["y"].mean(), len(best), best["strength"].iloc[0]))
+            regions.append(
+                (best["x"].mean(), best["y"].mean(), len(best), best["strength"].iloc[0])
+            )
     table = pd.DataFrame(regions, columns=["x", "y", "images", "strength"])
     return table.astype({"x": float, "y": float, "images": int, "strength": float})
 
@@ -268,4 +299,6 @@ def _passes(seen: set[tuple[str, Any]], keys: list[tuple[str, Any]], rule: Rule)
         return len(seen) == len(keys)
     if rule == "or":
         return bool(seen)
-    return any(all(key in seen for key in keys if key[0] == name) for name in {name for name, _ in keys})
+    return any(
+        all(key in seen for key in keys if key[0] == name) for name in {name for name, _ in keys}
+    )

@@ -27,9 +27,10 @@ def prescreen(
 ) -> pd.DataFrame:
     """Raise alarms at the local maxima of a run-view.
 
-    The density rule keeps the strongest alarms, as many as ``density`` per disc of the alarm radius. The paper counts
-    area and alarms over the whole run-view. By default they are counted inside the lane: what a strong object at the
-    roadside adds must not push alarms out of the lane. Alarms outside it that pass the same threshold are kept.
+    The density rule keeps the strongest alarms, as many as ``density`` per disc of the alarm
+    radius. The paper counts area and alarms over the whole run-view. By default they are counted
+    inside the lane: what a strong object at the roadside adds must not push alarms out of the lane.
+    Alarms outside it that pass the same threshold are kept.
 
     Parameters
     ----------
@@ -42,13 +43,14 @@ def prescreen(
     density : float
         ρ, mean number of alarms kept per area π·radius².
     count : {"lane", "view"}
-        Where area and alarms are counted for the density rule: in the lane, or in all that was seen, as in the paper.
+        Where area and alarms are counted for the density rule: in the lane, or in all that was
+        seen, as in the paper.
 
     Returns
     -------
     DataFrame
-        x, y (m), magnitude, ordered from strong to weak; empty if there is no maximum. Pixels on the border of what was
-        seen never raise an alarm.
+        x, y (m), magnitude, ordered from strong to weak; empty if there is no maximum. Pixels on
+        the border of what was seen never raise an alarm.
 
     Examples
     --------
@@ -83,7 +85,11 @@ def frame_alarms(level: NDArray[Any], grid: Grid, area: Lane, radius: float) -> 
     """
     rows = np.flatnonzero((grid.y >= area.y_min - radius) & (grid.y <= area.y_max + radius))
     columns = np.flatnonzero((grid.x >= area.x_min - radius) & (grid.x <= area.x_max + radius))
-    view = xr.DataArray(level[np.ix_(rows, columns)], dims=("y", "x"), coords={"y": grid.y[rows], "x": grid.x[columns]})
+    view = xr.DataArray(
+        level[np.ix_(rows, columns)],
+        dims=("y", "x"),
+        coords={"y": grid.y[rows], "x": grid.x[columns]},
+    )
     found = prescreen(view, area, radius, density=_ALL)
     return found[area.contains(found["x"], found["y"])].reset_index(drop=True)
 
@@ -94,7 +100,9 @@ def counts(x: ArrayLike, y: ArrayLike, lane: Lane, count: Count) -> NDArray[np.b
     return inside if count == "lane" else np.ones_like(inside)
 
 
-def view_threshold(maxima: pd.DataFrame, lane: Lane, seen: float, radius: float, density: float, count: Count) -> float:
+def view_threshold(
+    maxima: pd.DataFrame, lane: Lane, seen: float, radius: float, density: float, count: Count
+) -> float:
     """Apply the density rule to the local maxima (x, y in m, magnitude) of a whole run-view.
 
     ``seen`` is the area, m², of the run-view that was seen; the rest is as in :func:`prescreen`.
@@ -103,11 +111,13 @@ def view_threshold(maxima: pd.DataFrame, lane: Lane, seen: float, radius: float,
     return density_threshold(counted, seen if count == "view" else lane.area, radius, density)
 
 
-def density_threshold(magnitude: NDArray[np.float64], area: float, radius: float, density: float) -> float:
+def density_threshold(
+    magnitude: NDArray[np.float64], area: float, radius: float, density: float
+) -> float:
     """Find the magnitude from which on local maxima are alarms (Wang et al. 2007, Sec. II-B).
 
-    They were found on ``area``, m²; ρ is the ``density`` of those kept per area π·radius². -inf if all are kept, inf if
-    none is.
+    They were found on ``area``, m²; ρ is the ``density`` of those kept per area π·radius². -inf if
+    all are kept, inf if none is.
 
     Examples
     --------
@@ -132,7 +142,11 @@ def local_maxima(view: xr.DataArray, radius: float) -> pd.DataFrame:
     rows, columns = _maxima(view, radius)
     values = np.asarray(view.values, dtype=np.float64)
     return pd.DataFrame(
-        {"x": view["x"].values[columns], "y": view["y"].values[rows], "magnitude": values[rows, columns]}
+        {
+            "x": view["x"].values[columns],
+            "y": view["y"].values[rows],
+            "magnitude": values[rows, columns],
+        }
     )
 
 
@@ -151,12 +165,19 @@ def _maxima(view: xr.DataArray, radius: float) -> tuple[NDArray[np.intp], NDArra
     nx = math.floor(radius / dx + 1e-9)
     inner = binary_erosion(seen, np.ones((3, 3), bool), border_value=0)
     # A maximum within the radius is one among its neighbours too, which is quickly found out.
-    near = maximum_filter(filled, size=(3 if ny else 1, 3 if nx else 1), mode="constant", cval=-np.inf)
-    rows, columns = np.nonzero((filled == near) & inner) if min(dy, dx) <= radius / math.sqrt(2) else np.nonzero(inner)
+    near = maximum_filter(
+        filled, size=(3 if ny else 1, 3 if nx else 1), mode="constant", cval=-np.inf
+    )
+    rows, columns = (
+        np.nonzero((filled == near) & inner)
+        if min(dy, dx) <= radius / math.sqrt(2)
+        else np.nonzero(inner)
+    )
     padded = np.pad(filled, ((ny, ny), (nx, nx)), constant_values=-np.inf)
     v, u = np.mgrid[-ny : ny + 1, -nx : nx + 1].reshape(2, -1)
     disc = (v * dy) ** 2 + (u * dx) ** 2 <= radius**2 * (1 + 1e-9)
-    # Far neighbours first, some at a time, as memory allows: after each lot few candidates are left.
+    # Far neighbours first, some at a time, as memory allows: after each lot few candidates are
+    # left.
     v, u = (one[disc][np.argsort(-(v**2 + u**2)[disc], kind="stable")] for one in (v, u))
     begin = 0
     while begin < v.size:
@@ -171,7 +192,10 @@ def _maxima(view: xr.DataArray, radius: float) -> tuple[NDArray[np.intp], NDArra
     taken: dict[float, list[int]] = {}
     for i in range(rows.size):
         equal = taken.setdefault(float(values[rows[i], columns[i]]), [])
-        if all(math.hypot((rows[k] - rows[i]) * dy, (columns[k] - columns[i]) * dx) > radius for k in equal):
+        if all(
+            math.hypot((rows[k] - rows[i]) * dy, (columns[k] - columns[i]) * dx) > radius
+            for k in equal
+        ):
             kept.append(i)
             equal.append(i)
     return rows[kept], columns[kept]
@@ -182,7 +206,9 @@ FALSE = "false"
 NEITHER = "neither"
 
 
-def label_alarms(alarms: pd.DataFrame, truth: pd.DataFrame, lane: Lane, radius: float = 1.0) -> pd.DataFrame:
+def label_alarms(
+    alarms: pd.DataFrame, truth: pd.DataFrame, lane: Lane, radius: float = 1.0
+) -> pd.DataFrame:
     """Label alarms as hits, false alarms or neither, each hit with its closest target.
 
     Parameters
@@ -197,8 +223,9 @@ def label_alarms(alarms: pd.DataFrame, truth: pd.DataFrame, lane: Lane, radius: 
     Returns
     -------
     DataFrame
-        ``label`` ("hit", "false" or "neither"), ``target`` (row in the truth table of the closest target, -1 unless a
-        hit) and ``distance`` to the closest target (m, NaN without any), with the index of ``alarms``.
+        ``label`` ("hit", "false" or "neither"), ``target`` (row in the truth table of the closest
+        target, -1 unless a hit) and ``distance`` to the closest target (m, NaN without any), with
+        the index of ``alarms``.
     """
     if not radius > 0:
         raise ValueError(f"radius must be positive, got {radius}")
@@ -214,4 +241,7 @@ def label_alarms(alarms: pd.DataFrame, truth: pd.DataFrame, lane: Lane, radius: 
     hit = distance <= radius
     inside = lane.contains(place[:, 0], place[:, 1])
     label = np.where(hit, HIT, np.where(inside, FALSE, NEITHER))
-    return pd.DataFrame({"label": label, "target": np.where(hit, target, -1), "distance": distance}, index=alarms.index)
+    return pd.DataFrame(
+        {"label": label, "target": np.where(hit, target, -1), "distance": distance},
+        index=alarms.index,
+    )

@@ -67,7 +67,10 @@ class LaneSums:
         seen = np.isfinite(values)
         whole = np.asarray(seen.all(axis=tuple(range(seen.ndim - 2))))
         self._looks[rows] += whole
-        self._take({name: one[..., rows, :] for name, one in self._kept.items()}, Samples(values, seen, whole, local))
+        self._take(
+            {name: one[..., rows, :] for name, one in self._kept.items()},
+            Samples(values, seen, whole, local),
+        )
 
     def result(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         """Compute the run-view (..., y, x), NaN where no scan sees the pixel, and the number of looks (y, x)."""
@@ -153,12 +156,17 @@ class MeanViewSums(LaneSums):
     A look weighs as :func:`look_weight` tells, of its distance.
     """
 
-    def __init__(self, grid: Grid, y_max: float, rows: slice | None = None, falloff: float = 0.0) -> None:
+    def __init__(
+        self, grid: Grid, y_max: float, rows: slice | None = None, falloff: float = 0.0
+    ) -> None:
         super().__init__(grid, y_max, rows)
         self.falloff = falloff
 
     def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
-        return {"sum": np.zeros((*channels, *self._looks.shape)), "weight": np.zeros(self._looks.shape)}
+        return {
+            "sum": np.zeros((*channels, *self._looks.shape)),
+            "weight": np.zeros(self._looks.shape),
+        }
 
     def _take(self, kept: Mapping[str, NDArray[Any]], samples: Samples) -> None:
         distance = np.hypot(samples.local[..., 0], samples.local[..., 1])
@@ -221,12 +229,14 @@ class RangeViewSums(LaneSums):
 def run_view(images: Iterable[xr.DataArray], grid: Grid, y_max: float) -> xr.DataArray:
     """Bring scan images together: the second largest magnitude over the scans that see a pixel.
 
-    Second largest, to be rid of spurious bright pixels; where a single scan sees the pixel, its value stands.
+    Second largest, to be rid of spurious bright pixels; where a single scan sees the pixel, its
+    value stands.
 
     Parameters
     ----------
     images : iterable of xarray.DataArray
-        Cleaned scan images (..., y, x) in the scan frame, each with its ``pose`` among the attributes.
+        Cleaned scan images (..., y, x) in the scan frame, each with its ``pose`` among the
+        attributes.
     grid : Grid
         Pixels in the lane frame.
     y_max : float
@@ -235,8 +245,8 @@ def run_view(images: Iterable[xr.DataArray], grid: Grid, y_max: float) -> xr.Dat
     Returns
     -------
     xarray.DataArray
-        Float32 (..., y, x) in the lane frame; NaN where no scan saw the pixel. Coordinate ``looks`` (y, x) counts the
-        scans.
+        Float32 (..., y, x) in the lane frame; NaN where no scan saw the pixel. Coordinate ``looks``
+        (y, x) counts the scans.
 
     Examples
     --------
@@ -266,7 +276,12 @@ def run_view(images: Iterable[xr.DataArray], grid: Grid, y_max: float) -> xr.Dat
     result, looks = sums.result()
     if template is None:
         raise ValueError("images must hold at least one scan, got none")
-    return view_array(result, looks, grid, {str(n): template[n].values for n in template.dims if n not in ("y", "x")})
+    return view_array(
+        result,
+        looks,
+        grid,
+        {str(n): template[n].values for n in template.dims if n not in ("y", "x")},
+    )
 
 
 def view_array(
@@ -283,7 +298,12 @@ def view_array(
     return xr.DataArray(
         view,
         dims=(*channels, "y", "x"),
-        coords={**channels, "y": grid.y[rows or slice(None)], "x": grid.x, "looks": (("y", "x"), looks)},
+        coords={
+            **channels,
+            "y": grid.y[rows or slice(None)],
+            "x": grid.x,
+            "looks": (("y", "x"), looks),
+        },
         name="run_view",
     )
 

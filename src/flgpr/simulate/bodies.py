@@ -14,7 +14,9 @@ from flgpr.simulate.refraction import reflection
 
 Profile = Sequence[tuple[float, float]]
 
-_LARGEST_COEFFICIENT = 5.0  # keeps a face seen at normal incidence, where the ray picture fails, from growing at will
+_LARGEST_COEFFICIENT = (
+    5.0  # keeps a face seen at normal incidence, where the ray picture fails, from growing at will
+)
 
 
 class Rim(NamedTuple):
@@ -93,7 +95,9 @@ def layered_reflection(
     wavenumber are those in air.
     """
     if len(media) != len(thickness) + 2:
-        raise ValueError(f"media must be two more than thickness, got {len(media)} and {len(thickness)}")
+        raise ValueError(
+            f"media must be two more than thickness, got {len(media)} and {len(thickness)}"
+        )
     k = np.asarray(wavenumber, dtype=float)
     s = np.asarray(sine, dtype=float)
     total = list(reflection(s, media[-2], media[-1]))
@@ -123,7 +127,9 @@ def layers_strength(
     top = 0.0
     for thickness, inner in layers:
         bottom = top + thickness
-        share = (inner - eps) * (np.exp(-2j * down * top) - np.exp(-2j * down * bottom)) / (2j * down)
+        share = (
+            (inner - eps) * (np.exp(-2j * down * top) - np.exp(-2j * down * bottom)) / (2j * down)
+        )
         raised = ((eps - sine**2) + eps / inner * sine**2) / eps
         total += share * np.stack([np.ones_like(raised), raised])
         top = bottom

@@ -37,7 +37,11 @@ class Echoes:
     weight: list[FloatArray] = field(default_factory=list)
 
     def add(
-        self, path: FloatArray, place: FloatArray, spectrum: NDArray[Any], weight: FloatArray | None = None
+        self,
+        path: FloatArray,
+        place: FloatArray,
+        spectrum: NDArray[Any],
+        weight: FloatArray | None = None,
     ) -> None:
         """Add an echo: ``spectrum`` (3 or 4, frequency) m at ``place`` (3,), with ``weight`` (2, pair) or one."""
         whole = np.zeros((4, spectrum.shape[-1]), complex)
@@ -92,7 +96,9 @@ class Ground:
         """Rays from antennas (n, 3) to buried points (n, 3), refracted and delayed by the rough interface."""
         flat = points[:, :2] - antennas[:, :2]
         distance = np.hypot(*flat.T)
-        passed = [np.array(d) for d in zip(*(self.soil.passed(-z) for z in points[:, 2]), strict=True)]
+        passed = [
+            np.array(d) for d in zip(*(self.soil.passed(-z) for z in points[:, 2]), strict=True)
+        ]
         ray = refracted_ray(distance, antennas[:, 2], passed, self.real)
         if self.heights is None:
             return ray
@@ -135,8 +141,11 @@ def add_standing(echoes: Echoes, target: Target, ground: Ground, array: ArraySta
         body = np.full(k.size, target.dielectric, complex)
         h, v = bodies.layered_reflection(math.sqrt(1 - sine**2), k, [np.ones_like(body), body], [])
         wall = np.stack([-h, v])
-        # Edges of a dielectric have no Brewster angle; for want of a theory of strong contrasts V is taken as H.
-        h, _ = bodies.layered_reflection(sine, k, [np.ones_like(body), body, ground.media[0]], [target.height])
+        # Edges of a dielectric have no Brewster angle; for want of a theory of strong contrasts V
+        # is taken as H.
+        h, _ = bodies.layered_reflection(
+            sine, k, [np.ones_like(body), body, ground.media[0]], [target.height]
+        )
         top = np.stack([-h, -h])
     signs = np.array([[-1.0], [1.0]])
     corner = np.sqrt(k * radius * sine / (4 * np.pi)) * 2 * height * np.exp(-0.25j * np.pi)
@@ -173,9 +182,9 @@ def _air_path(point: FloatArray, array: ArrayState) -> FloatArray:
 
 def add_object(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, seed: int) -> None:
     """Add an object's echoes; ``seed`` draws the inside of bushes."""
-    {"rock": _add_rock, "post": _add_post, "bush": _add_bush, "fiducial": _add_fiducial}[thing.kind](
-        echoes, thing, ground, array, seed
-    )
+    {"rock": _add_rock, "post": _add_post, "bush": _add_bush, "fiducial": _add_fiducial}[
+        thing.kind
+    ](echoes, thing, ground, array, seed)
 
 
 def _add_rock(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, seed: int) -> None:
@@ -219,7 +228,9 @@ def bush_scatterers(thing: Thing, seed: int, count: int = 24) -> tuple[FloatArra
     place = rng.normal(0, 0.5, (count, 3)) * thing.radius
     place[:, 2] = rng.uniform(0.05, 1.0, count) * max(thing.height, 0.1)
     place[:, :2] += [thing.x, thing.y]
-    level = 10 ** ((-10.0 if thing.rcs_db is None else thing.rcs_db) / 20) / math.sqrt(4 * np.pi * count)
+    level = 10 ** ((-10.0 if thing.rcs_db is None else thing.rcs_db) / 20) / math.sqrt(
+        4 * np.pi * count
+    )
     z = (rng.normal(size=(count, 3)) + 1j * rng.normal(size=(count, 3))) / math.sqrt(2)
     return place, z * level * np.array([1.0, 1.0, 0.5])
 
@@ -232,7 +243,13 @@ def _add_bush(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, s
         echoes.add(_air_path(place[None, :], array), place, size[:, None] * growth)
 
 
-def _add_fiducial(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, seed: int) -> None:  # noqa: ARG001
+def _add_fiducial(
+    echoes: Echoes,
+    thing: Thing,
+    ground: Ground,
+    array: ArrayState,
+    seed: int,  # noqa: ARG001
+) -> None:
     """Corner reflector: cross section growing as f², the same in HH and VV, 0 dBsm at 1 GHz unless given."""
     level = 10 ** ((thing.rcs_db or 0.0) / 20) / math.sqrt(4 * np.pi)
     point = np.array([[thing.x, thing.y, thing.height]])
@@ -245,9 +262,17 @@ def antenna_gains(places: FloatArray, array: ArrayState) -> NDArray[np.float32]:
     shape = (len(array.position), len(places))
     gain = np.empty((*shape, 3), np.float32)
     exponent = 0.0 if array.growth > 0 else array.exponent
-    look = (array.boresight, array.horizontal, array.vertical, exponent, np.empty((0, 0), np.float32))
+    look = (
+        array.boresight,
+        array.horizontal,
+        array.vertical,
+        exponent,
+        np.empty((0, 0), np.float32),
+    )
     unused = (np.empty(shape), np.empty(shape, np.complex64))
-    antenna_terms(places, array.position, *look, 0.0, np.zeros(len(places)), np.zeros(3), *unused, gain)
+    antenna_terms(
+        places, array.position, *look, 0.0, np.zeros(len(places)), np.zeros(3), *unused, gain
+    )
     return gain
 
 
@@ -263,11 +288,15 @@ def sum_echoes(echoes: Echoes, array: ArrayState, frequency: FloatArray) -> NDAr
     cosine = np.log(np.maximum(ray @ array.boresight, 1e-6))
     path = np.stack([np.broadcast_to(p, (array.tx.size,)) for p in echoes.path])
     spectrum = np.ascontiguousarray(np.stack(echoes.spectrum), dtype=np.complex64)
-    weight = np.stack([np.broadcast_to(w, (2, array.tx.size)) for w in echoes.weight]).astype(np.float32)
+    weight = np.stack([np.broadcast_to(w, (2, array.tx.size)) for w in echoes.weight]).astype(
+        np.float32
+    )
     step = (frequency[1] - frequency[0]) / SPEED_OF_LIGHT if frequency.size > 1 else 0.0
     tones = (frequency[0] / SPEED_OF_LIGHT, step, array.growth * SPEED_OF_LIGHT**2)
     moved = -(ray @ array.drift) / frequency.size  # path from tone to tone
-    _sum(path, spectrum, weight, gain, cosine, moved, array.tx, array.rx, *tones, array.dipoles, out)
+    _sum(
+        path, spectrum, weight, gain, cosine, moved, array.tx, array.rx, *tones, array.dipoles, out
+    )
     return out * np.float32(math.sqrt(4 * np.pi))
 
 
@@ -316,7 +345,9 @@ def _sum(  # type: ignore[no-untyped-def]
                 v = even * spectrum[e, 1, k] * now
                 x, y = even * spectrum[e, 2, k] * now, odd * spectrum[e, 3, k] * now
                 if mixed:
-                    out[0, q, k] += ah * bh * h + ah * bv * (x + y) + av * bh * (x - y) + av * bv * v
+                    out[0, q, k] += (
+                        ah * bh * h + ah * bv * (x + y) + av * bh * (x - y) + av * bv * v
+                    )
                     out[1, q, k] += ah * bw * (x + y) + av * bw * v
                     out[2, q, k] += aw * bh * (x - y) + aw * bv * v
                     out[3, q, k] += aw * bw * v

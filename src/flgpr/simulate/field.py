@@ -22,7 +22,9 @@ TILES_KEPT = 4000
 
 def tiles_between(low: FloatArray, high: FloatArray) -> list[tuple[int, int]]:
     """Tiles (ix, iy) that touch the box from one corner (x, y) to the other, m, row by row."""
-    (left, near), (right, far) = (np.floor(corner / TILE).astype(int).tolist() for corner in (low, high))
+    (left, near), (right, far) = (
+        np.floor(corner / TILE).astype(int).tolist() for corner in (low, high)
+    )
     return [(ix, iy) for iy in range(near, far + 1) for ix in range(left, right + 1)]
 
 
@@ -71,19 +73,27 @@ class SurfaceField:
         self.per_tile = math.prod(self._cells)
         self.tile = lru_cache(keep)(self._make)
         textures = "texture" if name == "surface" else f"{name} texture"
-        self._discs = np.array([(patch.x, patch.y, patch.radius) for patch in patches]).reshape(-1, 3)
-        self._texture = None if surface.texture_shape is None else _Texture(surface, stream(seed, textures))
+        self._discs = np.array([(patch.x, patch.y, patch.radius) for patch in patches]).reshape(
+            -1, 3
+        )
+        self._texture = (
+            None if surface.texture_shape is None else _Texture(surface, stream(seed, textures))
+        )
 
     def within(self, corners: FloatArray) -> Scatterers:
         """Scatterers of every tile that touches the bounding box of ``corners`` (corner, 2), m."""
-        tiles = [self.tile(ix, iy) for ix, iy in tiles_between(corners.min(axis=0), corners.max(axis=0))]
+        tiles = [
+            self.tile(ix, iy) for ix, iy in tiles_between(corners.min(axis=0), corners.max(axis=0))
+        ]
         return Scatterers._make(np.concatenate(column) for column in zip(*tiles, strict=True))
 
     def _make(self, ix: int, iy: int) -> Scatterers:
         """Make the scatterers of the tile whose lower corner is (ix, iy)·TILE."""
         rng = stream(self.seed, self.name, ix, iy)
         xy = (jittered(rng, self._cells) + [ix, iy]) * TILE
-        z = rng.standard_normal((self.per_tile, 6), dtype=np.float32).view(np.complex64) / np.float32(math.sqrt(2))
+        z = rng.standard_normal((self.per_tile, 6), dtype=np.float32).view(
+            np.complex64
+        ) / np.float32(math.sqrt(2))
         rho = self.surface.correlation
         z[:, 1] = rho * z[:, 0] + math.sqrt(1 - rho**2) * z[:, 1]
         z[:, 2] *= 10 ** (self.surface.cross_db / 20)
@@ -123,4 +133,6 @@ class _Texture:
         return np.asarray(np.interp(low * (1 - fy) + high * fy, self._grid, self._power))
 
     def _along(self, tile: int, waves: FloatArray, phase: FloatArray | float) -> ComplexArray:
-        return np.exp(1j * ((tile * TILE + np.linspace(0, TILE, self._nodes))[:, None] * waves + phase))
+        return np.exp(
+            1j * ((tile * TILE + np.linspace(0, TILE, self._nodes))[:, None] * waves + phase)
+        )

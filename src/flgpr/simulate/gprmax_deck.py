@@ -38,25 +38,34 @@ class Decks:
     files: dict[str, str] = field(default_factory=dict)  #: name and text of every file
     #: what the reader needs to put the results together, as JSON values
     manifest: dict[str, Any] = field(default_factory=dict)
-    omissions: list[str] = field(default_factory=list)  #: parts of scene and sensor that are not in the files, in words
+    omissions: list[str] = field(
+        default_factory=list
+    )  #: parts of scene and sensor that are not in the files, in words
     summary: list[str] = field(default_factory=list)  #: size and cost, in words
 
 
 def make_decks(
-    scene: Scene, sensor: Sensor, seed: int, cells_per_wavelength: float = 10.0, max_cells: float = 3e8
+    scene: Scene,
+    sensor: Sensor,
+    seed: int,
+    cells_per_wavelength: float = 10.0,
+    max_cells: float = 3e8,
 ) -> Decks:
     """Write a scene as gprMax input files; a ValueError if the model is too large or too coarse, or for some soils.
 
     Parameters
     ----------
     scene : Scene
-        A small one; give it ``track.positions``, for every scan is a run per transmitter and polarization.
+        A small one; give it ``track.positions``, for every scan is a run per transmitter and
+        polarization.
     sensor : Sensor
-        Its antennas become ideal short dipoles across its axis: H along the array, V upright and tilted with it.
+        Its antennas become ideal short dipoles across its axis: H along the array, V upright and
+        tilted with it.
     seed : int
         Draws the same world, track and surface heights as :func:`flgpr.simulate.simulate`.
     cells_per_wavelength, max_cells : float
-        Cells per wavelength at the highest tone in the slowest soil, and those of the largest model that is written.
+        Cells per wavelength at the highest tone in the slowest soil, and those of the largest model
+        that is written.
     """
     if not cells_per_wavelength >= 4:
         raise ValueError(f"cells_per_wavelength must be at least 4, got {cells_per_wavelength:g}")
@@ -68,7 +77,9 @@ def make_decks(
     wavelength = SPEED_OF_LIGHT / tones[-1]
     cell = min(wavelength / slowest, wavelength) / cells_per_wavelength
     digits = 10.0 ** (math.floor(math.log10(cell)) - 1)
-    cell = round(math.floor(cell / digits + 1e-9) * digits, 9)  # rounded down, so that files and grids are readable
+    cell = round(
+        math.floor(cell / digits + 1e-9) * digits, 9
+    )  # rounded down, so that files and grids are readable
     antennas = vehicle_to_lane(np.concatenate([sensor.tx, sensor.rx]), poses)
     grid = _grid(scene, world, antennas, cell)
     count = math.prod(grid.shape)
@@ -80,11 +91,15 @@ def make_decks(
         )
     relaxing = [fit_relaxation(tones, eps, 1.5 * grid.time_step) for eps in media]
     decks = Decks()
-    # gprMax refuses a pulse that has 1 % of its peak where a wavelength holds less than three cells: at 3.76 times its
-    # centre.
-    centre = min(float(tones[0] + tones[-1]) / 2, wavelength / slowest / cell * float(tones[-1]) / (3 * 3.85))
+    # gprMax refuses a pulse that has 1 % of its peak where a wavelength holds less than three
+    # cells: at 3.76 times its centre.
+    centre = min(
+        float(tones[0] + tones[-1]) / 2, wavelength / slowest / cell * float(tones[-1]) / (3 * 3.85)
+    )
     window = _time_window(grid, antennas, slowest, centre)
-    decks.files[SCENE_FILE], rough = _scene_text(scene, world, grid, relaxing, seed, decks.omissions)
+    decks.files[SCENE_FILE], rough = _scene_text(
+        scene, world, grid, relaxing, seed, decks.omissions
+    )
     decks.omissions[:0] = _left_out(scene, world, sensor)
     runs = _runs(decks, scene, sensor, poses, antennas, grid, centre, window)
     tx, rx = sensor.pairs()
@@ -94,13 +109,22 @@ def make_decks(
         "seed": seed,
         "sensor": sensor.name,
         "polarization": list(sensor.polarization),
-        "tones": {"start": sensor.tones.start, "step": sensor.tones.step, "count": sensor.tones.count},
+        "tones": {
+            "start": sensor.tones.start,
+            "step": sensor.tones.step,
+            "count": sensor.tones.count,
+        },
         "tx_position": tx.tolist(),
         "rx_position": rx.tolist(),
         "pose": poses.tolist(),
         "time": times.tolist(),
         "waveform": {"type": "gaussiandotnorm", "frequency": centre},
-        "grid": {"origin": list(grid.origin), "cell": cell, "shape": list(grid.shape), "time_window": window},
+        "grid": {
+            "origin": list(grid.origin),
+            "cell": cell,
+            "shape": list(grid.shape),
+            "time_window": window,
+        },
         "soil": [dict(zip(RelaxingMedium._fields, one, strict=True)) for one in relaxing],
         "surface": rough,
         "omissions": decks.omissions,
@@ -158,7 +182,12 @@ def _time_window(grid: Grid, antennas: FloatArray, index: float, centre: float) 
 
 
 def _scene_text(
-    scene: Scene, world: World, grid: Grid, soils: list[RelaxingMedium], seed: int, omissions: list[str]
+    scene: Scene,
+    world: World,
+    grid: Grid,
+    soils: list[RelaxingMedium],
+    seed: int,
+    omissions: list[str],
 ) -> tuple[str, dict[str, float]]:
     """Write everything that does not change from run to run: soil, surface, objects, targets."""
     lines = []
@@ -171,7 +200,9 @@ def _scene_text(
     lines += ground
     outside = [t for t in world.targets if not grid.contains((t.x, t.y, 0.0), t.extent[0])]
     if outside:
-        raise ValueError(f"every target must lie on the lane, got one at x = {outside[0].x:g}, y = {outside[0].y:g} m")
+        raise ValueError(
+            f"every target must lie on the lane, got one at x = {outside[0].x:g}, y = {outside[0].y:g} m"
+        )
     lines += _objects(world.objects, grid, rough["rms_height"], omissions)
     bodies: dict[float, str] = {}
     for target in world.targets:
@@ -189,7 +220,10 @@ def _ground(scene: Scene, grid: Grid, seed: int, soils: int) -> tuple[list[str],
     if surface.rms_height + surface.unevenness > 0 and (surface.echo or surface.phase_screen):
         heights = surface_heights(surface, seed)
         # Inside the absorbing layers the ground goes on as it enters them.
-        axes = [np.clip(np.arange(n), grid.absorber, n - 1 - grid.absorber) + 0.5 for n in grid.shape[:2]]
+        axes = [
+            np.clip(np.arange(n), grid.absorber, n - 1 - grid.absorber) + 0.5
+            for n in grid.shape[:2]
+        ]
         x, y = (axis * cell + start for axis, start in zip(axes, grid.origin[:2], strict=True))
         exact = np.stack([heights(x[i], y) for i in range(x.size)])
         steps = np.rint(exact / cell).astype(int)
@@ -207,9 +241,14 @@ def _ground(scene: Scene, grid: Grid, seed: int, soils: int) -> tuple[list[str],
     for k in range(soils):
         floor = bottoms[k] if k < len(bottoms) else 0
         if tops[k] > floor:
-            lines.append(_box(0, grid.shape[0], 0, grid.shape[1], floor, tops[k], cell, f"soil{k + 1}"))
+            lines.append(
+                _box(0, grid.shape[0], 0, grid.shape[1], floor, tops[k], cell, f"soil{k + 1}")
+            )
     for step in range(low + 1, high + 1):
-        lines += [_box(*area, level + step - 1, level + step, cell, "soil1") for area in rectangles(steps >= step)]
+        lines += [
+            _box(*area, level + step - 1, level + step, cell, "soil1")
+            for area in rectangles(steps >= step)
+        ]
     return lines, {"rms_height": wanted, "rms_height_on_grid": float(steps.std() * cell)}
 
 
@@ -218,7 +257,9 @@ def _box(i0: int, i1: int, j0: int, j1: int, k0: int, k1: int, cell: float, mate
     return f"#box: {corners} {material}"
 
 
-def _objects(things: tuple[Thing, ...], grid: Grid, rms_height: float, omissions: list[str]) -> list[str]:
+def _objects(
+    things: tuple[Thing, ...], grid: Grid, rms_height: float, omissions: list[str]
+) -> list[str]:
     lines = []
     away = 0
     kinds: dict[str, int] = {}
@@ -230,7 +271,15 @@ def _objects(things: tuple[Thing, ...], grid: Grid, rms_height: float, omissions
             lines.append(f"#sphere: {place} {thing.radius:.9g} rock")
         elif thing.kind == "post" and thing.height >= grid.cell:
             foot = -grid.cell * math.ceil(3 * rms_height / grid.cell)
-            lines.append(_rod((thing.x, thing.y, thing.height), (thing.x, thing.y, foot), thing.radius, grid, "pec"))
+            lines.append(
+                _rod(
+                    (thing.x, thing.y, thing.height),
+                    (thing.x, thing.y, foot),
+                    thing.radius,
+                    grid,
+                    "pec",
+                )
+            )
         else:
             kinds[thing.kind] = kinds.get(thing.kind, 0) + 1
     if any(line.startswith("#sphere") for line in lines):
@@ -241,12 +290,16 @@ def _objects(things: tuple[Thing, ...], grid: Grid, rms_height: float, omissions
     return lines
 
 
-def _rod(top: Iterable[float], bottom: Iterable[float], radius: float, grid: Grid, material: str) -> str:
+def _rod(
+    top: Iterable[float], bottom: Iterable[float], radius: float, grid: Grid, material: str
+) -> str:
     ends = " ".join(f"{v:.9g}" for v in (*grid.local(list(top)), *grid.local(list(bottom))))
     return f"#cylinder: {ends} {radius:.9g} {material}"
 
 
-def _target(target: Target, grid: Grid, bodies: dict[float, str], omissions: list[str]) -> list[str]:
+def _target(
+    target: Target, grid: Grid, bodies: dict[float, str], omissions: list[str]
+) -> list[str]:
     """Write a body of revolution about its leaning axis: discs of its profile, the air gap under its top last."""
     lean = math.sin(target.tilt) * np.array([math.sin(target.azimuth), math.cos(target.azimuth)])
     axis = np.array([*lean, math.cos(target.tilt)])
@@ -258,12 +311,16 @@ def _target(target: Target, grid: Grid, bodies: dict[float, str], omissions: lis
     where = f"the {target.kind} at ({target.x:g}, {target.y:g}) m"
     height = target.extent[1]
     if height < least:
-        omissions.append(f"the height of {where}: {1000 * height:.0f} mm became a cell, {1000 * least:.0f} mm")
+        omissions.append(
+            f"the height of {where}: {1000 * height:.0f} mm became a cell, {1000 * least:.0f} mm"
+        )
     discs = _discs(target.outline, max(least, 1e-9))
     lines = [_rod(top - a * axis, top - b * axis, r, grid, material) for r, a, b in discs]
     gap = min(target.air_gap, 0.9 * target.height) if target.dielectric is not None else 0.0
     if 0 < gap < least:
-        omissions.append(f"the air gap of {where}: {1000 * gap:.0f} mm became a cell, {1000 * least:.0f} mm")
+        omissions.append(
+            f"the air gap of {where}: {1000 * gap:.0f} mm became a cell, {1000 * least:.0f} mm"
+        )
         gap = least
     if gap > 0:
         lines.append(_rod(top, top - gap * axis, discs[0][0], grid, "free_space"))
@@ -298,7 +355,9 @@ def _left_out(scene: Scene, world: World, sensor: Sensor) -> list[str]:
     omitted = []
     if sensor.antenna.kind == "horn":
         omitted.append("the horns' pattern and gain: ideal short dipoles stand in for them")
-    omitted.append("the sensor's errors: leakage, self-signature, drift, noise, interference, lost sweeps, pose errors")
+    omitted.append(
+        "the sensor's errors: leakage, self-signature, drift, noise, interference, lost sweeps, pose errors"
+    )
     if surface.echo:
         omitted.append(
             "what the surface has beside its heights (slope, texture, cross_db, correlation, level_db): the ground "
@@ -307,7 +366,9 @@ def _left_out(scene: Scene, world: World, sensor: Sensor) -> list[str]:
     if world.patches:
         omitted.append(f"{len(world.patches)} wet patches")
     if not scene.terrain.flat:
-        omitted.append("the terrain (slope, undulation, ruts): the ground is level but for its roughness")
+        omitted.append(
+            "the terrain (slope, undulation, ruts): the ground is level but for its roughness"
+        )
     if scene.grass.grown:
         omitted.append("the grass")
     buried = [*strewn(scene), *(["refilled holes"] if world.holes else [])]
@@ -326,14 +387,19 @@ def _runs(
     first, second = sensor.pair_indices()
     for scan, pose in enumerate(poses):
         turn = pose_matrix(pose)
-        directions = {"H": turn[:, 0], "V": turn @ np.array([0.0, math.sin(sensor.tilt), math.cos(sensor.tilt)])}
+        directions = {
+            "H": turn[:, 0],
+            "V": turn @ np.array([0.0, math.sin(sensor.tilt), math.cos(sensor.tilt)]),
+        }
         places = antennas[scan]
         air = _air_grid(grid, places)
         widest = np.linalg.norm(places[:, None] - places, axis=-1).max()
         air_window = float(1.1 * widest / SPEED_OF_LIGHT + 4 / centre)
         for tx in sorted(set(first.tolist())):
             pairs = np.flatnonzero(first == tx)
-            receivers = [_receiver(places[len(sensor.tx) + second[p]], directions, grid) for p in pairs]
+            receivers = [
+                _receiver(places[len(sensor.tx) + second[p]], directions, grid) for p in pairs
+            ]
             for label in sorted({name[0] for name in sensor.polarization}):
                 source = grid.spread(places[tx], directions[label])
                 name = f"scan{scan:03d}-tx{tx:02d}-{label}"
@@ -368,7 +434,10 @@ def _receiver(position: FloatArray, directions: dict[str, FloatArray], grid: Gri
     """Give every field component of a receiver's two polarizations a number, those in common once."""
     known: dict[tuple[str, tuple[int, int, int]], int] = {}
     return {
-        label: [(known.setdefault((p.component, p.node), len(known)), p) for p in grid.spread(position, direction)]
+        label: [
+            (known.setdefault((p.component, p.node), len(known)), p)
+            for p in grid.spread(position, direction)
+        ]
         for label, direction in directions.items()
     }
 

@@ -60,7 +60,9 @@ class Grid(NamedTuple):
         """
         place = self.local(point) / self.cell
         points = []
-        for axis, (component, part) in enumerate(zip("xyz", np.asarray(direction, dtype=np.float64), strict=True)):
+        for axis, (component, part) in enumerate(
+            zip("xyz", np.asarray(direction, dtype=np.float64), strict=True)
+        ):
             if abs(part) < 1e-9:
                 continue
             at = np.round(place - 0.5 * (np.arange(3) == axis), 9)
@@ -134,7 +136,9 @@ def fit_relaxation(
     f = np.atleast_1d(np.asarray(frequency, float))
     eps = np.atleast_1d(np.asarray(permittivity, complex))
     if (eps.imag > 1e-12).any() or (eps.real < 1).any():
-        raise ValueError(f"permittivity must have ε' >= 1 and no negative loss, got {eps[np.argmax(eps.imag)]:g}")
+        raise ValueError(
+            f"permittivity must have ε' >= 1 and no negative loss, got {eps[np.argmax(eps.imag)]:g}"
+        )
     longest = 10 / (2 * math.pi * f.min())
     times = np.geomspace(shortest, max(longest, 1.01 * shortest), 25)
     best = _solve(f, eps, ())
@@ -151,7 +155,9 @@ def _badness(medium: RelaxingMedium) -> float:
     return max(medium.error_real / _TOLERANCE[0], medium.error_loss / _TOLERANCE[1])
 
 
-def _solve(f: NDArray[np.float64], eps: NDArray[np.complex128], times: tuple[float, ...]) -> RelaxingMedium:
+def _solve(
+    f: NDArray[np.float64], eps: NDArray[np.complex128], times: tuple[float, ...]
+) -> RelaxingMedium:
     omega = 2 * np.pi * f
     # ε∞ is 1 plus something, so that no part may be negative.
     columns = [np.ones(f.size, complex), -1j / (omega * VACUUM_PERMITTIVITY)]
@@ -167,5 +173,6 @@ def _solve(f: NDArray[np.float64], eps: NDArray[np.complex128], times: tuple[flo
     medium = RelaxingMedium(1 + float(part[0]), float(part[1]), poles, 0.0, 0.0)
     error = medium(f) - eps
     return medium._replace(
-        error_real=float((np.abs(error.real) / eps.real).max()), error_loss=float((np.abs(error.imag) / loss).max())
+        error_real=float((np.abs(error.real) / eps.real).max()),
+        error_loss=float((np.abs(error.imag) / loss).max()),
     )

@@ -37,7 +37,11 @@ class Hole(NamedTuple):
 
         The solids and water of the soil thin out with its density, and the water added takes the place of air.
         """
-        index = 1 + (np.sqrt(soil) - 1) * self.looseness + (np.sqrt(water(frequency)) - 1) * self.moisture
+        index = (
+            1
+            + (np.sqrt(soil) - 1) * self.looseness
+            + (np.sqrt(water(frequency)) - 1) * self.moisture
+        )
         return np.asarray(np.where(index.real > 1, index, 1.0) ** 2)
 
 
@@ -63,7 +67,9 @@ def _over_targets(scene: Scene, targets: tuple[Target, ...], seed: int) -> list[
             continue
         width, height = target.extent
         radius = width + rng.uniform(*table.margin)
-        holes.append(Hole(target.x, target.y, radius, target.depth + height, *_fill(scene, rng), index))
+        holes.append(
+            Hole(target.x, target.y, radius, target.depth + height, *_fill(scene, rng), index)
+        )
     return holes
 
 
@@ -94,7 +100,9 @@ def hole_patches(scene: Scene, holes: tuple[Hole, ...]) -> tuple[Patch, ...]:
     return tuple(Patch(x=h.x, y=h.y, radius=h.radius, gain_db=scene.holes.rough_db) for h in holes)
 
 
-def hole_factor(hole: Hole, depth: float, sine: float, ground: Ground) -> tuple[float, ComplexArray]:
+def hole_factor(
+    hole: Hole, depth: float, sine: float, ground: Ground
+) -> tuple[float, ComplexArray]:
     """Change of the way to a point in a hole, against the undisturbed soil, at a depth under the mean surface.
 
     ``extra`` is the path gained one way at the band's middle, m; ``factor`` (frequency,) what is left of the amplitude
@@ -111,7 +119,13 @@ def hole_factor(hole: Hole, depth: float, sine: float, ground: Ground) -> tuple[
 
 
 def wall_flash(
-    hole: Hole, contrast: complex, soil: float, wall: float, sine: float, wavenumber: float, side: float
+    hole: Hole,
+    contrast: complex,
+    soil: float,
+    wall: float,
+    sine: float,
+    wavenumber: float,
+    side: float,
 ) -> complex:
     """Amplitude of the near (``side`` 1) or far (-1) flash of a hole's upper edge (Born), m; the lower's is opposite.
 
@@ -124,7 +138,9 @@ def wall_flash(
     return complex(math.sqrt(4 * math.pi) * wavenumber**2 / 4 * contrast * hole.radius**2 * flash)
 
 
-def cap_flash(hole: Hole, soil: complex, sine: float, wavenumber: float, side: float) -> tuple[complex, complex]:
+def cap_flash(
+    hole: Hole, soil: complex, sine: float, wavenumber: float, side: float
+) -> tuple[complex, complex]:
     """Amplitude of the flash of the cap's edge, HH and VV, m.
 
     Small perturbation by the deterministic height ``h·(1 - r²/a²)``: ``k0²cos²θ·α/π`` times its transform

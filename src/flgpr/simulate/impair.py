@@ -77,7 +77,9 @@ class Impairments:
         span = SPEED_OF_LIGHT / (self.frequency[1] - self.frequency[0])
         path = np.arange(2 * tones) / (2 * tones) * span
         slant = np.maximum(path / 2, 1.2 * self.sensor.height)
-        envelope = np.where(path < 2.2 * self.sensor.footprint[3], (slant / self.errors.noise_range) ** -2.0, 0)
+        envelope = np.where(
+            path < 2.2 * self.sensor.footprint[3], (slant / self.errors.noise_range) ** -2.0, 0
+        )
         shape = (4, self.pairs, path.size)
         echo = (rng.normal(size=shape) + 1j * rng.normal(size=shape)) / math.sqrt(2) * envelope
         echo[1:3] *= 0.3
@@ -135,7 +137,14 @@ def reference_clutter(sensor: Sensor) -> float:
     sigma = surface_backscatter(centre, sine, 3.4, 0.005, 0.05)[0]
     tx, rx = sensor.pairs()
     aperture = float(np.ptp(tx[:, 0]) + np.ptp(rx[:, 0]))
-    cell = SPEED_OF_LIGHT / (2 * (high - low) * sine) * SPEED_OF_LIGHT / centre * slant / max(aperture, 0.1)
+    cell = (
+        SPEED_OF_LIGHT
+        / (2 * (high - low) * sine)
+        * SPEED_OF_LIGHT
+        / centre
+        * slant
+        / max(aperture, 0.1)
+    )
     if sensor.antenna.kind == "dipole":
         amplitude = 2 * np.pi * centre * 4e-7 * np.pi / (4 * np.pi) ** 1.5 / slant**2
     else:
@@ -147,7 +156,9 @@ def reference_clutter(sensor: Sensor) -> float:
 
 
 _TAPS = 32  # delays of which a leakage in frequency is made
-_SETTLING = 60  # scans between the knots of the antennas' drift: a minute or two, as temperatures take
+_SETTLING = (
+    60  # scans between the knots of the antennas' drift: a minute or two, as temperatures take
+)
 
 
 class AntennaErrors:
@@ -161,7 +172,9 @@ class AntennaErrors:
         self._shape = (2, max(len(sensor.tx), len(sensor.rx)), 2)  # side, antenna, port
         self._leak = None if self.errors.isolation_db is None else self._draw_leakage()
         self._still = self._draw_imbalance() * self._draw_ringing()
-        level = np.array([self.errors.antenna_gain_db, self.errors.antenna_phase, self.errors.antenna_delay])
+        level = np.array(
+            [self.errors.antenna_gain_db, self.errors.antenna_phase, self.errors.antenna_delay]
+        )
         self._level = level.reshape(3, 1, 1, 1)
 
     def apply(self, signal: NDArray[np.complex64], scan: int) -> NDArray[np.complex64]:
@@ -173,7 +186,9 @@ class AntennaErrors:
             return signal
         sent = ports[0][self._first].astype(np.complex64)
         taken = ports[1][self._second].astype(np.complex64)
-        return np.stack([signal[2 * i + j] * sent[:, i] * taken[:, j] for i in range(2) for j in range(2)])
+        return np.stack(
+            [signal[2 * i + j] * sent[:, i] * taken[:, j] for i in range(2) for j in range(2)]
+        )
 
     def ports(self, scan: int) -> ComplexArray | None:
         """Transfer (side, antenna, port, frequency) of the ports in a scan: side sends or takes, port is H or V."""
@@ -191,8 +206,12 @@ class AntennaErrors:
     def _mix(self, signal: NDArray[np.complex64]) -> NDArray[np.complex64]:
         """Mix the polarizations by the leakages of every antenna."""
         leak = np.asarray(self._leak)
-        t_hv, t_vh = leak[0][self._first].swapaxes(0, 1)  # V radiated when H is fed, and H when V is
-        r_hv, r_vh = leak[1][self._second].swapaxes(0, 1)  # V taken up by the H port, and H by the V port
+        t_hv, t_vh = leak[0][self._first].swapaxes(
+            0, 1
+        )  # V radiated when H is fed, and H when V is
+        r_hv, r_vh = leak[1][self._second].swapaxes(
+            0, 1
+        )  # V taken up by the H port, and H by the V port
         hh, hv, vh, vv = signal
         h_fed = (hh + t_hv * vh, hv + t_hv * vv)
         v_fed = (vh + t_vh * hh, vv + t_vh * hv)
@@ -218,7 +237,9 @@ class AntennaErrors:
             [errors.imbalance_phase],
         ]
         half = np.sqrt(10 ** (db / 20) * np.exp(1j * phase))
-        return np.broadcast_to(np.stack([1 / half, half], axis=1)[:, None, :, None], (*self._shape, 1))
+        return np.broadcast_to(
+            np.stack([1 / half, half], axis=1)[:, None, :, None], (*self._shape, 1)
+        )
 
     def _draw_ringing(self) -> ComplexArray:
         errors = self.errors
@@ -226,9 +247,15 @@ class AntennaErrors:
             return np.ones((1, 1, 1, 1), complex)
         rng = stream(self.seed, "ringing")
         count = len(errors.ringing_frequencies)
-        place = np.array(errors.ringing_frequencies) * (1 + 0.02 * rng.normal(size=(*self._shape, count)))
-        size = 10 ** (errors.ringing_db / 20) * np.exp(2j * np.pi * rng.random((*self._shape, count)))
-        return 1 + (size[..., None] * resonance(self.frequency, place[..., None], errors.ringing_q)).sum(axis=-2)
+        place = np.array(errors.ringing_frequencies) * (
+            1 + 0.02 * rng.normal(size=(*self._shape, count))
+        )
+        size = 10 ** (errors.ringing_db / 20) * np.exp(
+            2j * np.pi * rng.random((*self._shape, count))
+        )
+        return 1 + (
+            size[..., None] * resonance(self.frequency, place[..., None], errors.ringing_q)
+        ).sum(axis=-2)
 
 
 def resonance(frequency: FloatArray, centre: FloatArray, quality: float) -> ComplexArray:

@@ -14,7 +14,9 @@ from flgpr.model.arrays import ComplexArray, FloatArray
 _FULL = np.sqrt(4 * np.pi)
 
 
-def stone(radius: ArrayLike, body: ArrayLike, soil: ArrayLike, wavenumber: float) -> tuple[FloatArray, FloatArray]:
+def stone(
+    radius: ArrayLike, body: ArrayLike, soil: ArrayLike, wavenumber: float
+) -> tuple[FloatArray, FloatArray]:
     """Amplitude, m, of a dielectric sphere in soil: its dipole, which saturates at the optical cross section.
 
     With the sign of the contrast it is ``2√π·f·u²/sqrt(1 + u⁴)`` with the optical ``f = a/2·(n - n_s)/(n + n_s)`` and u
@@ -22,10 +24,14 @@ def stone(radius: ArrayLike, body: ArrayLike, soil: ArrayLike, wavenumber: float
     one, at which u = 1. Permittivities are real, the wavenumber is that in air.
     """
     a, er, es = (np.asarray(v, dtype=float) for v in (radius, body, soil))
-    slope = (np.sqrt(er) + np.sqrt(es)) ** 2 / (er + 2 * es)  # contrast of the dipole over the optical one
+    slope = (np.sqrt(er) + np.sqrt(es)) ** 2 / (
+        er + 2 * es
+    )  # contrast of the dipole over the optical one
     contrast = (np.sqrt(er) - np.sqrt(es)) / (np.sqrt(er) + np.sqrt(es))
     u2 = 2 * slope * es * (wavenumber * a) ** 2
-    return np.asarray(_FULL * a / 2 * contrast * u2 / np.sqrt(1 + u2**2)), np.asarray(1 / np.sqrt(u2))
+    return np.asarray(_FULL * a / 2 * contrast * u2 / np.sqrt(1 + u2**2)), np.asarray(
+        1 / np.sqrt(u2)
+    )
 
 
 def stone_shape(u: ArrayLike) -> FloatArray:
@@ -44,7 +50,9 @@ def spheroid(stretch: ArrayLike, body: ArrayLike, soil: ArrayLike) -> tuple[Floa
     e = np.sqrt(e2)
     prolate = (1 - e2) / e2 * (np.arctanh(np.minimum(e, 0.999999)) / e - 1)
     oblate = (1 + e2) / e2 * (1 - np.arctan(e) / e)
-    along = np.where(np.abs(q - 1) < 1e-3, 1 / 3 - 4 / 15 * (q - 1), np.where(q > 1, prolate, oblate))
+    along = np.where(
+        np.abs(q - 1) < 1e-3, 1 / 3 - 4 / 15 * (q - 1), np.where(q > 1, prolate, oblate)
+    )
     sphere = (er + 2 * es) / 3
     return sphere / (es + along * (er - es)), sphere / (es + (1 - along) / 2 * (er - es))
 
@@ -62,7 +70,9 @@ def root(
     es = np.asarray(soil, dtype=float)
     thin = wavenumber**2 / (4 * np.pi) * np.pi * a**2 * (body - es)
     index = np.sqrt(complex(body))
-    thick = np.sqrt(wavenumber * np.sqrt(es) * a / (4 * np.pi)) * np.abs((index - np.sqrt(es)) / (index + np.sqrt(es)))
+    thick = np.sqrt(wavenumber * np.sqrt(es) * a / (4 * np.pi)) * np.abs(
+        (index - np.sqrt(es)) / (index + np.sqrt(es))
+    )
     u3 = np.abs(thin / thick) ** 2
     along = _FULL * thin / np.sqrt(1 + u3)
     return np.asarray(along), np.asarray(along * 2 * es / (body + es)), np.asarray(u3 ** (-1 / 3))
@@ -75,7 +85,12 @@ def root_shape(u: ArrayLike) -> FloatArray:
 
 
 def volume_backscatter(
-    wavenumber: ArrayLike, sine: ArrayLike, soil: ArrayLike, deviation: float, horizontal: float, vertical: float
+    wavenumber: ArrayLike,
+    sine: ArrayLike,
+    soil: ArrayLike,
+    deviation: float,
+    horizontal: float,
+    vertical: float,
 ) -> FloatArray:
     """Radar cross section per volume, 1/m, of a soil whose permittivity fluctuates, in the soil (first-order Born).
 
@@ -90,13 +105,17 @@ def volume_backscatter(
     return np.asarray(k**4 / (4 * np.pi) * spectrum)
 
 
-def disc_flash(radius: ArrayLike, wavenumber: float, sine: ArrayLike = 1.0, side: float = 1.0) -> ComplexArray:
+def disc_flash(
+    radius: ArrayLike, wavenumber: float, sine: ArrayLike = 1.0, side: float = 1.0
+) -> ComplexArray:
     """Flash of a level disc's transform ``2J_1(x)/x``, x = 2k0·a·sinθ, for large x: near (``side`` 1) or far (-1)."""
     x = 2 * wavenumber * np.asarray(radius, dtype=float) * np.asarray(sine, dtype=float)
     return np.asarray(np.sqrt(2 / (np.pi * x**3)) * np.exp(-0.75j * np.pi * side))
 
 
-def lens(radius: ArrayLike, contrast: ArrayLike, thickness: float, wavenumber: float) -> ComplexArray:
+def lens(
+    radius: ArrayLike, contrast: ArrayLike, thickness: float, wavenumber: float
+) -> ComplexArray:
     """Amplitude, m, of a thin flat disc's near flash (Born) at sinθ = 1; that of the far one is its conjugate."""
     a = np.asarray(radius, dtype=float)
     d = np.asarray(contrast, dtype=float)

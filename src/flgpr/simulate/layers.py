@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     from flgpr.simulate.shadow import Shadows
 
 _SAMPLE = 240  # points of a layer by which the tones are chosen
-_COSINES = np.linspace(0.35, 1, 14)  # two-way cosines off the axis, for a layer that has no point in view
+_COSINES = np.linspace(
+    0.35, 1, 14
+)  # two-way cosines off the axis, for a layer that has no point in view
 _TOLERANCE = 0.01
 _MOST = 8
 
@@ -149,7 +151,9 @@ class Skeleton:
             self._tones = np.array([0])
             self.functions = np.ones((1, frequency.size))
         else:
-            self._tones, self.functions = _choose(np.concatenate([self._rows(echoes) for echoes in found]))
+            self._tones, self.functions = _choose(
+                np.concatenate([self._rows(echoes) for echoes in found])
+            )
         self.nodes = frequency[self._tones]
 
     def values(self, echoes: PointEchoes) -> NDArray[np.complex64]:
@@ -160,7 +164,9 @@ class Skeleton:
     def _rows(self, echoes: PointEchoes) -> NDArray[Any]:
         """Spectra times beams (row, frequency) of some points of a layer, each polarization's of mean square one."""
         spectra, cosine = self._samples(echoes)
-        rows = spectra * (cosine[:, None] ** (0.5 * self._array.exponents(self._frequency)))[:, None]
+        rows = (
+            spectra * (cosine[:, None] ** (0.5 * self._array.exponents(self._frequency)))[:, None]
+        )
         size = np.sqrt(np.mean(np.abs(rows) ** 2, axis=(0, 2), keepdims=True))
         return (rows / (size + 1e-300)).reshape(-1, self._frequency.size)
 
@@ -193,11 +199,15 @@ def _choose(rows: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[Any]]:
     return tones, lstsq(rows[:, tones], rows)[0]
 
 
-def sum_layers(layers: Iterable[Layer], view: View, spreader: Spreader, skeleton: Skeleton) -> NDArray[np.complex64]:
+def sum_layers(
+    layers: Iterable[Layer], view: View, spreader: Spreader, skeleton: Skeleton
+) -> NDArray[np.complex64]:
     """Sum the echoes of all layers, taken at the skeleton's tones, over pairs and tones, as the Spreader does."""
     every = [layer.echoes(view) for layer in layers]
     if not every:
-        return np.zeros((4 if view.array.dipoles else 3, view.array.tx.size, spreader.count), np.complex64)
+        return np.zeros(
+            (4 if view.array.dipoles else 3, view.array.tx.size, spreader.count), np.complex64
+        )
     points = np.concatenate([echoes.points for echoes in every])
     extra = np.concatenate([echoes.extra for echoes in every])
     values = np.concatenate([skeleton.values(echoes) for echoes in every])
@@ -209,7 +219,9 @@ def sum_layers(layers: Iterable[Layer], view: View, spreader: Spreader, skeleton
 
 
 _RANKS = 2
-_SLANTS = np.linspace(0.0, 15.0, 128)  # of a ray's way through the grass, over its height, times what V suffers more
+_SLANTS = np.linspace(
+    0.0, 15.0, 128
+)  # of a ray's way through the grass, over its height, times what V suffers more
 _LEAST_COSINE = 0.05
 
 
@@ -230,7 +242,9 @@ def optical_depth(grass: tables.Grass, frequency: ArrayLike) -> FloatArray:
     return np.asarray(grass.loss * grass.water * np.asarray(frequency, dtype=float) / 1.4e9)
 
 
-def through_grass(grass: tables.Grass, frequency: ArrayLike, sine: ArrayLike, above: float = 1.0) -> FloatArray:
+def through_grass(
+    grass: tables.Grass, frequency: ArrayLike, sine: ArrayLike, above: float = 1.0
+) -> FloatArray:
     """Two-way factor (3, ..., frequency) of HH, VV and cross of what has the part ``above`` of the grass over it."""
     way = slants(grass, sine)[..., None]
     if not grass.grown:
@@ -260,13 +274,19 @@ class GrassLayer:
     ``σ⁰ = 0.75·ω·cosθ·(1 - exp(-2τ_p/cosθ))``, the echo of a layer of small particles (Ulaby & Long 2014, Sec. 11-5).
     """
 
-    def __init__(self, grass: tables.Grass, density: float, seed: int, frequency: FloatArray) -> None:
+    def __init__(
+        self, grass: tables.Grass, density: float, seed: int, frequency: FloatArray
+    ) -> None:
         self.grass = grass
-        like = {name: getattr(grass, name) for name in ("cross_db", "correlation", "texture_shape", "texture_length")}
+        like = {
+            name: getattr(grass, name)
+            for name in ("cross_db", "correlation", "texture_shape", "texture_length")
+        }
         self._field = GrassField(Surface(**like), (), density, seed, name="grass")
         depth = optical_depth(grass, frequency)
         u, s, vt = np.linalg.svd(
-            np.sqrt(1.5 * albedo(grass, frequency) * depth) * np.exp(-np.outer(_SLANTS, depth)), False
+            np.sqrt(1.5 * albedo(grass, frequency) * depth) * np.exp(-np.outer(_SLANTS, depth)),
+            False,
         )
         ranks = min(_RANKS, s.size)
         self._weights = (u[:, :ranks] * s[:ranks]).T
@@ -289,4 +309,6 @@ class GrassLayer:
             for rank, row in enumerate(self._weights):
                 weight[:, rank, channel] = np.interp(way[channel] * above, _SLANTS, row)
         coefficient = weight * (amplitude * np.sqrt(thicker).T)[:, None, :]
-        return PointEchoes(points, np.zeros(len(points)), coefficient.astype(np.complex64), self.basis)
+        return PointEchoes(
+            points, np.zeros(len(points)), coefficient.astype(np.complex64), self.basis
+        )

@@ -20,20 +20,30 @@ class Ray(NamedTuple):
 
 
 def refracted_ray(
-    distance: ArrayLike, height: ArrayLike, thickness: Sequence[ArrayLike], permittivity: Sequence[float]
+    distance: ArrayLike,
+    height: ArrayLike,
+    thickness: Sequence[ArrayLike],
+    permittivity: Sequence[float],
 ) -> Ray:
     """Find the ray of stationary path (Fermat) through plane layers, given from the top down with real permittivities.
 
     For one layer this minimises ``sqrt(H² + (x-q)²) + n·sqrt(d² + q²)`` over q. Snell's invariant s = sinθ is found by
     Newton's rule on tanθ; the path is ``R_air + s·q + Σ d_i·sqrt(ε_i - s²)``, stationary in s. A thickness may be zero.
     """
-    x, h = np.broadcast_arrays(np.asarray(distance, dtype=np.float64), np.asarray(height, dtype=np.float64))
-    layers = [(np.asarray(d, dtype=np.float64), float(e)) for d, e in zip(thickness, permittivity, strict=True)]
+    x, h = np.broadcast_arrays(
+        np.asarray(distance, dtype=np.float64), np.asarray(height, dtype=np.float64)
+    )
+    layers = [
+        (np.asarray(d, dtype=np.float64), float(e))
+        for d, e in zip(thickness, permittivity, strict=True)
+    ]
     if not (h > 0).all():
         raise ValueError(f"height must be positive, got {h.min()}")
     for d, eps in layers:
         if (d < 0).any() or eps < 1:
-            raise ValueError(f"layers must have thickness >= 0 and permittivity >= 1, got {d.min()} m and {eps}")
+            raise ValueError(
+                f"layers must have thickness >= 0 and permittivity >= 1, got {d.min()} m and {eps}"
+            )
     tangent = x / h
     for _ in range(6):
         s = tangent / np.sqrt(1 + tangent**2)

@@ -43,7 +43,9 @@ class HeightField:
         """Height of the surface at points of the lane frame, m, in the shape of ``x`` and ``y``."""
         if self._scale == 0:
             return np.zeros(np.broadcast_shapes(np.shape(x), np.shape(y)))
-        point = np.stack(np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float)), axis=-1)
+        point = np.stack(
+            np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float)), axis=-1
+        )
         return np.asarray(self._scale * np.cos(point @ self._waves + self._phase).sum(axis=-1))
 
 
@@ -70,7 +72,9 @@ def uneven_height(unevenness: float, waviness: float = 2.0) -> float:
 def surface_heights(surface: Surface, seed: int) -> HeightField:
     """Heights of a scene's surface, m, the same wherever its ``seed`` is simulated."""
     uneven = surface.unevenness, surface.waviness
-    return HeightField(surface.rms_height, surface.correlation_length, stream(seed, "heights"), *uneven)
+    return HeightField(
+        surface.rms_height, surface.correlation_length, stream(seed, "heights"), *uneven
+    )
 
 
 def surface_backscatter(
@@ -124,7 +128,9 @@ def _spectrum(wavenumber: FloatArray, length: float, hurst: float) -> FloatArray
     return np.asarray(2 * hurst * length**2 * (1 + (wavenumber * length) ** 2) ** -(1 + hurst))
 
 
-def bragg_factors(cosine: FloatArray, sine: FloatArray, eps: ComplexArray) -> tuple[ComplexArray, ...]:
+def bragg_factors(
+    cosine: FloatArray, sine: FloatArray, eps: ComplexArray
+) -> tuple[ComplexArray, ...]:
     """α of HH and VV in small perturbation, for cosine and sine of the incidence angle and the soil's permittivity."""
     q = np.sqrt(eps - sine**2)
     alpha_h = (eps - 1) / (cosine + q) ** 2

@@ -57,12 +57,17 @@ class Soil(_Part):
     #: permittivity, conductivity: ε' and ohmic conductivity (S/m) of the model "fixed"
     permittivity: Annotated[float, Field(ge=1, le=1000)] = 3.0
     conductivity: Annotated[float, Field(ge=0, le=1000)] = 0.0
-    loss_tangent: Annotated[float, Field(ge=0, le=100)] | None = None  #: overrides the model's loss when given
+    loss_tangent: Annotated[float, Field(ge=0, le=100)] | None = (
+        None  #: overrides the model's loss when given
+    )
 
     def media(self, frequency: ArrayLike) -> list[NDArray[np.complex128]]:
         """Complex permittivity at each ``frequency`` (Hz) of every layer from the top down, the half-space last."""
         f = np.asarray(frequency, dtype=np.float64)
-        return [self._mix(f, moisture) for moisture in (*(layer.moisture for layer in self.layers), self.moisture)]
+        return [
+            self._mix(f, moisture)
+            for moisture in (*(layer.moisture for layer in self.layers), self.moisture)
+        ]
 
     def passed(self, depth: float) -> list[float]:
         """Thickness of every layer that a point at ``depth`` (m) has above it, m."""
@@ -98,13 +103,19 @@ class Surface(_Part):
     #: 8608: 256e-6 in class C, 1024e-6 in D, 4096e-6 in E); 0 leaves the exponential correlation alone
     unevenness: Annotated[float, Field(ge=0, le=1)] = 0.0
     waviness: Annotated[float, Field(gt=1, lt=3)] = 2.0  #: exponent with which that density falls
-    slope: Annotated[float, Field(ge=0, lt=math.pi / 2)] = math.radians(5)  #: rms tilt of the larger scale, rad
+    slope: Annotated[float, Field(ge=0, lt=math.pi / 2)] = math.radians(
+        5
+    )  #: rms tilt of the larger scale, rad
     cross_db: Decibels = -12.0  #: HV under HH, dB
     correlation: Annotated[float, Field(ge=0, le=1)] = 0.65  #: correlation of HH and VV
     #: shape of the gamma-distributed local power (K-distributed amplitudes); None is Rayleigh clutter
     texture_shape: Annotated[float, Field(ge=0.01)] | None = 4.0
-    texture_length: Annotated[float, Field(gt=0.05)] = 0.5  #: correlation length of the local power, m
-    density: Positive | None = None  #: scatterers per m²; None takes 3 per resolution cell of the sensor at 10 m
+    texture_length: Annotated[float, Field(gt=0.05)] = (
+        0.5  #: correlation length of the local power, m
+    )
+    density: Positive | None = (
+        None  #: scatterers per m²; None takes 3 per resolution cell of the sensor at 10 m
+    )
     level_db: Decibels = 0.0  #: added to σ⁰, dB: for sites whose level was measured
 
 
@@ -124,7 +135,9 @@ def _sized(data: Any, own: tuple[str, ...]) -> Any:
     given = [entry for entry in own if data.get(entry) is not None]
     size = body_size(data["body"])
     if given and not all(data[entry] == size.get(entry) for entry in given):
-        raise ValueError(f"{given[0]} must not be given with body = {data['body']!r}, which has its own")
+        raise ValueError(
+            f"{given[0]} must not be given with body = {data['body']!r}, which has its own"
+        )
     return {**data, **size}
 
 
@@ -232,7 +245,9 @@ class Clutter(_Part):
     @model_validator(mode="after")
     def _check(self) -> Clutter:
         if not self.roadside[0] <= self.roadside[1]:
-            raise ValueError(f"roadside must be the least and the greatest distance, got {self.roadside}")
+            raise ValueError(
+                f"roadside must be the least and the greatest distance, got {self.roadside}"
+            )
         return self
 
 
@@ -260,7 +275,9 @@ class Track(_Part):
     #: positions at which the vehicle stands, m, and how many scans it takes there besides its own
     stops: tuple[tuple[float, NonNegativeInt], ...] = ()
     departures: tuple[Departure, ...] = ()  #: where it leaves the lane and re-enters
-    positions: tuple[float, ...] | None = None  #: exact positions along the lane, m, instead of drawn ones
+    positions: tuple[float, ...] | None = (
+        None  #: exact positions along the lane, m, instead of drawn ones
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Track:
@@ -328,14 +345,18 @@ def site_tables(site: Any) -> dict[str, Any]:
             tables = parse_toml(read_named(own))
         except ValueError as error:
             raise ValueError(f"site {own} must be TOML in UTF-8 ({error})") from None
-        parts = {name for name, entry in Scene.model_fields.items() if isinstance(entry.default, _Part)} - {"track"}
+        parts = {
+            name for name, entry in Scene.model_fields.items() if isinstance(entry.default, _Part)
+        } - {"track"}
         strange = sorted(set(tables) - parts)
         if strange:
             raise ValueError(f"site {own} must hold the tables of a site alone, got {strange[0]}")
         return tables
     known = sites()
     if site not in known:
-        raise ValueError(f"site must be one of {', '.join(known)} or a TOML file that is there, got {site!r}")
+        raise ValueError(
+            f"site must be one of {', '.join(known)} or a TOML file that is there, got {site!r}"
+        )
     return tomllib.loads((_SITES / f"{site}.toml").read_text(encoding="utf-8"))
 
 

@@ -43,7 +43,9 @@ class Strip(NamedTuple):
     foliage: float = math.inf
 
 
-def strips_of(targets: Iterable[Target], objects: Iterable[Thing], ground: Any, foliage: float) -> list[Strip]:
+def strips_of(
+    targets: Iterable[Target], objects: Iterable[Thing], ground: Any, foliage: float
+) -> list[Strip]:
     """Give the strips of what throws shadows: metal bodies on the ground, posts, bushes, rocks from 5 cm radius.
 
     ``ground`` gives the height at x and y; a bush loses ``foliage`` (dB/m one way at 0.87 GHz) over its mean chord.
@@ -76,7 +78,9 @@ class Shadows:
     def __init__(self, strips: Iterable[Strip], array: ArrayState, frequency: FloatArray) -> None:
         self._frequency = frequency
         chosen = slice(None, None, max(1, math.ceil(array.tx.size / _PAIRS)))
-        used, index = np.unique(np.concatenate([array.tx[chosen], array.rx[chosen]]), return_inverse=True)
+        used, index = np.unique(
+            np.concatenate([array.tx[chosen], array.rx[chosen]]), return_inverse=True
+        )
         self._antennas = array.position[used]
         self._tx, self._rx = np.split(index, 2)
         self._strips = np.array([s[:5] for s in strips]).reshape(-1, 5)
@@ -117,7 +121,9 @@ def _arrived(v: Any, table: Any) -> Any:
 
 
 @njit(cache=True)
-def _passes(point: Any, antenna: Any, strip: Any, passed: Any, wavelength: Any, table: Any, out: Any) -> None:
+def _passes(
+    point: Any, antenna: Any, strip: Any, passed: Any, wavelength: Any, table: Any, out: Any
+) -> None:
     """Fill ``out`` (node,) with the factor of the field from an antenna to a point past a strip."""
     out[:] = 1.0
     dx = point[0] - antenna[0]
@@ -135,7 +141,9 @@ def _passes(point: Any, antenna: Any, strip: Any, passed: Any, wavelength: Any, 
     above = (strip[3] - antenna[2] - part * dz) * flat / slant
     for n in range(wavelength.size):
         scale = math.sqrt(2 / (wavelength[n] * slant * part * (1 - part)))
-        width = _arrived((across + strip[4]) * scale, table) - _arrived((across - strip[4]) * scale, table)
+        width = _arrived((across + strip[4]) * scale, table) - _arrived(
+            (across - strip[4]) * scale, table
+        )
         out[n] = 1 - (1 - passed[n]) * width * _arrived(above * scale, table)
 
 
@@ -146,7 +154,8 @@ def _shade(points, antennas, tx, rx, strips, passed, wavelength, table, out, beg
     cy = antennas[:, 1].mean()
     cz = antennas[:, 2].mean()
     aperture = np.abs(antennas[:, 0] - cx).max() + np.abs(antennas[:, 1] - cy).max()
-    # One Fresnel zone of the lowest frequency at its widest, and the spread of the antennas as seen past the strip.
+    # One Fresnel zone of the lowest frequency at its widest, and the spread of the antennas as seen
+    # past the strip.
     longest = wavelength.max()
     away = np.hypot(strips[:, 0] - cx, strips[:, 1] - cy)
     reach = strips[:, 4] + np.sqrt(longest * away) + aperture

@@ -16,7 +16,15 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.kernels.threads import blas_on_one_thread
-from flgpr.model import SPEED_OF_LIGHT, Sensor, Tones, image_paths, make_run, pose_matrix, vehicle_to_lane
+from flgpr.model import (
+    SPEED_OF_LIGHT,
+    Sensor,
+    Tones,
+    image_paths,
+    make_run,
+    pose_matrix,
+    vehicle_to_lane,
+)
 from flgpr.model.arrays import FloatArray
 from flgpr.simulate.echoes import Echoes, Ground, add_object, incidence, sum_echoes
 from flgpr.simulate.field import TILES_KEPT, SurfaceField
@@ -62,7 +70,9 @@ class Simulator:
         self.seed = seed
         self.world = draw_world(scene, seed)
         self._terrain = terrain = Terrain(scene.terrain, scene.lane, seed)
-        self._height = functools.cache(lambda x, y: terrain(x, y).item())  # bodies stand in many scans
+        self._height = functools.cache(
+            lambda x, y: terrain(x, y).item()
+        )  # bodies stand in many scans
         level, self.time = draw_track(scene, sensor.height, seed)
         self.pose = self._terrain.follow(level)
         shadow = (self.world.targets, self.world.objects, self._terrain, scene.shadow.foliage)
@@ -79,7 +89,9 @@ class Simulator:
         self.response = system_response(sensor, self.frequency)
         self._errors = Impairments(sensor, seed) if errors else None
         self._drift = sweep_drift(self.pose, self.time, sensor.errors.sweep_time if errors else 0.0)
-        self._skeleton = Skeleton(self._layers, self._view(self._array(0), self.pose[0]), self.frequency)
+        self._skeleton = Skeleton(
+            self._layers, self._view(self._array(0), self.pose[0]), self.frequency
+        )
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -120,23 +132,34 @@ class Simulator:
 
     def attributes(self) -> dict[str, Any]:
         """Describe the run."""
-        return {"lane": self.scene.name, "sensor": self.sensor.name, "seed": self.seed, "simulated": "flgpr"}
+        return {
+            "lane": self.scene.name,
+            "sensor": self.sensor.name,
+            "seed": self.seed,
+            "simulated": "flgpr",
+        }
 
     def run(self, bodies: bool = False) -> xr.Dataset:
         """Simulate all scans into a run held in memory; if wanted what the targets' bodies alone add to them."""
         tx, rx = self.sensor.pairs()
         axes = self.frequency, list(self.sensor.polarization)
-        scans = np.stack([(self.bodies if bodies else self.scan)(index) for index in range(len(self))])
+        scans = np.stack(
+            [(self.bodies if bodies else self.scan)(index) for index in range(len(self))]
+        )
         return make_run(scans, *axes, tx, rx, self.reported_pose(), self.time, self.attributes())
 
     def _array(self, index: int) -> ArrayState:
-        return dataclasses.replace(array_state(self.sensor, self.pose[index]), drift=self._drift[index])
+        return dataclasses.replace(
+            array_state(self.sensor, self.pose[index]), drift=self._drift[index]
+        )
 
     def _view(self, array: ArrayState, pose: FloatArray) -> View:
         """Gather what a scan sees its scatterers by."""
         shadows = None
         if self._strips:
-            shadows = Shadows([strip for strip in self._strips if _in_view(strip, pose)], array, self.frequency)
+            shadows = Shadows(
+                [strip for strip in self._strips if _in_view(strip, pose)], array, self.frequency
+            )
         return View(self.sensor.footprint, pose, array, self._terrain, shadows)
 
     def _single_echoes(self, view: View, things: bool = True) -> Echoes:
@@ -180,7 +203,9 @@ class Simulator:
             return
         through = np.ones((4, self.frequency.size), complex)
         if view.shadows is not None:
-            through *= view.shadows.of_body(np.array([x, y, ground + max(places[:, 2].mean(), 0.0)]))
+            through *= view.shadows.of_body(
+                np.array([x, y, ground + max(places[:, 2].mean(), 0.0)])
+            )
         sine = view.sine(np.array([[x, y, 0.0]])).item() if grass.grown else 0.0
         for i, place in enumerate(places, first):
             factor = through
@@ -201,8 +226,12 @@ class Simulator:
             spectra = _surface_spectra(surface, self.scene.soil, grass, self.sensor.tones)
             layers.append(SurfaceLayer(field, spectra))
         if grass.grown:
-            layers.append(GrassLayer(grass, grass.density or density / 2, self.seed, self.frequency))
-        return layers + subsurface_layers(self.scene, self.world.holes, self._ground, density / 4, self.seed)
+            layers.append(
+                GrassLayer(grass, grass.density or density / 2, self.seed, self.frequency)
+            )
+        return layers + subsurface_layers(
+            self.scene, self.world.holes, self._ground, density / 4, self.seed
+        )
 
 
 @functools.lru_cache(maxsize=16)
@@ -210,15 +239,25 @@ def _surface_spectra(surface: Surface, soil: Soil, grass: Grass, tones: Tones) -
     """Factor sqrt(σ⁰(f, θ)) of HH, VV and cross: the same on every lane of a site."""
     frequency = tones.axis()
     sines = np.linspace(0.02, 0.999, 256)
-    shape = surface.rms_height, surface.correlation_length, surface.slope, surface.unevenness, surface.waviness
-    hh, vv = surface_backscatter(frequency[None, :], sines[:, None], soil.media(frequency)[0], *shape)
+    shape = (
+        surface.rms_height,
+        surface.correlation_length,
+        surface.slope,
+        surface.unevenness,
+        surface.waviness,
+    )
+    hh, vv = surface_backscatter(
+        frequency[None, :], sines[:, None], soil.media(frequency)[0], *shape
+    )
     spectra = np.sqrt([hh, vv, hh])
     if grass.grown:
         spectra = spectra * through_grass(grass, frequency, sines)
     return SineSpectra(sines, spectra, _RANKS)
 
 
-def simulate(scene: Scene, sensor: Sensor, seed: int, errors: bool = True) -> tuple[xr.Dataset, pd.DataFrame]:
+def simulate(
+    scene: Scene, sensor: Sensor, seed: int, errors: bool = True
+) -> tuple[xr.Dataset, pd.DataFrame]:
     """Simulate a run over a scene, and give it with the truth table of the lane's targets; see :class:`Simulator`."""
     simulator = Simulator(scene, sensor, seed, errors)
     return simulator.run(), simulator.truth
@@ -263,7 +302,11 @@ def finest_cell(sensor: Sensor, distance: float = 10.0) -> float:
     slant = math.hypot(distance, sensor.height)
     down = SPEED_OF_LIGHT / (2 * max(tones[-1] - tones[0], sensor.tones.step)) * slant / distance
     tx, rx = sensor.pairs()
-    aperture = 2 * float(np.ptp((tx + rx)[:, 0]) / 2) if sensor.scanned else float(np.ptp(tx[:, 0]) + np.ptp(rx[:, 0]))
+    aperture = (
+        2 * float(np.ptp((tx + rx)[:, 0]) / 2)
+        if sensor.scanned
+        else float(np.ptp(tx[:, 0]) + np.ptp(rx[:, 0]))
+    )
     return float(down * SPEED_OF_LIGHT / tones[-1] * slant / max(aperture, 0.1))
 
 
@@ -307,10 +350,19 @@ def drawing_effort(scene: Scene) -> Effort:
     side = scene.clutter.roadside[1]
     span = scene.length + 2 * MARGIN
     clutter = scene.clutter
-    things = float(len(scene.targets) + len(scene.objects) + len(scene.patches) + sum(d.count for d in scene.draws))
+    things = float(
+        len(scene.targets)
+        + len(scene.objects)
+        + len(scene.patches)
+        + sum(d.count for d in scene.draws)
+    )
     things += ((clutter.rocks + clutter.patches) * 2 * side + clutter.bushes + clutter.posts) * span
-    things += scene.holes.empty * scene.length * (scene.x_max - scene.x_min) if scene.holes.on else 0.0
-    return Effort(0.0, things, 0.0, _PROGRAM + _PER_THING[0] * things, _BEGIN + _PER_THING[1] * things)
+    things += (
+        scene.holes.empty * scene.length * (scene.x_max - scene.x_min) if scene.holes.on else 0.0
+    )
+    return Effort(
+        0.0, things, 0.0, _PROGRAM + _PER_THING[0] * things, _BEGIN + _PER_THING[1] * things
+    )
 
 
 def simulation_effort(scene: Scene, sensor: Sensor) -> Effort:
@@ -319,16 +371,28 @@ def simulation_effort(scene: Scene, sensor: Sensor) -> Effort:
     scans = _scans(scene)
     x_min, x_max, y_min, y_max = sensor.footprint
     reach = max(math.hypot(x, y) for x in (x_min, x_max) for y in (y_min, y_max))
-    area = min((x_max - x_min + 2) * (y_max - y_min + 2) * 2, 4 * (reach + 2) ** 2)  # about a footprint that is turned
+    area = min(
+        (x_max - x_min + 2) * (y_max - y_min + 2) * 2, 4 * (reach + 2) ** 2
+    )  # about a footprint that is turned
     density = _density(scene, sensor)
     points = max(density, _FEWEST) * area
     pairs = len(sensor.tx) if sensor.scanned else len(sensor.tx) * len(sensor.rx)
     tones = sensor.tones.count
     near = drawn.things * min(1.0, _SEEN / (scene.length + 2 * MARGIN))
     memory = drawn.memory + _PER_POINT * points + _PER_KEPT * density * max(area, TILES_KEPT)
-    memory += _PER_SAMPLE[0] * pairs * tones + (_PER_ECHO[0] * tones + 60.0 * pairs) * near + 200.0 * scans
-    each = _PER_PATH * points * pairs + _PER_SAMPLE[1] * pairs * tones + _PER_ECHO[1] * pairs * tones * near
-    each += 2e-6 * drawn.things + ((_PER_SHADOW[0] * points + _PER_SHADOW[1] * near) * near if scene.shadow.on else 0.0)
+    memory += (
+        _PER_SAMPLE[0] * pairs * tones
+        + (_PER_ECHO[0] * tones + 60.0 * pairs) * near
+        + 200.0 * scans
+    )
+    each = (
+        _PER_PATH * points * pairs
+        + _PER_SAMPLE[1] * pairs * tones
+        + _PER_ECHO[1] * pairs * tones * near
+    )
+    each += 2e-6 * drawn.things + (
+        (_PER_SHADOW[0] * points + _PER_SHADOW[1] * near) * near if scene.shadow.on else 0.0
+    )
     return Effort(scans, drawn.things, points, memory, drawn.seconds + scans * each)
 
 
@@ -337,7 +401,11 @@ def check_effort(scene: Scene, sensor: Sensor | None = None, force: bool = False
     effort = drawing_effort(scene) if sensor is None else simulation_effort(scene, sensor)
     hours = effort.seconds / 3600
     if not force and not (effort.memory <= MOST_MEMORY and hours <= MOST_HOURS):
-        what = f"{effort.scans:.3g} scans, {effort.points:.3g} scatterers in view, " if sensor is not None else ""
+        what = (
+            f"{effort.scans:.3g} scans, {effort.points:.3g} scatterers in view, "
+            if sensor is not None
+            else ""
+        )
         raise ValueError(
             f"scene {scene.name!r} must take at most {MOST_MEMORY / 1e9:g} GB and {MOST_HOURS:g} hours, got "
             f"{effort.memory / 1e9:.3g} GB and {hours:.3g} hours ({what}{effort.things:.3g} targets and objects); "
@@ -370,7 +438,11 @@ def _scans(scene: Scene) -> float:
         return float(len(track.positions))
     start = -20.0 if track.start is None else track.start
     stop = scene.length - 5.0 if track.stop is None else track.stop
-    return max(stop - start, 0.0) / (sum(track.step) / 2) + 1.0 + sum(count for _, count in track.stops)
+    return (
+        max(stop - start, 0.0) / (sum(track.step) / 2)
+        + 1.0
+        + sum(count for _, count in track.stops)
+    )
 
 
 def _density(scene: Scene, sensor: Sensor) -> float:

@@ -14,8 +14,8 @@ VACUUM_PERMITTIVITY = 8.8541878128e-12
 def mironov(frequency: ArrayLike, clay: float, moisture: float) -> NDArray[np.complex128]:
     """Permittivity ε' - jε'' of mineral soil by the refractive mixing model with bound and free water.
 
-    Clay is by weight, per cent; moisture by volume, m³/m³. Outside the model's range they are errors (Mironov,
-    Kosolapova & Fomin 2009, for 0.045-26.5 GHz, 0-76 % clay, 20-22 °C).
+    Clay is by weight, per cent; moisture by volume, m³/m³. Outside the model's range they are
+    errors (Mironov, Kosolapova & Fomin 2009, for 0.045-26.5 GHz, 0-76 % clay, 20-22 °C).
 
     Examples
     --------
@@ -29,13 +29,24 @@ def mironov(frequency: ArrayLike, clay: float, moisture: float) -> NDArray[np.co
     dry_n = 1.634 - 0.539e-2 * clay + 0.2748e-4 * clay**2
     dry_k = 0.03952 - 0.04038e-2 * clay
     limit = 0.02863 + 0.30673e-2 * clay
-    bound = _water(f, 79.8 - 85.4e-2 * clay + 32.7e-4 * clay**2, 1.062e-11 + 3.45e-14 * clay, 0.3112 + 0.467e-2 * clay)
+    bound = _water(
+        f,
+        79.8 - 85.4e-2 * clay + 32.7e-4 * clay**2,
+        1.062e-11 + 3.45e-14 * clay,
+        0.3112 + 0.467e-2 * clay,
+    )
     free = _water(f, 100.0, 8.5e-12, 0.3631 + 1.217e-2 * clay)
-    index = (dry_n - 1j * dry_k) + (bound - 1) * min(moisture, limit) + (free - 1) * max(moisture - limit, 0.0)
+    index = (
+        (dry_n - 1j * dry_k)
+        + (bound - 1) * min(moisture, limit)
+        + (free - 1) * max(moisture - limit, 0.0)
+    )
     return np.asarray(index**2)
 
 
-def _water(f: NDArray[np.float64], static: float, relaxation: float, conductivity: float) -> NDArray[np.complex128]:
+def _water(
+    f: NDArray[np.float64], static: float, relaxation: float, conductivity: float
+) -> NDArray[np.complex128]:
     """Refractive index n - jk of one kind of soil water: a Debye relaxation and ohmic loss."""
     omega = 2 * np.pi * f
     debye = 4.9 + (static - 4.9) / (1 + 1j * omega * relaxation)
@@ -71,9 +82,12 @@ def peplinski(
     omega = 2 * np.pi * f
     relaxation = 0.58e-10 / (2 * np.pi)
     water_real = 4.9 + (80.1 - 4.9) / (1 + (omega * relaxation) ** 2)
-    real = (1 + bulk_density / grain * (mineral**alpha - 1) + moisture**beta_real * water_real**alpha - moisture) ** (
-        1 / alpha
-    )
+    real = (
+        1
+        + bulk_density / grain * (mineral**alpha - 1)
+        + moisture**beta_real * water_real**alpha
+        - moisture
+    ) ** (1 / alpha)
     real = 1.15 * real - 0.68
     if moisture == 0:
         return np.asarray(real + 0j)

@@ -29,7 +29,9 @@ _COSINES = 1024  # steps of a tabulated beam over the cosine off the axis
 _LANES = 4  # numbers of lanes are multiples of it
 _TURNS = 4096  # places on the unit circle between which carriers are interpolated: right to 3e-7
 _CIRCLE = np.exp(-2j * np.pi * np.arange(_TURNS + 1) / _TURNS).astype(np.complex64)
-_TURN = 0.04  # cycles at the ends of the band by which points of a sweep in motion may differ and be summed at once
+# cycles at the ends of the band by which points of a sweep in motion may differ and be summed at
+# once
+_TURN = 0.04
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,9 @@ class ArrayState:
 
 
 @njit(cache=True, inline="always")
-def _antenna_gain(kx: Any, ky: Any, kz: Any, boresight: Any, horizontal: Any, vertical: Any, exponent: Any) -> Any:
+def _antenna_gain(
+    kx: Any, ky: Any, kz: Any, boresight: Any, horizontal: Any, vertical: Any, exponent: Any
+) -> Any:
     """Answer (H to h, H to v, V to v) of an antenna for the unit ray k leaving it."""
     if exponent >= 0:
         cosine = max(kx * boresight[0] + ky * boresight[1] + kz * boresight[2], 0.0)
@@ -108,7 +112,10 @@ def antenna_terms(  # type: ignore[no-untyped-def]
             distance[a, i] = path - (dx * drift[0] + dy * drift[1] + dz * drift[2])
             phasor[a, i] = _CIRCLE[cell] + part * (_CIRCLE[cell + 1] - _CIRCLE[cell])
             if lanes > 0:
-                place = min(max(dx * boresight[0] + dy * boresight[1] + dz * boresight[2], 0.0), 1.0) * steps
+                place = (
+                    min(max(dx * boresight[0] + dy * boresight[1] + dz * boresight[2], 0.0), 1.0)
+                    * steps
+                )
                 row = int(place)
                 part = np.float32(place - row)
                 size = np.float32(over)
@@ -134,7 +141,9 @@ def _spreading(lanes: int, dipoles: bool) -> Any:
     """
 
     @shared(cache=True, fastmath=True)
-    def spread(coefficient, ranks, distance, phasor, gain, tx, rx, per_metre, table, profile, begin, end):  # type: ignore[no-untyped-def]
+    def spread(  # type: ignore[no-untyped-def]
+        coefficient, ranks, distance, phasor, gain, tx, rx, per_metre, table, profile, begin, end
+    ):
         steps = table.shape[0] - 2
         bins = profile.shape[1] - table.shape[1]
         turns = 1.0 / bins
@@ -220,7 +229,9 @@ class Spreader:
         and VV.
         """
         extra = np.zeros(len(points)) if extra is None else extra
-        exponents = np.full(len(functions), array.exponent) if nodes is None else array.exponents(nodes)
+        exponents = (
+            np.full(len(functions), array.exponent) if nodes is None else array.exponents(nodes)
+        )
         total = np.zeros((4 if array.dipoles else 3, array.tx.size, self.count), np.complex64)
         for some in self._alike(points, array):
             part = self._sum(points, values, functions, array, extra, exponents, some)
@@ -249,9 +260,18 @@ class Spreader:
         if not array.drift.any() or not len(points):
             return np.ones((1, 1), np.complex64)
         weight = np.sum((points - array.position.mean(axis=0)) ** 2, axis=1) ** -2.0
-        rate = np.array([np.average(_rates(points, a, array.drift), weights=weight) for a in array.position])
-        cycles = (np.arange(self.count) - self.centre) ** 2 * self.bandwidth / self.count**2 / SPEED_OF_LIGHT
-        return np.exp(-2j * np.pi * np.outer(rate[array.tx] + rate[array.rx], cycles)).astype(np.complex64)
+        rate = np.array(
+            [np.average(_rates(points, a, array.drift), weights=weight) for a in array.position]
+        )
+        cycles = (
+            (np.arange(self.count) - self.centre) ** 2
+            * self.bandwidth
+            / self.count**2
+            / SPEED_OF_LIGHT
+        )
+        return np.exp(-2j * np.pi * np.outer(rate[array.tx] + rate[array.rx], cycles)).astype(
+            np.complex64
+        )
 
     def _sum(
         self, points: FloatArray, values: NDArray[np.complex64], functions: NDArray[Any], array: ArrayState,
@@ -270,16 +290,27 @@ class Spreader:
         phasor = np.empty(shape, np.complex64)
         gain = np.empty((*shape, 3 if array.dipoles else lanes), np.float32)
         drift = array.drift * (self.wavenumber * SPEED_OF_LIGHT / self.bandwidth)
-        look = (array.boresight, array.horizontal, array.vertical, array.exponent, beams, self.wavenumber)
+        look = (
+            array.boresight,
+            array.horizontal,
+            array.vertical,
+            array.exponent,
+            beams,
+            self.wavenumber,
+        )
         for first in range(0, len(some), _CHUNK):
             few = some[first : first + _CHUNK]
             coefficient[: len(few), : 3 * ranks] = flat[few]
-            antenna_terms(points[few], array.position, *look, extra[few], drift, distance, phasor, gain)
+            antenna_terms(
+                points[few], array.position, *look, extra[few], drift, distance, phasor, gain
+            )
             rays = (distance, phasor, gain, array.tx, array.rx)
             spread(coefficient[: len(few)], ranks, *rays, self.per_metre, self._table, profile)
         return self._to_tones(profile, kinds, functions)
 
-    def _to_tones(self, profile: NDArray[np.float32], kinds: int, functions: NDArray[Any]) -> NDArray[np.complex64]:
+    def _to_tones(
+        self, profile: NDArray[np.float32], kinds: int, functions: NDArray[Any]
+    ) -> NDArray[np.complex64]:
         """Transform profiles (pair, bin, 2·lane) and give each rank's tones their function: (kind, pair, frequency)."""
         spectra = np.empty((kinds * len(functions), len(profile), self.bins), np.complex64)
         _fold(WIDTH, spectra, profile)
@@ -303,7 +334,9 @@ def _fold(taps, out, profile, begin, end):  # type: ignore[no-untyped-def]
     bins = out.shape[2]
     for q in range(begin, end):
         for k in range(taps):
-            for c in range(2 * lanes):  # whole rows would be checked for their shapes, which takes long to compile
+            for c in range(
+                2 * lanes
+            ):  # whole rows would be checked for their shapes, which takes long to compile
                 profile[q, k, c] += profile[q, bins + k, c]
         for c in range(out.shape[0]):
             for k in range(bins):

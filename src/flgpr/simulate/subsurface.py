@@ -21,7 +21,9 @@ from flgpr.simulate.layers import Layer, PointEchoes, View, through_grass
 from flgpr.simulate.scene import Scene
 from flgpr.simulate.tables import Roots, Stones
 
-_CORNERS = np.geomspace(0.02, 50.0, 28)  # corner frequencies over the band's middle for which shapes are made
+_CORNERS = np.geomspace(
+    0.02, 50.0, 28
+)  # corner frequencies over the band's middle for which shapes are made
 _STONE = 0
 _ROOT = _CORNERS.size
 _VOLUME, _LENS, _WALL, _CAP = (2 * _CORNERS.size + i for i in range(4))
@@ -69,10 +71,14 @@ def shapes(scene: Scene, ground: Ground) -> FloatArray:
     u = k / k[middle]
     soil = ground.real[-1]
     uneven = scene.heterogeneity
-    volume = np.sqrt(inclusions.volume_backscatter(k, _LEVEL, soil, 1.0, uneven.horizontal, uneven.vertical))
+    volume = np.sqrt(
+        inclusions.volume_backscatter(k, _LEVEL, soil, 1.0, uneven.horizontal, uneven.vertical)
+    )
     thick = np.sinc(k * math.sqrt(soil - _LEVEL**2) * scene.lenses.thickness / np.pi)
     wall = u**-0.5 * np.exp(-0.5 * (2 * k * _LEVEL * scene.holes.wall) ** 2)
-    grown = [inclusions.stone_shape(u / c) for c in _CORNERS] + [inclusions.root_shape(u / c) for c in _CORNERS]
+    grown = [inclusions.stone_shape(u / c) for c in _CORNERS] + [
+        inclusions.root_shape(u / c) for c in _CORNERS
+    ]
     grown += [volume, u**0.5 * thick, wall, u**-0.5]
     return np.array([g / g[middle] for g in grown])
 
@@ -85,7 +91,9 @@ def laws(scene: Scene, ground: Ground) -> FloatArray:
     k = ground.wavenumber[ground.wavenumber.size // 2]
 
     def volume(s: FloatArray | float) -> FloatArray:
-        return inclusions.volume_backscatter(k, s, ground.real[-1], 1.0, uneven.horizontal, uneven.vertical)
+        return inclusions.volume_backscatter(
+            k, s, ground.real[-1], 1.0, uneven.horizontal, uneven.vertical
+        )
 
     law[_VOLUME] = np.sqrt(volume(sine) / volume(_LEVEL))
     law[_LENS] = np.maximum(sine, 0.05) ** -1.5
@@ -96,9 +104,10 @@ class BuriedSpectra:
     """Spectra of buried points as few functions of frequency, with weights by a point's shape and depth.
 
     A point of amplitude A at the band's middle, depth d and sine s echoes with
-    ``A·t12²(s)·shape(f)·exp(-2jk0·d·(sqrt(ε(f) - s²) - n_c))`` beyond the delay of ``d·n_c``, n_c the root at the
-    middle. The exponent is tabulated at one incidence, for to first order in loss and dispersion another incidence is
-    another depth, ``d·sqrt(ε - s0²)/sqrt(ε - s²)``. t12² is taken at the band's middle.
+    ``A·t12²(s)·shape(f)·exp(-2jk0·d·(sqrt(ε(f) - s²) - n_c))`` beyond the delay of ``d·n_c``, n_c
+    the root at the middle. The exponent is tabulated at one incidence, for to first order in loss
+    and dispersion another incidence is another depth, ``d·sqrt(ε - s0²)/sqrt(ε - s²)``. t12² is
+    taken at the band's middle.
 
     ``shapes`` (shape, frequency) are 1 there; ``cover`` gives the two-way amplitude (3, sine, frequency) of HH, VV and
     cross through what stands over the soil; ``tolerance`` is the part of the spectra's amplitude that the functions,
@@ -113,7 +122,10 @@ class BuriedSpectra:
         self._ground = ground
         self._deepest = deepest
         middle = Ground(ground.soil, None, frequency[frequency.size // 2 : frequency.size // 2 + 1])
-        copolar = [[middle.entry_squared(s, layer)[:, 0] for s in _SINES] for layer in range(len(ground.real))]
+        copolar = [
+            [middle.entry_squared(s, layer)[:, 0] for s in _SINES]
+            for layer in range(len(ground.real))
+        ]
         h, v = np.moveaxis(np.array(copolar), -1, 0)
         self._entry = np.stack([h, v, np.sqrt(h * v)], axis=-1)
         self._tops = np.cumsum([0.0, *(layer.thickness for layer in ground.soil.layers)])
@@ -148,7 +160,9 @@ class BuriedSpectra:
         bottoms = [*self._tops[1:], np.inf]
         path = np.zeros_like(depth)
         for top, bottom, eps in zip(self._tops, bottoms, self._ground.real, strict=True):
-            path += np.clip(depth, top, bottom) * np.sqrt(eps - sine**2) - top * np.sqrt(eps - sine**2)
+            path += np.clip(depth, top, bottom) * np.sqrt(eps - sine**2) - top * np.sqrt(
+                eps - sine**2
+            )
         return path
 
     def transmission(self, depth: FloatArray, sine: FloatArray) -> ComplexArray:
@@ -157,9 +171,13 @@ class BuriedSpectra:
         cell = place.astype(int)
         part = (place - cell)[:, None]
         layer = self.layer(depth)
-        return np.asarray(self._entry[layer, cell] * (1 - part) + self._entry[layer, cell + 1] * part)
+        return np.asarray(
+            self._entry[layer, cell] * (1 - part) + self._entry[layer, cell + 1] * part
+        )
 
-    def weights(self, shape: NDArray[np.intp], depth: FloatArray, sine: FloatArray) -> NDArray[np.complex64]:
+    def weights(
+        self, shape: NDArray[np.intp], depth: FloatArray, sine: FloatArray
+    ) -> NDArray[np.complex64]:
         """Weights (point, rank) of the functions."""
         eps = self._ground.real[0]
         steeper = depth * np.sqrt((eps - _LEVEL**2) / (eps - sine**2))
@@ -176,14 +194,18 @@ class SubsurfaceField:
     ``density`` is points of the uneven soil per m², unless the scene says.
     """
 
-    def __init__(self, scene: Scene, spectra: BuriedSpectra, wavenumber: float, density: float, seed: int) -> None:
+    def __init__(
+        self, scene: Scene, spectra: BuriedSpectra, wavenumber: float, density: float, seed: int
+    ) -> None:
         self._scene = scene
         self._spectra = spectra
         self._k = wavenumber
         self._seed = seed
         self._density = scene.heterogeneity.density or density
         self.tile = lru_cache(TILES_KEPT)(self._make)
-        self._parts: list[Callable[[int, int], Buried]] = [getattr(self, name) for name in strewn(scene)]
+        self._parts: list[Callable[[int, int], Buried]] = [
+            getattr(self, name) for name in strewn(scene)
+        ]
 
     def within(self, corners: FloatArray) -> Buried:
         """Points of every tile that touches the bounding box of ``corners``, a metre wider for what reaches over."""
@@ -225,7 +247,10 @@ class SubsurfaceField:
         azimuth = rng.uniform(0, 2 * np.pi) + np.cumsum(rng.normal(0, 0.22, steps))
         plunge = rng.normal(0, table.plunge)
         level = math.cos(plunge)
-        axis = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.full(steps, math.sin(plunge))], axis=1)
+        axis = np.stack(
+            [level * np.cos(azimuth), level * np.sin(azimuth), np.full(steps, math.sin(plunge))],
+            axis=1,
+        )
         way = np.cumsum(axis, axis=0) - axis / 2 + (rng.random(steps) - 0.5)[:, None] * axis
         way *= table.length / steps
         start = _place(rng, 1, ix, iy)
@@ -236,9 +261,13 @@ class SubsurfaceField:
         depth = depth[kept]
         axis = axis[kept]
         body = table.permittivity * (1 - 1j * table.loss_tangent)
-        along, across, corner = inclusions.root(radius, body, self._spectra.permittivity(depth), self._k)
+        along, across, corner = inclusions.root(
+            radius, body, self._spectra.permittivity(depth), self._k
+        )
         step = table.length / steps
-        return _points(xy, depth, across * step, _shape(_ROOT, corner), (along - across) * step, axis)
+        return _points(
+            xy, depth, across * step, _shape(_ROOT, corner), (along - across) * step, axis
+        )
 
     def lenses(self, ix: int, iy: int) -> Buried:
         """Moisture lenses of a tile: the near and the far flash of each."""
@@ -254,7 +283,13 @@ class SubsurfaceField:
         size = size * np.sinc(self._k * np.sqrt(soil - _LEVEL**2) * table.thickness / np.pi)
         shape = np.full(2 * count, _LENS)
         both = np.concatenate([size, size.conj()])
-        return _points(np.tile(xy, (2, 1)), np.tile(depth, 2), both, shape, reach=np.concatenate([radius, -radius]))
+        return _points(
+            np.tile(xy, (2, 1)),
+            np.tile(depth, 2),
+            both,
+            shape,
+            reach=np.concatenate([radius, -radius]),
+        )
 
     def heterogeneity(self, ix: int, iy: int) -> Buried:
         """Points of the uneven soil, each for its share of the volume; more of them where less loss lies above."""
@@ -265,9 +300,16 @@ class SubsurfaceField:
         xy = (jittered(rng, cells) + [ix, iy]) * TILE
         root = rng.random(count)
         depth = table.depth * root**2
-        volume = TILE**2 / count * 2 * table.depth * root  # over the probability density of the depth
+        volume = (
+            TILE**2 / count * 2 * table.depth * root
+        )  # over the probability density of the depth
         strength = inclusions.volume_backscatter(
-            self._k, _LEVEL, self._spectra.permittivity(depth), table.deviation, table.horizontal, table.vertical
+            self._k,
+            _LEVEL,
+            self._spectra.permittivity(depth),
+            table.deviation,
+            table.horizontal,
+            table.vertical,
         )
         z = rng.standard_normal((count, 2)).view(np.complex128)[:, 0] / math.sqrt(2)
         return _points(xy, depth, z * np.sqrt(strength * volume), np.full(count, _VOLUME))
@@ -316,7 +358,9 @@ _NOTHING = _points(np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0, np.in
 
 
 def _joined(parts: list[Buried]) -> Buried:
-    return Buried._make(np.concatenate(column) for column in zip(*(parts or [_NOTHING]), strict=True))
+    return Buried._make(
+        np.concatenate(column) for column in zip(*(parts or [_NOTHING]), strict=True)
+    )
 
 
 class SubsurfaceLayer:
@@ -341,10 +385,14 @@ class SubsurfaceLayer:
         amplitude = _polarized(buried, towards, sine, self._spectra) * law[:, None]
         weights = self._spectra.weights(buried.shape, buried.depth, sine)
         extra = self._spectra.delay(buried.depth, sine)
-        return PointEchoes(points, extra, weights[:, :, None] * amplitude[:, None, :], self._spectra.basis)
+        return PointEchoes(
+            points, extra, weights[:, :, None] * amplitude[:, None, :], self._spectra.basis
+        )
 
 
-def _polarized(buried: Buried, towards: FloatArray, sine: FloatArray, spectra: BuriedSpectra) -> NDArray[np.complex64]:
+def _polarized(
+    buried: Buried, towards: FloatArray, sine: FloatArray, spectra: BuriedSpectra
+) -> NDArray[np.complex64]:
     """Amplitude (point, 3) of HH, VV and cross: the axis's part by its direction across the ray, and t12² of each."""
     amplitude = np.zeros((len(sine), 3), np.complex64)
     amplitude[:, 0] = amplitude[:, 1] = buried.round
@@ -362,14 +410,18 @@ def _polarized(buried: Buried, towards: FloatArray, sine: FloatArray, spectra: B
 class HoleLayer:
     """Edges of refilled holes, near and far flash each: ends of the wall, ``wall`` m uneven, and of the cap."""
 
-    def __init__(self, holes: tuple[Hole, ...], wall: float, ground: Ground, spectra: BuriedSpectra) -> None:
+    def __init__(
+        self, holes: tuple[Hole, ...], wall: float, ground: Ground, spectra: BuriedSpectra
+    ) -> None:
         self._holes = holes
         self._wall = wall
         self._spectra = spectra
         middle = ground.frequency.size // 2
         self._k = float(ground.wavenumber[middle])
         self._soil = complex(ground.media[0][middle])
-        self._contrast = [h.fill(ground.media[0], ground.frequency)[middle] - self._soil for h in holes]
+        self._contrast = [
+            h.fill(ground.media[0], ground.frequency)[middle] - self._soil for h in holes
+        ]
         self._xy = np.array([[h.x, h.y] for h in holes]).reshape(-1, 2)
 
     def echoes(self, view: View) -> PointEchoes:
@@ -388,12 +440,16 @@ class HoleLayer:
             s = float(sine[row])
             entry = self._spectra.transmission(np.zeros(1), sine[row : row + 1])[0]
             for side, first in ((1.0, 0), (-1.0, 3)):
-                wall = wall_flash(hole, self._contrast[index], self._soil.real, self._wall, s, self._k, side)
+                wall = wall_flash(
+                    hole, self._contrast[index], self._soil.real, self._wall, s, self._k, side
+                )
                 amplitude[row, first] = wall * entry * _COPOLAR
                 amplitude[row, first + 1] = -wall * entry * _COPOLAR
                 amplitude[row, first + 2, :2] = cap_flash(hole, self._soil, s, self._k, side)
                 depth[row, first + 1] = hole.depth
-                points[row, first : first + 3, :2] = middle[row, :2] + side * hole.radius * towards[row]
+                points[row, first : first + 3, :2] = (
+                    middle[row, :2] + side * hole.radius * towards[row]
+                )
         flat = depth.ravel()
         level = np.repeat(sine, 6)
         weights = self._spectra.weights(np.tile([_WALL, _WALL, _CAP], 2 * seen.size), flat, level)
@@ -402,13 +458,19 @@ class HoleLayer:
         return PointEchoes(points.reshape(-1, 3), extra, coefficient, self._spectra.basis)
 
 
-def subsurface_layers(scene: Scene, holes: tuple[Hole, ...], ground: Ground, density: float, seed: int) -> list[Layer]:
+def subsurface_layers(
+    scene: Scene, holes: tuple[Hole, ...], ground: Ground, density: float, seed: int
+) -> list[Layer]:
     """Make the layers under the surface, none for what is off; the scene may say another ``density`` per m²."""
     if not holes and not strewn(scene):
         return []
     middle = ground.frequency.size // 2
     deepest = max(scene.stones.depth, scene.heterogeneity.depth, scene.lenses.depth[1], 0.4)
-    cover = (lambda sine: through_grass(scene.grass, ground.frequency, sine)) if scene.grass.grown else None
+    cover = (
+        (lambda sine: through_grass(scene.grass, ground.frequency, sine))
+        if scene.grass.grown
+        else None
+    )
     spectra = BuriedSpectra(ground, shapes(scene, ground), deepest, cover)
     field = SubsurfaceField(scene, spectra, float(ground.wavenumber[middle]), density, seed)
     layers: list[Layer] = []

@@ -50,7 +50,9 @@ class Terrain(Part):
     @property
     def flat(self) -> bool:
         """Whether there is no relief at all."""
-        return not self.on or not any((self.slope_along, self.slope_across, self.undulation, self.rut_depth))
+        return not self.on or not any(
+            (self.slope_along, self.slope_across, self.undulation, self.rut_depth)
+        )
 
 
 class Grass(Part):
@@ -95,13 +97,18 @@ class Stones(Part):
     """Stones in the soil: a Poisson process over depth with a power law of radii."""
 
     on: bool = True  #: False takes them out, whatever the rest says
-    density: NotNegative = 0.0  #: stones of at least the least radius per m² of ground, all depths together
+    density: NotNegative = (
+        0.0  #: stones of at least the least radius per m² of ground, all depths together
+    )
     radius: Span = (0.01, 0.08)  #: least and greatest radius of the sphere of equal volume, m
     exponent: Annotated[float, Field(gt=0, le=100)] = (
         2.5  #: D of ``N(>r) ~ r^-D`` (Turcotte 1986: about 2.5 for broken rock)
     )
     depth: Length = 0.4  #: they lie anywhere down to here, m, whole below the surface
-    permittivity: Span = (4.5, 7.5)  #: each stone's is drawn between these (Ulaby et al. 1990: rocks by density)
+    permittivity: Span = (
+        4.5,
+        7.5,
+    )  #: each stone's is drawn between these (Ulaby et al. 1990: rocks by density)
     #: each stone is a spheroid whose axis is between 1/stretch and stretch times the others, in any direction
     stretch: Annotated[float, Field(ge=1, le=100)] = 1.8
 
@@ -154,8 +161,15 @@ class Holes(Part):
     #: radius, depth: least and greatest radius and depth of the empty ones, m
     radius: Span = (0.18, 0.3)
     depth: Span = (0.1, 0.3)
-    looseness: Span = (0.85, 0.97)  #: least and greatest density of the fill over that of the soil around it
+    looseness: Span = (
+        0.85,
+        0.97,
+    )  #: least and greatest density of the fill over that of the soil around it
     moisture: NotNegative = 0.02  #: rms change of the fill's volumetric moisture, m³/m³
-    cap: Moderate = 0.01  #: rms height by which the fill stands over the surface or is sunk below it, m
+    cap: Moderate = (
+        0.01  #: rms height by which the fill stands over the surface or is sunk below it, m
+    )
     wall: Moderate = 0.01  #: rms unevenness of the wall, m
-    rough_db: Decibels = 2.0  #: by how much the fill's surface scatters more than that around it, dB
+    rough_db: Decibels = (
+        2.0  #: by how much the fill's surface scatters more than that around it, dB
+    )

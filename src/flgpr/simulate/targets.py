@@ -11,12 +11,22 @@ from numpy.typing import NDArray
 
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate import bodies
-from flgpr.simulate.echoes import Echoes, Ground, add_standing, antenna_gains, bisectors, incidence, rotated
+from flgpr.simulate.echoes import (
+    Echoes,
+    Ground,
+    add_standing,
+    antenna_gains,
+    bisectors,
+    incidence,
+    rotated,
+)
 from flgpr.simulate.scene import Target
 from flgpr.simulate.signature import FREQUENCY, SEPARATION, SINE, find_table, packaged_table
 from flgpr.simulate.spread import ArrayState
 
-_WIDEST_GAP = 1.5  # times the table's 1.5 cm, to which the gap's echo is taken as linear in its thickness
+_WIDEST_GAP = (
+    1.5  # times the table's 1.5 cm, to which the gap's echo is taken as linear in its thickness
+)
 _LEAST_WEIGHT = 1e-4  # of the nodes' weights, beside the greatest, that is summed
 # m and of the sine, for slopes
 _STEP = 0.05
@@ -51,7 +61,9 @@ def _add_signature(echoes: Echoes, target: Target, ground: Ground, array: ArrayS
     near = 0.5j / ground.wavenumber * _taper(target, mean, ground, layer, array)
     entry = ground.entry_squared(mean, layer) * ground.dispersion(mean, target.depth)
     cross = [np.sqrt(entry[0] * entry[1]), (near[0] + near[1]) / 2]
-    entry, near = (np.stack([*both, one, one]) for both, one in zip((entry, near), cross, strict=True))
+    entry, near = (
+        np.stack([*both, one, one]) for both, one in zip((entry, near), cross, strict=True)
+    )
     whole = (basis + near * slope) * entry
     spectra = whole.astype(np.complex64).reshape(-1, 4, ground.frequency.size)
     surface = np.array([target.x, target.y, 0.0])
@@ -78,18 +90,26 @@ def mean_amplitude(target: Target, ground: Ground, array: ArrayState) -> Complex
     point = np.tile([target.x, target.y, -target.depth], (array.tx.size, 1))
     sine = [ground.ray(array.position[antenna], point).sine for antenna in (array.tx, array.rx)]
     separation, azimuth = _azimuths(target, array)
-    weight = node_weights(np.mean(sine, axis=0), separation, azimuth - (math.pi / 2 - target.heading), aspects)
-    return np.asarray(np.einsum("ajs,ajspf->pf", weight[..., 0, :].mean(axis=-1), amplitudes[..., :2, :]))
+    weight = node_weights(
+        np.mean(sine, axis=0), separation, azimuth - (math.pi / 2 - target.heading), aspects
+    )
+    return np.asarray(
+        np.einsum("ajs,ajspf->pf", weight[..., 0, :].mean(axis=-1), amplitudes[..., :2, :])
+    )
 
 
-def _few(weight: FloatArray, spectra: NDArray[np.complex64]) -> Iterator[tuple[FloatArray, NDArray[np.complex64]]]:
+def _few(
+    weight: FloatArray, spectra: NDArray[np.complex64]
+) -> Iterator[tuple[FloatArray, NDArray[np.complex64]]]:
     """Few weights (pair,) and spectra that sum to ``Σ_n weight[n]·spectra[n]`` in every pair."""
     values, vectors = np.linalg.eigh(weight @ weight.T)
     kept = vectors[:, values > _LEAST_WEIGHT**2 * values[-1]].astype(np.float32)
     yield from zip(kept.T @ weight, np.tensordot(kept.T, spectra, 1), strict=True)
 
 
-def _taper(target: Target, sine: float, ground: Ground, layer: int, array: ArrayState) -> ComplexArray:
+def _taper(
+    target: Target, sine: float, ground: Ground, layer: int, array: ArrayState
+) -> ComplexArray:
     """Relative growth per metre of ground range of the wave on a body, there and back, H and V (2, frequency).
 
     Tables are for plane waves. Over a body at hand range, pattern and transmission change, and the wave front is
@@ -98,16 +118,22 @@ def _taper(target: Target, sine: float, ground: Ground, layer: int, array: Array
     away = -bisectors(target.x, target.y, array).mean(axis=0)
     steps = np.array([[-_STEP], [_STEP]]) * away / np.linalg.norm(away)
     places = np.concatenate([np.array([target.x, target.y]) + steps, np.zeros((2, 1))], axis=1)
-    gains = np.abs(antenna_gains(places, array)).swapaxes(1, 2)[:, [0, 2]]  # (antenna, H and V, place)
+    gains = np.abs(antenna_gains(places, array)).swapaxes(1, 2)[
+        :, [0, 2]
+    ]  # (antenna, H and V, place)
     growth = np.log(gains[..., 1] / gains[..., 0]) / (2 * _STEP)
     slant = float(np.linalg.norm(array.position.mean(axis=0) - np.array([target.x, target.y, 0.0])))
     change = (1 - sine**2) / slant  # of the sine of incidence per metre
-    logs = [np.log(np.abs(ground.entry_squared(sine + d, layer))) for d in (-_SINE_STEP, _SINE_STEP)]
+    logs = [
+        np.log(np.abs(ground.entry_squared(sine + d, layer))) for d in (-_SINE_STEP, _SINE_STEP)
+    ]
     entry = (logs[1] - logs[0]) / (2 * _SINE_STEP) * change
     return np.asarray(2 * growth.mean(axis=0)[:, None] + entry + 1 / (2 * slant * sine))
 
 
-def _lean(target: Target, sine: float, permittivity: float, array: ArrayState) -> tuple[float, float]:
+def _lean(
+    target: Target, sine: float, permittivity: float, array: ArrayState
+) -> tuple[float, float]:
     """Tangent of the axis's tilt towards the radar, and the angle by which the rest turns the body on the ray, rad."""
     lean = math.tan(target.tilt) * np.array([math.sin(target.azimuth), math.cos(target.azimuth)])
     towards = bisectors(target.x, target.y, array).mean(axis=0)
@@ -131,7 +157,9 @@ def _azimuths(target: Target, array: ArrayState) -> tuple[FloatArray, FloatArray
     return np.angle(taken / sent), np.angle(sent + taken)
 
 
-def node_weights(sine: FloatArray, separation: FloatArray, aspect: FloatArray, aspects: FloatArray) -> FloatArray:
+def node_weights(
+    sine: FloatArray, separation: FloatArray, aspect: FloatArray, aspects: FloatArray
+) -> FloatArray:
     """Weights (aspect, sine, separation, 3, pair) of a table's nodes for given directions.
 
     Polynomials through all sines (clipped to the table's), even or odd polynomials in the separation, and in the aspect
@@ -190,8 +218,9 @@ def _amplitudes(
     if target.body is not None:
         table = find_table(target.body)
         return table.aspects, table.at(frequency, permittivity, target.depth)
-    # A body that is larger, or of another permittivity, is the generic one at other tones in another soil: Maxwell's
-    # equations scale (but for the air over the soil, whose share is then approximate).
+    # A body that is larger, or of another permittivity, is the generic one at other tones in
+    # another soil: Maxwell's equations scale (but for the air over the soil, whose share is then
+    # approximate).
     size = target.radius / _TABLE_RADIUS
     relative = _relative(target)
     where = (frequency * size * math.sqrt(relative), permittivity / relative, target.depth / size)
@@ -223,7 +252,11 @@ def _add_rims(echoes: Echoes, target: Target, ground: Ground, array: ArrayState)
     index = math.sqrt(ground.real[layer])
     towards = bisectors(target.x, target.y, array)
     along, across = _lean(target, sine, ground.real[layer], array)
-    cover = _cover_factor(sine, target, ground) if layer == 0 and target.dielectric is None else np.ones((2, 1))
+    cover = (
+        _cover_factor(sine, target, ground)
+        if layer == 0 and target.dielectric is None
+        else np.ones((2, 1))
+    )
     entry = ground.entry_squared(sine, layer)
     for rim in bodies.visible_rims(target.outline, min(sine / index, 0.999)):
         if target.dielectric is not None and rim.drop > 0:
@@ -234,14 +267,21 @@ def _add_rims(echoes: Echoes, target: Target, ground: Ground, array: ArrayState)
         point = np.empty((array.tx.size, 3))
         point[:, :2] = np.array([target.x, target.y]) + side * rim.radius * towards
         point[:, 2] = -depth
-        path = ground.ray(array.position[array.tx], point).path + ground.ray(array.position[array.rx], point).path
-        size = bodies.rim_amplitude(rim, index * ground.wavenumber, sine / index) * ground.dispersion(sine, depth)
+        path = (
+            ground.ray(array.position[array.tx], point).path
+            + ground.ray(array.position[array.rx], point).path
+        )
+        size = bodies.rim_amplitude(
+            rim, index * ground.wavenumber, sine / index
+        ) * ground.dispersion(sine, depth)
         copolar = size * entry * _strength(rim, target, sine, ground, layer)
         copolar = copolar * (cover if rim.drop == 0 and not rim.near else 1.0)
         echoes.add(path, np.array([target.x, target.y, -depth]), rotated(copolar, across))
 
 
-def _strength(rim: bodies.Rim, target: Target, sine: float, ground: Ground, layer: int) -> ComplexArray:
+def _strength(
+    rim: bodies.Rim, target: Target, sine: float, ground: Ground, layer: int
+) -> ComplexArray:
     """Coefficients H and V (2, frequency) of a rim: of a metal wedge, or of a dielectric body's layers."""
     if target.dielectric is None:
         return np.array([[rim.h], [rim.v]], complex)
@@ -264,7 +304,9 @@ def _cover_factor(sine: float, target: Target, ground: Ground) -> ComplexArray:
     shift = 2 * target.depth * sine / math.sqrt(ground.real[0] - sine**2)
     fitting = min(2 * target.radius / max(shift, 1e-9), 1e3)
     whole = math.floor(fitting)
-    rest: ComplexArray = (1 - bounce ** (whole + 1)) / (1 - bounce) + (fitting - whole) * bounce ** (whole + 1)
+    rest: ComplexArray = (1 - bounce ** (whole + 1)) / (1 - bounce) + (
+        fitting - whole
+    ) * bounce ** (whole + 1)
     return rest**2
 
 

@@ -18,7 +18,8 @@ from flgpr.simulate import tables
 from flgpr.simulate.draw import stream
 
 _MODES = 96
-_FINE = 12  # nodes of the lattice per length of the undulation: linear interpolation errs by 0.3 % of s, rms
+# nodes of the lattice per length of the undulation: linear interpolation errs by 0.3 % of s, rms
+_FINE = 12
 
 
 class Terrain:
@@ -37,12 +38,17 @@ class Terrain:
         self._waves = rng.normal(0, math.sqrt(2) / table.undulation_length, (2, _MODES))
         self._phase = rng.uniform(0, 2 * np.pi, _MODES)
         rng = stream(seed, "ruts")
-        self._wander = 2 * np.pi / table.rut_wander_length * rng.uniform(0.5, 1.5, 3), rng.uniform(0, 2 * np.pi, 3)
+        self._wander = (
+            2 * np.pi / table.rut_wander_length * rng.uniform(0.5, 1.5, 3),
+            rng.uniform(0, 2 * np.pi, 3),
+        )
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Height of the ground at points of the lane frame, m, in the shape of ``x`` and ``y``."""
         x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
-        return np.asarray(self.relief(np.stack([x.ravel(), y.ravel()], axis=1))[:, 0].reshape(x.shape))
+        return np.asarray(
+            self.relief(np.stack([x.ravel(), y.ravel()], axis=1))[:, 0].reshape(x.shape)
+        )
 
     def relief(self, xy: FloatArray) -> FloatArray:
         """Height (m) and slopes dz/dx and dz/dy at places (point, 2): (point, 3)."""
@@ -58,7 +64,16 @@ class Terrain:
             start, pitch, line = self._rut_line(xy[:, 1])
             width = self.table.rut_width
             spacing = self.table.rut_spacing
-            _add_ruts(xy, start, pitch, line + [self._middle[0], 0.0], self.table.rut_depth, width, spacing, out)
+            _add_ruts(
+                xy,
+                start,
+                pitch,
+                line + [self._middle[0], 0.0],
+                self.table.rut_depth,
+                width,
+                spacing,
+                out,
+            )
         return out
 
     def _undulation(self, xy: FloatArray) -> tuple[FloatArray, float, FloatArray]:
@@ -70,8 +85,15 @@ class Terrain:
         x, y = (np.arange(a, b) * step for a, b in zip(first, last, strict=True))
         along_x = np.exp(1j * (x[:, None] * self._waves[0] + self._phase))
         along_y = np.exp(1j * y[:, None] * self._waves[1])
-        sums = [(along_y * factor) @ along_x.T for factor in (1.0, 1j * self._waves[0], 1j * self._waves[1])]
-        return first * step, step, np.stack(sums, axis=-1).real * (self.table.undulation * math.sqrt(2 / _MODES))
+        sums = [
+            (along_y * factor) @ along_x.T
+            for factor in (1.0, 1j * self._waves[0], 1j * self._waves[1])
+        ]
+        return (
+            first * step,
+            step,
+            np.stack(sums, axis=-1).real * (self.table.undulation * math.sqrt(2 / _MODES)),
+        )
 
     def _rut_line(self, y: FloatArray) -> tuple[float, float, FloatArray]:
         """Place across and its slope (node, 2) of the middle between the ruts, its first node and its step, m."""
@@ -81,7 +103,11 @@ class Terrain:
         last = math.floor(y.max() / step) + 3
         (waves, start), size = self._wander, self.table.rut_wander * math.sqrt(2 / 3)
         turns = np.arange(first, last)[:, None] * step * waves + start
-        return first * step, step, size * np.stack([np.sin(turns).sum(1), (waves * np.cos(turns)).sum(1)], axis=1)
+        return (
+            first * step,
+            step,
+            size * np.stack([np.sin(turns).sum(1), (waves * np.cos(turns)).sum(1)], axis=1),
+        )
 
     def local_sine(self, points: FloatArray, centre: FloatArray) -> FloatArray:
         """Sine of incidence from ``centre`` on the ground under points (point, 3); 1 where it faces away."""
@@ -89,7 +115,9 @@ class Terrain:
         ray = centre - points
         ray[:, 2] = centre[2] - z
         normal = np.sqrt(1 + along_x**2 + along_y**2)
-        cosine = (ray[:, 2] - along_x * ray[:, 0] - along_y * ray[:, 1]) / (normal * np.linalg.norm(ray, axis=1))
+        cosine = (ray[:, 2] - along_x * ray[:, 0] - along_y * ray[:, 1]) / (
+            normal * np.linalg.norm(ray, axis=1)
+        )
         return np.asarray(np.sqrt(1 - np.clip(cosine, 0, 1) ** 2))
 
     def follow(self, pose: FloatArray) -> FloatArray:
@@ -101,7 +129,9 @@ class Terrain:
         lifted = pose.copy()
         for row in lifted:
             turn = heading_matrix(row[3])[:2, :2]
-            wheels = 0.5 * np.array([[-gauge, base], [gauge, base], [-gauge, -base], [gauge, -base]])
+            wheels = 0.5 * np.array(
+                [[-gauge, base], [gauge, base], [-gauge, -base], [gauge, -base]]
+            )
             z = self.relief(wheels @ turn.T + row[:2])[:, 0]
             row[2] += z.mean()
             row[4] += math.atan((z[0] + z[1] - z[2] - z[3]) / (2 * base))
@@ -125,7 +155,9 @@ def _add_undulation(xy: Any, origin: Any, step: Any, nodes: Any, out: Any) -> No
 
 
 @njit(cache=True, error_model="numpy")
-def _add_ruts(xy: Any, origin: Any, step: Any, line: Any, depth: Any, width: Any, spacing: Any, out: Any) -> None:
+def _add_ruts(
+    xy: Any, origin: Any, step: Any, line: Any, depth: Any, width: Any, spacing: Any, out: Any
+) -> None:
     sharp = 4 * math.log(2.0) / width**2
     for i in range(xy.shape[0]):
         part = (xy[i, 1] - origin) / step

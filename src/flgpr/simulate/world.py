@@ -9,13 +9,22 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.model import OBJECT_COLUMNS, TRUTH_COLUMNS, Column, check_objects, check_truth, empty_table
+from flgpr.model import (
+    OBJECT_COLUMNS,
+    TRUTH_COLUMNS,
+    Column,
+    check_objects,
+    check_truth,
+    empty_table,
+)
 from flgpr.model.arrays import FloatArray
 from flgpr.simulate.draw import stream
 from flgpr.simulate.holes import Hole, draw_holes, hole_patches
 from flgpr.simulate.scene import Patch, Scene, Target, Thing
 
-EVEN: dict[str, dict[str, bool]] = {part: {"on": False} for part in ("stones", "roots", "lenses", "heterogeneity")}
+EVEN: dict[str, dict[str, bool]] = {
+    part: {"on": False} for part in ("stones", "roots", "lenses", "heterogeneity")
+}
 """Parts of a scene whose soil has nothing in it but its targets and holes."""
 ALONE: dict[str, Any] = {"surface": {"echo": False}, "holes": {"on": False}, **EVEN}
 """Parts of a scene whose ground returns nothing but its targets."""
@@ -47,14 +56,20 @@ class World:
 
     def objects_table(self) -> pd.DataFrame:
         """Table of everything else that stands in or beside the lane, empty holes too; it never scores."""
-        things: list[tuple[Any, ...]] = [(o.x, o.y, o.kind, o.radius, o.height) for o in self.objects]
+        things: list[tuple[Any, ...]] = [
+            (o.x, o.y, o.kind, o.radius, o.height) for o in self.objects
+        ]
         things += [(h.x, h.y, "hole", h.radius, h.cap) for h in self.holes if h.target is None]
         rows = [(f"O{i + 1:04d}", *thing) for i, thing in enumerate(things)]
         return check_objects(_table(rows, OBJECT_COLUMNS))
 
 
 def _table(rows: list[tuple[Any, ...]], columns: tuple[Column, ...]) -> pd.DataFrame:
-    return pd.DataFrame(rows, columns=[column.name for column in columns]) if rows else empty_table(columns)
+    return (
+        pd.DataFrame(rows, columns=[column.name for column in columns])
+        if rows
+        else empty_table(columns)
+    )
 
 
 def draw_world(scene: Scene, seed: int) -> World:
@@ -91,7 +106,9 @@ def _draw_targets(scene: Scene, seed: int) -> list[Target]:
                 body=draw.body,
                 radius=draw.radius,
                 height=draw.height,
-                gap=rng.uniform(0.01, 0.02) if draw.kind == "plastic" and draw.body is None else None,
+                gap=rng.uniform(0.01, 0.02)
+                if draw.kind == "plastic" and draw.body is None
+                else None,
                 heading=headings[slot] if draw.body is not None else 0.0,
                 tilt=math.hypot(lean, roll) if draw.depth >= 0 else 0.0,
                 azimuth=math.atan2(roll, lean),
@@ -105,7 +122,9 @@ def _draw_rocks(scene: Scene, seed: int) -> list[Thing]:
     side = scene.clutter.roadside[1]
     ends = (-MARGIN, scene.length + MARGIN)
     count = rng.poisson(scene.clutter.rocks * 2 * side * (scene.length + 2 * MARGIN))
-    draws = ((rng.uniform(-side, side), rng.uniform(*ends), rng.exponential(0.02)) for _ in range(count))
+    draws = (
+        (rng.uniform(-side, side), rng.uniform(*ends), rng.exponential(0.02)) for _ in range(count)
+    )
     return [Thing(kind="rock", x=x, y=y, radius=min(0.02 + size, 0.12)) for x, y, size in draws]
 
 
@@ -122,7 +141,9 @@ def _draw_roadside(scene: Scene, seed: int) -> list[Thing]:
                 radius = rng.uniform(0.2, 0.7)
                 height = rng.uniform(0.3, 1.0)
                 level = rng.uniform(-20, -3)
-                things.append(Thing(kind="bush", x=x, y=y, radius=radius, height=height, rcs_db=level))
+                things.append(
+                    Thing(kind="bush", x=x, y=y, radius=radius, height=height, rcs_db=level)
+                )
             else:
                 radius = rng.uniform(0.02, 0.06)
                 height = rng.uniform(0.3, 1.0)
@@ -136,7 +157,12 @@ def _draw_patches(scene: Scene, seed: int) -> list[Patch]:
     ends = (-MARGIN, scene.length + MARGIN)
     count = rng.poisson(scene.clutter.patches * 2 * side * (scene.length + 2 * MARGIN))
     return [
-        Patch(x=rng.uniform(-side, side), y=rng.uniform(*ends), radius=rng.uniform(0.4, 1.5), gain_db=rng.uniform(2, 6))
+        Patch(
+            x=rng.uniform(-side, side),
+            y=rng.uniform(*ends),
+            radius=rng.uniform(0.4, 1.5),
+            gain_db=rng.uniform(2, 6),
+        )
         for _ in range(count)
     ]
 
@@ -145,9 +171,15 @@ def told(scene: Scene, seed: int) -> dict[str, Any]:
     """Tell a scene with the targets, objects and patches that the seed put there; nothing is left to be drawn."""
     world = draw_world(scene, seed)
     data = scene.model_dump(exclude_unset=True, exclude={"draws"})
-    patches = world.patches[: len(world.patches) - len(hole_patches(scene, world.holes))]  # those of holes come again
+    patches = world.patches[
+        : len(world.patches) - len(hole_patches(scene, world.holes))
+    ]  # those of holes come again
     things = {"targets": world.targets, "objects": world.objects, "patches": patches}
-    return data | {part: [one.model_dump() for one in some] for part, some in things.items()} | {"clutter": BARE}
+    return (
+        data
+        | {part: [one.model_dump() for one in some] for part, some in things.items()}
+        | {"clutter": BARE}
+    )
 
 
 def draw_track(scene: Scene, height: float, seed: int) -> tuple[FloatArray, FloatArray]:
@@ -197,5 +229,7 @@ def _positions(scene: Scene, rng: np.random.Generator) -> tuple[FloatArray, Floa
         place += stride
         clock += stride / 2.0
     if not y:
-        raise ValueError(f"track must hold at least one scan, got none from {place:g} m to {end:g} m")
+        raise ValueError(
+            f"track must hold at least one scan, got none from {place:g} m to {end:g} m"
+        )
     return np.asarray(y, dtype=np.float64), np.asarray(seconds, dtype=np.float64)

@@ -41,11 +41,16 @@ def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
     names = ("lane_x_m", "lane_y_m", *kinds[0], *(["height_m"] if "height_m" in columns else []))
     rows = np.stack([np.asarray(columns[name], dtype=np.float64) for name in names], axis=1)
     if not np.isfinite(rows).all():
-        raise ValueError(f"{path}: every value must be finite, got {rows[~np.isfinite(rows).all(axis=1)][0].tolist()}")
+        raise ValueError(
+            f"{path}: every value must be finite, got {rows[~np.isfinite(rows).all(axis=1)][0].tolist()}"
+        )
     lines = [f"crs = {json.dumps(crs)}", f"accuracy = {accuracy!r}"]
     for row in rows.tolist():
         lines += ["", "[[point]]", f"lane = [{row[0]!r}, {row[1]!r}]"]
-        lines += [f"{name.rsplit('_', 1)[0]} = {value!r}" for name, value in zip(names[2:], row[2:], strict=True)]
+        lines += [
+            f"{name.rsplit('_', 1)[0]} = {value!r}"
+            for name, value in zip(names[2:], row[2:], strict=True)
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -109,7 +114,13 @@ def _corners(lane: Lane, tie: Anchor) -> list[dict[str, float]]:
     corners = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])]
     earth = tie.to_geodetic([(*corner, 0.0) for corner in corners])
     return [
-        {"x": x, "y": y, "longitude": float(e[0]), "latitude": float(e[1]), "sigma_m": float(tie.uncertainty(x, y))}
+        {
+            "x": x,
+            "y": y,
+            "longitude": float(e[0]),
+            "latitude": float(e[1]),
+            "sigma_m": float(tie.uncertainty(x, y)),
+        }
         for (x, y), e in zip(corners, earth, strict=True)
     ]
 
@@ -119,13 +130,21 @@ def _outline(corners: list[dict[str, float]], tie: Anchor) -> dict[str, Any]:
     line = {
         "type": "Feature",
         "geometry": {"type": "LineString", "coordinates": ring},
-        "properties": {"nature": "outline of the surveyed lane", "anchor_sigma": max(c["sigma_m"] for c in corners)},
+        "properties": {
+            "nature": "outline of the surveyed lane",
+            "anchor_sigma": max(c["sigma_m"] for c in corners),
+        },
     }
     points = [
         {
             "type": "Feature",
             "geometry": {"type": "Point", "coordinates": position},
-            "properties": {"nature": "corner", "lane_x": c["x"], "lane_y": c["y"], "anchor_sigma": c["sigma_m"]},
+            "properties": {
+                "nature": "corner",
+                "lane_x": c["x"],
+                "lane_y": c["y"],
+                "anchor_sigma": c["sigma_m"],
+            },
         }
         for position, c in zip(ring, corners, strict=False)
     ]

@@ -37,7 +37,9 @@ class Scan:
     tx: NDArray[np.float64]  #: (pair, 3): antennas, m
     rx: NDArray[np.float64]  #: (pair, 3): antennas, m
     pixels: NDArray[np.float64]  #: (pixel, 3): pixel centres, m, cross-track fastest
-    data: NDArray[np.complex64]  #: (polarization, pair, frequency): sixty scatterers in noise of the same power
+    data: NDArray[
+        np.complex64
+    ]  #: (polarization, pair, frequency): sixty scatterers in noise of the same power
     image: NDArray[np.complex64]  #: (polarization, 1, pixel): noise for the forward model
 
 
@@ -64,11 +66,25 @@ def sri_scan() -> Scan:
     pixels = GRID.points().reshape(-1, 3)
     scatterers = rng.uniform([-6, 7, 0], [6, 26, 0], size=(60, 3))
     amplitude = _noise(rng, (3, 60))
-    length = np.linalg.norm(scatterers - tx[:, None], axis=2) + np.linalg.norm(scatterers - rx[:, None], axis=2)
-    data = np.stack([amplitude @ np.exp(-2j * np.pi * np.outer(row, frequency) / SPEED_OF_LIGHT) for row in length])
+    length = np.linalg.norm(scatterers - tx[:, None], axis=2) + np.linalg.norm(
+        scatterers - rx[:, None], axis=2
+    )
+    data = np.stack(
+        [
+            amplitude @ np.exp(-2j * np.pi * np.outer(row, frequency) / SPEED_OF_LIGHT)
+            for row in length
+        ]
+    )
     data = data.transpose(1, 0, 2) + _noise(rng, (3, tx.shape[0], frequency.size)) * np.sqrt(60)
     image = _noise(rng, (3, 1, pixels.shape[0]))
-    return Scan(frequency, tx, rx, pixels, np.ascontiguousarray(data, np.complex64), image.astype(np.complex64))
+    return Scan(
+        frequency,
+        tx,
+        rx,
+        pixels,
+        np.ascontiguousarray(data, np.complex64),
+        image.astype(np.complex64),
+    )
 
 
 def _noise(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.complex128]:
@@ -89,12 +105,18 @@ class Truth:
 
 def direct_sums(scan: Scan) -> Truth:
     """Sum term by term what the codes are checked against."""
-    pixel = np.sort(np.random.default_rng(1).choice(len(scan.pixels), CHECKED_PIXELS, replace=False))
+    pixel = np.sort(
+        np.random.default_rng(1).choice(len(scan.pixels), CHECKED_PIXELS, replace=False)
+    )
     tone = np.linspace(0, scan.frequency.size - 1, CHECKED_TONES).astype(np.int64)
     some = scan.pixels[pixel]
 
-    def exact(frequency: Any = scan.frequency, pixels: Any = some, **options: Any) -> ImagingOperator:
-        return ImagingOperator(frequency, scan.tx, scan.rx, pixels, dtype=np.complex128, method="direct", **options)
+    def exact(
+        frequency: Any = scan.frequency, pixels: Any = some, **options: Any
+    ) -> ImagingOperator:
+        return ImagingOperator(
+            frequency, scan.tx, scan.rx, pixels, dtype=np.complex128, method="direct", **options
+        )
 
     return Truth(
         pixel,
@@ -110,7 +132,9 @@ def own_cases(scan: Scan, truth: Truth, device: str) -> list[Case]:
     """List what this package is timed at."""
 
     def operator(tolerance: float, pixels: Any = scan.pixels, **options: Any) -> ImagingOperator:
-        return ImagingOperator(scan.frequency, scan.tx, scan.rx, pixels, tolerance=tolerance, device=device, **options)
+        return ImagingOperator(
+            scan.frequency, scan.tx, scan.rx, pixels, tolerance=tolerance, device=device, **options
+        )
 
     code = f"flgpr {device}"
     images = operator(5e-4, subbands=SUBBANDS)
@@ -119,12 +143,40 @@ def own_cases(scan: Scan, truth: Truth, device: str) -> list[Case]:
     one = operator(1e-3)
     buffer = images.image_buffer(3)
     cases = [
-        Case("15 images", code, lambda: images.adjoint(scan.data, buffer), truth.images, 15, images.width),
-        Case("15 images, 1e-5", code, lambda: fine.adjoint(scan.data, buffer), truth.images, 15, fine.width),
-        Case("15 images, ground", code, lambda: buried.adjoint(scan.data, buffer), truth.buried, 15, buried.width),
+        Case(
+            "15 images",
+            code,
+            lambda: images.adjoint(scan.data, buffer),
+            truth.images,
+            15,
+            images.width,
+        ),
+        Case(
+            "15 images, 1e-5",
+            code,
+            lambda: fine.adjoint(scan.data, buffer),
+            truth.images,
+            15,
+            fine.width,
+        ),
+        Case(
+            "15 images, ground",
+            code,
+            lambda: buried.adjoint(scan.data, buffer),
+            truth.buried,
+            15,
+            buried.width,
+        ),
         Case("one channel", code, lambda: one.adjoint(scan.data[:1]), truth.channel, 1, one.width),
         Case("forward", code, lambda: one.forward(scan.image[:1]), truth.forward[:1], 1, one.width),
-        Case("forward, 3 channels", code, lambda: one.forward(scan.image), truth.forward, 3, one.width),
+        Case(
+            "forward, 3 channels",
+            code,
+            lambda: one.forward(scan.image),
+            truth.forward,
+            3,
+            one.width,
+        ),
     ]
     if device == "cuda":
         batch = np.repeat(scan.data[None], BATCH, axis=0)
@@ -133,8 +185,12 @@ def own_cases(scan: Scan, truth: Truth, device: str) -> list[Case]:
         image_of = one.image_buffer(BATCH, 1)
         runs = (lambda: images.adjoint(batch, images_of)), (lambda: one.adjoint(single, image_of))
         cases += [
-            Case(f"15 images of {BATCH} scans", code, runs[0], truth.images, 15, images.width, BATCH),
-            Case(f"one channel of {BATCH} scans", code, runs[1], truth.channel, 1, one.width, BATCH),
+            Case(
+                f"15 images of {BATCH} scans", code, runs[0], truth.images, 15, images.width, BATCH
+            ),
+            Case(
+                f"one channel of {BATCH} scans", code, runs[1], truth.channel, 1, one.width, BATCH
+            ),
         ]
     return cases
 
@@ -167,9 +223,20 @@ def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> 
     for case, error, seconds in zip(cases, errors, times, strict=True):
         seconds /= case.scans
         updates = len(scan.pixels) * len(scan.tx) * case.images
-        floor = max(updates * (4 * case.width + 8) / flops, 8 * len(scan.pixels) * case.images / bandwidth)
+        floor = max(
+            updates * (4 * case.width + 8) / flops, 8 * len(scan.pixels) * case.images / bandwidth
+        )
         limited = device == "cpu" and case.width > 0
-        rows.append((case.work, case.code, seconds, error, updates / seconds, floor / seconds if limited else np.nan))
+        rows.append(
+            (
+                case.work,
+                case.code,
+                seconds,
+                error,
+                updates / seconds,
+                floor / seconds if limited else np.nan,
+            )
+        )
     if device == "cuda":
         rows += _device_rows(scan, {row[0]: row for row in rows}, rounds)
         if peers and not missing:
@@ -185,18 +252,32 @@ def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> 
     return table.sort_values(["work", "time"], ignore_index=True)
 
 
-def _device_rows(scan: Scan, like: dict[str, tuple[Any, ...]], rounds: int) -> list[tuple[Any, ...]]:
+def _device_rows(
+    scan: Scan, like: dict[str, tuple[Any, ...]], rounds: int
+) -> list[tuple[Any, ...]]:
     """Time images without transfers; ``like`` has the rows of the same images with them."""
     rows = []
-    for work, polarizations, bands, tolerance in (("15 images", 3, SUBBANDS, 5e-4), ("one channel", 1, None, 1e-3)):
-        engine = ImagingOperator(scan.frequency, scan.tx, scan.rx, scan.pixels, bands, tolerance, device="cuda").engine
+    for work, polarizations, bands, tolerance in (
+        ("15 images", 3, SUBBANDS, 5e-4),
+        ("one channel", 1, None, 1e-3),
+    ):
+        engine = ImagingOperator(
+            scan.frequency, scan.tx, scan.rx, scan.pixels, bands, tolerance, device="cuda"
+        ).engine
         channels = len(bands) if bands else 1
         updates = len(scan.pixels) * len(scan.tx) * polarizations * channels
         for scans, name in ((1, work), (BATCH, f"{work} of {BATCH} scans")):
-            times = [engine.device_seconds(polarizations * scans, channels, REPEATS) for _ in range(rounds)]
-            for part, seconds in zip(("on the device", "interpolation alone"), np.median(times, axis=0), strict=True):
+            times = [
+                engine.device_seconds(polarizations * scans, channels, REPEATS)
+                for _ in range(rounds)
+            ]
+            for part, seconds in zip(
+                ("on the device", "interpolation alone"), np.median(times, axis=0), strict=True
+            ):
                 each = float(seconds) / scans
-                rows.append((f"{name}, {part}", like[name][1], each, like[name][3], updates / each, np.nan))
+                rows.append(
+                    (f"{name}, {part}", like[name][1], each, like[name][3], updates / each, np.nan)
+                )
     return rows
 
 
@@ -237,5 +318,8 @@ def format_bench(table: pd.DataFrame) -> str:
     bandwidth = table.attrs["bandwidth"] / 1e9
     lines += ["", f"Measured peaks: {flops:.0f} GFLOP/s in single precision, {bandwidth:.1f} GB/s."]
     if table.attrs["missing"]:
-        lines += ["", f"Not installed and so not measured: {', '.join(table.attrs['missing'])} (extra bench)."]
+        lines += [
+            "",
+            f"Not installed and so not measured: {', '.join(table.attrs['missing'])} (extra bench).",
+        ]
     return "\n".join(lines)

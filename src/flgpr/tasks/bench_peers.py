@@ -77,13 +77,21 @@ class _Finufft:
     def _plans(self, kind: int, many: int) -> list[Any]:
         plans = []
         for angle in self._angle:
-            options = {"eps": self._tolerance, "isign": 1 if kind == 2 else -1, "dtype": "complex64"}
-            plan = self._finufft.Plan(kind, (self._scan.frequency.size,), many, nthreads=1, spread_sort=0, **options)
+            options = {
+                "eps": self._tolerance,
+                "isign": 1 if kind == 2 else -1,
+                "dtype": "complex64",
+            }
+            plan = self._finufft.Plan(
+                kind, (self._scan.frequency.size,), many, nthreads=1, spread_sort=0, **options
+            )
             plan.setpts(angle)
             plans.append(plan)
         return plans
 
-    def images(self, data_of: Callable[[int], ComplexArray], many: int) -> Callable[[], ComplexArray]:
+    def images(
+        self, data_of: Callable[[int], ComplexArray], many: int
+    ) -> Callable[[], ComplexArray]:
         plans = self._plans(2, many)
         count = len(self._scan.pixels)
         work = np.empty((2, self._threads, many, count), np.complex64)
@@ -94,12 +102,16 @@ class _Finufft:
             def share(t: int) -> None:
                 for q in range(t, len(plans), self._threads):
                     data = data_of(q)
-                    plans[q].execute(data if many > 1 else data[0], out=work[0, t] if many > 1 else work[0, t, 0])
+                    plans[q].execute(
+                        data if many > 1 else data[0], out=work[0, t] if many > 1 else work[0, t, 0]
+                    )
                     work[0, t] *= self._carrier[q]
                     work[1, t] += work[0, t]
 
             list(self._pool.map(share, range(self._threads)))
-            return np.asarray(work[1].sum(axis=0).reshape(-1, many // 3 or 1, count), dtype=np.complex64)
+            return np.asarray(
+                work[1].sum(axis=0).reshape(-1, many // 3 or 1, count), dtype=np.complex64
+            )
 
         return run
 
@@ -122,7 +134,9 @@ class _Finufft:
 def _finufft_cases(scan: Scan, truth: Truth, tolerance: float, suffix: str) -> list[Case]:
     peer = _Finufft(scan, tolerance)
     code = f"finufft, eps {tolerance:g}"
-    images = Case("15 images" + suffix, code, peer.images(lambda q: _by_band(scan, q), 15), truth.images, 15)
+    images = Case(
+        "15 images" + suffix, code, peer.images(lambda q: _by_band(scan, q), 15), truth.images, 15
+    )
     if suffix:
         return [images]
     one = Case("one channel", code, peer.images(lambda q: scan.data[:1, q], 1), truth.channel, 1)
@@ -171,7 +185,9 @@ def _fastsar_cases(scan: Scan, truth: Truth) -> list[Case]:
     cuts = [(scan.frequency[band][0], band) for band in inside]
 
     def images() -> ComplexArray:
-        return np.array([[image(data[:, band], first) for first, band in cuts] for data in scan.data])
+        return np.array(
+            [[image(data[:, band], first) for first, band in cuts] for data in scan.data]
+        )
 
     def one() -> ComplexArray:
         return image(scan.data[0], float(scan.frequency[0]))[None, None]
@@ -202,7 +218,9 @@ def cufinufft_rows(scan: Scan, truth: Truth, rounds: int) -> list[tuple[Any, ...
     count = len(scan.pixels)
     step = scan.frequency[1] - scan.frequency[0]
     turns = paths * (step / SPEED_OF_LIGHT)
-    angles = [cuda.to_device(row) for row in (2 * np.pi * (turns - np.rint(turns))).astype(np.float32)]
+    angles = [
+        cuda.to_device(row) for row in (2 * np.pi * (turns - np.rint(turns))).astype(np.float32)
+    ]
     carriers = [cuda.to_device(row) for row in _carriers(scan, paths)]
     rows = []
     works = (("15 images", [_by_band(scan, q) for q in range(len(paths))], truth.images),
@@ -213,7 +231,13 @@ def cufinufft_rows(scan: Scan, truth: Truth, rounds: int) -> list[tuple[Any, ...
         values, total = (cuda.device_array((many, count), np.complex64) for _ in range(2))
         tried: list[tuple[float, str, float]] = []
         for method, bins in ((m, b) for m in (1, 2) for b in BIN_SIZES):
-            options = {"eps": 1e-3, "isign": 1, "dtype": "complex64", "gpu_method": method, "gpu_binsizex": bins}
+            options = {
+                "eps": 1e-3,
+                "isign": 1,
+                "dtype": "complex64",
+                "gpu_method": method,
+                "gpu_binsizex": bins,
+            }
             try:
                 plans = [cufinufft.Plan(2, (scan.frequency.size,), many, **options) for _ in paths]
                 for plan, angle in zip(plans, angles, strict=True):
@@ -224,13 +248,19 @@ def cufinufft_rows(scan: Scan, truth: Truth, rounds: int) -> list[tuple[Any, ...
             for _ in range(rounds + 1):
                 start = time.perf_counter()
                 for q, plan in enumerate(plans):
-                    plan.execute(data[q] if many > 1 else data[q][0], out=values if many > 1 else values[0])
-                    _add[(-(-count // gpu.THREADS), many), (gpu.THREADS, 1)](values, carriers[q], total, int(q == 0))
+                    plan.execute(
+                        data[q] if many > 1 else data[q][0], out=values if many > 1 else values[0]
+                    )
+                    _add[(-(-count // gpu.THREADS), many), (gpu.THREADS, 1)](
+                        values, carriers[q], total, int(q == 0)
+                    )
                 cuda.synchronize()
                 times.append(time.perf_counter() - start)
             part = total.copy_to_host()[:, truth.pixel].reshape(exact.shape)
             error = float(np.linalg.norm(part - exact) / np.linalg.norm(exact))
-            tried.append((float(np.median(times[1:])), f"cufinufft, method {method}, bins {bins}", error))
+            tried.append(
+                (float(np.median(times[1:])), f"cufinufft, method {method}, bins {bins}", error)
+            )
         if tried:
             seconds, code, error = min(tried)
             rate = count * len(paths) * many / seconds

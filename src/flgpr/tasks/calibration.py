@@ -38,10 +38,14 @@ class ClockSearch:
     """Where a clock offset is looked for."""
 
     area: tuple[float, float, float, float]  #: ground that is focused, lane frame, m
-    offsets: tuple[float, float]  #: least and greatest offset of the track's clock from the radar's, s
+    offsets: tuple[
+        float, float
+    ]  #: least and greatest offset of the track's clock from the radar's, s
     step: float = 0.05  #: first step, s; it is halved four times around the best
     height: float = 0.0  #: z of the area, m
-    spacing: float | None = None  #: of the pixels, m; None takes a quarter of the shortest wavelength
+    spacing: float | None = (
+        None  #: of the pixels, m; None takes a quarter of the shortest wavelength
+    )
     rates: tuple[float, ...] = (1.0,)  #: clock rates to try
 
 
@@ -74,7 +78,9 @@ def calibrate_clock(
             "one or a wider spacing"
         )
     pixels = np.stack([*np.meshgrid(x, y), np.full((y.size, x.size), search.height)], axis=-1)
-    fit = estimate_clock(_searched(held, keep_standing), way, pixels, offsets, ImagingOperator, search.rates)
+    fit = estimate_clock(
+        _searched(held, keep_standing), way, pixels, offsets, ImagingOperator, search.rates
+    )
     _refuse(fit, run, keep_standing)
     if output is not None:
         moved = with_track(held, way, fit.offset, fit.rate)
@@ -101,7 +107,9 @@ def calibrate_range_bias(
     places = _reflectors(reflectors)
     if search is not None and not search > 0:
         raise ValueError(f"search must be positive, got {search:g}")
-    fit = estimate_range_bias(_searched(held, keep_standing), places, ImagingOperator, search, tolerance)
+    fit = estimate_range_bias(
+        _searched(held, keep_standing), places, ImagingOperator, search, tolerance
+    )
     _refuse(fit, run, keep_standing)
     if output is not None:
         _save(remove_range_bias(held, fit.bias), output, {"range_bias_m": fit.bias})
@@ -129,12 +137,22 @@ def calibrate_joint(
     places = _reflectors(reflectors)
     way = _track_of_run(run, track, anchor)
     fit = estimate_joint(
-        _searched(held, keep_standing), places, ImagingOperator, biases, way, _offsets(offsets, step), tolerance
+        _searched(held, keep_standing),
+        places,
+        ImagingOperator,
+        biases,
+        way,
+        _offsets(offsets, step),
+        tolerance,
     )
     _refuse(fit, run, keep_standing)
     if output is not None and fit.offset is not None:
         ready = remove_range_bias(with_track(held, way, fit.offset), fit.bias)
-        _save(ready, output, {"clock_offset_s": fit.offset, "clock_rate": 1.0, "range_bias_m": fit.bias})
+        _save(
+            ready,
+            output,
+            {"clock_offset_s": fit.offset, "clock_rate": 1.0, "range_bias_m": fit.bias},
+        )
     return fit
 
 
@@ -144,7 +162,9 @@ def _offsets(limits: tuple[float, float], step: float) -> FloatArray:
     if not (np.isfinite(limits).all() and high >= low and step > 0):
         raise ValueError(f"offsets must increase and step be positive, got {limits} and {step:g}")
     if (high - low) / step > _MOST_OFFSETS:
-        raise ValueError(f"offsets must be at most {_MOST_OFFSETS:,}, got {low:g} to {high:g} s by {step:g} s")
+        raise ValueError(
+            f"offsets must be at most {_MOST_OFFSETS:,}, got {low:g} to {high:g} s by {step:g} s"
+        )
     return np.arange(low, high + step / 2, step)
 
 
@@ -159,7 +179,11 @@ def _searched(run: xr.Dataset, keep_standing: bool) -> xr.Dataset:
 
 def _refuse(fit: ClockFit | BiasFit, run: PathLike, keep_standing: bool) -> None:
     if fit.doubt:
-        hint = "" if keep_standing else " (what stands still in the scans was left out; --keep-standing leaves it in)"
+        hint = (
+            ""
+            if keep_standing
+            else " (what stands still in the scans was left out; --keep-standing leaves it in)"
+        )
         raise ValueError(f"{run}: {fit.doubt}{hint}")
 
 
@@ -172,11 +196,15 @@ def _reflectors(path: PathLike) -> FloatArray:
         raise ValueError(f"{file}: {error}") from None
     missing = [name for name in ("x_m", "y_m", "z_m") if name not in columns]
     if missing:
-        raise ValueError(f"{file}: must have the columns x_m, y_m, z_m; missing: {', '.join(missing)}")
+        raise ValueError(
+            f"{file}: must have the columns x_m, y_m, z_m; missing: {', '.join(missing)}"
+        )
     places = np.stack([np.asarray(columns[name]) for name in ("x_m", "y_m", "z_m")], axis=1)
     if np.iscomplexobj(places) or not np.isfinite(places).all():
         bad = int(np.argmax(~np.isfinite(places).all(axis=1) | (places.imag != 0).any(axis=1)))
-        raise ValueError(f"{file}: places must be finite, got {places[bad].tolist()} for reflector {bad + 1}")
+        raise ValueError(
+            f"{file}: places must be finite, got {places[bad].tolist()} for reflector {bad + 1}"
+        )
     return places
 
 

@@ -42,7 +42,9 @@ def signal_to_clutter_tables(
         sensor = load_sensor(name)
         table = expected_signal_to_clutter(sensor, ground, named, chosen, viewing)
         if seeds is not None:
-            measured = measure_signal_to_clutter(sensor, ground, named, chosen, viewing, seeds=seeds, track=track)
+            measured = measure_signal_to_clutter(
+                sensor, ground, named, chosen, viewing, seeds=seeds, track=track
+            )
             table["measured_db"] = measured["signal_to_clutter_db"]
             table[["low_db", "high_db"]] = measured[["low_db", "high_db"]]
         tables.append(table)

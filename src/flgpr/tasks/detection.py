@@ -34,14 +34,16 @@ def detect_run(
 ) -> Result:
     """Detect on a stored run block by block and write a result folder with its report; a stopped call goes on.
 
-    An input that is not valid, or an output that would overwrite something else, is refused before anything is written.
+    An input that is not valid, or an output that would overwrite something else, is refused before
+    anything is written.
 
     Parameters
     ----------
     run, output : path
         Run store, and result folder to make.
     recipe : str or path or None
-        Packaged recipe or TOML file; None makes one for the run, see :func:`flgpr.chain.fitting.fit_recipe`.
+        Packaged recipe or TOML file; None makes one for the run, see
+        :func:`flgpr.chain.fitting.fit_recipe`.
     lane : path, optional
         TOML with x_min, x_max, y_min, y_max (m) in place of the recipe's lane.
     report : bool
@@ -51,12 +53,16 @@ def detect_run(
     workers, scheduler, track, note
         As in :class:`flgpr.execution.survey.How`; the result is the same, bit for bit.
     max_memory : int
-        Memory of each process, bytes; a lane that would take more is refused, see :func:`detect_long`.
+        Memory of each process, bytes; a lane that would take more is refused, see
+        :func:`detect_long`.
     others : mapping of str to path, optional
-        Runs taken together with this one, such as a second band, by the names that the recipe gives them.
+        Runs taken together with this one, such as a second band, by the names that the recipe gives
+        them.
     """
     how = How(workers, scheduler, max_memory, track, note)
-    return read_result(detect_long(run, recipe, output, lane, model, math.inf, others, report, how)[0])
+    return read_result(
+        detect_long(run, recipe, output, lane, model, math.inf, others, report, how)[0]
+    )
 
 
 def detect_long(
@@ -81,7 +87,9 @@ def detect_long(
     """
     text = _text_of(recipe, run, model, how.max_memory)
     parsed = parse_recipe(text, str(recipe))
-    area = area_of(open_run(run, how.max_memory), parsed, read_lane(lane) if lane is not None else None)
+    area = area_of(
+        open_run(run, how.max_memory), parsed, read_lane(lane) if lane is not None else None
+    )
     job = make_job(run, text, area, output, report, model, how.max_memory, others, kept=how.kept)
     with how.executor() as executor:
         return detect_lane(job, executor, how.track, how.note, section, overwrite)
@@ -112,12 +120,18 @@ def detect_runs(
     lane_names(runs)  # refuses runs of one name
     text = _text_of(recipe, runs[0], model, how.max_memory)
     if recipe is None and lanes is None and len(runs) > 1 and parse_recipe(text).lane is not None:
-        raise ValueError(f"lanes must be given or a recipe: {runs[0]} is so short that its own recipe has its lane")
-    folders = detect_survey(runs, text, output, lanes, model, section, others, report, lanes_at_once, how, overwrite)
+        raise ValueError(
+            f"lanes must be given or a recipe: {runs[0]} is so short that its own recipe has its lane"
+        )
+    folders = detect_survey(
+        runs, text, output, lanes, model, section, others, report, lanes_at_once, how, overwrite
+    )
     return [result for folder in folders for result in results_at(folder)]
 
 
-def _text_of(recipe: PathLike | None, run: PathLike, model: PathLike | None, max_memory: int) -> str:
+def _text_of(
+    recipe: PathLike | None, run: PathLike, model: PathLike | None, max_memory: int
+) -> str:
     """Text of a recipe, or of the one made for a run."""
     if recipe is not None:
         return recipe_text(recipe)

@@ -25,7 +25,9 @@ def table_doubts(table: pd.DataFrame, kind: str, lanes: LaneLike) -> list[str]:
     same = [name for name in ("x", "y", "confidence", "kind", "lane") if name in table.columns]
     repeated = int(table.duplicated(same).sum())
     if repeated:
-        doubts.append(f"{repeated} of {len(table)} {what} repeat another one at the same place; all are kept")
+        doubts.append(
+            f"{repeated} of {len(table)} {what} repeat another one at the same place; all are kept"
+        )
     inside = _inside(table, lanes, "x", "y")
     swapped = _inside(table, lanes, "y", "x")
     outside = len(table) - inside

@@ -51,7 +51,9 @@ FORMATS = (*TABLE_FORMATS, "geotiff", "qgis", "cphd")
 _MARGIN = 5.0  # m of ground about the lane
 
 
-def table_reading(columns: str | None = None, anchor: PathLike | None = None) -> TableReading | None:
+def table_reading(
+    columns: str | None = None, anchor: PathLike | None = None
+) -> TableReading | None:
     """Make what a user says of a table: columns as ``x=Rechts,y=Hoch``, and the anchor (TOML) of its places."""
     if columns is None and anchor is None:
         return None
@@ -94,7 +96,11 @@ def import_with_mapping(
     made_of: list[str] = []
     if anchor_from_track:
         _refuse_two_anchors(anchor)
-        if track is not None and not isinstance(track, pd.DataFrame) and Path(track).suffix.lower() != ".csv":
+        if (
+            track is not None
+            and not isinstance(track, pd.DataFrame)
+            and Path(track).suffix.lower() != ".csv"
+        ):
             tie, made_of = anchor_from_fixes(nmea_places(track))
     pose = read_survey(survey) if survey is not None else None
     moved = None
@@ -107,10 +113,14 @@ def import_with_mapping(
     )
     arrived.notes.extend(made_of)
     if anchor_from_track and tie is None and arrived.anchor is None:
-        raise ValueError("anchor-from-track needs fixes by longitude and latitude, the positions are none")
+        raise ValueError(
+            "anchor-from-track needs fixes by longitude and latitude, the positions are none"
+        )
     store = Path(output)
     run = _tied(_with_doubts(arrived.run), arrived.anchor or tie)
-    if arrived.track is not None and not is_stored(run, store):  # before the run, whose presence says that all is there
+    if arrived.track is not None and not is_stored(
+        run, store
+    ):  # before the run, whose presence says that all is there
         write_table(arrived.track, store.with_name(f"{store.stem}-track.csv"))
     save_run(run, store, resume=True)
     return arrived
@@ -210,7 +220,11 @@ def export_table(
 
 
 def import_table(
-    table: PathLike, output: PathLike, kind: str, columns: str | None = None, anchor: PathLike | None = None
+    table: PathLike,
+    output: PathLike,
+    kind: str,
+    columns: str | None = None,
+    anchor: PathLike | None = None,
 ) -> pd.DataFrame:
     """Read alarms, truth or objects (``kind``) as others write them, and write the CSV that flgpr reads.
 
@@ -283,7 +297,11 @@ def export_qgis(
         ):
             if rows is None or not len(rows):
                 continue
-            style = qgis.by_kind(rows["kind"], colour) if colour else qgis.graduated("confidence", rows["confidence"])
+            style = (
+                qgis.by_kind(rows["kind"], colour)
+                if colour
+                else qgis.graduated("confidence", rows["confidence"])
+            )
             points = georeferenced.georeference(rows, tie, kind, identity, time)
             georeferenced.write_geopackage(points, home / f"{kind}.gpkg", kind)
             layers.append(qgis.Layer(kind, f"{kind}.gpkg", "EPSG:4326", "Point", style))
@@ -291,14 +309,21 @@ def export_qgis(
         layers.append(qgis.Layer("lane", "lane.gpkg", "EPSG:4326", "Polygon", qgis.outline()))
         georeferenced.write_geotiff(chosen.view, home / "run-view.tif", tie, identity)
         layers.append(qgis.Layer("run-view", "run-view.tif", tie.utm(), "", _shaded(held, chosen)))
-        places = transform_lonlat(tie.to_geodetic(georeferenced.corners(held.lane))[:, :2], tie.utm())
+        places = transform_lonlat(
+            tie.to_geodetic(georeferenced.corners(held.lane))[:, :2], tie.utm()
+        )
         extent = (*(places.min(axis=0) - _MARGIN), *(places.max(axis=0) + _MARGIN))
         title = f"{held.manifest['run'].get('title', held.folder.name)}: {chosen.title}"
         about = f"{georeferenced.STATEMENT} Processing {identity}."
         (home / "lane.qgs").write_bytes(qgis.project(title, about, tie.utm(), extent, layers))
-        with whole_output(target) as made, zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as bundle:
+        with (
+            whole_output(target) as made,
+            zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as bundle,
+        ):
             for path in sorted(home.iterdir()):
-                entry = zipfile.ZipInfo(f"{target.stem}/{path.name}")  # tells no time: the same map, the same bytes
+                entry = zipfile.ZipInfo(
+                    f"{target.stem}/{path.name}"
+                )  # tells no time: the same map, the same bytes
                 entry.external_attr = 0o644 << 16
                 bundle.writestr(entry, path.read_bytes(), zipfile.ZIP_DEFLATED)
     return target
@@ -307,7 +332,9 @@ def export_qgis(
 def map_bytes(result: Path, anchor: Path | None, score: Path | None) -> bytes:
     """Give what :func:`export_qgis` writes, for the viewer."""
     with tempfile.TemporaryDirectory() as folder:
-        return export_qgis(result, Path(folder) / f"{result.name}-map.zip", anchor, score=score).read_bytes()
+        return export_qgis(
+            result, Path(folder) / f"{result.name}-map.zip", anchor, score=score
+        ).read_bytes()
 
 
 def _shaded(result: Result, detection: Detection) -> ElementTree.Element:
@@ -329,11 +356,21 @@ def _chosen(result: PathLike, detection: str) -> tuple[Result, Detection, str]:
     if not chosen:
         known = ", ".join(one.name for one in held.detections)
         raise ValueError(f"detection must be one of {known}, got {detection!r}")
-    return held, chosen[0], f"{held.manifest['recipe_sha256'][:16]}-{held.manifest['identity'][:16]}"
+    return (
+        held,
+        chosen[0],
+        f"{held.manifest['recipe_sha256'][:16]}-{held.manifest['identity'][:16]}",
+    )
 
 
 def _write_points(
-    rows: pd.DataFrame, output: Path, to: str, anchor: Anchor, kind: str, identity: str, time: str | None
+    rows: pd.DataFrame,
+    output: Path,
+    to: str,
+    anchor: Anchor,
+    kind: str,
+    identity: str,
+    time: str | None,
 ) -> Path:
     if to not in TABLE_FORMATS:
         raise ValueError(f"to must be one of {', '.join(TABLE_FORMATS)}, got {to!r}")
@@ -342,7 +379,12 @@ def _write_points(
     with whole_output(output) as made:
         if to == "geojson":
             sigma = json_value(anchor.sigma)
-            about = {"kind": kind, "anchor_crs": anchor.crs, "anchor_sigma_m": sigma, "processing_id": identity}
+            about = {
+                "kind": kind,
+                "anchor_crs": anchor.crs,
+                "anchor_sigma_m": sigma,
+                "processing_id": identity,
+            }
             georeferenced.write_earth_geojson(points, made, about)
         elif to == "gpkg":
             georeferenced.write_geopackage(points, made, kind)
@@ -367,7 +409,9 @@ def track_of(
         return read_track(path, "column", body, axes, max_gap)
     tie = _anchor(anchor)
     if tie is None:
-        raise ValueError(f"{path}: a track of a satellite receiver needs an anchor to lie in the lane")
+        raise ValueError(
+            f"{path}: a track of a satellite receiver needs an anchor to lie in the lane"
+        )
     return read_nmea(path, tie)
 
 

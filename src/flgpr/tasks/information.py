@@ -17,17 +17,30 @@ from flgpr.door import Folder
 from flgpr.imaging import count_looks
 from flgpr.io import open_run
 from flgpr.io.outputs import whole_output
-from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, aperture_pose, complete_scans, scan_to_lane, unambiguous_path
+from flgpr.model import (
+    SPEED_OF_LIGHT,
+    Grid,
+    Lane,
+    aperture_pose,
+    complete_scans,
+    scan_to_lane,
+    unambiguous_path,
+)
 from flgpr.model.motion import judge_run, plausible_run
 from flgpr.results.description import describe_run, plausible_poses
 
 PathLike = str | Path
 _WIDEST = 10.0  # m
-_LEAST_HEIGHT = 0.5  # m, for ground that is looked at by antennas that say they do not stand above it
+_LEAST_HEIGHT = (
+    0.5  # m, for ground that is looked at by antennas that say they do not stand above it
+)
 
 
 def run_info(
-    run: PathLike, recipe: PathLike | None = None, plot: PathLike | None = None, recipes: bool = False
+    run: PathLike,
+    recipe: PathLike | None = None,
+    plot: PathLike | None = None,
+    recipes: bool = False,
 ) -> dict[str, Any]:
     """Tell what a run holds and what follows from it, and perhaps draw it (PNG): plan, coverage and side view.
 
@@ -50,14 +63,20 @@ def run_info(
     spacing = np.hypot(*np.diff(pose[:, :2], axis=0).T)
     complete = complete_scans(dataset)
     if not complete.any():
-        raise ValueError(f"run must have a scan without missing sweeps, got none among {complete.size}")
+        raise ValueError(
+            f"run must have a scan without missing sweeps, got none among {complete.size}"
+        )
     antennas = np.array(description["tx_m"] + description["rx_m"])
     height = float(pose[:, 2].mean() + antennas[:, 2].mean())
     array = np.ptp(antennas, axis=0)
     if table is not None:
         grid = table.image.grid()
         lane = lane_of(dataset, table)
-        seen = aperture_pose(dataset)[None] if table.image.frames == "all" else dataset["pose"].values[complete]
+        seen = (
+            aperture_pose(dataset)[None]
+            if table.image.frames == "all"
+            else dataset["pose"].values[complete]
+        )
     else:
         grid = _grid_ahead(dataset, pose)
         seen = dataset["pose"].values[complete]
@@ -78,17 +97,25 @@ def run_info(
         "unambiguous_path_m": unambiguous if math.isfinite(unambiguous) else None,
         "uniform_tones": bool(steps.size == 0 or np.ptp(steps) < 1e-3 * np.median(steps)),
         "largest_step_hz": float(steps.max(initial=0.0)),
-        "range_resolution_m": SPEED_OF_LIGHT / (2 * float(np.ptp(frequency))) if steps.size else None,
+        "range_resolution_m": SPEED_OF_LIGHT / (2 * float(np.ptp(frequency)))
+        if steps.size
+        else None,
         "travelled_m": float(spacing.sum()),
         "scan_spacing_m": [float(spacing.min()), float(spacing.max())] if spacing.size else None,
         "array_m": array.tolist(),
         "height_m": height,
         "health": health_summary(channel_health(dataset)),
         "lane": {"x": [lane.x_min, lane.x_max], "y": [lane.y_min, lane.y_max]},
-        "looks": {"mean": float(looks.mean()), "most": int(looks.max()), "unseen_share": float((looks == 0).mean())},
+        "looks": {
+            "mean": float(looks.mean()),
+            "most": int(looks.max()),
+            "unseen_share": float((looks == 0).mean()),
+        },
         "looks_map": looks.values.tolist(),
         "recipes": {name: _faults(dataset, load_recipe(name)) for name in names},
-        "import_notes": [str(note) for note in dataset.attrs.get("import_notes", []) if note not in doubts],
+        "import_notes": [
+            str(note) for note in dataset.attrs.get("import_notes", []) if note not in doubts
+        ],
         "warnings": doubts,
     }
 
@@ -98,14 +125,19 @@ def model_info(folder: PathLike) -> dict[str, Any]:
 
     Beside :func:`flgpr.chain.model.describe_model`, of a result ``result`` is its folder.
     """
-    from flgpr.chain.model import MODEL_FILE, describe_model  # with what detects, which runs are told of without
+    from flgpr.chain.model import (
+        MODEL_FILE,
+        describe_model,
+    )  # with what detects, which runs are told of without
     from flgpr.results.result import MODEL
 
     home = Path(folder)
     if (home / MODEL_FILE).is_file():
         return describe_model(home)
     if not Folder(home).has(f"{MODEL}/{MODEL_FILE}"):
-        raise ValueError(f"{folder}: this result was made without a model: its recipe alone decides")
+        raise ValueError(
+            f"{folder}: this result was made without a model: its recipe alone decides"
+        )
     return describe_model(Folder(home).path(MODEL)) | {"result": str(home)}
 
 

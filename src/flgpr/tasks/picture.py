@@ -102,7 +102,12 @@ def make_picture(
 
 
 def focus(
-    held: xr.Dataset, view: View, points: int = 5, track: Track = silent, title: str = "", pixels: int = _CHOSEN
+    held: xr.Dataset,
+    view: View,
+    points: int = 5,
+    track: Track = silent,
+    title: str = "",
+    pixels: int = _CHOSEN,
 ) -> Picture:
     """Focus a run as :func:`make_picture` does; where the spacing is ours to choose there are about so many pixels."""
     chosen = _scans(held, view.scans)
@@ -110,7 +115,9 @@ def focus(
         known = [str(label) for label in held["polarization"].values]
         unknown = [label for label in view.polarizations if label not in known]
         if unknown:
-            raise ValueError(f"polarization must be one of the run's, {', '.join(known)}, got {', '.join(unknown)}")
+            raise ValueError(
+                f"polarization must be one of the run's, {', '.join(known)}, got {', '.join(unknown)}"
+            )
         held = held.sel(polarization=list(view.polarizations))
     pose = held["pose"].values[chosen]
     if view.permittivity is None:
@@ -125,17 +132,28 @@ def focus(
     weights = np.zeros(held.sizes["scan"])
     weights[chosen] = _weights(held, chosen)
     blocks = aperture_blocks(held, chosen)
-    how: dict[str, Any] = {"window": view.window, "permittivity": view.permittivity, "half_space": view.half_space}
+    how: dict[str, Any] = {
+        "window": view.window,
+        "permittivity": view.permittivity,
+        "half_space": view.half_space,
+    }
     if view.band is not None:
         how["subbands"] = [view.band]
-    values = aperture_image(held, grid, track(blocks, "scans focused", len(blocks)), weights, view.reach, **how)
+    values = aperture_image(
+        held, grid, track(blocks, "scans focused", len(blocks)), weights, view.reach, **how
+    )
     title = f"{held.attrs.get('title') or title}, {chosen.size} scan{'s' * (chosen.size > 1)}"
-    about = {"title": title, "permittivity": view.permittivity, "half_space": view.half_space or 0.0}
+    about = {
+        "title": title,
+        "permittivity": view.permittivity,
+        "half_space": view.half_space or 0.0,
+    }
     image = xr.DataArray(
         values,
         dims=("polarization", "z", "y", "x"),
         coords={"polarization": held["polarization"].values.astype(str), **axes},
-        attrs=about | {"window": view.window, "band_hz": list(view.band or held["frequency"].values[[0, -1]])},
+        attrs=about
+        | {"window": view.window, "band_hz": list(view.band or held["frequency"].values[[0, -1]])},
         name="image",
     )
     return Picture(image, _peaks(image, points), spacing, chosen.size)
@@ -167,8 +185,14 @@ def find_permittivity(
     axis = int(np.ptp(pose[:, 1]) >= np.ptp(pose[:, 0]))
     low, high = along or (float(pose[:, axis].min()), float(pose[:, axis].max()))
     values = np.asarray(trials, dtype=np.float64)
-    if not (high > low and 0 <= delays[0] < delays[1]) or values.size < 3 or (np.diff(values) <= 0).any():
-        raise ValueError(f"along and delays must have limits that increase, got {low:g}, {high:g} m and {delays} s")
+    if (
+        not (high > low and 0 <= delays[0] < delays[1])
+        or values.size < 3
+        or (np.diff(values) <= 0).any()
+    ):
+        raise ValueError(
+            f"along and delays must have limits that increase, got {low:g}, {high:g} m and {delays} s"
+        )
     place = np.linspace(low, high, max(round((high - low) / 0.03), 2))
     delay = np.arange(*delays, 1 / (4 * frequency[-1]))
     weights = np.zeros(held.sizes["scan"])
@@ -181,15 +205,21 @@ def find_permittivity(
         points[..., 1] = pose[:, 1].mean()
         points[..., axis] = place
         points[..., 2] = -delay[:, None] * SPEED_OF_LIGHT / math.sqrt(value) / 2
-        image = aperture_image(held, points, blocks, weights, permittivity=float(value), window="hann", tolerance=1e-2)
+        image = aperture_image(
+            held, points, blocks, weights, permittivity=float(value), window="hann", tolerance=1e-2
+        )
         found.append(sharpness(image))
     sharp = np.array(found)
     best = int(sharp.argmax())
     contrast = float(sharp.max() / np.median(sharp))
     if best in (0, values.size - 1):
-        raise ValueError(f"permittivity lies at or beyond the edge of what was tried, {values[0]:g} to {values[-1]:g}")
+        raise ValueError(
+            f"permittivity lies at or beyond the edge of what was tried, {values[0]:g} to {values[-1]:g}"
+        )
     if contrast < 1.3:
-        raise ValueError(f"no permittivity stands out: the sharpest is {contrast:.2f} times the median, 1.3 are needed")
+        raise ValueError(
+            f"no permittivity stands out: the sharpest is {contrast:.2f} times the median, 1.3 are needed"
+        )
     curve = np.polyfit(np.log(values[best - 1 : best + 2]), sharp[best - 1 : best + 2], 2)
     table = pd.DataFrame({"permittivity": values, "sharpness": sharp})
     return GroundFit(float(np.exp(-curve[1] / (2 * curve[0]))), contrast, table)
@@ -215,11 +245,15 @@ def _scans(run: xr.Dataset, limits: tuple[int, int] | None) -> NDArray[np.intp]:
     count = run.sizes["scan"]
     first, last = limits or (0, count - 1)
     if not 0 <= first <= last < count:
-        raise ValueError(f"scans must have 0 <= first <= last < {count}, the run's, got {first}, {last}")
+        raise ValueError(
+            f"scans must have 0 <= first <= last < {count}, the run's, got {first}, {last}"
+        )
     scans = np.flatnonzero(complete_scans(run))
     chosen = scans[(scans >= first) & (scans <= last)]
     if not chosen.size:
-        raise ValueError(f"scans must hold one without missing sweeps, got none from {first} to {last}")
+        raise ValueError(
+            f"scans must hold one without missing sweeps, got none from {first} to {last}"
+        )
     return chosen
 
 
@@ -230,7 +264,10 @@ def _axes(
     frequency = run["frequency"].values
     slow = math.sqrt(view.half_space or view.permittivity or 1.0)
     limits: dict[str, Extent | None] = {"x": view.x, "y": view.y, "z": view.z}
-    height = pose[:, 2].mean() + (run["tx_position"].values[:, 2].mean() + run["rx_position"].values[:, 2].mean()) / 2
+    height = (
+        pose[:, 2].mean()
+        + (run["tx_position"].values[:, 2].mean() + run["rx_position"].values[:, 2].mean()) / 2
+    )
     if view.x is None and view.y is None:
         above = height > 0 and run.attrs.get("sounding") != "ground-coupled"
         usual = _ground_ahead(run, pose) if above else _section_below(run, pose, slow)
@@ -240,10 +277,14 @@ def _axes(
     told = {axis: value for axis, value in limits.items() if value is not None}
     missing = [axis for axis in "xyz" if axis not in told]
     if missing:
-        raise ValueError(f"{' and '.join(missing)} must be told beside the others, a value or two limits, got none")
+        raise ValueError(
+            f"{' and '.join(missing)} must be told beside the others, a value or two limits, got none"
+        )
     wide = {axis: value for axis, value in told.items() if isinstance(value, tuple)}
     if len(wide) < 2:
-        raise ValueError(f"two of x, y and z must have two limits to make a picture, got {', '.join(wide) or 'none'}")
+        raise ValueError(
+            f"two of x, y and z must have two limits to make a picture, got {', '.join(wide) or 'none'}"
+        )
     for axis, (low, high) in wide.items():
         if not (math.isfinite(low) and math.isfinite(high) and high > low):
             raise ValueError(f"{axis} must have limits that increase, got {low:g}, {high:g}")
@@ -251,14 +292,18 @@ def _axes(
     if spacing is None:
         band = view.band or (frequency[0], frequency[-1])
         size = math.prod(high - low for low, high in wide.values())
-        spacing = max(SPEED_OF_LIGHT / slow / (2 * (band[0] + band[1])), (size / pixels) ** (1 / len(wide)))
+        spacing = max(
+            SPEED_OF_LIGHT / slow / (2 * (band[0] + band[1])), (size / pixels) ** (1 / len(wide))
+        )
         spacing = float(f"{spacing:.2g}")
     if not (math.isfinite(spacing) and spacing > 0):
         raise ValueError(f"spacing must be positive, got {spacing:g} m")
     counts = {axis: round((high - low) / spacing) + 1 for axis, (low, high) in wide.items()}
     if math.prod(counts.values()) > _MOST or min(counts.values()) < 2:
         told_of = " x ".join(f"{axis} {count}" for axis, count in counts.items())
-        raise ValueError(f"spacing must give 2 pixels or more along an axis and {_MOST:g} in all, got {told_of}")
+        raise ValueError(
+            f"spacing must give 2 pixels or more along an axis and {_MOST:g} in all, got {told_of}"
+        )
     axes = {
         axis: np.round(told[axis][0] + spacing * np.arange(counts[axis]), 9)  # type: ignore[index]
         if axis in counts
@@ -274,7 +319,9 @@ def _ground_ahead(run: xr.Dataset, pose: NDArray[np.float64]) -> dict[str, Exten
     return {"x": (lane.x_min, lane.x_max), "y": (lane.y_min, lane.y_max), "z": 0.0}
 
 
-def _section_below(run: xr.Dataset, pose: NDArray[np.float64], slow: float) -> dict[str, Extent | None]:
+def _section_below(
+    run: xr.Dataset, pose: NDArray[np.float64], slow: float
+) -> dict[str, Extent | None]:
     """Return the limits of the section below a line, m, down to the end of the record."""
     along = "x" if np.ptp(pose[:, 0]) > np.ptp(pose[:, 1]) else "y"
     ends = {axis: pose[:, "xy".index(axis)] for axis in "xy"}
@@ -315,10 +362,15 @@ def _peaks(image: xr.DataArray, count: int) -> pd.DataFrame:
             break
         row = {"x": x, "y": y, "z": z, "level": 20 * math.log10(value / top)}
         row["over_median"] = 20 * math.log10(value / middle) if middle > 0 else math.inf
-        place = tuple(int(np.argmin(np.abs(axes[axis] - at))) for axis, at in zip("zyx", (z, y, x), strict=True))
+        place = tuple(
+            int(np.argmin(np.abs(axes[axis] - at)))
+            for axis, at in zip("zyx", (z, y, x), strict=True)
+        )
         for number, (axis, values) in reversed(list(enumerate(axes.items()))):
             if values.size > 1:
-                line = level[tuple(slice(None) if k == number else one for k, one in enumerate(place))]
+                line = level[
+                    tuple(slice(None) if k == number else one for k, one in enumerate(place))
+                ]
                 row[f"width_{axis}"] = _width(values, line, place[number])
         rows.append(row)
     return pd.DataFrame(rows)
@@ -351,7 +403,11 @@ def _write(picture: Picture, path: Path, pose: NDArray[np.float64]) -> None:
                 partial, dpi=110, format="png", metadata={"Software": None}
             )
         else:
-            np.savez(partial, image=image.values, **{str(name): axis.values for name, axis in image.coords.items()})
+            np.savez(
+                partial,
+                image=image.values,
+                **{str(name): axis.values for name, axis in image.coords.items()},
+            )
 
 
 def _write_tiff(image: xr.DataArray, path: Path, tie: Any) -> None:

@@ -51,7 +51,9 @@ def plan_mines(
     joint: bool = False,
 ) -> tuple[SamplePlan, list[str]]:
     """Plan how many mines and how much ground a claim takes, also in words; see :func:`flgpr.scoring.sample_size`."""
-    plan = sample_size(pd_claim, far, confidence, true_pd=true_pd, true_far=true_far, power=power, joint=joint)
+    plan = sample_size(
+        pd_claim, far, confidence, true_pd=true_pd, true_far=true_far, power=power, joint=joint
+    )
     sure = f"{100 * confidence:g} %" + (" for both together" if joint else " each")
     lines = [
         f"To show Pd >= {pd_claim:g} at FAR <= {far:g} per m² with {sure}:",
@@ -59,17 +61,27 @@ def plan_mines(
         f"  {plan.area:.0f} m² of ground outside the halos, with at most {plan.false_alarms} false alarms",
     ]
     if true_pd is not None:
-        lines.append(f"  a detector with Pd {true_pd:g} shows it with probability {plan.pd_power:.2f}")
+        lines.append(
+            f"  a detector with Pd {true_pd:g} shows it with probability {plan.pd_power:.2f}"
+        )
     if true_far is not None:
-        lines.append(f"  a detector with FAR {true_far:g} per m² shows it with probability {plan.far_power:.2f}")
+        lines.append(
+            f"  a detector with FAR {true_far:g} per m² shows it with probability {plan.far_power:.2f}"
+        )
     return plan, lines
 
 
 def plan_files(output: PathLike, anchored: bool = False) -> dict[str, Path]:
     """Tell where the files of a plan lie: ``plan``, the crew's ``page`` and ``sheet``, and the points on the Earth."""
     plan = Path(output)
-    files = {"plan": plan, "page": plan.with_suffix(".html"), "sheet": plan.with_name(f"{plan.stem}-sheet.csv")}
-    return files | ({kind: plan.with_suffix(f".{kind}") for kind in ("gpkg", "gpx")} if anchored else {})
+    files = {
+        "plan": plan,
+        "page": plan.with_suffix(".html"),
+        "sheet": plan.with_name(f"{plan.stem}-sheet.csv"),
+    }
+    return files | (
+        {kind: plan.with_suffix(f".{kind}") for kind in ("gpkg", "gpx")} if anchored else {}
+    )
 
 
 def plan_lane(
@@ -115,7 +127,8 @@ def plan_lane(
     lanes = borders(where)
     rules = {"halo": float(halo), "far": float(far)}
     entry: dict[str, Any] = {"event": "plan", "lanes": lanes, "rules": rules}
-    # Not the seed: who knows it, lane and sorts can draw the plan again, and a register is for all to read.
+    # Not the seed: who knows it, lane and sorts can draw the plan again, and a register is for all
+    # to read.
     entry |= {"spacing": float(spacing), "edge": float(edge)}
     if recipe is not None:
         entry["recipe"] = recipe_hash(recipe)[0]
@@ -136,7 +149,9 @@ def plan_lane(
         entry["plan"] = content_hash(files["plan"])
     sheet = _sheet(plan, tie)
     write_new(files["sheet"], table_text(sheet))
-    write_new(files["page"], sheet_html(sheet, as_lanes(where), files["plan"].name, entry["plan"], tie))
+    write_new(
+        files["page"], sheet_html(sheet, as_lanes(where), files["plan"].name, entry["plan"], tie)
+    )
     if anchor is not None:
         for kind in ("gpkg", "gpx"):
             export_table(files["plan"], files[kind], kind, anchor)
@@ -158,7 +173,10 @@ def _plan_there(path: Path, drawn: pd.DataFrame, seed: int | None) -> pd.DataFra
     if seed is None:
         plan = parse_table(read_named(path), "truth", path)
         placed = ["x", "y", "target_id", "lane"]
-        sorts = [table.drop(columns=placed, errors="ignore").astype(str).values.tolist() for table in (plan, drawn)]
+        sorts = [
+            table.drop(columns=placed, errors="ignore").astype(str).values.tolist()
+            for table in (plan, drawn)
+        ]
         same = list(plan.columns) == list(drawn.columns) and sorted(sorts[0]) == sorted(sorts[1])
         plan.attrs = drawn.attrs | {"seed": None}
     if not same:
@@ -166,12 +184,16 @@ def _plan_there(path: Path, drawn: pd.DataFrame, seed: int | None) -> pd.DataFra
     return plan
 
 
-def _line_of(lines: Sequence[dict[str, Any]], entry: dict[str, Any], path: Path) -> dict[str, Any] | None:
+def _line_of(
+    lines: Sequence[dict[str, Any]], entry: dict[str, Any], path: Path
+) -> dict[str, Any] | None:
     """Find the line of a plan in its register; one that tells other rules of the same plan is a FileExistsError."""
     for line in lines:
         if line.get("event") == entry["event"] and line.get("plan") == entry["plan"]:
             if {name: line.get(name) for name in entry} != entry:
-                raise other_output(path, "it was registered with other lanes or rules, choose another name")
+                raise other_output(
+                    path, "it was registered with other lanes or rules, choose another name"
+                )
             return line
     return None
 
@@ -188,7 +210,11 @@ def _sheet(plan: pd.DataFrame, tie: Anchor | None) -> pd.DataFrame:
 
 
 def survey_plan(
-    plan: PathLike, sheet: PathLike, output: PathLike, book: PathLike | None = None, within: float = 1.0
+    plan: PathLike,
+    sheet: PathLike,
+    output: PathLike,
+    book: PathLike | None = None,
+    within: float = 1.0,
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Read the filled-in sheet of a plan, write what was emplaced as truth, and register it in place of the plan.
 
@@ -208,13 +234,20 @@ def survey_plan(
     entered = [line for line in lines if line.get("event") == "plan" and line.get("plan") == digest]
     if not entered:
         raise ValueError(f"plan must be one that stands in {own}, unaltered, got {plan}")
-    too_late = f"what was emplaced must be entered before the truth is opened; {own} tells of an opening"
+    too_late = (
+        f"what was emplaced must be entered before the truth is opened; {own} tells of an opening"
+    )
     path = existing(sheet, "sheet")
     with faults_of(path):
-        truth = _emplaced(planned, read_columns(path, "target_id", "lane", "emplaced", "remark"), within)
+        truth = _emplaced(
+            planned, read_columns(path, "target_id", "lane", "emplaced", "remark"), within
+        )
     offset = np.hypot(truth["x"] - truth.pop("planned_x"), truth["y"] - truth.pop("planned_y"))
     text = table_text(truth)
-    told: dict[str, Any] = {"moved": int((offset > 0).sum()), "largest_offset": round(float(offset.max()), 3)}
+    told: dict[str, Any] = {
+        "moved": int((offset > 0).sum()),
+        "largest_offset": round(float(offset.max()), 3),
+    }
     told |= {"left_out": len(planned) - len(truth), "truth": content_hash(text)}
     same = {name: entered[-1][name] for name in ("plan", "lanes", "rules") if name in entered[-1]}
     entry = {"event": "survey"} | same | told
@@ -243,11 +276,17 @@ def _emplaced(plan: pd.DataFrame, sheet: pd.DataFrame, within: float) -> pd.Data
     keys = ["lane", "target_id"] if "lane" in plan else ["target_id"]
     missing = [name for name in (*keys, *_FILLED_IN[:-1]) if name not in sheet]
     if missing:
-        raise ValueError(f"sheet must have the columns {', '.join(missing)}; got {', '.join(map(str, sheet))}")
-    there, wanted = ([tuple(map(str, row)) for row in table[keys].to_numpy()] for table in (sheet, plan))
+        raise ValueError(
+            f"sheet must have the columns {', '.join(missing)}; got {', '.join(map(str, sheet))}"
+        )
+    there, wanted = (
+        [tuple(map(str, row)) for row in table[keys].to_numpy()] for table in (sheet, plan)
+    )
     if sorted(there) != sorted(wanted):
         strange = [" ".join(key) for key in sorted({*there} ^ {*wanted})] or ["one of them twice"]
-        raise ValueError(f"sheet must have each target of the plan once and no other, got a difference in {strange[0]}")
+        raise ValueError(
+            f"sheet must have each target of the plan once and no other, got a difference in {strange[0]}"
+        )
     said = sheet.iloc[[there.index(key) for key in wanted]].reset_index(drop=True)
     ticked = said["emplaced"].fillna("").astype(str).str.strip().str.lower().str.removesuffix(".0")
     for key, word in zip(wanted, ticked, strict=True):
@@ -255,7 +294,9 @@ def _emplaced(plan: pd.DataFrame, sheet: pd.DataFrame, within: float) -> pd.Data
             raise ValueError(f"{' '.join(key)}: emplaced must be yes or no, got {word!r}")
     truth = plan.assign(planned_x=plan["x"], planned_y=plan["y"])
     for name in ("x", "y", "depth"):
-        noted = pd.to_numeric(said[f"emplaced_{name}_m"], errors="coerce").to_numpy(dtype=np.float64)
+        noted = pd.to_numeric(said[f"emplaced_{name}_m"], errors="coerce").to_numpy(
+            dtype=np.float64
+        )
         empty = said[f"emplaced_{name}_m"].isna().to_numpy()
         off = ~empty & ~(np.abs(noted - plan[name].fillna(0.0).to_numpy()) <= within)
         if off.any():
@@ -268,7 +309,9 @@ def _emplaced(plan: pd.DataFrame, sheet: pd.DataFrame, within: float) -> pd.Data
     half = said["emplaced_x_m"].isna() != said["emplaced_y_m"].isna()
     if half.any():
         key = wanted[int(np.flatnonzero(half)[0])]
-        raise ValueError(f"{' '.join(key)}: emplaced_x_m and emplaced_y_m must be filled in together")
+        raise ValueError(
+            f"{' '.join(key)}: emplaced_x_m and emplaced_y_m must be filled in together"
+        )
     kept = check_truth(truth[ticked.isin(_YES).to_numpy()].reset_index(drop=True))
     if kept.empty:
         raise ValueError("sheet must have a target that was emplaced, got none")

@@ -10,7 +10,15 @@ from typing import Annotated, Any, Literal
 import xarray as xr
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from flgpr.clutter import band_pass, dewow, gate, remove_standing, shift_time, subtract_run, time_gain
+from flgpr.clutter import (
+    band_pass,
+    dewow,
+    gate,
+    remove_standing,
+    shift_time,
+    subtract_run,
+    time_gain,
+)
 from flgpr.door import read_named
 from flgpr.io import MAX_MEMORY, open_run, save_run
 from flgpr.io.files import existing
@@ -135,7 +143,9 @@ def check_steps(entries: Sequence[dict[str, Any]]) -> list[Step]:
         raise ValueError(first_fault(error, _Steps)) from None
 
 
-def prepare_run(run: PathLike, steps: Sequence[Step], output: PathLike, max_memory: int = MAX_MEMORY) -> xr.Dataset:
+def prepare_run(
+    run: PathLike, steps: Sequence[Step], output: PathLike, max_memory: int = MAX_MEMORY
+) -> xr.Dataset:
     """Apply steps to a stored run, in their order, and store what they give as a new run.
 
     Each stands in the attribute ``history`` after those of the run that was read. No step, a step that does not fit,
@@ -146,7 +156,9 @@ def prepare_run(run: PathLike, steps: Sequence[Step], output: PathLike, max_memo
     held = open_run(run)
     size = _COPIES * held["signal"].nbytes
     if size > max_memory:
-        raise ValueError(f"run must fit into max-memory = {max_memory / 1e9:.3g} GB, it takes {size / 1e9:.3g} GB")
+        raise ValueError(
+            f"run must fit into max-memory = {max_memory / 1e9:.3g} GB, it takes {size / 1e9:.3g} GB"
+        )
     made = held.compute()
     for number, step in enumerate(steps, 1):
         try:

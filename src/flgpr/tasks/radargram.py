@@ -47,7 +47,8 @@ class Radargram:
     """Traces over time, and what was read, assumed and done."""
 
     title: str
-    values: FloatArray  #: (trace, sample), counts of the recorder; after ``gain`` in units of the line's level
+    # : (trace, sample), counts of the recorder; after ``gain`` in units of the line's level
+    values: FloatArray
     delay: FloatArray  #: (sample,) two-way time, s, from the recorder's time zero
     number: NDArray[np.int64]  #: (trace,) which of the file's traces, from 0
     distance: FloatArray | None  #: (trace,) along the line, m; None if the header does not tell
@@ -90,7 +91,9 @@ def make_radargram(
     files = [Path(one) for one in output]
     for file in files:
         if file.suffix.lower() not in ENDINGS:
-            raise ValueError(f"output of a recording must end in {', '.join(ENDINGS)}, got {file.name!r}")
+            raise ValueError(
+                f"output of a recording must end in {', '.join(ENDINGS)}, got {file.name!r}"
+            )
     made = radargram(read_gpr(path, max_memory), view)
     for file in files:
         _write(made, file)
@@ -161,7 +164,9 @@ class _Steps:
 def _chosen_traces(count: int, limits: tuple[int, int] | None) -> NDArray[np.int64]:
     first, last = limits or (0, count - 1)
     if not 0 <= first <= last < count:
-        raise ValueError(f"scans must have 0 <= first <= last < {count}, the recording's traces, got {first}, {last}")
+        raise ValueError(
+            f"scans must have 0 <= first <= last < {count}, the recording's traces, got {first}, {last}"
+        )
     return np.arange(first, last + 1)
 
 
@@ -169,7 +174,9 @@ def _samples_until(delay: FloatArray, until: float | None) -> int:
     """Count the samples up to a time, s."""
     if until is None:
         return delay.size
-    half_sample = 0.5 * float(delay[1] - delay[0])  # a header's rounding shall not cost the last one
+    half_sample = 0.5 * float(
+        delay[1] - delay[0]
+    )  # a header's rounding shall not cost the last one
     count = int(np.searchsorted(delay, until + half_sample, side="right"))
     if count < 2:
         raise ValueError(
@@ -186,7 +193,9 @@ def _window_samples(section: GprSection, view: RadargramView) -> int:
     nominal = section.frequencies[view.channel]
     if view.window is not None:
         if not 0 < view.window <= record:
-            raise ValueError(f"window must be from 0 to the record's {record * 1e9:g} ns, got {view.window * 1e9:g} ns")
+            raise ValueError(
+                f"window must be from 0 to the record's {record * 1e9:g} ns, got {view.window * 1e9:g} ns"
+            )
         length = view.window
     elif nominal is not None:
         length = min(_PERIODS / nominal, record)
@@ -208,7 +217,14 @@ def _write(made: Radargram, path: Path) -> None:
             from flgpr.report.radargram import radargram_figure  # loads what draws
 
             figure = radargram_figure(
-                made.values, made.delay, made.number, made.distance, made.depth(), made.title, made.unit, made.steps
+                made.values,
+                made.delay,
+                made.number,
+                made.distance,
+                made.depth(),
+                made.title,
+                made.unit,
+                made.steps,
             )
             figure.savefig(partial, dpi=110, format="png", metadata={"Software": None})
         else:

@@ -29,7 +29,9 @@ MOST_BINS = 800
 _MOST_STEPS = 16
 _COPIES = 5  # of what is read, while a step and the transform are at work
 _MOST_SUMMED = 1.2e10  # scans x tones x delays of one picture: some seconds
-_UPDATES = 4e9  # scans x pairs x pixels of one image, where its pixels are ours to choose: some seconds
+_UPDATES = (
+    4e9  # scans x pairs x pixels of one image, where its pixels are ours to choose: some seconds
+)
 _PIXELS = 20_000, 200_000  # of an image, least and most
 _MOST_RUNNING = 5e8  # samples that medians over a window of scans sort
 
@@ -77,7 +79,9 @@ class RawRun:
                 asked = _Query.model_validate(dict(query))
             except ValidationError as error:
                 raise ValueError(first_fault(error, _Query)) from None
-            return {"bscan": self.bscan, "spectrum": self.spectrum, "image": self.image}[what](asked)
+            return {"bscan": self.bscan, "spectrum": self.spectrum, "image": self.image}[what](
+                asked
+            )
 
     def bscan(self, asked: _Query) -> dict[str, Any]:
         """Work out range profiles: sums of the tones under a Hann window, which need not be even.
@@ -88,10 +92,14 @@ class RawRun:
         made = self._channel(asked)
         signal = made["signal"].values[:, 0, 0]
         tones = made["frequency"].values
-        start = min(float(self._run.attrs.get("first_sample_s", 0.0)), 0.0)  # recordings begin before their time zero
+        start = min(
+            float(self._run.attrs.get("first_sample_s", 0.0)), 0.0
+        )  # recordings begin before their time zero
         stop, count, fold = _delays(asked, len(signal), tones, start)
         delay = start + (stop - start) * (np.arange(count * fold) + 0.5) / (count * fold)
-        weight = np.hanning(tones.size + 2)[1:-1] * np.gradient(tones)  # times the share of the band of each tone
+        weight = np.hanning(tones.size + 2)[1:-1] * np.gradient(
+            tones
+        )  # times the share of the band of each tone
         weighted = (signal * (weight / weight.sum())).astype(np.complex64)
         values = np.empty((len(signal), count), np.float32)
         block = max(2**22 // (tones.size * fold), 1)
@@ -99,7 +107,11 @@ class RawRun:
             here = delay[first * fold : (first + block) * fold]
             turns = np.outer(tones, here) % 1.0
             profile = weighted @ np.exp(2j * np.pi * turns).astype(np.complex64)
-            part = np.abs(profile).reshape(len(signal), -1, fold).max(axis=2) if asked.scale == "db" else profile.real
+            part = (
+                np.abs(profile).reshape(len(signal), -1, fold).max(axis=2)
+                if asked.scale == "db"
+                else profile.real
+            )
             values[:, first : first + block] = part
         missing = ~made["known"].values
         values[missing] = np.nan
@@ -157,16 +169,25 @@ class RawRun:
         if not complete_scans(made).any():
             raise ValueError(f"scan must be one without missing sweeps, got {asked.scan}")
         if not asked.whole and made.attrs.get("sounding") == "ground-coupled":
-            raise ValueError("whole must be true for antennas on the ground: one scan has no section, all of them do")
+            raise ValueError(
+                "whole must be true for antennas on the ground: one scan has no section, all of them do"
+            )
         pixels = int(np.clip(_UPDATES / (made.sizes["scan"] * made.sizes["pair"]), *_PIXELS))
         picture = focus(made, View(permittivity=asked.permittivity), pixels=pixels)
         flat = picture.image[0].squeeze()
         level = 20 * np.log10(np.maximum(np.abs(flat.values), 1e-30))
-        up, across = ([str(name), float(flat[name][0]), float(flat[name][-1]), flat.sizes[name]] for name in flat.dims)
+        up, across = (
+            [str(name), float(flat[name][0]), float(flat[name][-1]), flat.sizes[name]]
+            for name in flat.dims
+        )
         return {
             "across": across,
             "up": up,
-            "fixed": {name: float(picture.image[name][0]) for name in "xyz" if name not in (up[0], across[0])},
+            "fixed": {
+                name: float(picture.image[name][0])
+                for name in "xyz"
+                if name not in (up[0], across[0])
+            },
             "scans": picture.scans,
             "top_db": float(level.max()),
             "halves": _halves(np.clip(level, -6e4, 6e4)),
@@ -179,12 +200,15 @@ class RawRun:
         every = self._stride(self._run["signal"].nbytes)
         table = channel_health(self._run.isel(scan=slice(None, None, every)).compute())
         table["missing"] = (~self._run["valid"].values).sum(axis=0).ravel()
-        columns = {name: table[name].tolist() for name in ("polarization", "pair", "missing", "dead")}
+        columns = {
+            name: table[name].tolist() for name in ("polarization", "pair", "missing", "dead")
+        }
         measured = ("level_db", "coherence", "gain_drift_db", "phase_drift_rad")
         return {
             "summary": health_summary(table) + geometry_doubts(self._run),
             "every": every,
-            "channels": columns | {name: _numbers(table[name].to_numpy(float)) for name in measured},
+            "channels": columns
+            | {name: _numbers(table[name].to_numpy(float)) for name in measured},
         }
 
     def _stride(self, size: int) -> int:
@@ -210,7 +234,9 @@ class RawRun:
     def _place(self, asked: _Query) -> int:
         [places] = np.nonzero(self._polarization(asked.polarization)["number"].values == asked.scan)
         if not places.size:
-            raise ValueError(f"scan must be one of those shown, of {self._run.sizes['scan']}, got {asked.scan}")
+            raise ValueError(
+                f"scan must be one of those shown, of {self._run.sizes['scan']}, got {asked.scan}"
+            )
         return int(places[0])
 
     def _channel(self, asked: _Query) -> xr.Dataset:
@@ -237,8 +263,14 @@ class RawRun:
         if not together:
             made = made.isel(part)
         for number, step in enumerate(steps, 1):
-            if isinstance(step, Background) and step.scans and step.scans * made["signal"].size > _MOST_RUNNING:
-                raise ValueError(f"step {number}, background: {step.scans} scans take too long here, use flgpr prepare")
+            if (
+                isinstance(step, Background)
+                and step.scans
+                and step.scans * made["signal"].size > _MOST_RUNNING
+            ):
+                raise ValueError(
+                    f"step {number}, background: {step.scans} scans take too long here, use flgpr prepare"
+                )
             try:
                 made = step.apply(made)
             except ValueError as error:
@@ -266,19 +298,27 @@ class RawRun:
         return self._read[1]
 
 
-def _delays(asked: _Query, scans: int, tones: NDArray[np.float64], start: float) -> tuple[float, int, int]:
+def _delays(
+    asked: _Query, scans: int, tones: NDArray[np.float64], start: float
+) -> tuple[float, int, int]:
     """Tell the last delay (s), how many bins there are from ``start`` (s), and how many delays are summed for each."""
     width = float(np.ptp(tones))
     if not width > 0:
         raise ValueError("a B-scan needs at least two tones")
     rate = 4 * width if asked.scale == "db" else 4 * float(tones[-1])
-    most = MOST_BINS / rate if asked.scale == "signed" else _MOST_SUMMED / (scans * tones.size * rate)
+    most = (
+        MOST_BINS / rate if asked.scale == "signed" else _MOST_SUMMED / (scans * tones.size * rate)
+    )
     unambiguous = 1 / float(np.median(np.diff(tones)))
     last = start + min(unambiguous, most)
     stop = last if asked.to_ns is None else asked.to_ns * 1e-9
     span = stop - start
     if stop > last + 1e-9 * span:
-        why = "the tones' unambiguous delay" if unambiguous < most else f"what {asked.scale} pictures of this run hold"
+        why = (
+            "the tones' unambiguous delay"
+            if unambiguous < most
+            else f"what {asked.scale} pictures of this run hold"
+        )
         raise ValueError(f"to_ns must be at most {last * 1e9:.4g}, {why}, got {asked.to_ns:g}")
     if span * width < 1:
         raise ValueError(
@@ -305,6 +345,11 @@ def _numbers(values: NDArray[np.float64]) -> list[float | None]:
 
 def _toml(steps: list[Step]) -> str:
     """Write steps as ``flgpr prepare --steps`` reads them."""
-    tables = [step.model_dump(exclude_none=True, exclude_defaults=True) | {"do": step.do} for step in steps]
-    lines = [[f"{name} = {json.dumps(value)}" for name, value in sorted(one.items())] for one in tables]
+    tables = [
+        step.model_dump(exclude_none=True, exclude_defaults=True) | {"do": step.do}
+        for step in steps
+    ]
+    lines = [
+        [f"{name} = {json.dumps(value)}" for name, value in sorted(one.items())] for one in tables
+    ]
     return "\n".join("\n".join(["[[step]]", *one]) + "\n" for one in lines)

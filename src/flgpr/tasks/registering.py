@@ -19,7 +19,14 @@ from flgpr.io.outputs import tell_finished
 from flgpr.io.tables import parse_own_table, parse_table
 from flgpr.results.result import MODEL, read_result_manifest
 from flgpr.results.sections import SECTIONS, read_sections
-from flgpr.scoring import Registration, check_head, content_hash, head_of, require_registered, require_truth
+from flgpr.scoring import (
+    Registration,
+    check_head,
+    content_hash,
+    head_of,
+    require_registered,
+    require_truth,
+)
 from flgpr.scoring.ledger import OPENED, Book, before_opening, enter, parts_of, read_book
 
 PathLike = str | Path
@@ -35,7 +42,9 @@ class Entrant:
     data: bytes = field(repr=False)  #: what it holds, read once: what is scored is what is hashed
     recipe: str | None
     model: str | None = None
-    of_result: bool = False  #: whether a result folder tells the recipe, and nobody has to be believed
+    of_result: bool = (
+        False  #: whether a result folder tells the recipe, and nobody has to be believed
+    )
     named: bool = False  #: whether a recipe was named, which asks for a register
     reading: TableReading | None = None  #: what the user says of the list's columns
 
@@ -50,11 +59,19 @@ class Entrant:
         told: dict[str, Any] = {"alarms_sha256": content_hash(self.data)}
         if line is not None:
             how = "its result folder" if self.of_result else "whoever gave the list"
-            told |= {"recipe_sha256": self.recipe, "recipe_registered": line["time"], "recipe_told_by": how}
-        return told | ({"model_sha256": self.model} if line is not None and self.model is not None else {})
+            told |= {
+                "recipe_sha256": self.recipe,
+                "recipe_registered": line["time"],
+                "recipe_told_by": how,
+            }
+        return told | (
+            {"model_sha256": self.model} if line is not None and self.model is not None else {}
+        )
 
 
-def find_entrant(alarms: PathLike, recipe: PathLike | None = None, reading: TableReading | None = None) -> Entrant:
+def find_entrant(
+    alarms: PathLike, recipe: PathLike | None = None, reading: TableReading | None = None
+) -> Entrant:
     """Find the alarm list of a file or a result folder, and what it was made with.
 
     A result tells its recipe and its model by itself; a ``recipe`` that is given must be that one, else that is a
@@ -96,7 +113,9 @@ def recipe_hash(recipe: PathLike) -> tuple[str, str]:
     if not Path(recipe).exists() and str(recipe) in recipe_names():
         return (content_hash(recipe_text(str(recipe))),) * 2
     if Path(recipe).is_dir():
-        raise ValueError(f"recipe must be a file or a packaged recipe, got the folder {recipe}; is it a model?")
+        raise ValueError(
+            f"recipe must be a file or a packaged recipe, got the folder {recipe}; is it a model?"
+        )
     path = existing(recipe, "recipe file")
     data = read_named(path)
     return content_hash(data), content_hash(data.replace(b"\r\n", b"\n").replace(b"\r", b"\n"))
@@ -123,7 +142,9 @@ def register_recipe(recipe: PathLike, book: Book, model: PathLike | None = None)
     def unless_opened(lines: list[dict[str, Any]]) -> dict[str, Any]:
         early = before_opening(lines)
         if len(early) < len(lines):
-            raise ValueError(f"recipe must be registered before the truth is opened, which line {len(early) + 1} tells")
+            raise ValueError(
+                f"recipe must be registered before the truth is opened, which line {len(early) + 1} tells"
+            )
         return entry
 
     return enter(book, unless_opened)[-1]
@@ -154,7 +175,8 @@ def check_register(
     Raises
     ------
     ValueError
-        If a line was altered, or one that the witness or a report knows is missing; it names the line.
+        If a line was altered, or one that the witness or a report knows is missing; it names the
+        line.
     """
     path, _ = parts_of(book)
     existing(path, "register")
@@ -175,12 +197,15 @@ def _heads_in(report: PathLike) -> list[dict[str, Any]]:
         told = [notes, *(one for one in notes.values() if isinstance(one, dict))]
         heads = [one["register"] for one in told if isinstance(one.get("register"), dict)]
         known = bool(heads) and all(
-            type(one["lines"]) is int and one["lines"] >= 0 and isinstance(one["head"], str) for one in heads
+            type(one["lines"]) is int and one["lines"] >= 0 and isinstance(one["head"], str)
+            for one in heads
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         known = False
     if not known:
-        raise ValueError(f"report must be the roc.json of a score that was made with a register, got {report}")
+        raise ValueError(
+            f"report must be the roc.json of a score that was made with a register, got {report}"
+        )
     return heads
 
 
@@ -189,7 +214,9 @@ def _report_bytes(place: Path) -> bytes:
     if not place.is_dir():
         return read_named(place, MOST_JSON)
     files = Folder(place)
-    return files.read(next((name for name in ("roc.json", "comparison.json") if files.has(name)), "roc.json"))
+    return files.read(
+        next((name for name in ("roc.json", "comparison.json") if files.has(name)), "roc.json")
+    )
 
 
 def own_book(truth: PathLike, table: pd.DataFrame) -> Path | None:
@@ -198,7 +225,9 @@ def own_book(truth: PathLike, table: pd.DataFrame) -> Path | None:
     if BOOK in table.columns:
         names = {str(name) for name in table[BOOK]}
         if len(names) > 1 or any(Path(name).name != name for name in names):
-            raise ValueError(f"{truth}: {BOOK} must be the name of one register in every row, got {sorted(names)}")
+            raise ValueError(
+                f"{truth}: {BOOK} must be the name of one register in every row, got {sorted(names)}"
+            )
         return real.with_name(names.pop()) if names else None
     beside = real.with_name(f"{real.name}.register.jsonl")
     return beside if beside.is_file() else None
@@ -224,16 +253,26 @@ def open_truth(
     book = own if book is None else book
     if book is None:
         if any(one.named for one in entrants):
-            raise ValueError(f"recipe and book must be given together, got no book, and {truth} names none")
+            raise ValueError(
+                f"recipe and book must be given together, got no book, and {truth} names none"
+            )
         return targets, [one.notes(None) | {"truth_sha256": digest} for one in entrants]
     asked = [registration(one, book) for one in entrants]
     path, _ = parts_of(book)
     read_book(book)
     lines = [require_registered(path, one.recipe, one.model) for one in asked if one is not None]
     require_truth(path, digest, lanes, rules, planned=own is not None)
-    notes = [one.notes(line) | {"truth_sha256": digest} for one, line in zip(entrants, lines, strict=True)]
+    notes = [
+        one.notes(line) | {"truth_sha256": digest}
+        for one, line in zip(entrants, lines, strict=True)
+    ]
     for one, note in zip(entrants, notes, strict=True):
-        opening = {"event": OPENED, "recipe": one.recipe, "alarms": note["alarms_sha256"], "truth": digest}
+        opening = {
+            "event": OPENED,
+            "recipe": one.recipe,
+            "alarms": note["alarms_sha256"],
+            "truth": digest,
+        }
         note["register"] = head_of(enter(book, lambda _, opening=opening: opening))  # type: ignore[misc]
     return targets, notes
 

@@ -25,15 +25,27 @@ from flgpr.tasks.scoring import score_result
 PathLike = str | Path
 
 
-def demo(output: PathLike, track: Track = silent, overwrite: bool = True) -> tuple[Result, list[Score]]:
+def demo(
+    output: PathLike, track: Track = silent, overwrite: bool = True
+) -> tuple[Result, list[Score]]:
     """Detect on the packaged lane, then score it; a place where something that is no result lies is refused.
 
     So is another result without ``overwrite``, and that of the packaged lane then stays.
     """
     lane = sample_lane()
     how = How(track=track)
-    detect_long(lane / "run.zarr", "demo", output, section=math.inf, report=False, how=how, overwrite=overwrite)
-    return score_result(output, lane / "truth.csv", lane / "objects.csv", track=track, overwrite=overwrite)
+    detect_long(
+        lane / "run.zarr",
+        "demo",
+        output,
+        section=math.inf,
+        report=False,
+        how=how,
+        overwrite=overwrite,
+    )
+    return score_result(
+        output, lane / "truth.csv", lane / "objects.csv", track=track, overwrite=overwrite
+    )
 
 
 def replay(
@@ -52,7 +64,9 @@ def replay(
     dataset = open_run(run if run is not None else described["path"])
     now = describe_run(dataset, run if run is not None else described["path"], old.recipe.motion)
     if now["store_sha256"] != described["store_sha256"]:
-        raise ValueError(f"run must be the one the result was made of ({described['store_sha256'][:12]}…), got {run}")
+        raise ValueError(
+            f"run must be the one the result was made of ({described['store_sha256'][:12]}…), got {run}"
+        )
     if "others" in described:
         now["others"] = described["others"]
     model = old.model()
@@ -61,11 +75,15 @@ def replay(
     lane, section = (old.lane, None) if told is None else noted_section(told)
     detections = detect(dataset, old.recipe, lane, track, model, section, others)
     with TemporaryDirectory() as temporary:
-        home = write_result(Path(temporary) / "result", detections, old.recipe_text, old.lane, now, model, told)
+        home = write_result(
+            Path(temporary) / "result", detections, old.recipe_text, old.lane, now, model, told
+        )
         new = read_result(home)
     files = new.manifest["files"]
     before = old.manifest["files"]
-    differ = sorted(name for name in before.keys() | files.keys() if before.get(name) != files.get(name))
+    differ = sorted(
+        name for name in before.keys() | files.keys() if before.get(name) != files.get(name)
+    )
     pairs = list(zip(old.detections, new.detections, strict=True))
     difference = max(_difference(a.view.values, b.view.values) for a, b in pairs)
     places = all(a.alarms[["x", "y"]].equals(b.alarms[["x", "y"]]) for a, b in pairs)
@@ -81,7 +99,9 @@ def _others(told: dict[str, Any]) -> dict[str, xr.Dataset]:
     """Open the runs that were taken together with a result's."""
     for name, one in told.items():
         if read_manifest(one["path"])["sha256"] != one["store_sha256"]:
-            raise ValueError(f"run {name} must be the one the result was made with, got another at {one['path']}")
+            raise ValueError(
+                f"run {name} must be the one the result was made with, got another at {one['path']}"
+            )
     return {name: open_run(one["path"]) for name, one in told.items()}
 
 

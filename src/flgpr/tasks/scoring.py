@@ -51,7 +51,14 @@ from flgpr.scoring.blind import FAR_GRID, Phrase, match_blind, score_blind, seal
 from flgpr.scoring.ledger import Book, parts_of, read_book
 from flgpr.scoring.matching import LaneLike
 from flgpr.tasks.doubts import tell_doubts
-from flgpr.tasks.registering import Entrant, check_registered, find_entrant, open_truth, own_book, registration
+from flgpr.tasks.registering import (
+    Entrant,
+    check_registered,
+    find_entrant,
+    open_truth,
+    own_book,
+    registration,
+)
 
 PathLike = str | Path
 
@@ -109,7 +116,9 @@ def score_result(
     tell_doubts(targets, "truth", Path(truth).name, result.lane)
     scored = score_detections(result, targets, far)
     sections = {} if whole else {one.name: _page_of(one, to) for one in homes}
-    by_frames = [score_by_frames(result, targets, far)] if result.recipe.score.area == "frames" else []
+    by_frames = (
+        [score_by_frames(result, targets, far)] if result.recipe.score.area == "frames" else []
+    )
     files: dict[str, bytes | str] = {}
     for _ in track(["report.html"], "drawing the report", 1):
         if by_frames:
@@ -120,7 +129,9 @@ def score_result(
         files[VIEW_SCORE] = view_score(result, scored, others)
     to.mkdir(parents=True, exist_ok=True)
     if to.resolve() == home.resolve():
-        if _is_to_write(to, _last(files, "roc.json"), overwrite, decides="roc.json") or not are_settled(to):
+        if _is_to_write(
+            to, _last(files, "roc.json"), overwrite, decides="roc.json"
+        ) or not are_settled(to):
             add_files(to, _last(files, "roc.json"))
         return read_result(to), by_frames or scored
     _write(to, files, overwrite)
@@ -170,7 +181,10 @@ def score_alarms(
 
 def _reading_notes(alarms: pd.DataFrame, truth: pd.DataFrame) -> dict[str, Any]:
     """Tell what of the tables was read otherwise than it stands, for the report."""
-    found = {"alarms_read": alarms.attrs.get("notes", []), "truth_read": truth.attrs.get("notes", [])}
+    found = {
+        "alarms_read": alarms.attrs.get("notes", []),
+        "truth_read": truth.attrs.get("notes", []),
+    }
     return {name: notes for name, notes in found.items() if notes}
 
 
@@ -180,8 +194,20 @@ def outcome_table(scored: Sequence[Score]) -> pd.DataFrame:
     Columns are detection, target_id, kind, depth, whether it is found at the operating point, whether any alarm detects
     it, and that alarm's far, rank, n_false and distance.
     """
-    columns = ["target_id", "kind", "depth", "found", "detected", "far", "rank", "n_false", "distance"]
-    return pd.concat([one.outcomes[columns].assign(detection=one.name) for one in scored], ignore_index=True)
+    columns = [
+        "target_id",
+        "kind",
+        "depth",
+        "found",
+        "detected",
+        "far",
+        "rank",
+        "n_false",
+        "distance",
+    ]
+    return pd.concat(
+        [one.outcomes[columns].assign(detection=one.name) for one in scored], ignore_index=True
+    )
 
 
 def compare_alarms(
@@ -215,11 +241,15 @@ def compare_alarms(
     where = read_lanes(lane) if lane is not None else lanes.pop()
     halos = {own for _, own in results} if halo is None else {halo}
     if len(halos) > 1:
-        raise ValueError(f"halo must be given to compare results whose recipes have several, got {sorted(halos)} m")
+        raise ValueError(
+            f"halo must be given to compare results whose recipes have several, got {sorted(halos)} m"
+        )
     rules = Rules(halo=halos.pop() if halos else Rules.halo, far=far)
     names = _names(entrants)
     tables = [one.table() for one in entrants]
-    targets, notes = open_truth(truth, entrants, borders(where), {"halo": rules.halo, "far": far}, book, truth_reading)
+    targets, notes = open_truth(
+        truth, entrants, borders(where), {"halo": rules.halo, "far": far}, book, truth_reading
+    )
     for one, table in zip(entrants, tables, strict=True):
         tell_doubts(table, "alarms", one.path.name, where)
     tell_doubts(targets, "truth", Path(truth).name, where)
@@ -227,7 +257,9 @@ def compare_alarms(
         note |= _reading_notes(table, targets)
     scored = [score(table, targets, where, rules) for table in tables]
     fars = scored[0].operating_points()["far_allowed"].tolist()
-    told = side_by_side({name: one.matched for name, one in zip(names, scored, strict=True)}, fars, rules)
+    told = side_by_side(
+        {name: one.matched for name, one in zip(names, scored, strict=True)}, fars, rules
+    )
     curves = {name: one.curve for name, one in zip(names, scored, strict=True)}
     about = {**scored[0].told_rules(), "far_max": rules.far_max}
     _write_comparison(output, told, curves, about, dict(zip(names, notes, strict=True)), overwrite)
@@ -264,20 +296,31 @@ def compare_sealed(
         rules = look.rules
     how = Rules(halo=rules["halo"], area=rules["area"])
     told = side_by_side(matches, FAR_GRID, how, means=False)
-    told = dataclasses.replace(told, points=told.points.round({"chance": 2}))  # as a blind score tells it
-    about = {"halo_radius": how.halo, "area_rule": how.area, "level": how.level, "far_max": how.far_max}
+    told = dataclasses.replace(
+        told, points=told.points.round({"chance": 2})
+    )  # as a blind score tells it
+    about = {
+        "halo_radius": how.halo,
+        "area_rule": how.area,
+        "level": how.level,
+        "far_max": how.far_max,
+    }
     _write_comparison(output, told, {}, about, notes)
     return told
 
 
-def analyst_agreement(files: Sequence[PathLike]) -> dict[tuple[str, str], tuple[Agreement, int, int]]:
+def analyst_agreement(
+    files: Sequence[PathLike],
+) -> dict[tuple[str, str], tuple[Agreement, int, int]]:
     """Compare the verdicts of analysts (JSON of ``flgpr view``), every two on the alarms that both of them judged.
 
     Each pair of files has its :class:`flgpr.scoring.Agreement` and how many alarms the first alone and the second alone
     judged. Fewer than two files, one that holds no verdicts, or two without a common alarm are a ValueError.
     """
     if len(files) < 2:
-        raise ValueError(f"agreement needs the verdicts of two analysts or more, got {len(files)} file")
+        raise ValueError(
+            f"agreement needs the verdicts of two analysts or more, got {len(files)} file"
+        )
     names = [Path(one).stem for one in files]
     names = names if len(set(names)) == len(names) else [str(one) for one in files]
     if len(set(names)) < len(names):
@@ -304,8 +347,12 @@ def _entrants(
     alarms: Sequence[PathLike], recipes: Sequence[PathLike], reading: TableReading | None = None
 ) -> list[Entrant]:
     if recipes and len(recipes) != len(alarms):
-        raise ValueError(f"recipe must be given once per alarm list, got {len(recipes)} for {len(alarms)} lists")
-    return [find_entrant(one, recipe, reading) for one, recipe in itertools.zip_longest(alarms, recipes)]
+        raise ValueError(
+            f"recipe must be given once per alarm list, got {len(recipes)} for {len(alarms)} lists"
+        )
+    return [
+        find_entrant(one, recipe, reading) for one, recipe in itertools.zip_longest(alarms, recipes)
+    ]
 
 
 def _lane_and_halo(folder: Path) -> tuple[Lane, float]:
@@ -334,14 +381,20 @@ def _write_comparison(
     overwrite: bool = True,
 ) -> None:
     page = comparison_html(told, curves, rules, notes)
-    _write(Path(output), {"comparison.html": page, "comparison.json": comparison_json(told, rules, notes)}, overwrite)
+    _write(
+        Path(output),
+        {"comparison.html": page, "comparison.json": comparison_json(told, rules, notes)},
+        overwrite,
+    )
 
 
 def require_seal() -> None:
     """Refuse before anybody types a passphrase if a library that sealing needs is not installed."""
     for library in ("cryptography", "zxcvbn"):
         if importlib.util.find_spec(library) is None:
-            raise ModuleNotFoundError(f"sealed truth needs the library {library}: pip install 'flgpr[seal]'")
+            raise ModuleNotFoundError(
+                f"sealed truth needs the library {library}: pip install 'flgpr[seal]'"
+            )
 
 
 def seal(
@@ -381,7 +434,11 @@ def seal(
     if os.path.lexists(path):
         phrase = passphrase() if callable(passphrase) else passphrase
         same, before = seals(path, phrase, table, where, **rules)
-        if not same or (before is None) != (bound is None) or (bound and before and before["truth"] != bound["truth"]):
+        if (
+            not same
+            or (before is None) != (bound is None)
+            or (bound and before and before["truth"] != bound["truth"])
+        ):
             raise other_output(path, "or was sealed with another passphrase: choose another output")
         tell_finished(path)
     else:
@@ -416,7 +473,10 @@ def score_sealed(
     told = score_blind(table, place, passphrase, log, registration(one, book))
     if output is not None:
         notes = one.notes(told.registered) | {"sealed_sha256": content_hash(place), **told.heads}
-        _write(Path(output), {"report.html": blind_html(told, notes), "roc.json": blind_roc_json(told, notes)})
+        _write(
+            Path(output),
+            {"report.html": blind_html(told, notes), "roc.json": blind_roc_json(told, notes)},
+        )
     return told
 
 
@@ -437,11 +497,17 @@ def holds_sealed_score(
         return False
     entrants = _entrants(alarms, recipes)
     digest = content_hash(existing(sealed, "sealed truth"))
-    wanted = sorted((content_hash(one.path), digest, "" if book is None else str(one.recipe)) for one in entrants)
+    wanted = sorted(
+        (content_hash(one.path), digest, "" if book is None else str(one.recipe))
+        for one in entrants
+    )
     try:
         told = parse_json(Folder(home).read(file.name, MOST_JSON))
         notes = list(told["notes"].values()) if len(alarms) > 1 else [told["notes"]]
-        there = sorted((one["alarms_sha256"], one["sealed_sha256"], one.get("recipe_sha256", "")) for one in notes)
+        there = sorted(
+            (one["alarms_sha256"], one["sealed_sha256"], one.get("recipe_sha256", ""))
+            for one in notes
+        )
         same = there == wanted and told["flgpr"] == flgpr.__version__
     except (ValueError, KeyError, TypeError, AttributeError):
         same = False
@@ -462,7 +528,9 @@ def _last(files: Mapping[str, bytes | str], name: str) -> dict[str, bytes | str]
     return {key: files[key] for key in sorted(files, key=lambda key: key == name)}
 
 
-def _is_to_write(home: Path, files: Mapping[str, bytes | str], overwrite: bool, decides: str = "") -> bool:
+def _is_to_write(
+    home: Path, files: Mapping[str, bytes | str], overwrite: bool, decides: str = ""
+) -> bool:
     """Tell whether files are to be written, and not there already; other content there is a FileExistsError.
 
     Where the file is missing that ``decides``, the others are those of no score, or of one that was stopped.

@@ -50,7 +50,14 @@ from flgpr.simulate.simulator import check_effort, warn_of_aliases
 
 PathLike = str | Path
 _BESIDE = ("truth.csv", "truth.json", "objects.csv", "objects.json", "lane.toml")
-_COLOUR = {"metal": "C3", "plastic": "C0", "simulant": "C2", "rock": "0.5", "post": "black", "bush": "C2"}
+_COLOUR = {
+    "metal": "C3",
+    "plastic": "C0",
+    "simulant": "C2",
+    "rock": "0.5",
+    "post": "black",
+    "bush": "C2",
+}
 
 
 def simulate_to_store(
@@ -79,11 +86,17 @@ def simulate_to_store(
     store = Path(output)
     simulator = Simulator(scene, sensor, seed, errors)
     tx, rx = sensor.pairs()
-    attrs = simulator.attributes() | {"source": "simulated by flgpr", "title": scene.name, "scene_sha256": _hash(scene)}
+    attrs = simulator.attributes() | {
+        "source": "simulated by flgpr",
+        "title": scene.name,
+        "scene_sha256": _hash(scene),
+    }
     inputs = {"flgpr": __version__, "sensor_sha256": _hash(sensor), "errors": errors}
     polarization = list(sensor.polarization)
     try:
-        begun = RunWriter(store, simulator.frequency, polarization, tx, rx, attrs, resume=resume, inputs=inputs)
+        begun = RunWriter(
+            store, simulator.frequency, polarization, tx, rx, attrs, resume=resume, inputs=inputs
+        )
     except RunExistsError as error:
         if not error.same:
             raise
@@ -92,7 +105,11 @@ def simulate_to_store(
             _write_own_truth(Path(truth), simulator)
         return [store]
     with begun as writer:
-        written = [store, *([] if blind else _write_truth(store, simulator, truth)), _write_borders(store, simulator)]
+        written = [
+            store,
+            *([] if blind else _write_truth(store, simulator, truth)),
+            _write_borders(store, simulator),
+        ]
         poses = simulator.reported_pose()
         done = len(writer)
         total = len(simulator)
@@ -145,7 +162,9 @@ def preview_figure(scene: Scene, seed: int, force: bool = False) -> Figure:
     figure = Figure(figsize=(11, 5.6), layout="constrained")
     plan, section = figure.subplots(2, 1, height_ratios=(2.2, 1), sharex=True)
     size = lane.y_max - lane.y_min, lane.x_max - lane.x_min
-    plan.add_patch(Rectangle((lane.y_min, lane.x_min), *size, fc="0.93", ec="0.2", ls="-.", label="lane"))
+    plan.add_patch(
+        Rectangle((lane.y_min, lane.x_min), *size, fc="0.93", ec="0.2", ls="-.", label="lane")
+    )
     for patch in world.patches:
         plan.add_patch(Circle((patch.y, patch.x), patch.radius, fc="C9", alpha=0.25, lw=0))
     _scatter_things(plan, world)
@@ -157,20 +176,32 @@ def preview_figure(scene: Scene, seed: int, force: bool = False) -> Figure:
         colour = _COLOUR.get(kind, "C4")
         section.vlines([t.y for t in some], depth[:, 0], depth[:, 1], color=colour, lw=4)
     section.axhline(0, color="saddlebrown")
-    section.set(xlabel="down-track y (m)", ylabel="depth (cm)", xlim=(lane.y_min - 2, lane.y_max + 2))
+    section.set(
+        xlabel="down-track y (m)", ylabel="depth (cm)", xlim=(lane.y_min - 2, lane.y_max + 2)
+    )
     section.invert_yaxis()
     return figure
 
 
 def _scatter_things(axes: Any, world: World) -> None:
-    marks = {"metal": "s", "plastic": "^", "simulant": "D", "rock": ".", "post": "|", "bush": "*", "fiducial": "P"}
+    marks = {
+        "metal": "s",
+        "plastic": "^",
+        "simulant": "D",
+        "rock": ".",
+        "post": "|",
+        "bush": "*",
+        "fiducial": "P",
+    }
     things: list[Any] = [*world.targets, *world.objects]
     for kind in dict.fromkeys(t.kind for t in things):
         some = [t for t in things if t.kind == kind]
         label = f"{kind} ({len(some)})"
         y = [t.y for t in some]
         x = [t.x for t in some]
-        axes.plot(y, x, marks.get(kind, "o"), color=_COLOUR.get(kind, "C4"), ms=6, ls="none", label=label)
+        axes.plot(
+            y, x, marks.get(kind, "o"), color=_COLOUR.get(kind, "C4"), ms=6, ls="none", label=label
+        )
 
 
 def write_gprmax_decks(
@@ -192,10 +223,16 @@ def write_gprmax_decks(
         partial.mkdir()
         for name, text in decks.files.items():
             (partial / name).write_text(text, encoding="utf-8")
-        (partial / "manifest.json").write_text(json.dumps(decks.manifest, indent=1), encoding="utf-8")
-        texts = tomllib.loads((resources.files("flgpr.tasks") / "gprmax.toml").read_text(encoding="utf-8"))
+        (partial / "manifest.json").write_text(
+            json.dumps(decks.manifest, indent=1), encoding="utf-8"
+        )
+        texts = tomllib.loads(
+            (resources.files("flgpr.tasks") / "gprmax.toml").read_text(encoding="utf-8")
+        )
         (partial / "run.sh").write_text(texts["script"], encoding="utf-8")
-        size, left_out = ("".join(f"- {one}\n" for one in some) for some in (decks.summary, decks.omissions))
+        size, left_out = (
+            "".join(f"- {one}\n" for one in some) for some in (decks.summary, decks.omissions)
+        )
         words = f"{texts['readme']}Size:\n{size}\nNot written:\n{left_out}"
         (partial / "README.txt").write_text(words, encoding="utf-8")
         world = draw_world(scene, seed)
@@ -221,12 +258,23 @@ def import_gprmax_results(
         "source": "gprMax, decks by flgpr",
         "title": manifest["title"],
         "direct_wave": "kept" if keep_direct else "taken off",
-        "fullwave": {name: manifest.get(name) for name in ("seed", "sensor", "grid", "soil", "surface", "omissions")},
+        "fullwave": {
+            name: manifest.get(name)
+            for name in ("seed", "sensor", "grid", "soil", "surface", "omissions")
+        },
     }
-    parts = (results.frequency, manifest["polarization"], manifest["tx_position"], manifest["rx_position"], attrs)
+    parts = (
+        results.frequency,
+        manifest["polarization"],
+        manifest["tx_position"],
+        manifest["rx_position"],
+        attrs,
+    )
     written = [store]
     try:
-        begun = RunWriter.resumed(store, *parts, inputs={"results": results.digest(), "flgpr": __version__})
+        begun = RunWriter.resumed(
+            store, *parts, inputs={"results": results.digest(), "flgpr": __version__}
+        )
     except RunExistsError as error:
         if not error.same:
             raise
@@ -286,7 +334,9 @@ def simulate_lane(
     if preview is not None:
         written.append(_write_preview(world, seed, preview, force))
     if output is not None:
-        written += simulate_to_store(world, array, seed, output, errors, track, resume, truth, force=force)
+        written += simulate_to_store(
+            world, array, seed, output, errors, track, resume, truth, force=force
+        )
     return written
 
 
@@ -377,7 +427,9 @@ def write_gprmax_lane(
 
 def _write_preview(scene: Scene, seed: int, path: PathLike, force: bool) -> Path:
     with whole_output(Path(path)) as made:
-        preview_figure(scene, seed, force).savefig(made, dpi=100, format="png", metadata={"Software": None})
+        preview_figure(scene, seed, force).savefig(
+            made, dpi=100, format="png", metadata={"Software": None}
+        )
     return Path(path)
 
 

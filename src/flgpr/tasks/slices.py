@@ -46,7 +46,9 @@ def make_slices(
     files = [Path(one) for one in output]
     for path in files:
         if path.suffix.lower() not in ENDINGS:
-            raise ValueError(f"output of depth slices must end in {', '.join(ENDINGS)}, got {path.name!r}")
+            raise ValueError(
+                f"output of depth slices must end in {', '.join(ENDINGS)}, got {path.name!r}"
+            )
     wanted = np.asarray(depths, dtype=np.float64)
     rising = wanted.size > 0 and bool((np.diff(wanted) > 0).all())
     if not rising or wanted.size > _MOST or not np.isfinite(wanted).all() or wanted[0] < 0:
@@ -67,7 +69,9 @@ def make_slices(
     for depth in track(wanted.tolist(), "depth slices", wanted.size):
         here = replace(view, x=x, y=y, z=-depth)
         parts.append(focus(held, here, points=1, title=Path(run).name, pixels=_PIXELS))
-    image = xr.concat([part.image for part in parts], dim="z", combine_attrs="override", join="exact")
+    image = xr.concat(
+        [part.image for part in parts], dim="z", combine_attrs="override", join="exact"
+    )
     made = Slices(image, parts[0].spacing, parts[0].scans)
     for path in files:
         _write(made, pose, path)

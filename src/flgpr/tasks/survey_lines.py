@@ -51,7 +51,9 @@ def import_lines(
         raise ValueError("zigzag goes with line-spacing, got none")
     placed = [anchor is not None, anchor_from_track, line_spacing is not None, lines is not None]
     if sum(placed) > 1:
-        raise ValueError("anchor, anchor-from-track, line-spacing and lines all tell where lines lie: give one")
+        raise ValueError(
+            "anchor, anchor-from-track, line-spacing and lines all tell where lines lie: give one"
+        )
     sections = [read_gpr(path, max_memory) for path in paths]
     if mark_spacing is not None:
         sections = [place_by_marks(section, mark_spacing) for section in sections]
@@ -59,7 +61,11 @@ def import_lines(
     notes: list[str] = []
     if anchor_from_track:
         tie, notes = anchor_from_fixes(sections[0].fixes[:, 1:], sections[0].fixes[:, 0])
-    ends = None if lines is None else read_line_ends(lines, [section.path.name for section in sections])
+    ends = (
+        None
+        if lines is None
+        else read_line_ends(lines, [section.path.name for section in sections])
+    )
     layout = LineLayout(line_spacing, zigzag, ends)
     run = survey_run(sections, layout, tie, **options)
     if tie is not None:

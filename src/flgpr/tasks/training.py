@@ -24,13 +24,27 @@ from flgpr.chain.model import MODEL_FILE, Model, check_free_model, load_model, s
 from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import RANKS, DetectorTable, Recipe, parse_recipe, recipe_text
 from flgpr.chain.stages import TrainingView
-from flgpr.chain.too_few import TooFewExamplesError, cannot_be_trained, count_in_views, count_targets, share_changes
+from flgpr.chain.too_few import (
+    TooFewExamplesError,
+    cannot_be_trained,
+    count_in_views,
+    count_targets,
+    share_changes,
+)
 from flgpr.door import read_named
 from flgpr.execution.executors import Executor
 from flgpr.execution.lane_run import passes_of_lane
 from flgpr.execution.lane_work import code_versions, make_job, report
 from flgpr.execution.survey import PLAINLY, How
-from flgpr.io import canonical_json, describe_for_live, open_run, read_lane, read_manifest, read_table, sha256
+from flgpr.io import (
+    canonical_json,
+    describe_for_live,
+    open_run,
+    read_lane,
+    read_manifest,
+    read_table,
+    sha256,
+)
 from flgpr.io.files import replaced_by
 from flgpr.io.outputs import OVERWRITE, other_output, tell_finished, whole_output
 from flgpr.live import forecast
@@ -54,18 +68,20 @@ def train_runs(
 ) -> Model:
     """Train a recipe on stored runs and write its model.
 
-    What is found in the runs is kept beside the output (``OUTPUT-1-1.work`` and so on) until the model is written, so
-    that a stopped training goes on. If an input is not valid or nothing in the recipe learns, nothing is written.
+    What is found in the runs is kept beside the output (``OUTPUT-1-1.work`` and so on) until the
+    model is written, so that a stopped training goes on. If an input is not valid or nothing in the
+    recipe learns, nothing is written.
 
     Parameters
     ----------
     runs, truths : sequence of path
-        Run stores, one lane each, and CSV of each one's targets. Truth is read here and in scoring, nowhere else.
+        Run stores, one lane each, and CSV of each one's targets. Truth is read here and in scoring,
+        nowhere else.
     recipe, output : path
         Packaged recipe or TOML file, and folder to make.
     features : sequence of str, optional
-        Columns the detector reads, which may end in ``*``; default those of the recipe's table detector, else those of
-        Wang et al. 2007's classifier B.
+        Columns the detector reads, which may end in ``*``; default those of the recipe's table
+        detector, else those of Wang et al. 2007's classifier B.
     lanes, others : sequence, optional
         Per run, TOML of its lane in place of the recipe's, and the runs taken together with it.
     label_radius : float
@@ -73,15 +89,21 @@ def train_runs(
     how : How, optional
         Who does the work.
     overwrite : bool
-        Replace a model that is there. Without it a model of the same inputs and versions is left as it is, and any
-        other is a FileExistsError.
+        Replace a model that is there. Without it a model of the same inputs and versions is left as
+        it is, and any other is a FileExistsError.
     """
     if len(runs) != len(truths) or not runs or (lanes is not None and len(lanes) != len(runs)):
-        raise ValueError(f"train needs one truth per run, got {len(runs)} runs and {len(truths)} truths")
+        raise ValueError(
+            f"train needs one truth per run, got {len(runs)} runs and {len(truths)} truths"
+        )
     text = recipe_text(recipe)
     parsed = parse_recipe(text, str(recipe))
-    wanted = parsed.confidence in RANKS or parsed.detector is not None or bool(features)  # else a stage's column ranks
-    judges = wanted and (parsed.features is not None or bool(parsed.columns) or parsed.detector is not None)
+    wanted = (
+        parsed.confidence in RANKS or parsed.detector is not None or bool(features)
+    )  # else a stage's column ranks
+    judges = wanted and (
+        parsed.features is not None or bool(parsed.columns) or parsed.detector is not None
+    )
     if not judges and not parsed.learning():
         raise ValueError(f"recipe must have features or a stage that learns to train, got {recipe}")
     tables = [read_table(truth, "truth") for truth in truths]
@@ -100,7 +122,10 @@ def train_runs(
         _clear_beside(folder, how)
         tell_finished(folder, OVERWRITE)
         return load_model(folder)
-    with whole_output(folder, replace=True) as made, how.executor() as executor:  # one training at a time
+    with (
+        whole_output(folder, replace=True) as made,
+        how.executor() as executor,
+    ):  # one training at a time
         course = _Course(parsed, text, lanes_of, folder, executor, how)
         course.learn_stages()
         if judges:
@@ -166,7 +191,13 @@ class _Course:
     """A training: its lanes, and what has been learnt so far."""
 
     def __init__(
-        self, recipe: Recipe, text: str, lanes: Sequence[_Lane], output: Path, executor: Executor, how: How
+        self,
+        recipe: Recipe,
+        text: str,
+        lanes: Sequence[_Lane],
+        output: Path,
+        executor: Executor,
+        how: How,
     ) -> None:
         self.recipe = recipe
         self.text = text
@@ -201,11 +232,15 @@ class _Course:
                 ]
                 examples: list[Any] = self._views
             else:
-                examples = [dict(chain.known[f"learn.{name}"]) for chain, _ in self._chains(truth=True)]
+                examples = [
+                    dict(chain.known[f"learn.{name}"]) for chain, _ in self._chains(truth=True)
+                ]
             with self._counted(name):
                 arrays, notes = self._fit(name, examples)
             self.model = replace(
-                self.model, stages=self.model.stages | {name: arrays}, notes=self.model.notes | {name: notes}
+                self.model,
+                stages=self.model.stages | {name: arrays},
+                notes=self.model.notes | {name: notes},
             )
 
     def _fit(self, name: str, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
@@ -227,7 +262,9 @@ class _Course:
         alarms = []
         raised = 0
         for number, (chain, lane) in enumerate(self._chains(truth=False), 1):
-            alarms.append((f"{number}:{Path(lane.run).stem}", *chain.ranked_alarms(), lane.targets, lane.area))
+            alarms.append(
+                (f"{number}:{Path(lane.run).stem}", *chain.ranked_alarms(), lane.targets, lane.area)
+            )
             raised += len(chain.raised())
         table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
         wanted = _matching(list(features) or list(table.features), list(alarms[0][2].columns))
@@ -237,7 +274,9 @@ class _Course:
             examples = make_training_set(alarms, label_radius, wanted, together)
             try:
                 detector = (
-                    train(examples, wanted) if table.estimator == "fisher" else train_estimator(examples, table, wanted)
+                    train(examples, wanted)
+                    if table.estimator == "fisher"
+                    else train_estimator(examples, table, wanted)
                 )
             except TooFewExamplesError as error:
                 steps = count_alarm_steps(alarms, raised, spent, wanted, label_radius)
@@ -253,7 +292,9 @@ class _Course:
             followed: list[forecast.Followed] = []
             for lane in self.lanes:
                 run = open_run(lane.run, self._how.max_memory)
-                detector = LiveDetector(describe_for_live(run), self.recipe, lane.area, self.model, settings)
+                detector = LiveDetector(
+                    describe_for_live(run), self.recipe, lane.area, self.model, settings
+                )
                 followed.extend(forecast.follow(detector, run))
             arrays, notes = forecast.learn(followed)
         self.model = replace(
@@ -289,13 +330,19 @@ class _Course:
                 lane.truth if truth else None, self._kept,
             )  # fmt: skip
             name = f"{Path(lane.run).stem}: "
-            with passes_of_lane(job, self._executor, self._how.track, self._how.note, name) as chain:
+            with passes_of_lane(
+                job, self._executor, self._how.track, self._how.note, name
+            ) as chain:
                 yield chain, lane
 
 
 def _matching(wanted: list[str], columns: list[str]) -> list[str]:
     matching = [name for pattern in wanted for name in columns if fnmatchcase(name, pattern)]
-    missing = [pattern for pattern in wanted if not any(fnmatchcase(name, pattern) for name in columns)]
+    missing = [
+        pattern for pattern in wanted if not any(fnmatchcase(name, pattern) for name in columns)
+    ]
     if missing or not matching:
-        raise ValueError(f"features must be columns of the feature table, got {', '.join(missing) or 'none'}")
+        raise ValueError(
+            f"features must be columns of the feature table, got {', '.join(missing) or 'none'}"
+        )
     return list(dict.fromkeys(matching))

@@ -24,7 +24,9 @@ SECURITY_HEADERS = {
     "permissions-policy": "camera=(), microphone=(), geolocation=()",
     "cache-control": "no-store",
 }
-_OWN_PAGES = "http://localhost:* http://127.0.0.1:* https://localhost:* https://127.0.0.1:* vscode-webview:"
+_OWN_PAGES = (
+    "http://localhost:* http://127.0.0.1:* https://localhost:* https://127.0.0.1:* vscode-webview:"
+)
 _WILDCARDS = ("0.0.0.0", "::")  # noqa: S104
 
 
@@ -46,7 +48,13 @@ class Guard:
     """
 
     def __init__(
-        self, app: ASGIApp, token: str, host: str, port: int, puts: Collection[str] = (), framed: bool = False
+        self,
+        app: ASGIApp,
+        token: str,
+        host: str,
+        port: int,
+        puts: Collection[str] = (),
+        framed: bool = False,
     ) -> None:
         self._app = app
         self._token = token
@@ -63,7 +71,9 @@ class Guard:
             del self._headers["x-frame-options"]
             policy = self._headers["content-security-policy"]
             ancestors = f"frame-ancestors {_OWN_PAGES}"
-            self._headers["content-security-policy"] = policy.replace("frame-ancestors 'none'", ancestors)
+            self._headers["content-security-policy"] = policy.replace(
+                "frame-ancestors 'none'", ancestors
+            )
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request."""
@@ -79,7 +89,9 @@ class Guard:
         allowed = ["GET", "HEAD", "PUT"] if inner in self._puts else ["GET", "HEAD"]
         if scope["method"] not in allowed:
             headers = self._headers | {"allow": ", ".join(allowed)}
-            await PlainTextResponse(f"405 only {', '.join(allowed)}\n", 405, headers)(scope, receive, send)
+            await PlainTextResponse(f"405 only {', '.join(allowed)}\n", 405, headers)(
+                scope, receive, send
+            )
             return
 
         async def send_secured(message: Message) -> None:

@@ -96,7 +96,11 @@ class LimitedProtocol(H11Protocol):
 
     def _watch(self) -> None:
         """Set the deadline of a new step; that of a step which goes on stays as it is."""
-        step = None if self.transport.is_closing() and not self.flow.write_paused else self._waits_for()
+        step = (
+            None
+            if self.transport.is_closing() and not self.flow.write_paused
+            else self._waits_for()
+        )
         if (step, self.cycle) == (self.step, self._step_of):
             return
         self._cancel()
@@ -124,7 +128,9 @@ class LimitedProtocol(H11Protocol):
 
     def _make_room(self) -> bool:
         """End the connection that waits the longest for a header, else for another step; tell whether one did."""
-        others = [one for one in self.connections if isinstance(one, LimitedProtocol) and one is not self]
+        others = [
+            one for one in self.connections if isinstance(one, LimitedProtocol) and one is not self
+        ]
         waiting = [one for one in others if one.step is not None]
         if not waiting:
             return False
@@ -175,10 +181,17 @@ class LimitedServer(uvicorn.Server):
         fault = context.get("exception")
         if self.should_exit:
             return
-        if isinstance(fault, OSError) and fault.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
+        if isinstance(fault, OSError) and fault.errno in (
+            errno.EMFILE,
+            errno.ENFILE,
+            errno.ENOBUFS,
+            errno.ENOMEM,
+        ):
             if not self._scarcity_told:
                 self._scarcity_told = True
-                _LOG.error("the system opens no more files or connections for the viewer: new ones wait until it does")
+                _LOG.error(
+                    "the system opens no more files or connections for the viewer: new ones wait until it does"
+                )
             return
         _LOG.error(context["message"], exc_info=fault)
 
@@ -207,7 +220,9 @@ class FewRecords(logging.Filter):
                 return False
             self._passed += 1
             if self._left_out:
-                record.msg = f"{record.getMessage()} ({self._left_out:,} messages before it were left out)"
+                record.msg = (
+                    f"{record.getMessage()} ({self._left_out:,} messages before it were left out)"
+                )
                 record.args = None
                 self._left_out = 0
             return True

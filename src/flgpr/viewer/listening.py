@@ -16,7 +16,9 @@ def listening_socket(host: str, port: int) -> socket.socket:
     try:
         listener = socket.socket(family, socket.SOCK_STREAM)
     except OSError as error:
-        raise ValueError(f"host must be an address of this machine, got {host}: {error.strerror}") from None
+        raise ValueError(
+            f"host must be an address of this machine, got {host}: {error.strerror}"
+        ) from None
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))

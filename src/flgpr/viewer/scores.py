@@ -10,7 +10,17 @@ from flgpr.door import MOST_JSON, Folder, parse_json
 from flgpr.io import canonical_json
 
 _FILES = {"roc.json": "flgpr-score", "comparison.json": "flgpr-comparison"}
-_CURVE = ("pd", "pd_low", "pd_high", "chance", "far", "far_low", "far_high", "n_detected", "n_false")
+_CURVE = (
+    "pd",
+    "pd_low",
+    "pd_high",
+    "chance",
+    "far",
+    "far_low",
+    "far_high",
+    "n_detected",
+    "n_false",
+)
 _POINT = ("far_allowed", "n_targets", *_CURVE)
 _RULES = ("convention", "area_rule", "halo_radius", "shared", "refraction", "level")
 _TARGET = ("target_id", "kind", "depth", "far", "confidence")
@@ -54,12 +64,16 @@ class ScoreFiles(IndexOnly):
             told = parse_json(Folder(path.parent).read(path.name, MOST_JSON))
             if told["format"] not in _FILES.values() or told["version"] != 1:
                 raise ValueError(f"format must be {' or '.join(_FILES.values())} version 1")
-            several = _compared(told) if told["format"] == "flgpr-comparison" else told["detections"]
+            several = (
+                _compared(told) if told["format"] == "flgpr-comparison" else told["detections"]
+            )
             detections = {str(name): _scored(one, told["rules"]) for name, one in several.items()}
             rules = {name: told["rules"][name] for name in _RULES if name in told["rules"]}
             self._score = canonical_json(_score(detections, {**rules, **_truth(told["notes"])}))
         except (ValueError, KeyError, TypeError, AttributeError, IndexError, OSError) as error:
-            raise ValueError(f"{path}: not a score that can be shown ({type(error).__name__}: {error})") from None
+            raise ValueError(
+                f"{path}: not a score that can be shown ({type(error).__name__}: {error})"
+            ) from None
         self.title = f"{self.folder.name} (score)"
         nowhere: dict[str, list[Any]] = {name: [] for name in ("x", "y", "z", "heading", "masked")}
         alarms: dict[str, list[Any]] = {"x": [], "y": [], "confidence": []}
@@ -74,7 +88,14 @@ class ScoreFiles(IndexOnly):
             "scans": nowhere,
             "georeference": None,
             "detections": [
-                {"name": name, "title": "", "alarms": alarms, "features": {}, "contributions": None, "training": None}
+                {
+                    "name": name,
+                    "title": "",
+                    "alarms": alarms,
+                    "features": {},
+                    "contributions": None,
+                    "training": None,
+                }
                 for name in detections
             ],
         }
@@ -107,7 +128,10 @@ def _truth(notes: Mapping[str, Any]) -> dict[str, Any]:
 def _compared(told: Mapping[str, Any]) -> dict[str, Any]:
     """Take the points of a comparison apart by detector."""
     names = dict.fromkeys(row["detector"] for row in told["points"])
-    return {name: {"points": [row for row in told["points"] if row["detector"] == name]} for name in names}
+    return {
+        name: {"points": [row for row in told["points"] if row["detector"] == name]}
+        for name in names
+    }
 
 
 def _scored(told: Mapping[str, Any], rules: Mapping[str, Any]) -> dict[str, Any]:
@@ -122,7 +146,9 @@ def _scored(told: Mapping[str, Any], rules: Mapping[str, Any]) -> dict[str, Any]
         head = {"n_targets": told["n_targets"], "area": told["area"]}
         kinds = {name: one["points"] for name, one in told["kinds"].items()}
         at = told["operating_point"]
-        allowed = sorted({at["far_allowed"], *(row["far_allowed"] for one in kinds.values() for row in one)})
+        allowed = sorted(
+            {at["far_allowed"], *(row["far_allowed"] for one in kinds.values() for row in one)}
+        )
         whole = [rows[_last(rows, far)] | head | {"far_allowed": far} for far in allowed]
         points = [{"group": "all"} | _only(row, _POINT) for row in whole]
         points += [
@@ -132,10 +158,17 @@ def _scored(told: Mapping[str, Any], rules: Mapping[str, Any]) -> dict[str, Any]
         ]
         few = {"row": _last(rows, at["far_allowed"]), "few_halos": None}
         head["point"] = few | {"far_asked": at["far_asked"], "far_allowed": at["far_allowed"]}
-    shared = {"level": rules.get("level", 0.95), "threshold": [row.get("threshold") for row in rows]}
+    shared = {
+        "level": rules.get("level", 0.95),
+        "threshold": [row.get("threshold") for row in rows],
+    }
     curve = {"kind": None, "depth": None, "pd_mean": None, **head, **shared}
-    curve |= {name: [row.get(name) if name == "chance" else row[name] for row in rows] for name in _CURVE}
-    targets = [_only({"far": one.get("found_from")} | one, _TARGET) for one in told.get("targets", [])]
+    curve |= {
+        name: [row.get(name) if name == "chance" else row[name] for row in rows] for name in _CURVE
+    }
+    targets = [
+        _only({"far": one.get("found_from")} | one, _TARGET) for one in told.get("targets", [])
+    ]
     return {
         "label": [],
         "target": [],

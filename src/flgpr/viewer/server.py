@@ -25,7 +25,15 @@ from flgpr.io import MOST_VERDICT_BYTES, RunStoreError, map_backdrop, read_ancho
 from flgpr.viewer.guard import Guard, is_loopback
 from flgpr.viewer.limits import LimitedConfig, LimitedServer, Limits, fit_to_process
 from flgpr.viewer.listening import listening_socket
-from flgpr.viewer.session import LIVE_FILE, LiveFile, ResultFiles, RunFiles, VerdictFile, ViewError, open_sources
+from flgpr.viewer.session import (
+    LIVE_FILE,
+    LiveFile,
+    ResultFiles,
+    RunFiles,
+    VerdictFile,
+    ViewError,
+    open_sources,
+)
 
 STATIC = {
     "": ("index.html", "text/html; charset=utf-8"),
@@ -86,7 +94,9 @@ class Viewer:
             raise ValueError("paths must name a result or a run to view, got none")
         if not is_loopback(host):
             if not allow_remote:
-                raise ValueError(f"host must be of this machine (127.0.0.1) unless remote access is on, got {host}")
+                raise ValueError(
+                    f"host must be of this machine (127.0.0.1) unless remote access is on, got {host}"
+                )
             warnings.warn(
                 f"the viewer listens on {host}: whoever reaches it and learns the address with its token can read "
                 "these results, and nothing on the way is encrypted",
@@ -100,7 +110,9 @@ class Viewer:
         self._verdicts = (
             None
             if verdicts is None
-            else VerdictFile(verdicts, self._sources, [] if self._live is None else [self._live.folder])
+            else VerdictFile(
+                verdicts, self._sources, [] if self._live is None else [self._live.folder]
+            )
         )
         self._anchor = None if anchor is None else Path(anchor)
         self._make_map = make_map
@@ -135,10 +147,17 @@ class Viewer:
     def _drawn(self, path: str | Path) -> tuple[bytes, list[float]]:
         """Draw a map below all that is shown and some ground around it, and tell where it lies."""
         indices = [source.index for source in self._sources if "lane" in source.index]
-        tie = self._georeference or next((one["georeference"] for one in indices if one.get("georeference")), None)
+        tie = self._georeference or next(
+            (one["georeference"] for one in indices if one.get("georeference")), None
+        )
         if tie is None or not indices:
-            raise ValueError("map needs a result or run that is tied to the Earth: give its --anchor")
-        x, y = ([one["lane"][f"{axis}_{end}"] for one in indices for end in ("min", "max")] for axis in "xy")
+            raise ValueError(
+                "map needs a result or run that is tied to the Earth: give its --anchor"
+            )
+        x, y = (
+            [one["lane"][f"{axis}_{end}"] for one in indices for end in ("min", "max")]
+            for axis in "xy"
+        )
         around = max(_AROUND, 0.1 * (max(y) - min(y)))
         box = min(x) - around, max(x) + around, min(y) - around, max(y) + around
         return map_backdrop(path, tie, box), [float(one) for one in box]
@@ -149,24 +168,44 @@ class Viewer:
             "/data/live": self._live_events,
             "/data/backdrop.png": self._ground_below,
             "/data/{source:int}/index.json": self._of(lambda one: one.index_bytes(), _JSON),
-            "/data/{source:int}/score.json": self._of(lambda one: one.score_bytes() or b"null", _JSON),
-            "/data/{source:int}/tile/{layer:int}/{level:int}/{tile:int}": self._of(lambda one, **at: one.tile(**at)),
+            "/data/{source:int}/score.json": self._of(
+                lambda one: one.score_bytes() or b"null", _JSON
+            ),
+            "/data/{source:int}/tile/{layer:int}/{level:int}/{tile:int}": self._of(
+                lambda one, **at: one.tile(**at)
+            ),
             "/data/{source:int}/raw/{what:str}": self._raw_data,
             "/data/{source:int}/map.zip": self._map,
-            "/data/{source:int}/evidence/{detection:int}/{alarm:int}": self._of(lambda one, **at: one.evidence(**at)),
+            "/data/{source:int}/evidence/{detection:int}/{alarm:int}": self._of(
+                lambda one, **at: one.evidence(**at)
+            ),
         }
         routes = [Route(path, _endpoint(read), methods=["GET"]) for path, read in reads.items()]
         if self._verdicts is not None:
-            routes.append(Route(VERDICTS_PATH, self._of_verdicts(self._verdicts), methods=["GET", "PUT"]))
-        return routes + [Route(f"/{name}", _endpoint(_static(name)), methods=["GET"]) for name in STATIC]
+            routes.append(
+                Route(VERDICTS_PATH, self._of_verdicts(self._verdicts), methods=["GET", "PUT"])
+            )
+        return routes + [
+            Route(f"/{name}", _endpoint(_static(name)), methods=["GET"]) for name in STATIC
+        ]
 
     def _session(self, request: Request) -> Response:  # noqa: ARG002
         titles = [source.title for source in self._sources]
-        told: dict[str, Any] = {"results": titles, "live": self._live is not None, "georeference": self._georeference}
+        told: dict[str, Any] = {
+            "results": titles,
+            "live": self._live is not None,
+            "georeference": self._georeference,
+        }
         told["verdicts"] = None if self._verdicts is None else self._verdicts.path.name
-        told["identities"] = [one.identity if isinstance(one, ResultFiles) else "" for one in self._sources]
+        told["identities"] = [
+            one.identity if isinstance(one, ResultFiles) else "" for one in self._sources
+        ]
         told["map"] = self._make_map is not None
-        told["raw"] = self._open_raw is not None and bool(self._sources) and isinstance(self._sources[0], RunFiles)
+        told["raw"] = (
+            self._open_raw is not None
+            and bool(self._sources)
+            and isinstance(self._sources[0], RunFiles)
+        )
         told["backdrop"] = None if self._backdrop is None else self._backdrop[1]
         return _answer(json.dumps(told).encode(), _JSON)
 
@@ -193,7 +232,10 @@ class Viewer:
             with self._opening:
                 if number not in self._raw:
                     self._raw[number] = self._open_raw(source.folder)
-            return _answer(json.dumps(self._raw[number].answer(what, dict(pairs)), allow_nan=False).encode(), _JSON)
+            return _answer(
+                json.dumps(self._raw[number].answer(what, dict(pairs)), allow_nan=False).encode(),
+                _JSON,
+            )
         except RunStoreError as error:
             raise ViewError(str(error)) from None
         except ValueError as error:
@@ -211,7 +253,9 @@ class Viewer:
         except (ValueError, OSError, ImportError) as error:
             return Response(json.dumps({"error": str(error)}), 400, media_type=_JSON)
 
-    def _of(self, read: Callable[..., bytes | None], kind: str = _BYTES) -> Callable[[Request], Response]:
+    def _of(
+        self, read: Callable[..., bytes | None], kind: str = _BYTES
+    ) -> Callable[[Request], Response]:
         """Answer with what is read of the source that the path names, at the numbers that it names."""
 
         def answer(request: Request) -> Response:
@@ -234,8 +278,12 @@ class Viewer:
                 async for part in request.stream():
                     body += part
                     if len(body) > MOST_VERDICT_BYTES:
-                        return Response(json.dumps({"error": "verdicts are too large"}), 413, media_type=_JSON)
-                return _answer(json.dumps(await run_in_threadpool(file.write, bytes(body))).encode(), _JSON)
+                        return Response(
+                            json.dumps({"error": "verdicts are too large"}), 413, media_type=_JSON
+                        )
+                return _answer(
+                    json.dumps(await run_in_threadpool(file.write, bytes(body))).encode(), _JSON
+                )
             except ClientDisconnect:  # nobody reads the answer, and nothing is written
                 return Response(status_code=408)
             except (ValueError, OSError, RecursionError) as error:
@@ -288,7 +336,12 @@ def _endpoint(read: Callable[[Request], Response]) -> Endpoint:
 
 def _static(name: str) -> Callable[[Request], Response]:
     file, kind = STATIC[name]
-    return lambda request: _answer((resources.files("flgpr.viewer") / "static" / file).read_bytes(), kind)  # noqa: ARG005
+
+    def answer(request: Request) -> Response:  # noqa: ARG001
+        content = (resources.files("flgpr.viewer") / "static" / file).read_bytes()
+        return _answer(content, kind)
+
+    return answer
 
 
 def _answer(content: bytes | None, kind: str) -> Response:

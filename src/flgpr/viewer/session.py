@@ -51,7 +51,9 @@ class ResultFiles:
             self.identity: str = manifest["identity"]
             self._files = listed_files(self.folder, manifest)
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            why = "is missing" if isinstance(error, FileNotFoundError) else f"cannot be read: {error}"
+            why = (
+                "is missing" if isinstance(error, FileNotFoundError) else f"cannot be read: {error}"
+            )
             raise ViewError(f"{folder}: not a result folder ({_MANIFEST} {why})") from None
         with _as_view_error():
             self.index: dict[str, Any] = self._files.json("view/index.json")
@@ -166,7 +168,10 @@ class RunFiles(IndexOnly):
             "unit": "dB",
             "channel": ["", ""],
             "layers": [],
-            "scans": {name: np.round(pose[:, i], 4).tolist() for i, name in enumerate(("x", "y", "z", "heading"))}
+            "scans": {
+                name: np.round(pose[:, i], 4).tolist()
+                for i, name in enumerate(("x", "y", "z", "heading"))
+            }
             | {"masked": masked.tolist()},
             "georeference": run.attrs.get("georeference"),
             "detections": [],
@@ -184,12 +189,17 @@ class RunFiles(IndexOnly):
 class VerdictFile:
     """An analyst's verdicts, a file beside the results: read when it is there, and only ever replaced as a whole."""
 
-    def __init__(self, path: str | Path, sources: Sequence[Source], more: Sequence[Path] = ()) -> None:
+    def __init__(
+        self, path: str | Path, sources: Sequence[Source], more: Sequence[Path] = ()
+    ) -> None:
         self.path = Path(path).resolve()
         self._writing = threading.Lock()
         if not any(isinstance(source, ResultFiles) for source in sources):
             raise ViewError("verdicts need a result to judge, got none")
-        if any(self.path.is_relative_to(folder) for folder in (*(source.folder for source in sources), *more)):
+        if any(
+            self.path.is_relative_to(folder)
+            for folder in (*(source.folder for source in sources), *more)
+        ):
             raise ViewError(f"verdicts must lie beside the result, not in it, got {path}")
         if not self.path.parent.is_dir():
             raise ViewError(f"verdicts must lie in a folder that exists, got {path}")
@@ -208,7 +218,9 @@ class VerdictFile:
         told = parse_json(body)
         data = verdict_bytes(check_verdicts(told))
         if len(data) > MOST_VERDICT_BYTES:
-            raise ValueError(f"verdicts must take at most {MOST_VERDICT_BYTES >> 20} MiB, got {len(data) >> 20}")
+            raise ValueError(
+                f"verdicts must take at most {MOST_VERDICT_BYTES >> 20} MiB, got {len(data) >> 20}"
+            )
         with self._writing:
             if told.get("before") != self.read()["sha256"]:
                 raise ValueError(
@@ -223,7 +235,9 @@ class LiveFile:
 
     def __init__(self, path: str | Path) -> None:
         whole = Path(path).resolve()
-        self.folder, self._name = (whole.parent, whole.name) if whole.suffix == ".jsonl" else (whole, LIVE_FILE)
+        self.folder, self._name = (
+            (whole.parent, whole.name) if whole.suffix == ".jsonl" else (whole, LIVE_FILE)
+        )
 
     def after(self, offset: int) -> dict[str, Any]:
         """Read ``events`` that came since a byte offset, where the last answer's ``next`` ended.
@@ -241,7 +255,14 @@ class LiveFile:
                 file.seek(start)
                 data = file.read(_LIVE_BYTES)
         except (OSError, DoorError):
-            return {"events": [], "next": 0, "bad": 0, "restarted": offset > 0, "more": False, "age": None}
+            return {
+                "events": [],
+                "next": 0,
+                "bad": 0,
+                "restarted": offset > 0,
+                "more": False,
+                "age": None,
+            }
         whole = data[: data.rfind(b"\n") + 1]
         if not whole and len(data) == _LIVE_BYTES:
             whole = data
@@ -257,7 +278,13 @@ class LiveFile:
             else:
                 bad += bool(line.strip())
         more = len(data) == _LIVE_BYTES
-        told = {"events": events, "next": start + len(whole), "bad": bad, "restarted": restarted, "more": more}
+        told = {
+            "events": events,
+            "next": start + len(whole),
+            "bad": bad,
+            "restarted": restarted,
+            "more": more,
+        }
         return told | {"age": round(age, 3), "now": round(time.time(), 3)}
 
 
@@ -278,7 +305,9 @@ def open_sources(paths: Sequence[str | Path], score: str | Path | None = None) -
 def _score_of(source: Source) -> ScoreFiles:
     place = score_file(source.folder)
     if place is None:
-        raise ViewError(f"{source.folder}: beside a score it must be scored, too: flgpr score RESULT --truth TRUTH")
+        raise ViewError(
+            f"{source.folder}: beside a score it must be scored, too: flgpr score RESULT --truth TRUTH"
+        )
     return ScoreFiles(place)
 
 
@@ -304,5 +333,7 @@ def open_source(path: str | Path, score: str | Path | None = None) -> Source:
         return ScoreFiles(scored)
     if inside.has("sections.json"):
         names = ", ".join(sorted(home.name for home in path.glob("section-*") if home.is_dir()))
-        raise ViewError(f"path must be one of the sections of this lane ({names}), got the folder of all, {path}")
+        raise ViewError(
+            f"path must be one of the sections of this lane ({names}), got the folder of all, {path}"
+        )
     raise ViewError(f"path must be a result folder, a run, a recording or a score, got {path}")

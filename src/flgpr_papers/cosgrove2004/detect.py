@@ -35,7 +35,8 @@ class Training:
     """What a lane's training looks teach."""
 
     whitener: ClutterWhitener  #: mean and covariance of the clutter
-    white: ComplexArray  #: (n_samples, n_features) whitened target cuts, taken where the mines are brightest
+    # : (n_samples, n_features) whitened target cuts, taken where the mines are brightest
+    white: ComplexArray
     #: (n_samples, n_features) whitened target cuts, taken where survey and refraction place the mines
     surveyed: ComplexArray
     pixels: ComplexArray  #: (n_pixels, n_polarizations) clutter pixels
@@ -55,7 +56,9 @@ class Peaks:
     target_quantile: list[float] = field(default_factory=list)
     clutter_quantile: list[float] = field(default_factory=list)
     depth: list[float] = field(default_factory=list)  #: depth of each mine, m
-    rock: list[bool] = field(default_factory=list)  #: whether a rock lies in or near each clutter box
+    rock: list[bool] = field(
+        default_factory=list
+    )  #: whether a rock lies in or near each clutter box
 
 
 def learn(recipe: StudyRecipe, looks: Sequence[Look]) -> Training:
@@ -64,20 +67,34 @@ def learn(recipe: StudyRecipe, looks: Sequence[Look]) -> Training:
     taken = [samples_at(look.image, look.place[None], recipe.cuts) for look in looks]
     cuts, clutter, pixels = ([getattr(one, name) for one in taken] for name in Samples._fields)
     surveyed = [
-        range_cuts(look.image, (look.place + [0.0, look.shift])[None], shape, recipe.cut.polarizations)
+        range_cuts(
+            look.image, (look.place + [0.0, look.shift])[None], shape, recipe.cut.polarizations
+        )
         for look in looks
     ]
     samples = np.concatenate(clutter)
-    whitener, unshrunk = (ClutterWhitener(name).fit(samples) for name in (recipe.training.moments, "sample"))
+    whitener, unshrunk = (
+        ClutterWhitener(name).fit(samples) for name in (recipe.training.moments, "sample")
+    )
     energy = float(np.mean(np.sum(np.abs(whitener.transform(samples)) ** 2, axis=1)))
     white, placed = (whitener.transform(np.concatenate(parts)) for parts in (cuts, surveyed))
-    return Training(whitener, white, placed, np.concatenate(pixels).astype(np.complex128), unshrunk, energy, samples)
+    return Training(
+        whitener,
+        white,
+        placed,
+        np.concatenate(pixels).astype(np.complex128),
+        unshrunk,
+        energy,
+        samples,
+    )
 
 
 def target_cut(recipe: StudyRecipe, look: Look) -> NDArray[np.complex64]:
     """Range cut through a mine where it appears, (1, n_features)."""
     shape = (recipe.cut.length, 1)
-    return range_cuts(look.image, look.place[None], shape, recipe.cut.polarizations, recipe.training.search)
+    return range_cuts(
+        look.image, look.place[None], shape, recipe.cut.polarizations, recipe.training.search
+    )
 
 
 def chip_detector(
@@ -95,7 +112,10 @@ def chip_detector(
 
 
 def detectors(
-    recipe: StudyRecipe, training: Training, signatures: ComplexArray | None = None, other: ComplexArray | None = None
+    recipe: StudyRecipe,
+    training: Training,
+    signatures: ComplexArray | None = None,
+    other: ComplexArray | None = None,
 ) -> dict[str, ChipDetector]:
     """Make every detector of the study for one lane, by name: ``HH``, ``VV``, ``PWF``, ``rank 1`` and more."""
     length = recipe.cut.length
@@ -108,7 +128,9 @@ def detectors(
         name: chip_detector(recipe, [magnitude_form(channels, k)], None, 1)
         for k, name in enumerate(recipe.cut.polarizations)
     }
-    made["PWF"] = chip_detector(recipe, PolarimetricWhiteningFilter().fit(training.pixels).forms_, None, 1)
+    made["PWF"] = chip_detector(
+        recipe, PolarimetricWhiteningFilter().fit(training.pixels).forms_, None, 1
+    )
     trained = {f"rank {r}": DeflectionDetector(r, ddof).fit(white) for r in recipe.detector.ranks}
     trained |= {
         "matched filter": DeflectionDetector(0, ddof).fit(white),
@@ -126,9 +148,13 @@ def detectors(
         form = deflection_form(mean, covariance, rank=rank)
         made["trained on simulation"] = chip_detector(recipe, [form], whitener, length)
     plain = DeflectionDetector(rank, ddof).fit(_rewhitened(training))
-    made["unshrunk clutter"] = chip_detector(recipe, plain.forms_, training.unshrunk, length, detector=repr(plain))
+    made["unshrunk clutter"] = chip_detector(
+        recipe, plain.forms_, training.unshrunk, length, detector=repr(plain)
+    )
     for name, detector in trained.items():
-        made[name] = chip_detector(recipe, detector.forms_, whitener, length, detector=repr(detector))
+        made[name] = chip_detector(
+            recipe, detector.forms_, whitener, length, detector=repr(detector)
+        )
     return made
 
 
@@ -146,7 +172,9 @@ def calibrated(training: Training, signatures: ComplexArray) -> ComplexArray:
     return np.asarray(white)
 
 
-def score_looks(recipe: StudyRecipe, looks: Sequence[Look], made: dict[str, ChipDetector]) -> dict[str, Peaks]:
+def score_looks(
+    recipe: StudyRecipe, looks: Sequence[Look], made: dict[str, ChipDetector]
+) -> dict[str, Peaks]:
     """Take the peaks of every detector in the boxes of test looks."""
     peaks = {name: Peaks() for name in made}
     score = recipe.score
@@ -178,7 +206,12 @@ def score_looks(recipe: StudyRecipe, looks: Sequence[Look], made: dict[str, Chip
 
 
 def box_values(
-    image: NDArray[np.float32], x: FloatArray, y: FloatArray, centre: FloatArray, box: float, quantile: float
+    image: NDArray[np.float32],
+    x: FloatArray,
+    y: FloatArray,
+    centre: FloatArray,
+    box: float,
+    quantile: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Peak and quantile of a map in boxes (box, 2); NaN pixels are left out, NaN for a box without any other."""
     peak = np.full(len(centre), np.nan)
@@ -198,7 +231,9 @@ def _quantile(values: NDArray[np.float32], share: float) -> float:
     """Quantile by linear interpolation, without the sorting of much else that NumPy's does for small arrays."""
     below, part = divmod(share * (values.size - 1), 1)
     k = int(below)
-    low, high = np.partition(values, [k, min(k + 1, values.size - 1)])[[k, min(k + 1, values.size - 1)]]
+    low, high = np.partition(values, [k, min(k + 1, values.size - 1)])[
+        [k, min(k + 1, values.size - 1)]
+    ]
     return float(low + part * (high - low))
 
 

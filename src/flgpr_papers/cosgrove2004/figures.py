@@ -29,10 +29,21 @@ def geometry(recipe: StudyRecipe) -> Figure:
     far, (x0, x1), (y0, y1) = recipe.radar.range, recipe.image.x, recipe.image.y
     figure = Figure(figsize=(9, 4.6), layout="constrained")
     plan, side = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-    plan.plot(tx[:, 1], tx[:, 0], ".", ms=3, color="#1b5e9b", label=f"{len(tx)} positions of the antenna pair")
-    plan.add_patch(Rectangle((y0, x0), y1 - y0, x1 - x0, fill=False, color="#1b1b1b", label="image"))
+    plan.plot(
+        tx[:, 1],
+        tx[:, 0],
+        ".",
+        ms=3,
+        color="#1b5e9b",
+        label=f"{len(tx)} positions of the antenna pair",
+    )
+    plan.add_patch(
+        Rectangle((y0, x0), y1 - y0, x1 - x0, fill=False, color="#1b1b1b", label="image")
+    )
     half = recipe.radar.stop_spacing / 2
-    plan.add_patch(Rectangle((far - half, x0), 2 * half, x1 - x0, color="#ddd", label="boxes are taken here"))
+    plan.add_patch(
+        Rectangle((far - half, x0), 2 * half, x1 - x0, color="#ddd", label="boxes are taken here")
+    )
     plan.plot([far], [0], "s", color="#c1440e", label="mine")
     plan.set(ylabel="cross-track (m)", ylim=(-3.5, 3.5))
     plan.legend(loc="upper left", fontsize=8, ncols=2)
@@ -40,7 +51,12 @@ def geometry(recipe: StudyRecipe) -> Figure:
     side.plot([0, far], [sensor.height, 0], "-", lw=0.8, color="#1b5e9b")
     side.axhline(0, color="#8a6d3b")
     side.plot([far], [-0.1], "s", color="#c1440e")
-    side.set(xlabel="down-track from the stop (m)", ylabel="height (m)", xlim=(-1, 20), ylim=(-0.8, sensor.height + 1))
+    side.set(
+        xlabel="down-track from the stop (m)",
+        ylabel="height (m)",
+        xlim=(-1, 20),
+        ylim=(-0.8, sensor.height + 1),
+    )
     return figure
 
 
@@ -52,7 +68,13 @@ def sample_image(image: xr.DataArray) -> Figure:
     magnitude = np.abs(image.sel(polarization="HH").values).astype(np.float64)
     level = _level(magnitude / np.median(magnitude, axis=1, keepdims=True))
     shown = axes.imshow(
-        level.T, origin="lower", extent=(y[0], y[-1], x[0], x[-1]), cmap="gray", vmin=0, vmax=25, aspect="equal"
+        level.T,
+        origin="lower",
+        extent=(y[0], y[-1], x[0], x[-1]),
+        cmap="gray",
+        vmin=0,
+        vmax=25,
+        aspect="equal",
     )
     figure.colorbar(shown, ax=axes, label="dB over the median of the range", shrink=0.8)
     for at, (px, py) in enumerate(((-0.6, 15), (0.5, 20), (0.0, 25))):
@@ -67,8 +89,16 @@ def simulated_signature(away: NDArray[np.float64], cuts: NDArray[np.complex64]) 
     figure = Figure(figsize=(6, 3.4), layout="constrained")
     axes = figure.subplots()
     for name, cut in zip(("HH", "VV"), cuts, strict=True):
-        axes.plot(away, np.abs(cut) / np.abs(cuts).max(), _STYLE[name][1], color=_STYLE[name][0], label=name)
-    axes.set(xlabel="behind the mine's centre (m)", ylabel="magnitude", xlim=(-0.6, 1.0), ylim=(0, None))
+        axes.plot(
+            away,
+            np.abs(cut) / np.abs(cuts).max(),
+            _STYLE[name][1],
+            color=_STYLE[name][0],
+            label=name,
+        )
+    axes.set(
+        xlabel="behind the mine's centre (m)", ylabel="magnitude", xlim=(-0.6, 1.0), ylim=(0, None)
+    )
     axes.legend()
     return figure
 
@@ -78,7 +108,9 @@ def imaged_signatures(recipe: StudyRecipe, cuts: Sequence[Mapping[str, Any]]) ->
     figure = Figure(figsize=(7, 3.6), layout="constrained")
     axes = figure.subplots()
     for cut, style in zip(cuts, ("-", "--", ":"), strict=False):
-        axes.plot(cut["magnitude"], style, color="#1b1b1b", label=f"{100 * cut['depth']:.0f} cm deep")
+        axes.plot(
+            cut["magnitude"], style, color="#1b1b1b", label=f"{100 * cut['depth']:.0f} cm deep"
+        )
     _stacked(axes, recipe)
     axes.set(xlabel="sample", ylabel="magnitude", ylim=(0, None))
     axes.legend(fontsize=8)
@@ -104,11 +136,15 @@ def feature_vector(recipe: StudyRecipe, image: xr.DataArray) -> Figure:
         down = part["y"].values
         extent = (x[0], x[-1], down[0], down[-1])
         top = float(np.abs(part.values).max())
-        shown = axes.imshow(stack, origin="lower", extent=extent, cmap="gray", aspect="auto", vmin=0, vmax=top)
+        shown = axes.imshow(
+            stack, origin="lower", extent=extent, cmap="gray", aspect="auto", vmin=0, vmax=top
+        )
         axes.set(xlim=(x[column] - 0.8, x[column] + 0.8), xlabel="x (m)", title=name)
         low = row - length // 2
         height = down[low + length - 1] - down[low]
-        axes.add_patch(Rectangle((x[column] - 0.03, down[low]), 0.06, height, fill=False, color="#ffb347"))
+        axes.add_patch(
+            Rectangle((x[column] - 0.03, down[low]), 0.06, height, fill=False, color="#ffb347")
+        )
         cuts.append(stack[low : low + length, column])
     hh.set_ylabel("y (m)")
     figure.colorbar(shown, ax=[hh, vv], label="magnitude", shrink=0.8)
@@ -118,7 +154,9 @@ def feature_vector(recipe: StudyRecipe, image: xr.DataArray) -> Figure:
     return figure
 
 
-def eigenvector_figure(recipe: StudyRecipe, magnitudes: NDArray[np.float64], ratios: NDArray[np.float64]) -> Figure:
+def eigenvector_figure(
+    recipe: StudyRecipe, magnitudes: NDArray[np.float64], ratios: NDArray[np.float64]
+) -> Figure:
     """Show the magnitudes of the first six eigenvectors (Fig. 6)."""
     figure = Figure(figsize=(9, 4.6), layout="constrained")
     panels = figure.subplots(2, 3, sharex=True, sharey=True).ravel()
@@ -126,7 +164,11 @@ def eigenvector_figure(recipe: StudyRecipe, magnitudes: NDArray[np.float64], rat
         reached = j < len(magnitudes) and np.isfinite(ratios[j])
         if reached:
             axes.plot(magnitudes[j], color="#1b1b1b")
-        axes.set_title(f"σ{j + 1}/σ1 = {ratios[j]:.3f}" if reached else "no example reaches it", fontsize=9, pad=14)
+        axes.set_title(
+            f"σ{j + 1}/σ1 = {ratios[j]:.3f}" if reached else "no example reaches it",
+            fontsize=9,
+            pad=14,
+        )
         _stacked(axes, recipe)
     for axes in panels[3:]:
         axes.set_xlabel("sample")
@@ -141,16 +183,32 @@ def roc_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figu
     soils = [soil for soil in SOILS if soil in cases]
     names = {f"rank {recipe.detector.rank}": "deflection", "PWF": "PWF", "HH": "HH"}
     grid = np.logspace(-3, 0, 61)
-    for axes, soil in zip(figure.subplots(1, len(soils), sharey=True, squeeze=False).ravel(), soils, strict=True):
+    for axes, soil in zip(
+        figure.subplots(1, len(soils), sharey=True, squeeze=False).ravel(), soils, strict=True
+    ):
         for detector, label in names.items():
             curves = [case_curve(case, detector, recipe.score.box) for case in cases[soil]]
             spread = np.array([pd_at(curve, grid) for curve in curves])
-            axes.fill_between(grid, *np.quantile(spread, [0.1, 0.9], axis=0), color=_CURVES[label], alpha=0.15, lw=0)
+            axes.fill_between(
+                grid,
+                *np.quantile(spread, [0.1, 0.9], axis=0),
+                color=_CURVES[label],
+                alpha=0.15,
+                lw=0,
+            )
             axes.plot(grid, spread.mean(axis=0), ":", color=_CURVES[label], lw=1)
             seen = curves[0][curves[0]["far"] > 0]
-            axes.plot(seen["far"], seen["pd"], color=_CURVES[label], label=label, drawstyle="steps-post")
+            axes.plot(
+                seen["far"], seen["pd"], color=_CURVES[label], label=label, drawstyle="steps-post"
+            )
         axes.axvline(recipe.score.pfa, color="#999", lw=0.8)
-        axes.set(xscale="log", xlim=(1e-3, 1), ylim=(0, 1.02), xlabel="P_FA per m²", title=recipe.sites[soil].title)
+        axes.set(
+            xscale="log",
+            xlim=(1e-3, 1),
+            ylim=(0, 1.02),
+            xlabel="P_FA per m²",
+            title=recipe.sites[soil].title,
+        )
     figure.axes[0].set_ylabel("Pd")
     figure.axes[0].legend(loc="lower right", fontsize=8)
     return figure
@@ -162,8 +220,18 @@ def point_figure(responses: Mapping[str, PointResponse]) -> Figure:
     down, cross = figure.subplots(1, 2, sharey=True)
     for (name, response), style in zip(responses.items(), ("-", "--"), strict=True):
         width = response.resolution
-        down.plot(response.down, _level(response.down_level), style, label=f"{name}: {100 * width[0]:.1f} cm")
-        cross.plot(response.cross, _level(response.cross_level), style, label=f"{name}: {100 * width[1]:.1f} cm")
+        down.plot(
+            response.down,
+            _level(response.down_level),
+            style,
+            label=f"{name}: {100 * width[0]:.1f} cm",
+        )
+        cross.plot(
+            response.cross,
+            _level(response.cross_level),
+            style,
+            label=f"{name}: {100 * width[1]:.1f} cm",
+        )
     down.set(xlabel="down-track (m)", ylabel="dB", ylim=(-40, 1), xlim=(-0.6, 0.6))
     cross.set(xlabel="cross-track (m)", xlim=(-1, 1))
     for axes in (down, cross):
@@ -181,13 +249,18 @@ def depth_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Fi
         found: dict[float, list[bool]] = {}
         for case in cases[site]:
             curve = case_curve(case, name, recipe.score.box)
-            threshold = curve["threshold"].to_numpy()[curve["far"].to_numpy() <= recipe.score.pfa].min()
+            threshold = (
+                curve["threshold"].to_numpy()[curve["far"].to_numpy() <= recipe.score.pfa].min()
+            )
             peaks = case["peaks"][name]
             for depth, value in zip(peaks["depth"], peaks["target"], strict=True):
                 found.setdefault(depth, []).append(value >= threshold)
         depths = sorted(found)
         axes.plot(
-            [100 * d for d in depths], [np.mean(found[d]) for d in depths], marker + "-", label=recipe.sites[site].title
+            [100 * d for d in depths],
+            [np.mean(found[d]) for d in depths],
+            marker + "-",
+            label=recipe.sites[site].title,
         )
     axes.set(xlabel="depth (cm)", ylabel=f"Pd at {recipe.score.pfa:g} per m²", ylim=(0, 1.02))
     axes.legend(fontsize=8)
@@ -199,7 +272,16 @@ def _stacked(axes: Axes, recipe: StudyRecipe) -> None:
     axes.axvline(length - 0.5, color="#999", lw=0.8)
     for k, name in enumerate(recipe.cut.polarizations):
         place = axes.get_xaxis_transform()
-        axes.text((k + 0.5) * length, 1.01, name, ha="center", va="bottom", color="#666", fontsize=8, transform=place)
+        axes.text(
+            (k + 0.5) * length,
+            1.01,
+            name,
+            ha="center",
+            va="bottom",
+            color="#666",
+            fontsize=8,
+            transform=place,
+        )
     axes.set(xlim=(0, length * len(recipe.cut.polarizations) - 1))
 
 

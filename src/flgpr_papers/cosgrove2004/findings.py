@@ -14,7 +14,16 @@ from scipy.special import stdtrit
 
 from flgpr.scoring import pd_at, pd_mean, peak_roc
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.kit.findings import MARGIN, UNDECIDED, Finding, alike, larger, less_figure, measured, share_error
+from flgpr_papers.kit.findings import (
+    MARGIN,
+    UNDECIDED,
+    Finding,
+    alike,
+    larger,
+    less_figure,
+    measured,
+    share_error,
+)
 
 FloatArray = NDArray[np.float64]
 Case = dict[str, Any]
@@ -30,7 +39,9 @@ _NOTHING = 0.1  # Pd below which detectors are not compared with each other
 
 
 def interval(
-    values: Sequence[float] | FloatArray, level: float = 0.95, bounds: tuple[float, float] | None = None
+    values: Sequence[float] | FloatArray,
+    level: float = 0.95,
+    bounds: tuple[float, float] | None = None,
 ) -> tuple[float, float, float]:
     """Return the mean over seeds and its interval; seeds without a value (NaN) are left out.
 
@@ -49,11 +60,15 @@ def interval(
             return mean, low, high
         others = 1 - ((1 - level) / 2) ** (1 / sample.size)
         return mean, mean - others * (mean - low), mean + others * (high - mean)
-    half = float(stdtrit(sample.size - 1, (1 + level) / 2) * sample.std(ddof=1) / math.sqrt(sample.size))
+    half = float(
+        stdtrit(sample.size - 1, (1 + level) / 2) * sample.std(ddof=1) / math.sqrt(sample.size)
+    )
     return mean, max(mean - half, low), min(mean + half, high)
 
 
-def case_curve(case: Case, detector: str, box: float, quantile: bool = False, rocks: bool = True) -> pd.DataFrame:
+def case_curve(
+    case: Case, detector: str, box: float, quantile: bool = False, rocks: bool = True
+) -> pd.DataFrame:
     """ROC of one detector on one lane; ``rocks=False`` leaves out clutter boxes with a rock in or near them."""
     peaks = case["peaks"][detector]
     suffix = "_quantile" if quantile else ""
@@ -77,7 +92,9 @@ def pd_table(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> pd.Dat
                 high = case_curve(case, name, recipe.score.box, quantile=True)
                 bare = math.nan
                 if not all(case["peaks"][name]["rock"]):
-                    bare = pd_at(case_curve(case, name, recipe.score.box, rocks=False), recipe.score.pfa)
+                    bare = pd_at(
+                        case_curve(case, name, recipe.score.box, rocks=False), recipe.score.pfa
+                    )
                 rows.append(
                     {
                         "site": site,
@@ -106,11 +123,15 @@ def contrast_table(cases: Mapping[str, Sequence[Case]]) -> pd.DataFrame:
         for one in np.unique(depth):
             chosen = target[depth == one]
             level = 10 * math.log10(float(np.nanmedian(chosen) / clutter))
-            rows.append({"site": site, "depth": float(one), "looks": chosen.size, "contrast": level})
+            rows.append(
+                {"site": site, "depth": float(one), "looks": chosen.size, "contrast": level}
+            )
     return pd.DataFrame(rows)
 
 
-def findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]], table: pd.DataFrame) -> list[Finding]:
+def findings(
+    recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]], table: pd.DataFrame
+) -> list[Finding]:
     """Judge every statement of the paper, then the questions it leaves open."""
     statements = _detector_statements(recipe, table)
     statements += _eigenvalue_statements(cases["sand"])
@@ -122,7 +143,10 @@ def _detector_statements(recipe: StudyRecipe, table: pd.DataFrame) -> list[Findi
     """Judge what the paper says of Pd (Sec. IV, V)."""
     deflection = f"rank {recipe.detector.rank}"
     pd_name = _pd_name(recipe)
-    pds = {key: group.sort_values("seed")["pd"].to_numpy() for key, group in table.groupby(["site", "detector"])}
+    pds = {
+        key: group.sort_values("seed")["pd"].to_numpy()
+        for key, group in table.groupby(["site", "detector"])
+    }
     titles = {name: site.title for name, site in recipe.sites.items()}
     soils = [soil for soil in SOILS if soil in titles]
     statements = []
@@ -153,8 +177,12 @@ def _detector_statements(recipe: StudyRecipe, table: pd.DataFrame) -> list[Findi
         if {better, worse} <= set(soils):
             statements.append(
                 _above(
-                    "Dry sand is the best soil" if better == "sand" else "Wet clay is the worst soil",
-                    "best overall performance (IV-B)" if better == "sand" else "worst overall performance (IV-B)",
+                    "Dry sand is the best soil"
+                    if better == "sand"
+                    else "Wet clay is the worst soil",
+                    "best overall performance (IV-B)"
+                    if better == "sand"
+                    else "worst overall performance (IV-B)",
                     f"{pd_name}: {titles[better]} less {titles[worse]}",
                     pds[better, deflection] - pds[worse, deflection],
                 )
@@ -163,7 +191,10 @@ def _detector_statements(recipe: StudyRecipe, table: pd.DataFrame) -> list[Findi
 
 
 def _best_pd(
-    recipe: StudyRecipe, soils: Sequence[str], titles: Mapping[str, str], pds: Mapping[Any, FloatArray]
+    recipe: StudyRecipe,
+    soils: Sequence[str],
+    titles: Mapping[str, str],
+    pds: Mapping[Any, FloatArray],
 ) -> Finding:
     """Judge the Pd of the best soil against the paper's, a share of its own number of looks."""
     deflection = f"rank {recipe.detector.rank}"
@@ -210,20 +241,30 @@ def _open_questions(recipe: StudyRecipe, table: pd.DataFrame) -> list[Finding]:
         of_site = groups[site, deflection]
         text = f"A high quantile of each box in place of its peak (footnote 4): {titles[site]}"
         gain = of_site["pd_quantile"].to_numpy() - of_site["pd"].to_numpy()
-        questions.append(_open(text, "would perhaps be better", f"{pd_name}: quantile less peak", gain))
+        questions.append(
+            _open(text, "would perhaps be better", f"{pd_name}: quantile less peak", gain)
+        )
     if "plastic" in titles:
         base = groups["plastic", deflection]["pd"].to_numpy()
         ours = interval(base, bounds=_SHARE)
-        questions.append(measured("Plastic mines, detector trained on plastic mines", _REMAINS, pd_name, ours))
+        questions.append(
+            measured("Plastic mines, detector trained on plastic mines", _REMAINS, pd_name, ours)
+        )
         for rival in ("PWF", "trained on sand"):
             if ("plastic", rival) in groups:
-                name = "the detector trained on metal mines" if rival == "trained on sand" else rival
+                name = (
+                    "the detector trained on metal mines" if rival == "trained on sand" else rival
+                )
                 gain = base - groups["plastic", rival]["pd"].to_numpy()
-                questions.append(_open("Plastic mines", _REMAINS, f"{pd_name}: deflection less {name}", gain))
+                questions.append(
+                    _open("Plastic mines", _REMAINS, f"{pd_name}: deflection less {name}", gain)
+                )
     for name, text in recipe.questions.items():
         for site in SOILS:
             if (site, name) in groups:
-                gain = groups[site, name]["pd"].to_numpy() - groups[site, deflection]["pd"].to_numpy()
+                gain = (
+                    groups[site, name]["pd"].to_numpy() - groups[site, deflection]["pd"].to_numpy()
+                )
                 quantity = f"{pd_name}: less that of the deflection detector"
                 questions.append(_open(f"{text}: {titles[site]}", "not tried", quantity, gain))
     return questions
@@ -277,7 +318,9 @@ def premise_findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -
                 premises.visible_mines,
             )
         )
-    correlated = _seed_means(sand, "mine", "correlation") - _seed_means(sand, "clutter", "correlation")
+    correlated = _seed_means(sand, "mine", "correlation") - _seed_means(
+        sand, "clutter", "correlation"
+    )
     statements.append(
         _above(
             "A mine is better correlated between HH and VV than clutter",
@@ -291,7 +334,9 @@ def premise_findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -
             "Clutter may be modelled as complex Gaussian after whitening",
             "arguably (II-A)",
             f"E|z|⁴/(E|z|²)² of whitened clutter, 2 if Gaussian, {_within(premises.fourth_moment)}",
-            interval([case["premises"]["fourth_moment_ratio"] for case in sand], bounds=(1.0, math.inf)),
+            interval(
+                [case["premises"]["fourth_moment_ratio"] for case in sand], bounds=(1.0, math.inf)
+            ),
             premises.fourth_moment,
         )
     )
@@ -344,10 +389,19 @@ def _pd_name(recipe: StudyRecipe) -> str:
     return f"Pd at {recipe.score.pfa:g} per m²"
 
 
-def _above(statement: str, paper: str, quantity: str, values: FloatArray, limit: float = 0.0) -> Finding:
+def _above(
+    statement: str, paper: str, quantity: str, values: FloatArray, limit: float = 0.0
+) -> Finding:
     """Make the finding that differences of shares lie above a limit."""
     ours = interval(values, bounds=_DIFFERENCE)
-    return measured(statement, paper, quantity, ours, verdict=larger(*ours[1:], limit), asks=("larger", limit, 0.0))
+    return measured(
+        statement,
+        paper,
+        quantity,
+        ours,
+        verdict=larger(*ours[1:], limit),
+        asks=("larger", limit, 0.0),
+    )
 
 
 def _open(statement: str, paper: str, quantity: str, values: FloatArray) -> Finding:

@@ -13,7 +13,16 @@ from flgpr.clutter import scan_gain, self_signature
 from flgpr.design.point_spread import half_power
 from flgpr.imaging import ImagingOperator, ScanImager
 from flgpr.kernels.windows import ramp
-from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor, Tones, check_tones, lane_to_scan, load_sensor, make_run
+from flgpr.model import (
+    SPEED_OF_LIGHT,
+    Grid,
+    Sensor,
+    Tones,
+    check_tones,
+    lane_to_scan,
+    load_sensor,
+    make_run,
+)
 from flgpr.scoring import refraction_shift
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
 from flgpr.simulate.simulator import system_response
@@ -70,11 +79,14 @@ def tone_weight(recipe: StudyRecipe, sensor: Sensor) -> FloatArray:
     return np.asarray(weight / weight.max())
 
 
-def lane_looks(recipe: StudyRecipe, name: str, seed: int, share: float = 1.0) -> dict[str, list[Look]]:
+def lane_looks(
+    recipe: StudyRecipe, name: str, seed: int, share: float = 1.0
+) -> dict[str, list[Look]]:
     """Simulate a lane from both directions and image every mine at the study's range.
 
-    From the other direction the same mines, rocks and bushes stand there, turned by half a turn; the rough surface is
-    drawn anew. The paper counts both images of a mine as distinct for the randomness of that surface.
+    From the other direction the same mines, rocks and bushes stand there, turned by half a turn;
+    the rough surface is drawn anew. The paper counts both images of a mine as distinct for the
+    randomness of that surface.
 
     Two looks per mine in each world: "roadside" with the bushes and posts that the site's catalogue has beside the
     lane, "open" the same lane without them.
@@ -110,7 +122,9 @@ def _seed(recipe: StudyRecipe, name: str, seed: int) -> int:
     return 1000 * seed + 10 * sorted(recipe.sites).index(name)
 
 
-def _scene(recipe: StudyRecipe, site: Site, seed: int, share: float) -> tuple[Scene, NDArray[np.bool_], FloatArray]:
+def _scene(
+    recipe: StudyRecipe, site: Site, seed: int, share: float
+) -> tuple[Scene, NDArray[np.bool_], FloatArray]:
     """Lay mines of all depths in random order, one before each stop."""
     depths, trains = site.depths(share)
     rng = np.random.default_rng([seed, 2004])
@@ -156,7 +170,9 @@ def _direction(
     if back:  # what the seed before put there, from the other end
         ground = turned(ground, seed - 1)
         roadside = turned(roadside, seed - 1)
-        ground = ground.model_copy(update={"targets": ground.targets[::-1]})  # in the order of the stops
+        ground = ground.model_copy(
+            update={"targets": ground.targets[::-1]}
+        )  # in the order of the stops
     simulator = Simulator(ground, sensor, seed)
     beside = Simulator(roadside, sensor, seed, errors=False)
     signal = np.stack(list(simulator.scans()))
@@ -169,7 +185,10 @@ def _direction(
 
 
 def _images(
-    recipe: StudyRecipe, simulator: Simulator, signal: ArrayLike | Iterable[NDArray[np.complex64]], signature: str
+    recipe: StudyRecipe,
+    simulator: Simulator,
+    signal: ArrayLike | Iterable[NDArray[np.complex64]],
+    signature: str,
 ) -> list[tuple[xr.DataArray, FloatArray, float, FloatArray]]:
     """Image of every stop with its mine's place, the shift by refraction and the rocks' places, in the scan frame."""
     data = signal if isinstance(signal, np.ndarray) else np.stack(list(signal))  # type: ignore[arg-type]
@@ -178,7 +197,9 @@ def _images(
     polarizations = list(simulator.sensor.polarization)
     run = make_run(data, simulator.frequency, polarizations, tx, rx, pose, simulator.time)
     images = run_images(recipe, run, simulator.sensor, signature)
-    rocks = np.array([(o.x, o.y, 0.0) for o in simulator.world.objects if o.kind == "rock"]).reshape(-1, 3)
+    rocks = np.array(
+        [(o.x, o.y, 0.0) for o in simulator.world.objects if o.kind == "rock"]
+    ).reshape(-1, 3)
     middle = np.array([np.mean(recipe.image.band)])
     permittivity = float(simulator.scene.soil.media(middle)[-1][0].real)
     found = []
@@ -190,15 +211,22 @@ def _images(
     return found
 
 
-def run_images(recipe: StudyRecipe, run: xr.Dataset, sensor: Sensor, signature: str) -> list[xr.DataArray]:
+def run_images(
+    recipe: StudyRecipe, run: xr.Dataset, sensor: Sensor, signature: str
+) -> list[xr.DataArray]:
     """Image every scan of a run and remove the self-signature."""
-    imager = ScanImager(run, recipe.image.grid(), {BAND: recipe.image.band}, window=tone_weight(recipe, sensor))
+    imager = ScanImager(
+        run, recipe.image.grid(), {BAND: recipe.image.band}, window=tone_weight(recipe, sensor)
+    )
     images = [image.isel(subband=0, drop=True) for image in imager]
     if signature == "none":
         return images
-    pattern = self_signature([image.values for image in images], "median" if signature == "median" else "mean")
+    pattern = self_signature(
+        [image.values for image in images], "median" if signature == "median" else "mean"
+    )
     return [
-        image.copy(data=(image.values / scan_gain(image.values) - pattern).astype(np.complex64)) for image in images
+        image.copy(data=(image.values / scan_gain(image.values) - pattern).astype(np.complex64))
+        for image in images
     ]
 
 
@@ -232,7 +260,9 @@ def point_response(recipe: StudyRecipe, filtered: bool) -> PointResponse:
     lines[0, :, 1] += away
     lines[1, :, 0] += away
     window = ramp(frequency) if filtered else None
-    image = np.abs(ImagingOperator(frequency, tx, rx, lines, window=window).adjoint(data)[0, 0]).astype(np.float64)
+    image = np.abs(
+        ImagingOperator(frequency, tx, rx, lines, window=window).adjoint(data)[0, 0]
+    ).astype(np.float64)
     return PointResponse(away, away, image[0] / image[0].max(), image[1] / image[1].max())
 
 
@@ -274,12 +304,16 @@ def wide_image(recipe: StudyRecipe, seed: int) -> xr.DataArray:
     return _image(recipe, sensor, scene, seed, Grid(-4.0, 11.0, 161, 851, 0.05, 0.02), errors=True)
 
 
-def _image(recipe: StudyRecipe, sensor: Sensor, scene: Scene, seed: int, grid: Grid, errors: bool) -> xr.DataArray:
+def _image(
+    recipe: StudyRecipe, sensor: Sensor, scene: Scene, seed: int, grid: Grid, errors: bool
+) -> xr.DataArray:
     quiet = sensor.errors.model_copy(update={"self_signature_db": None})
     simulator = Simulator(scene, sensor.model_copy(update={"errors": quiet}), seed, errors)
     check_tones(sensor, (grid.x[0], grid.x[-1]), (grid.y[0], grid.y[-1]))
     tx, rx = sensor.pairs()
     signal = simulator.scan(0)[None]
-    run = make_run(signal, simulator.frequency, list(sensor.polarization), tx, rx, simulator.reported_pose())
+    run = make_run(
+        signal, simulator.frequency, list(sensor.polarization), tx, rx, simulator.reported_pose()
+    )
     imager = ScanImager(run, grid, {BAND: recipe.image.band}, window=tone_weight(recipe, sensor))
     return imager.image(0).isel(subband=0, drop=True)

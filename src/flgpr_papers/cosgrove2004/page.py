@@ -65,6 +65,11 @@ def _detector_rows(table: pd.DataFrame, site: str) -> list[list[str]]:
 
 def _contrast_rows(recipe: StudyRecipe, lanes: Mapping[str, Sequence[Case]]) -> list[Row]:
     return [
-        (recipe.sites[row["site"]].title, f"{100 * row['depth']:.0f} cm", row["looks"], f"{row['contrast']:.1f} dB")
+        (
+            recipe.sites[row["site"]].title,
+            f"{100 * row['depth']:.0f} cm",
+            row["looks"],
+            f"{row['contrast']:.1f} dB",
+        )
         for row in contrast_table(lanes).to_dict("records")
     ]

@@ -81,9 +81,13 @@ class Score(Table):
 class Premises(Table):
     """How the paper's premises about mines and clutter are measured, and within what they are said to hold."""
 
-    hump: Annotated[float, Field(gt=0, le=1)]  #: share of a cut's largest value by which a hump stands out
+    hump: Annotated[
+        float, Field(gt=0, le=1)
+    ]  #: share of a cut's largest value by which a hump stands out
     humps: tuple[float, float]  #: mean number of humps that is called a double hump
-    visible: Annotated[float, Field(gt=0, lt=1)]  #: share of clutter boxes that a visible mine exceeds
+    visible: Annotated[
+        float, Field(gt=0, lt=1)
+    ]  #: share of clutter boxes that a visible mine exceeds
     visible_mines: tuple[float, float]  #: share of visible mines that is called "readily visible"
     fourth_moment: tuple[float, float]  #: of complex Gaussian clutter, E|z|⁴ / (E|z|²)² is 2
     humps_across: tuple[float, float]  #: mean number of humps across that is called no structure
@@ -149,5 +153,7 @@ class StudyRecipe(Table):
 
 def study_recipe(quick: bool = False, world: str = OWN) -> StudyRecipe:
     """Load the packaged recipe of the study, on the lanes of a world."""
-    sites = {name: {"scene": site} for name, site in study_world("cosgrove2004", world).sites.items()}
+    sites = {
+        name: {"scene": site} for name, site in study_world("cosgrove2004", world).sites.items()
+    }
     return packaged("cosgrove2004", StudyRecipe, quick, {"sites": sites})

@@ -48,7 +48,9 @@ def fourth_moment_ratio(white: ArrayLike) -> float:
     return float(np.mean(np.mean(power**2, axis=0) / np.mean(power, axis=0) ** 2))
 
 
-def look_measures(recipe: StudyRecipe, looks: Sequence[Look], whitener: ClutterWhitener) -> dict[str, Any]:
+def look_measures(
+    recipe: StudyRecipe, looks: Sequence[Look], whitener: ClutterWhitener
+) -> dict[str, Any]:
     """Measure the images of mines and of the clutter around them.
 
     Parameters
@@ -61,9 +63,9 @@ def look_measures(recipe: StudyRecipe, looks: Sequence[Look], whitener: ClutterW
     Returns
     -------
     dict
-        ``mine`` and ``clutter`` with the lists ``HH``, ``VV`` (humps of each cut) and ``correlation``; ``across`` with
-        the lists ``humps`` and ``width`` (m, NaN where the half power is not reached) of mines; and
-        ``fourth_moment_ratio`` of the whitened clutter.
+        ``mine`` and ``clutter`` with the lists ``HH``, ``VV`` (humps of each cut) and
+        ``correlation``; ``across`` with the lists ``humps`` and ``width`` (m, NaN where the half
+        power is not reached) of mines; and ``fourth_moment_ratio`` of the whitened clutter.
     """
     target_cuts = []
     clutter_cuts = []
@@ -77,7 +79,10 @@ def look_measures(recipe: StudyRecipe, looks: Sequence[Look], whitener: ClutterW
     return {
         "mine": _cut_measures(recipe, np.concatenate(target_cuts)),
         "clutter": _cut_measures(recipe, clutter[:: recipe.premises.clutter_thinning]),
-        "across": {"humps": [humps for humps, _ in across], "width": [width for _, width in across]},
+        "across": {
+            "humps": [humps for humps, _ in across],
+            "width": [width for _, width in across],
+        },
         "fourth_moment_ratio": fourth_moment_ratio(whitener.transform(clutter)),
     }
 
@@ -86,7 +91,9 @@ def signature_humps(recipe: StudyRecipe, looks: Sequence[Look]) -> dict[str, lis
     """Count the humps of clutter-free signatures of mines by polarization."""
     cut = recipe.cut.length, 1
     cuts = [
-        range_cuts(look.image, look.place[None], cut, recipe.cut.polarizations, recipe.training.search)[0]
+        range_cuts(
+            look.image, look.place[None], cut, recipe.cut.polarizations, recipe.training.search
+        )[0]
         for look in looks
     ]
     measures = _cut_measures(recipe, np.array(cuts))
@@ -132,7 +139,9 @@ def _across(recipe: StudyRecipe, look: Look) -> tuple[int, float]:
     magnitude = np.abs(look.image.sel(polarization="HH").values)
     x, y = look.image["x"].values, look.image["y"].values
     search = recipe.training.search
-    near = (np.abs(x - look.place[0]) <= search)[None, :] & (np.abs(y - look.place[1]) <= search)[:, None]
+    near = (np.abs(x - look.place[0]) <= search)[None, :] & (np.abs(y - look.place[1]) <= search)[
+        :, None
+    ]
     row, column = np.unravel_index(int(np.argmax(np.where(near, magnitude, 0))), magnitude.shape)
     reach = min(round(_ACROSS / (x[1] - x[0])), int(column), x.size - 1 - int(column))
     part = slice(int(column) - reach, int(column) + reach + 1)

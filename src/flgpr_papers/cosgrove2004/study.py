@@ -16,7 +16,14 @@ from flgpr.chain.progress import Track, silent
 from flgpr.chain.stages.forms import learnt_of
 from flgpr.io import write_whole
 from flgpr_papers.cosgrove2004 import figures
-from flgpr_papers.cosgrove2004.detect import detectors, eigenvalue_ratios, eigenvectors, learn, score_looks, target_cut
+from flgpr_papers.cosgrove2004.detect import (
+    detectors,
+    eigenvalue_ratios,
+    eigenvectors,
+    learn,
+    score_looks,
+    target_cut,
+)
 from flgpr_papers.cosgrove2004.findings import Case, findings, interval, pd_table
 from flgpr_papers.cosgrove2004.images import (
     WORLDS,
@@ -59,7 +66,10 @@ def reproduce(
     cases = _run_cases(study, folder, seeds, track)
     tables = {world: pd_table(study, cases[world]) for world in WORLDS}
     found = {world: findings(study, cases[world], tables[world]) for world in WORLDS}
-    responses = {"with the ramp": point_response(study, True), "without": point_response(study, False)}
+    responses = {
+        "with the ramp": point_response(study, True),
+        "without": point_response(study, False),
+    }
     drawn = _figures(study, cases, responses, seeds[0])
     pictures = {name: draw(figure, quick) for name, figure in drawn.items()}
     for name, picture in pictures.items():
@@ -76,7 +86,9 @@ def reproduce(
     return page
 
 
-def run_seed(recipe: StudyRecipe, seed: int, share: float, models: Path | None = None) -> dict[str, dict[str, Case]]:
+def run_seed(
+    recipe: StudyRecipe, seed: int, share: float, models: Path | None = None
+) -> dict[str, dict[str, Case]]:
     """Simulate every lane of a seed, train on it and score every detector."""
     cases: dict[str, dict[str, Case]] = {world: {} for world in WORLDS}
     taught: dict[str, ComplexArray] = {}
@@ -98,7 +110,11 @@ def run_seed(recipe: StudyRecipe, seed: int, share: float, models: Path | None =
             if models is not None:
                 detector = made[f"rank {recipe.detector.rank}"]
                 learnt = learnt_of(detector.forms, training.clutter)
-                save_model(Model(stages={"map.deflection": learnt}), models / f"{site}-{world}", detector.notes)
+                save_model(
+                    Model(stages={"map.deflection": learnt}),
+                    models / f"{site}-{world}",
+                    detector.notes,
+                )
             cases[world][site] = {
                 "premises": look_measures(recipe, test, training.whitener),
                 "signature_humps": humps,
@@ -111,18 +127,31 @@ def run_seed(recipe: StudyRecipe, seed: int, share: float, models: Path | None =
                 "ratios": eigenvalue_ratios(recipe, training).tolist(),
                 "eigenvectors": np.abs(eigenvectors(recipe, training)).tolist(),
                 "cuts": [
-                    {"depth": look.depth, "magnitude": np.abs(target_cut(recipe, look)[0]).astype(float).tolist()}
+                    {
+                        "depth": look.depth,
+                        "magnitude": np.abs(target_cut(recipe, look)[0]).astype(float).tolist(),
+                    }
                     for look in _one_per_depth(looks)
                 ],
-                "peaks": {name: asdict(peaks) for name, peaks in score_looks(recipe, test, made).items()},
+                "peaks": {
+                    name: asdict(peaks) for name, peaks in score_looks(recipe, test, made).items()
+                },
             }
     return cases
 
 
-def _run_cases(recipe: StudyRecipe, folder: Path, seeds: range, track: Track) -> dict[str, dict[str, list[Case]]]:
+def _run_cases(
+    recipe: StudyRecipe, folder: Path, seeds: range, track: Track
+) -> dict[str, dict[str, list[Case]]]:
     """Run the seeds that are not yet on disk, read the others; returns world, site, cases."""
-    read = [_seed_cases(recipe, folder, seed) for seed in track(seeds, "lanes, seed by seed", len(seeds))]
-    return {world: {site: [one[world][site] for one in read] for site in recipe.sites} for world in WORLDS}
+    read = [
+        _seed_cases(recipe, folder, seed)
+        for seed in track(seeds, "lanes, seed by seed", len(seeds))
+    ]
+    return {
+        world: {site: [one[world][site] for one in read] for site in recipe.sites}
+        for world in WORLDS
+    }
 
 
 def _seed_cases(recipe: StudyRecipe, folder: Path, seed: int) -> dict[str, dict[str, Case]]:
@@ -152,7 +181,9 @@ def _one_per_depth(looks: Sequence[Look]) -> list[Look]:
     return [first[depth] for depth in sorted(first)][:3]
 
 
-def _figures(recipe: StudyRecipe, cases: Cases, responses: Mapping[str, PointResponse], seed: int) -> dict[str, Figure]:
+def _figures(
+    recipe: StudyRecipe, cases: Cases, responses: Mapping[str, PointResponse], seed: int
+) -> dict[str, Figure]:
     image = wide_image(recipe, seed)
     drawn = {
         "figure-1": figures.geometry(recipe),
@@ -170,7 +201,9 @@ def _figures(recipe: StudyRecipe, cases: Cases, responses: Mapping[str, PointRes
         drawn[f"figure-7-{world}"] = figures.roc_figure(recipe, cases[world])
         drawn[f"depth-{world}"] = figures.depth_figure(recipe, cases[world])
     # The paper's figures come first, in its order.
-    return dict(sorted(drawn.items(), key=lambda item: (not item[0].startswith("figure-"), item[0])))
+    return dict(
+        sorted(drawn.items(), key=lambda item: (not item[0].startswith("figure-"), item[0]))
+    )
 
 
 _SEEDS = 2
@@ -182,11 +215,18 @@ def findings_in(world: World, folder: Path) -> list[Finding]:
     """Judge the paper's statements on one soil, and tell its Pd, by which soils can be compared."""
     study = study_recipe()
     site = study.sites["sand"].model_copy(
-        update={"title": "this soil", "scene": world.site(folder), "training": _TRAINING, "test": _TEST}
+        update={
+            "title": "this soil",
+            "scene": world.site(folder),
+            "training": _TRAINING,
+            "test": _TEST,
+        }
     )
     study = study.model_copy(update={"sites": {"sand": site}})
     first = 1 + _SEEDS * (world.number + 100)
-    cases = [run_seed(study, seed, 1.0)["roadside"]["sand"] for seed in range(first, first + _SEEDS)]
+    cases = [
+        run_seed(study, seed, 1.0)["roadside"]["sand"] for seed in range(first, first + _SEEDS)
+    ]
     table = pd_table(study, {"sand": cases})
     found = [one for one in findings(study, {"sand": cases}, table) if one.verdict != OPEN]
     pds = table.loc[table["detector"] == f"rank {study.detector.rank}", "pd"]

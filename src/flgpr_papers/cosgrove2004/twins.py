@@ -22,7 +22,10 @@ _TITLES = {
         "HH image of three mines",
         "Open dry sand, over the median of each range. Squares: boxes of 1 m at the mines.",
     ),
-    "3": ("Simulated signature", "A TM-62M 10 cm deep in dry sand without clutter; HH dashed, VV solid."),
+    "3": (
+        "Simulated signature",
+        "A TM-62M 10 cm deep in dry sand without clutter; HH dashed, VV solid.",
+    ),
     "4": (
         "Range cuts through three imaged mines",
         "First seed, one mine of each of three depths, at its brightest place.",
@@ -54,7 +57,9 @@ def paper_twins(
                 yield Twin(f"Fig. {number}", title, pictures[f"figure-{number}"], caption, rows)
 
 
-def own_twins(responses: Mapping[str, PointResponse], pictures: Mapping[str, bytes]) -> Iterator[Twin]:
+def own_twins(
+    responses: Mapping[str, PointResponse], pictures: Mapping[str, bytes]
+) -> Iterator[Twin]:
     """Give the figures that the paper does not have."""
     caption = "Half-power widths of an ideal point on the ground at 15 m (Sec. III-A)."
     yield Twin("", "Resolution", pictures["resolution"], caption, _resolution_rows(responses))
@@ -77,7 +82,10 @@ def _numbers(
         length = recipe.cut.length
         polarizations = recipe.cut.polarizations
         names = ", then ".join(f"{length} of {name}" for name in polarizations)
-        return (("samples", "28 of HH, then 28 of VV", names), ("M", "56", str(length * len(polarizations))))
+        return (
+            ("samples", "28 of HH, then 28 of VV", names),
+            ("M", "56", str(length * len(polarizations))),
+        )
     if number == "6":
         return ratio_rows(cases["sand"])
     if number == "7":
@@ -87,7 +95,11 @@ def _numbers(
         "3": ("A simulated mine has a double hump",),
         "4": ("The double hump is evident", "A mine is better correlated"),
     }[number]
-    return [(f"{one.claim}: {one.quantity}", one.paper, one.ours) for one in found if one.claim.startswith(claims)]
+    return [
+        (f"{one.claim}: {one.quantity}", one.paper, one.ours)
+        for one in found
+        if one.claim.startswith(claims)
+    ]
 
 
 def _geometry_rows(recipe: StudyRecipe) -> Rows:
@@ -98,7 +110,11 @@ def _geometry_rows(recipe: StudyRecipe) -> Rows:
         ("antenna positions", "72", str(len(tx))),
         ("across", "the width of the van", f"{np.ptp(tx[:, 0]):.1f} m"),
         ("height", "on the van's top", f"{sensor.height:g} m"),
-        ("tones that are used", "0.3 to 1.9 GHz", f"{tones[0] / 1e9:.2g} to {tones[-1] / 1e9:.2g} GHz"),
+        (
+            "tones that are used",
+            "0.3 to 1.9 GHz",
+            f"{tones[0] / 1e9:.2g} to {tones[-1] / 1e9:.2g} GHz",
+        ),
         ("range", "15 m", f"{recipe.radar.range:g} m"),
     )
 
@@ -109,7 +125,9 @@ def ratio_rows(lanes: Sequence[Case]) -> Rows:
     rows = []
     for j in range(1, min(len(PAPER_RATIOS), ratios.shape[1])):
         mean, low, high = interval(ratios[:, j], bounds=(0.0, 1.0))
-        ours = "no example reaches it" if np.isnan(mean) else f"{mean:.3f} ({low:.3f} to {high:.3f})"
+        ours = (
+            "no example reaches it" if np.isnan(mean) else f"{mean:.3f} ({low:.3f} to {high:.3f})"
+        )
         rows.append((f"σ{j + 1}/σ1", f"{PAPER_RATIOS[j]:g}", ours))
     return rows
 
@@ -126,13 +144,17 @@ def _pd_rows(recipe: StudyRecipe, table: pd.DataFrame) -> Rows:
     for soil in (soil for soil in SOILS if soil in recipe.sites):
         means = table[table["site"] == soil].groupby("detector")["pd"].mean()
         ours = ", ".join(f"{name} {means[detector]:.2f}" for detector, name in names.items())
-        rows.append((f"{recipe.sites[soil].title}, Pd at {recipe.score.pfa:g} per m²", paper[soil], ours))
+        rows.append(
+            (f"{recipe.sites[soil].title}, Pd at {recipe.score.pfa:g} per m²", paper[soil], ours)
+        )
     return rows
 
 
 def _resolution_rows(responses: Mapping[str, PointResponse]) -> Rows:
     rows = []
-    for axis, (name, paper) in enumerate((("down-range", "about 10 cm"), ("cross-range", "about 40 cm"))):
+    for axis, (name, paper) in enumerate(
+        (("down-range", "about 10 cm"), ("cross-range", "about 40 cm"))
+    ):
         for filtered, response in responses.items():
             rows.append((f"{name}, {filtered}", paper, f"{100 * response.resolution[axis]:.1f} cm"))
     return rows

@@ -12,7 +12,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.stages import TrainingView
-from flgpr.chain.stages.clusters import ClusterScreen, ClusterSettings, TemplateSettings, templates_of
+from flgpr.chain.stages.clusters import (
+    ClusterScreen,
+    ClusterSettings,
+    TemplateSettings,
+    templates_of,
+)
 from flgpr.features import (
     align_phases,
     clutter_tiles,
@@ -45,13 +50,20 @@ class Site:
     #: one row per mine and drive: x, y in the strip, kind, depth, target (the same for both drives), subset
     mines: pd.DataFrame
     lanes: tuple[Lane, ...]  #: the lane in both drives
-    registration: dict[str, Registration]  #: of (polarization, range) to the registration by fiducials, drive by drive
+    registration: dict[
+        str, Registration
+    ]  #: of (polarization, range) to the registration by fiducials, drive by drive
 
     @property
     def view(self) -> xr.DataArray:
         """Magnitudes as the stages of a recipe take them."""
         ranges = np.arange(self.image.shape[1])
-        coords = {"polarization": list(POLARIZATIONS), "subband": ranges, "y": self.grid.y, "x": self.grid.x}
+        coords = {
+            "polarization": list(POLARIZATIONS),
+            "subband": ranges,
+            "y": self.grid.y,
+            "x": self.grid.x,
+        }
         return xr.DataArray(self.image, dims=("polarization", "subband", "y", "x"), coords=coords)
 
     @property
@@ -75,8 +87,13 @@ def join(settings: Settings, drives: Sequence[Pass]) -> Site:
             known[:, 1] -= one.fiducials["height"].to_numpy() * ANTENNA_HEIGHT / settings.ranges[r]
             name = f"{one.direction} {POLARIZATIONS[p]} {settings.ranges[r]:g} m"
             registration[name] = register_fiducials(np.abs(one.image[p, r]), one.grid, known)
-        shift = np.median([found.shift for key, found in registration.items() if key.startswith(one.direction)], axis=0)
-        table = one.truth[["x", "y", "kind", "depth"]].assign(target=one.truth["target_id"], direction=one.direction)
+        shift = np.median(
+            [found.shift for key, found in registration.items() if key.startswith(one.direction)],
+            axis=0,
+        )
+        table = one.truth[["x", "y", "kind", "depth"]].assign(
+            target=one.truth["target_id"], direction=one.direction
+        )
         table["x"] += shift[0]
         table["y"] += shift[1] + offset
         mines.append(table)
@@ -131,7 +148,9 @@ def make_templates(settings: Settings, site: Site, variant: Variant = MAIN) -> N
     for p, r in np.ndindex(*chips.shape[1:3]):
         one = chips[:, p, r]
         channels.append(
-            principal_templates(one, variant.components)[0] if variant.components else mean_template(align_phases(one))
+            principal_templates(one, variant.components)[0]
+            if variant.components
+            else mean_template(align_phases(one))
         )
     return np.stack(channels).reshape(*chips.shape[1:3], *channels[0].shape)
 
@@ -143,7 +162,9 @@ def open_examples(
     features = settings.features
     mines = site.mines[~site.mines["subset"]]
     tiles = [
-        clutter_tiles(lane, features.region, site.mines[["x", "y"]], features.keep_off).assign(clutter=f"{k}")
+        clutter_tiles(lane, features.region, site.mines[["x", "y"]], features.keep_off).assign(
+            clutter=f"{k}"
+        )
         for k, lane in enumerate(site.lanes)
     ]
     table = pd.concat([mines, pd.concat(tiles).assign(kind="clutter")], ignore_index=True)
@@ -151,7 +172,11 @@ def open_examples(
 
 
 def _with_features(
-    settings: Settings, site: Site, templates: NDArray[Any], table: pd.DataFrame, magnitude: bool = True
+    settings: Settings,
+    site: Site,
+    templates: NDArray[Any],
+    table: pd.DataFrame,
+    magnitude: bool = True,
 ) -> tuple[pd.DataFrame, FloatArray]:
     table = table.assign(site=site.name).drop(columns=["clutter", "subset"], errors="ignore")
     table["target"] = table["target"].fillna("") if "target" in table else ""
@@ -160,7 +185,9 @@ def _with_features(
     return table, template_features(regions, templates, magnitude)
 
 
-def learn_screen(settings: Settings, site: Site, kinds: tuple[str, ...] = ("metal",)) -> ClusterScreen:
+def learn_screen(
+    settings: Settings, site: Site, kinds: tuple[str, ...] = ("metal",)
+) -> ClusterScreen:
     """Train the recipe's prescreeners on the subset's mines of some kinds, or all of it if there is none of them."""
     table = ClusterSettings(
         **_sizes(settings), radius=settings.prescreen.radius, pass_share=settings.prescreen.pass_share,
@@ -181,7 +208,9 @@ def screened_regions(
     return regions[inside].reset_index(drop=True)
 
 
-def clutter_past_prescreeners(site: Site, screen: ClusterScreen, halo: float) -> tuple[int, int, int]:
+def clutter_past_prescreeners(
+    site: Site, screen: ClusterScreen, halo: float
+) -> tuple[int, int, int]:
     """Count the clusters of clutter, over all images, that pass the first prescreener, the second too, and all three.
 
     Clutter is what lies in the lane and further than ``halo`` (m) from every mine.
@@ -209,7 +238,11 @@ def _training(site: Site) -> TrainingView:
 
 def _sizes(settings: Settings) -> dict[str, Any]:
     """Sizes that the stages of the recipe are told; all of the subset trains them."""
-    return {"region": settings.features.region, "template": settings.features.template, "share": 0.999}
+    return {
+        "region": settings.features.region,
+        "template": settings.features.template,
+        "share": 0.999,
+    }
 
 
 def screened_examples(
@@ -218,11 +251,21 @@ def screened_examples(
     """Label regions by the mines within the halo; further regions of one mine, and those of the subset, are dropped."""
     mines = site.mines.reset_index(drop=True)
     places = mines[["x", "y"]].to_numpy(dtype=np.float64)
-    distance = np.linalg.norm(regions[["x", "y"]].to_numpy(dtype=np.float64)[:, None] - places, axis=2)
+    distance = np.linalg.norm(
+        regions[["x", "y"]].to_numpy(dtype=np.float64)[:, None] - places, axis=2
+    )
     nearest = distance.argmin(axis=1)
     near = distance[np.arange(len(regions)), nearest] <= settings.prescreen.halo
-    label = mines.iloc[nearest][["kind", "depth", "target", "direction", "subset"]].reset_index(drop=True)
-    label.loc[~near, ["kind", "depth", "target", "direction", "subset"]] = ["clutter", np.nan, "", "", False]
+    label = mines.iloc[nearest][["kind", "depth", "target", "direction", "subset"]].reset_index(
+        drop=True
+    )
+    label.loc[~near, ["kind", "depth", "target", "direction", "subset"]] = [
+        "clutter",
+        np.nan,
+        "",
+        "",
+        False,
+    ]
     table = pd.concat([regions[["x", "y"]], label], axis=1)
     again = table.duplicated(["target", "direction"]) & (table["target"] != "")
     table = table[~again & ~table["subset"].astype(bool)].reset_index(drop=True)

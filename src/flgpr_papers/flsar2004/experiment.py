@@ -88,11 +88,15 @@ _STATEMENTS = tomllib.loads(packaged_text("flsar2004", "statements"))
 class Results:
     """What a part yields."""
 
-    curves: dict[str, dict[str, pd.DataFrame]] = field(default_factory=dict)  #: ROC by figure and label
+    curves: dict[str, dict[str, pd.DataFrame]] = field(
+        default_factory=dict
+    )  #: ROC by figure and label
     #: areas, partial: areas under whole ROCs, and up to 0.07 false alarms per m² over that, with their intervals
     areas: dict[str, Interval] = field(default_factory=dict)
     partial: dict[str, Interval] = field(default_factory=dict)
-    chance: dict[str, float] = field(default_factory=dict)  #: partial areas of scores that know nothing
+    chance: dict[str, float] = field(
+        default_factory=dict
+    )  #: partial areas of scores that know nothing
     findings: list[Finding] = field(default_factory=list)
     notes: dict[str, Any] = field(default_factory=dict)  #: what else is told, as JSON can hold it
 
@@ -102,7 +106,9 @@ class Results:
         rule = tuple(one["rule"]) if "rule" in one else None
         bounds = {"share": SHARE, "difference": SHARE_DIFFERENCE}.get(one.get("is", ""))
         claim = one["claim"].format(**words)
-        self.findings.append(measured(claim, one["paper"], one["quantity"], interval, rule, bounds=bounds))
+        self.findings.append(
+            measured(claim, one["paper"], one["quantity"], interval, rule, bounds=bounds)
+        )
 
     def judge_all(self, statement: str, intervals: dict[str, Interval], **words: Any) -> None:
         """Judge a statement that must not depend on a choice of ours, by the interval of every choice.
@@ -162,7 +168,9 @@ def prepare(settings: Settings, sites: list[Site]) -> Material:
     """Make templates and examples."""
     templates = [make_templates(settings, site) for site in sites]
     pairs = zip(sites, templates, strict=True)
-    return Material(settings, sites, templates, [open_examples(settings, site, one) for site, one in pairs])
+    return Material(
+        settings, sites, templates, [open_examples(settings, site, one) for site, one in pairs]
+    )
 
 
 def sizes(material: Material) -> Results:
@@ -183,7 +191,10 @@ def sizes(material: Material) -> Results:
 
 
 def _pick(
-    examples: Examples, kinds: tuple[str, ...], depth: tuple[float, float] = (-1.0, 1.0), columns: str = "both"
+    examples: Examples,
+    kinds: tuple[str, ...],
+    depth: tuple[float, float] = (-1.0, 1.0),
+    columns: str = "both",
 ) -> Examples:
     """Examples of some kinds of mines between two depths, and all clutter; features of one or both polarizations."""
     table, X = examples
@@ -211,7 +222,9 @@ def templates(material: Material) -> Results:
     results.judge("component-mean", cosine)
     results.judge("templates", likeness_interval(chips[0], chips[1], settings.classify.bootstrap))
     results.notes["energy of the first component"] = {
-        f"{site.name}, {'magnitudes' if magnitude else 'complex'}": _first_share(settings, site, magnitude)
+        f"{site.name}, {'magnitudes' if magnitude else 'complex'}": _first_share(
+            settings, site, magnitude
+        )
         for site in sites
         for magnitude in (True, False)
     }
@@ -220,7 +233,11 @@ def templates(material: Material) -> Results:
 
 def _first_share(settings: Settings, site: Site, magnitude: bool) -> float:
     chips = signatures(settings, site, False, magnitude)[0]
-    return float(np.mean([principal_templates(chips[:, p, r], 1)[1][0] for p, r in np.ndindex(*chips.shape[1:3])]))
+    return float(
+        np.mean(
+            [principal_templates(chips[:, p, r], 1)[1][0] for p, r in np.ndindex(*chips.shape[1:3])]
+        )
+    )
 
 
 def screened(material: Material) -> Results:
@@ -299,9 +316,14 @@ def signature_strength(material: Material) -> Results:
         over_clutter = (chips.max(axis=(3, 4)) / floor).mean(axis=(1, 2))
         depth = np.round(mines["depth"].to_numpy(dtype=np.float64) / 0.05) * 0.05
         plastic = (mines["kind"] == "plastic").to_numpy()
-        peaks.append(pd.DataFrame({"peak": over_clutter, "depth": depth, "target": mines["target"]})[plastic])
+        peaks.append(
+            pd.DataFrame({"peak": over_clutter, "depth": depth, "target": mines["target"]})[plastic]
+        )
     arid, temperate = peaks
-    results.judge("plastic-not-always-stronger", stronger_interval(temperate, arid, settings.classify.bootstrap))
+    results.judge(
+        "plastic-not-always-stronger",
+        stronger_interval(temperate, arid, settings.classify.bootstrap),
+    )
     return results
 
 
@@ -316,7 +338,9 @@ def other_screens(material: Material) -> Results:
     offered = _offered(site)
     tried = {
         "prescreened": screened_regions(site, learnt, POLARIZATIONS),
-        "prescreened, and over all six images": screened_regions(site, learnt, POLARIZATIONS, "and"),
+        "prescreened, and over all six images": screened_regions(
+            site, learnt, POLARIZATIONS, "and"
+        ),
         "prescreened, thresholds learnt on metal and plastic": screened_regions(
             site, learn_screen(settings, site, kinds), POLARIZATIONS
         ),
@@ -352,7 +376,9 @@ def sparsity(material: Material) -> Results:
         "RVM, ARD, width by evidence": evidence_rvm(options),
         "sum of the correlations": sum_of_correlations,
     }
-    scores = {name: leave_one_out(*chosen, machine, options.folds) for name, machine in machines.items()}
+    scores = {
+        name: leave_one_out(*chosen, machine, options.folds) for name, machine in machines.items()
+    }
     of_the_paper = ("RVM", "SVM", "sum of the correlations")
     results.curves["fig6"] = {label: roc(scores[label], searched) for label in of_the_paper}
     results.curves["machines"] = {label: roc(one, searched) for label, one in scores.items()}
@@ -390,7 +416,9 @@ def _thin(examples: Examples, most: tuple[int, int], seed: int) -> Examples:
     mine = np.flatnonzero(table["kind"] != "clutter")
     clutter = np.flatnonzero(table["kind"] == "clutter")
     wanted = min(most[0], len(mine)), min(most[1], len(clutter))
-    rows = np.sort(np.concatenate([rng.choice(mine, wanted[0], False), rng.choice(clutter, wanted[1], False)]))
+    rows = np.sort(
+        np.concatenate([rng.choice(mine, wanted[0], False), rng.choice(clutter, wanted[1], False)])
+    )
     return table.iloc[rows].reset_index(drop=True), X[rows]
 
 
@@ -418,13 +446,19 @@ def unscreened(material: Material) -> Results:
         results.tell_areas(f"fig7 {kind}", binary[kind], searched, count)
         results.tell_areas(f"fig7 {kind}, sum of the correlations", plain, searched, count)
         by_mine = held_out(*chosen, rvm(options), options.folds)
-        results.tell_areas(f"fig7 {kind}, both looks at a mine held out together", by_mine, searched, count)
+        results.tell_areas(
+            f"fig7 {kind}, both looks at a mine held out together", by_mine, searched, count
+        )
         again = retrained(*chosen, rvm(options), options.folds, max(count // 80, 4))
         retrained_name = f"fig7 {kind}, both looks held out, trained anew in every draw"
         results.areas[retrained_name] = spread(auc(by_mine), again, bounds=SHARE)
         for name, one in novel.items():
             results.tell_areas(f"fig9 {kind}, one-class {name}", one, searched, count)
-        gaps = {name: difference(binary[kind], one, measure, count) for name, one in novel.items() if "rvm" in name}
+        gaps = {
+            name: difference(binary[kind], one, measure, count)
+            for name, one in novel.items()
+            if "rvm" in name
+        }
         results.judge_all("novelty", gaps, kind=kind)
         results.judge("plain-sum", difference(binary[kind], plain, measure, count), kind=kind)
     results.judge("plastic", measure.interval(binary["plastic"], count))
@@ -447,10 +481,14 @@ def _depths(searched: float, chosen: Examples, scores: HeldOut, results: Results
     for label, rows in sets.items():
         if not rows.any():
             continue
-        part = HeldOut(scores.mine[rows], scores.clutter, scores.target[rows], scores.tile, scores.kept)
+        part = HeldOut(
+            scores.mine[rows], scores.clutter, scores.target[rows], scores.tile, scores.kept
+        )
         results.curves.setdefault("fig8", {})[label] = roc(part, searched)
     for far in (0.04, 0.07):
-        shallow, deep = (pd_count(scores, searched, far, rows) for rows in (depth <= SHALLOW, depth > SHALLOW))
+        shallow, deep = (
+            pd_count(scores, searched, far, rows) for rows in (depth <= SHALLOW, depth > SHALLOW)
+        )
         results.judge("depth", difference_of_shares(shallow, deep), far=far)
 
 
@@ -469,18 +507,34 @@ def between_sites(material: Material) -> Results:
         measure = Measure(searched)
         novel: dict[str, dict[str, HeldOut]] = {}
         for kind in ("metal", "plastic"):
-            train, test = (_pick(one, (kind,), (SURFACE, 1.0)) for one in (material.examples[first], seen))
-            novel[kind] = {name: across(train, test, one_class(options, name)) for name in NOVELTY_RIVALS}
+            train, test = (
+                _pick(one, (kind,), (SURFACE, 1.0)) for one in (material.examples[first], seen)
+            )
+            novel[kind] = {
+                name: across(train, test, one_class(options, name)) for name in NOVELTY_RIVALS
+            }
             binary = across(train, test, rvm(options))
             plain = across(train, test, sum_of_correlations)
             figure = results.curves.setdefault(f"fig10 {way}", {})
             one = novel[kind][NOVELTY_RIVALS[0]]
-            figure |= {f"{kind}, one-class": roc(one, searched), f"{kind}, binary": roc(binary, searched)}
-            for name, scores in {**{f"one-class {n}": s for n, s in novel[kind].items()}, "binary": binary}.items():
+            figure |= {
+                f"{kind}, one-class": roc(one, searched),
+                f"{kind}, binary": roc(binary, searched),
+            }
+            for name, scores in {
+                **{f"one-class {n}": s for n, s in novel[kind].items()},
+                "binary": binary,
+            }.items():
                 results.tell_areas(f"fig10 {way}, {kind}, {name}", scores, searched, count)
-            results.tell_areas(f"fig10 {way}, {kind}, sum of the correlations", plain, searched, count)
+            results.tell_areas(
+                f"fig10 {way}, {kind}, sum of the correlations", plain, searched, count
+            )
             if claimed:
-                gaps = {n: difference(binary, s, measure, count) for n, s in novel[kind].items() if "rvm" in n}
+                gaps = {
+                    n: difference(binary, s, measure, count)
+                    for n, s in novel[kind].items()
+                    if "rvm" in n
+                }
                 results.judge_all("carries-binary", gaps, kind=kind)
         machines = [name for name in NOVELTY_RIVALS if "rvm" in name]
         for kind in ("metal", "plastic"):
@@ -490,7 +544,10 @@ def between_sites(material: Material) -> Results:
             else:
                 results.judge("carries-back", parts[machines[0]], kind=kind, way=way)
         if claimed:
-            gaps = {name: difference(novel["metal"][name], novel["plastic"][name], measure, count) for name in machines}
+            gaps = {
+                name: difference(novel["metal"][name], novel["plastic"][name], measure, count)
+                for name in machines
+            }
             results.judge_all("carries-metal", gaps, way=way)
     return results
 

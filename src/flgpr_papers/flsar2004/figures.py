@@ -25,7 +25,9 @@ Curves = dict[str, dict[str, pd.DataFrame]]
 TITLES: dict[str, str] = tomllib.loads(packaged_text("flsar2004", "figures"))
 
 
-def draw(settings: Settings, sites: list[Site], curves: Curves, notes: dict[str, Any]) -> Iterator[tuple[str, Figure]]:
+def draw(
+    settings: Settings, sites: list[Site], curves: Curves, notes: dict[str, Any]
+) -> Iterator[tuple[str, Figure]]:
     """Draw the figures with their names, one at a time: those of the paper in its order, then our own."""
     with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         yield "fig1", _lane(settings, sites[0])
@@ -57,11 +59,21 @@ def _lane(settings: Settings, site: Site) -> Figure:
         for x, y, kind, depth in near[["x", "y", "kind", "depth"]].to_numpy():
             axes.plot(y, x, "o", mfc="none", mec="white", ms=11)
             name = f"{kind[0].upper()} {'surface' if depth < -0.05 else f'{100 * depth:.0f} cm'}"
-            axes.annotate(name, (y, x), (0, 8), textcoords="offset points", color="white", fontsize=6, ha="center")
+            axes.annotate(
+                name,
+                (y, x),
+                (0, 8),
+                textcoords="offset points",
+                color="white",
+                fontsize=6,
+                ha="center",
+            )
         axes.grid(visible=False)
         axes.set(ylabel=f"{POLARIZATIONS[p]}\ncross-track, m")
     axes.set_xlabel("down-track, m")
-    figure.suptitle(f"{site.name}, {settings.ranges[0]:g} m ahead: dB over the median; M metal, P plastic")
+    figure.suptitle(
+        f"{site.name}, {settings.ranges[0]:g} m ahead: dB over the median; M metal, P plastic"
+    )
     return figure
 
 
@@ -75,14 +87,18 @@ def _ellipse(settings: Settings, site: Site) -> Figure:
     axes = figure.subplots()
     centre = ellipse.offset_y, ellipse.offset_x
     corner = centre[0] - 2 * ellipse.half_y, centre[1] - 2 * ellipse.half_x
-    axes.add_patch(Rectangle(corner, 4 * ellipse.half_y, 4 * ellipse.half_x, fc="#d8dee6", ec="#4a5563"))
+    axes.add_patch(
+        Rectangle(corner, 4 * ellipse.half_y, 4 * ellipse.half_x, fc="#d8dee6", ec="#4a5563")
+    )
     axes.add_patch(Ellipse(centre, 2 * ellipse.half_y, 2 * ellipse.half_x, fc="#3b6ea5", ec="none"))
     axes.plot(0, 0, "x", color="black", ms=8, label="brightest pixel")
     axes.text(*centre, "E in", color="white", ha="center", va="bottom")
     axes.text(corner[0] * 0.95, corner[1] * 0.9, "E out", va="bottom")
     axes.autoscale_view()
     axes.set(aspect="equal", xlabel="down-track, m", ylabel="cross-track, m")
-    axes.set_title(f"half axes {ellipse.half_y:.2f} m along, {ellipse.half_x:.2f} m across", fontsize=9)
+    axes.set_title(
+        f"half axes {ellipse.half_y:.2f} m along, {ellipse.half_x:.2f} m across", fontsize=9
+    )
     axes.legend(fontsize=7, loc="upper right")
     axes.grid(visible=False)
     return figure
@@ -98,14 +114,18 @@ def _templates(settings: Settings, sites: list[Site]) -> Figure:
             one: NDArray[Any] = template[p, r]
             place = axes[2 * s + p, r]
             half = one.shape[0] * settings.spacing[1] / 2, one.shape[1] * settings.spacing[0] / 2
-            place.imshow(one.T, origin="lower", extent=(-half[0], half[0], -half[1], half[1]), cmap="magma")
+            place.imshow(
+                one.T, origin="lower", extent=(-half[0], half[0], -half[1], half[1]), cmap="magma"
+            )
             ellipse = fit_ellipse(one, settings.spacing)
             angle = np.linspace(0, 2 * np.pi, 100)
             # Where the prescreener puts it: at its offset from the brightest pixel.
             row, column = np.unravel_index(int(one.argmax()), one.shape)
             v = (row - one.shape[0] // 2) * settings.spacing[1] + ellipse.offset_y
             u = (column - one.shape[1] // 2) * settings.spacing[0] + ellipse.offset_x
-            place.plot(v + ellipse.half_y * np.cos(angle), u + ellipse.half_x * np.sin(angle), "w:", lw=1)
+            place.plot(
+                v + ellipse.half_y * np.cos(angle), u + ellipse.half_x * np.sin(angle), "w:", lw=1
+            )
             place.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), xticks=(-0.3, 0, 0.3))
             place.grid(visible=False)
             place.set_title(f"{site.name} {POLARIZATIONS[p]} {settings.ranges[r]:g} m", fontsize=8)
@@ -117,7 +137,9 @@ def _templates(settings: Settings, sites: list[Site]) -> Figure:
 def margin_figure() -> Figure:
     """Fig. 4: the margin of a hyperplane, for points drawn for the purpose."""
     rng = np.random.default_rng(4)
-    points = np.concatenate([rng.normal((-1.2, -0.6), 0.4, (20, 2)), rng.normal((1.2, 0.8), 0.4, (20, 2))])
+    points = np.concatenate(
+        [rng.normal((-1.2, -0.6), 0.4, (20, 2)), rng.normal((1.2, 0.8), 0.4, (20, 2))]
+    )
     label = np.repeat([0, 1], 20)
     machine = SVC(kernel="linear", C=1e6).fit(points, label)
     weight = machine.coef_[0]
@@ -132,32 +154,70 @@ def margin_figure() -> Figure:
     axes = figure.subplots()
     for side, colour, name in ((0, "#b3261e", "l = -1"), (1, "#1f4e8c", "l = +1")):
         axes.plot(*points[label == side].T, "o", color=colour, ms=4, label=name)
-    axes.plot(*points[machine.support_].T, "o", mfc="none", mec="black", ms=10, label="support vectors")
-    axes.plot(*points[sparse.relevance_].T, "s", mfc="none", mec="#2e7d32", ms=13, label="relevance vectors")
+    axes.plot(
+        *points[machine.support_].T, "o", mfc="none", mec="black", ms=10, label="support vectors"
+    )
+    axes.plot(
+        *points[sparse.relevance_].T,
+        "s",
+        mfc="none",
+        mec="#2e7d32",
+        ms=13,
+        label="relevance vectors",
+    )
     signed = ((place @ weight + bias) / np.linalg.norm(weight)).reshape(u.shape)
-    axes.contour(u, v, signed, levels=[-below, 0, above], colors="black", linestyles=["dashed", "solid", "dashed"])
-    axes.contour(u, v, sparse.decision_function(place).reshape(u.shape), levels=[0], colors="#2e7d32")
-    axes.set_title(f"D-1 = {below:.2f}, D+1 = {above:.2f}, margin {below + above:.2f}; green: RVM, p = 1/2", fontsize=9)
+    axes.contour(
+        u,
+        v,
+        signed,
+        levels=[-below, 0, above],
+        colors="black",
+        linestyles=["dashed", "solid", "dashed"],
+    )
+    axes.contour(
+        u, v, sparse.decision_function(place).reshape(u.shape), levels=[0], colors="#2e7d32"
+    )
+    axes.set_title(
+        f"D-1 = {below:.2f}, D+1 = {above:.2f}, margin {below + above:.2f}; green: RVM, p = 1/2",
+        fontsize=9,
+    )
     axes.legend(fontsize=7, loc="lower right")
     axes.set(aspect="equal", xlabel="first feature", ylabel="second feature")
     return figure
 
 
-def _rocs(curves: Curves, names: Sequence[str], shape: tuple[int, int], notes: dict[str, Any]) -> Figure:
+def _rocs(
+    curves: Curves, names: Sequence[str], shape: tuple[int, int], notes: dict[str, Any]
+) -> Figure:
     size = (11, 10) if shape[0] > 1 else (5.2 * shape[1], 3.8)
     figure = Figure(figsize=size, layout="constrained")
     for axes, name in zip(np.ravel(figure.subplots(*shape, squeeze=False)), names, strict=True):
         for label, curve in curves.get(name, {}).items():
-            beside = "sum of the correlations" in label or "binary" in label  # not in the paper's figure
+            beside = (
+                "sum of the correlations" in label or "binary" in label
+            )  # not in the paper's figure
             axes.step(curve["far"], curve["pd"], where="post", label=label, lw=1.0 if beside else 1.6,
                       ls="--" if beside else "-")  # fmt: skip
-        axes.set(title=TITLES[name], xlabel="false alarms per m²", ylabel="Pd", ylim=(0, 1.02), xlim=(0, None))
+        axes.set(
+            title=TITLES[name],
+            xlabel="false alarms per m²",
+            ylabel="Pd",
+            ylim=(0, 1.02),
+            xlim=(0, None),
+        )
         axes.title.set_fontsize(8)
         if curves.get(name):
             axes.legend(fontsize=7, loc="lower right")
         else:
             reason = notes.get(f"{name} both", "too few examples")
-            axes.text(0.5, 0.5, reason.replace("; ", ";\n"), transform=axes.transAxes, ha="center", fontsize=8)
+            axes.text(
+                0.5,
+                0.5,
+                reason.replace("; ", ";\n"),
+                transform=axes.transAxes,
+                ha="center",
+                fontsize=8,
+            )
     return figure
 
 
@@ -175,7 +235,9 @@ def _vectors(kept: dict[str, list[float]]) -> Figure:
 def kernel_width_figure() -> Figure:
     """Draw the one-class machine's p(mine) over a plane for several kernel widths and each formulation."""
     rng = np.random.default_rng(0)
-    mines = np.concatenate([rng.normal((-1, 0), 0.35, (40, 2)), rng.normal((1, 0.5), 0.35, (40, 2))])
+    mines = np.concatenate(
+        [rng.normal((-1, 0), 0.35, (40, 2)), rng.normal((1, 0.5), 0.35, (40, 2))]
+    )
     u, v = np.meshgrid(np.linspace(-4, 4, 120), np.linspace(-3, 3, 90))
     figure = Figure(figsize=(10, 6.4), layout="constrained")
     axes = figure.subplots(3, 4, sharex=True, sharey=True)
@@ -184,11 +246,15 @@ def kernel_width_figure() -> Figure:
             machine = OneClassRelevanceVectorMachine(
                 gamma=gamma, formulation=formulation, n_reference=400, random_state=0, tol=1e-4
             ).fit(mines)
-            p = machine.predict_proba(np.column_stack([u.ravel(), v.ravel()]))[:, -1].reshape(u.shape)
+            p = machine.predict_proba(np.column_stack([u.ravel(), v.ravel()]))[:, -1].reshape(
+                u.shape
+            )
             place = axes[row, column]
             shown = place.pcolormesh(u, v, p, vmin=0, vmax=1, cmap="viridis", rasterized=True)
             place.plot(*mines.T, "w.", ms=1.5)
-            place.set_title(f"{formulation}, γ = {gamma:g}, {len(machine.relevance_)} vectors", fontsize=8)
+            place.set_title(
+                f"{formulation}, γ = {gamma:g}, {len(machine.relevance_)} vectors", fontsize=8
+            )
             place.grid(visible=False)
     figure.colorbar(shown, ax=axes, label="p(mine)")
     return figure

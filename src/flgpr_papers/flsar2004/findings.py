@@ -62,7 +62,8 @@ class Measure:
 
     area: float  #: searched, m²
     far: float = FAR_LIMIT
-    at: bool = False  #: whether Pd at ``far``, else the mean over 0 to ``far``: the partial area over its width
+    # : whether Pd at ``far``, else the mean over 0 to ``far``: the partial area over its width
+    at: bool = False
 
     def chance(self, scores: HeldOut) -> float:
         """Give the value of scores that know nothing of the mines."""
@@ -100,12 +101,16 @@ class Measure:
             else:
                 taken = np.diff(np.minimum(reached, allowed), prepend=0.0, axis=1)
                 rest = np.maximum(allowed - reached[:, -1], 0.0)
-                values[rows] = ((taken * pd_above).sum(axis=1) + rest * found_without_limit[rows]) / allowed
+                values[rows] = (
+                    (taken * pd_above).sum(axis=1) + rest * found_without_limit[rows]
+                ) / allowed
         return values
 
     def value(self, scores: HeldOut) -> float:
         """Give the number of the scores as they are."""
-        return float(self.of(scores, np.ones((1, scores.mine.size)), np.ones((1, len(scores.tile))))[0])
+        return float(
+            self.of(scores, np.ones((1, scores.mine.size)), np.ones((1, len(scores.tile))))[0]
+        )
 
     def interval(self, scores: HeldOut, count: int) -> Interval:
         """Give the number with its bootstrap interval over mines, both looks together, and clutter examples."""
@@ -131,10 +136,14 @@ def proportion(successes: int, trials: int) -> Interval:
     return successes / trials, float(low), float(high)
 
 
-def pd_count(scores: HeldOut, area: float, far: float, chosen: NDArray[np.bool_]) -> tuple[int, int]:
+def pd_count(
+    scores: HeldOut, area: float, far: float, chosen: NDArray[np.bool_]
+) -> tuple[int, int]:
     """Count the chosen mines that are found at an allowed FAR."""
     curve = roc(scores, area)
-    threshold = curve["threshold"].to_numpy()[np.searchsorted(curve["far"].to_numpy(), far, side="right") - 1]
+    threshold = curve["threshold"].to_numpy()[
+        np.searchsorted(curve["far"].to_numpy(), far, side="right") - 1
+    ]
     return int((scores.mine[chosen] >= threshold).sum()), int(chosen.sum())
 
 
@@ -191,7 +200,9 @@ def component_interval(chips: NDArray[Any], count: int) -> tuple[Interval, Inter
             cosines.append(abs(float((component[0] * mean_template(images[:, p, r])).sum())))
         return float(np.mean(shares)), float(np.mean(cosines))
 
-    draws = np.array([both(chips[rng.integers(0, len(chips), len(chips))]) for _ in range(min(count, 100))])
+    draws = np.array(
+        [both(chips[rng.integers(0, len(chips), len(chips))]) for _ in range(min(count, 100))]
+    )
     low, high = np.quantile(draws, (0.025, 0.975), axis=0)
     value = both(chips)
     return (value[0], float(low[0]), float(high[0])), (value[1], float(low[1]), float(high[1]))
@@ -204,10 +215,13 @@ def likeness_interval(a: NDArray[Any], b: NDArray[Any], count: int) -> Interval:
     def likeness(u: NDArray[Any], v: NDArray[Any]) -> float:
         s = mean_template(u)
         t = mean_template(v)
-        return float(np.mean([max_correlation(s[p, r], t[p, r]) for p, r in np.ndindex(*s.shape[:2])]))
+        return float(
+            np.mean([max_correlation(s[p, r], t[p, r]) for p, r in np.ndindex(*s.shape[:2])])
+        )
 
     draws = [
-        likeness(a[rng.integers(0, len(a), len(a))], b[rng.integers(0, len(b), len(b))]) for _ in range(min(count, 100))
+        likeness(a[rng.integers(0, len(a), len(a))], b[rng.integers(0, len(b), len(b))])
+        for _ in range(min(count, 100))
     ]
     low, high = np.quantile(draws, (0.025, 0.975))
     return likeness(a, b), float(low), float(high)

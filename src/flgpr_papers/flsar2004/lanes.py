@@ -15,7 +15,16 @@ from flgpr.clutter import self_signature
 from flgpr.clutter.background import scan_gain
 from flgpr.imaging import ImagingOperator
 from flgpr.kernels.sampling import bilinear
-from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor, Tones, check_tones, lane_to_scan, load_sensor, vehicle_to_scan
+from flgpr.model import (
+    SPEED_OF_LIGHT,
+    Grid,
+    Sensor,
+    Tones,
+    check_tones,
+    lane_to_scan,
+    load_sensor,
+    vehicle_to_scan,
+)
 from flgpr.simulate import Scene
 from flgpr.simulate.scene import Surface, TargetDraw, Thing
 from flgpr.simulate.scene import Track as Drive
@@ -29,7 +38,9 @@ FloatArray = NDArray[np.float64]
 # m of a stop's image beyond the lane's, across, and beyond half a step, along
 _SIDE = 0.2
 _BEYOND = 0.75
-FINER = 2  # image pixels of a stop per pixel of the lane, down-track: the lane's pixels are interpolated between them
+# image pixels of a stop per pixel of the lane, down-track: the lane's pixels are interpolated
+# between them
+FINER = 2
 
 
 class Mines(Table):
@@ -136,7 +147,10 @@ def drive(settings: Settings, site: str, folder: Path, track: Track = silent) ->
     folder.mkdir(parents=True, exist_ok=True)
     passes = []
     for name, simulator, world in (("out", out, scene), ("back", back, other)):
-        imaging = {key: getattr(settings, key) for key in ("ranges", "step", "lane", "spacing", "margin", "window")}
+        imaging = {
+            key: getattr(settings, key)
+            for key in ("ranges", "step", "lane", "spacing", "margin", "window")
+        }
         content = {
             "scene": world.model_dump(mode="json"), "sensor": sensor.model_dump(mode="json"), "seed": seed,
             "imaging": imaging, "length": settings.length,
@@ -150,7 +164,10 @@ def study_sensor(settings: Settings) -> Sensor:
     """Make the radar of the study: the preset on the study's tones, which must keep its images free of aliases."""
     start, step, count = settings.tones
     sensor = load_sensor(settings.sensor).model_copy(
-        update={"tones": Tones(start=start, step=step, count=int(count)), "footprint": settings.footprint}
+        update={
+            "tones": Tones(start=start, step=step, count=int(count)),
+            "footprint": settings.footprint,
+        }
     )
     side = settings.lane[0] - settings.margin - _SIDE, settings.lane[1] + settings.margin + _SIDE
     half = settings.step / 2 + _BEYOND
@@ -165,7 +182,13 @@ def _scene(settings: Settings, site: str) -> Scene:
         for kind, count in (("metal", mines.metal), ("plastic", mines.plastic))
     ]
     fiducials = tuple(
-        Thing(kind="fiducial", x=side * settings.fiducial_x, y=float(y), height=0.3, rcs_db=settings.fiducial_rcs)
+        Thing(
+            kind="fiducial",
+            x=side * settings.fiducial_x,
+            y=float(y),
+            height=0.3,
+            rcs_db=settings.fiducial_rcs,
+        )
         for y in np.arange(settings.fiducial_pitch / 2, settings.length, settings.fiducial_pitch)
         for side in (-1, 1)
     )
@@ -183,7 +206,13 @@ def _track(settings: Settings) -> Drive:
 
 
 def _one_pass(
-    settings: Settings, site: str, direction: str, simulator: Simulator, sensor: Sensor, path: Path, track: Track
+    settings: Settings,
+    site: str,
+    direction: str,
+    simulator: Simulator,
+    sensor: Sensor,
+    path: Path,
+    track: Track,
 ) -> Pass:
     m, (dx, dy) = settings.margin, settings.spacing
     x = np.arange(settings.lane[0] - m, settings.lane[1] + m + dx / 2, dx)
@@ -191,12 +220,18 @@ def _one_pass(
     if path.is_file():
         image = read_arrays(path)["image"]
     else:
-        stops = track(range(len(simulator.reported_pose())), f"{site} {direction}", len(simulator.reported_pose()))
+        stops = track(
+            range(len(simulator.reported_pose())),
+            f"{site} {direction}",
+            len(simulator.reported_pose()),
+        )
         image = lane_images(settings, simulator, sensor, grid, stops)
         write_arrays(path, {"image": image})
     objects = simulator.objects
     fiducials = objects[objects["kind"] == "fiducial"].reset_index(drop=True)
-    return Pass(site, direction, image, grid, simulator.truth.reset_index(drop=True), fiducials, path.stem)
+    return Pass(
+        site, direction, image, grid, simulator.truth.reset_index(drop=True), fiducials, path.stem
+    )
 
 
 def lane_images(
@@ -210,7 +245,9 @@ def lane_images(
     half = settings.step / 2 + _BEYOND
     nx = round((grid.x[-1] - grid.x[0] + 2 * _SIDE) / grid.dx) + 1
     ny = round((settings.ranges[-1] - settings.ranges[0] + 2 * half) * FINER / grid.dy) + 1
-    view = Grid(float(grid.x[0]) - _SIDE, settings.ranges[0] - half, nx, ny, grid.dx, grid.dy / FINER)
+    view = Grid(
+        float(grid.x[0]) - _SIDE, settings.ranges[0] - half, nx, ny, grid.dx, grid.dy / FINER
+    )
     pose = simulator.reported_pose()
     tx, rx = (vehicle_to_scan(positions, pose[0]) for positions in sensor.pairs())
     operator = ImagingOperator(simulator.frequency, tx, rx, view.points(), window=settings.window)

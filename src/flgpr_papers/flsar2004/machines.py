@@ -18,7 +18,11 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC, OneClassSVM
 
-from flgpr.detect import GaussianMixtureNovelty, OneClassRelevanceVectorMachine, RelevanceVectorClassifier
+from flgpr.detect import (
+    GaussianMixtureNovelty,
+    OneClassRelevanceVectorMachine,
+    RelevanceVectorClassifier,
+)
 from flgpr.detect.one_class import FORMULATIONS
 from flgpr.scoring import splits
 from flgpr_papers.flsar2004.lanes import Classify
@@ -57,7 +61,9 @@ def rvm_by_evidence(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
     return _rvm_on_the_kernel_of_the_svm(settings, kernel, prior="laplacian", n_starts=3, tol=1e-4)
 
 
-def _rvm_on_the_kernel_of_the_svm(settings: Classify, kernel: str, **option: Any) -> TunedClassifier:
+def _rvm_on_the_kernel_of_the_svm(
+    settings: Classify, kernel: str, **option: Any
+) -> TunedClassifier:
     def choose(X: FloatArray, y: BoolArray) -> Classifier:
         chosen = search_svm(settings, kernel, X, y)[-1].get_params()
         kernel_options = {name: chosen[name] for name in ("kernel", "gamma", "degree", "coef0")}
@@ -72,7 +78,10 @@ def evidence_rvm(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
     def choose(X: FloatArray, y: BoolArray) -> Classifier:
         Z = StandardScaler().fit_transform(X)
         options = [{"kernel": kernel, "gamma": width / X.shape[1]} for width in settings.widths]
-        trials = [RelevanceVectorClassifier(n_starts=1, tol=1e-3, **option).fit(Z, y) for option in options]
+        trials = [
+            RelevanceVectorClassifier(n_starts=1, tol=1e-3, **option).fit(Z, y)
+            for option in options
+        ]
         best = options[int(np.argmax([trial.log_evidence_ for trial in trials]))]
         return lambda train, label: _relevance(train, label, n_starts=3, tol=1e-4, **best)
 
@@ -108,9 +117,13 @@ def search_svm(settings: Classify, kernel: str, X: FloatArray, y: BoolArray) -> 
     """
     folds = int(min(3, y.sum(), (~y).sum()))
     if folds < 2:
-        raise ValueError(f"y must hold at least two mines and two clutter examples, got {y.sum()} and {(~y).sum()}")
+        raise ValueError(
+            f"y must hold at least two mines and two clutter examples, got {y.sum()} and {(~y).sum()}"
+        )
     if kernel == "rbf":
-        options: list[dict[str, float]] = [{"gamma": width / X.shape[1]} for width in settings.widths]
+        options: list[dict[str, float]] = [
+            {"gamma": width / X.shape[1]} for width in settings.widths
+        ]
     else:
         options = [{"degree": n, "coef0": 1.0, "gamma": 1 / X.shape[1]} for n in settings.degrees]
     area = np.zeros((len(settings.costs), len(options)))
@@ -127,7 +140,9 @@ def search_svm(settings: Classify, kernel: str, X: FloatArray, y: BoolArray) -> 
                     above = score[y[test]][:, None] - score[~y[test]]
                     area[j, k] += (above > 0).mean() + 0.5 * (above == 0).mean()
     best_cost, best = np.unravel_index(int(area.argmax()), area.shape)
-    return make_pipeline(StandardScaler(), SVC(C=settings.costs[best_cost], kernel=kernel, **options[best]))
+    return make_pipeline(
+        StandardScaler(), SVC(C=settings.costs[best_cost], kernel=kernel, **options[best])
+    )
 
 
 def sum_of_correlations(X: FloatArray, y: BoolArray) -> tuple[Scorer, float]:
@@ -149,13 +164,19 @@ def one_class(settings: Classify, kind: str = NOVELTY_RIVALS[0]) -> Classifier:
     def fit(X: FloatArray, y: BoolArray) -> tuple[Scorer, float]:
         mines = X[y]
         if kind == "svm":
-            pipeline = make_pipeline(StandardScaler(), OneClassSVM(nu=0.1, gamma=median_width(mines))).fit(mines)
+            pipeline = make_pipeline(
+                StandardScaler(), OneClassSVM(nu=0.1, gamma=median_width(mines))
+            ).fit(mines)
             return pipeline.decision_function, len(pipeline[-1].support_) / len(mines)
         if kind == "gmm":
             return GaussianMixtureNovelty(random_state=0).fit(mines).score_samples, 1.0
         formulation = next(one for one in FORMULATIONS if kind == f"rvm, {one}")
         machine = OneClassRelevanceVectorMachine(
-            gamma=median_width(mines), prior="laplacian-map", p0=settings.p0, formulation=formulation, random_state=0
+            gamma=median_width(mines),
+            prior="laplacian-map",
+            p0=settings.p0,
+            formulation=formulation,
+            random_state=0,
         ).fit(mines)
         return machine.score_samples, len(machine.relevance_) / len(mines)
 
@@ -167,14 +188,17 @@ class HeldOut:
     """Scores of examples by classifiers that have not seen them."""
 
     mine: FloatArray  #: (n,) scores of the mines; -inf for one that a prescreener lost
-    clutter: FloatArray  #: (m, repeats) scores of the clutter; a novelty detector scores it in every fold (par. 52)
+    # : (m, repeats) scores of the clutter; a novelty detector scores it in every fold (par. 52)
+    clutter: FloatArray
     #: target, tile: mine that each score belongs to, and name of each clutter example
     target: NDArray[Any]
     tile: NDArray[Any]
     kept: FloatArray  #: (fold,) share of the training examples kept as vectors
 
 
-def held_out(table: pd.DataFrame, X: FloatArray, classifier: Classifier, folds: int, novelty: bool = False) -> HeldOut:
+def held_out(
+    table: pd.DataFrame, X: FloatArray, classifier: Classifier, folds: int, novelty: bool = False
+) -> HeldOut:
     """Score every example by a classifier trained without its mine, all looks at which are left out together.
 
     ``folds`` is the number of groups that the mines are dealt to.
@@ -192,7 +216,9 @@ def held_out(table: pd.DataFrame, X: FloatArray, classifier: Classifier, folds: 
         if novelty:
             pooled.append(scorer(X[~y]))
     clutter = np.stack(pooled, axis=1) if novelty else score[~y][:, None]
-    return HeldOut(score[y], clutter, _names(table, y), np.arange((~y).sum()).astype(str), np.array(kept))
+    return HeldOut(
+        score[y], clutter, _names(table, y), np.arange((~y).sum()).astype(str), np.array(kept)
+    )
 
 
 def leave_one_out(
@@ -226,7 +252,12 @@ def leave_one_out(
 
 
 def retrained(
-    table: pd.DataFrame, X: FloatArray, classifier: Classifier, folds: int, draws: int, seed: int = 0
+    table: pd.DataFrame,
+    X: FloatArray,
+    classifier: Classifier,
+    folds: int,
+    draws: int,
+    seed: int = 0,
 ) -> FloatArray:
     """Area under the ROC (draw,) with mines and clutter drawn anew and the classifier trained on what was drawn.
 
@@ -235,11 +266,18 @@ def retrained(
     rng = np.random.default_rng(seed)
     found = []
     y = _is_mine(table)
-    mines = [np.flatnonzero(table["target"].to_numpy(dtype=str) == name) for name in np.unique(_names(table, y))]
+    mines = [
+        np.flatnonzero(table["target"].to_numpy(dtype=str) == name)
+        for name in np.unique(_names(table, y))
+    ]
     for _ in range(draws):
         chosen = [mines[k] for k in rng.integers(len(mines), size=len(mines))]
         rows = np.concatenate([*chosen, rng.choice(np.flatnonzero(~y), int((~y).sum()))])
-        names = np.where(y[rows], table["target"].to_numpy(dtype=str)[rows], np.char.add("clutter ", rows.astype(str)))
+        names = np.where(
+            y[rows],
+            table["target"].to_numpy(dtype=str)[rows],
+            np.char.add("clutter ", rows.astype(str)),
+        )
         group = np.unique(names, return_inverse=True)[1]
         fold = rng.permutation(group.max() + 1) % folds
         score = np.full(len(rows), np.nan)
@@ -251,7 +289,9 @@ def retrained(
 
 
 def across(
-    train: tuple[pd.DataFrame, FloatArray], test: tuple[pd.DataFrame, FloatArray], classifier: Classifier
+    train: tuple[pd.DataFrame, FloatArray],
+    test: tuple[pd.DataFrame, FloatArray],
+    classifier: Classifier,
 ) -> HeldOut:
     """Train on one site and test on the other (par. 39)."""
     y, z = (_is_mine(table) for table, _ in (train, test))
@@ -266,10 +306,14 @@ def with_lost(scores: HeldOut, seen: pd.DataFrame, offered: pd.DataFrame) -> Hel
 
     ``seen`` has a row per scored mine, ``offered`` one per mine and drive, both with target and direction.
     """
-    of_look = dict(zip(zip(seen["target"], seen["direction"], strict=True), scores.mine, strict=True))
+    of_look = dict(
+        zip(zip(seen["target"], seen["direction"], strict=True), scores.mine, strict=True)
+    )
     looks = zip(offered["target"], offered["direction"], strict=True)
     mine = np.array([of_look.get(look, -np.inf) for look in looks])
-    return HeldOut(mine, scores.clutter, offered["target"].to_numpy(dtype=str), scores.tile, scores.kept)
+    return HeldOut(
+        mine, scores.clutter, offered["target"].to_numpy(dtype=str), scores.tile, scores.kept
+    )
 
 
 def _mine_groups(table: pd.DataFrame, y: BoolArray, folds: int) -> list[Any]:

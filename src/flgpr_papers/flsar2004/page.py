@@ -53,14 +53,22 @@ def _twins(found: Sequence[Finding], pictures: Mapping[str, bytes]) -> Iterator[
         if name not in pictures:
             continue
         claims = tuple(one.get("claims", ()))
-        numbers = [(each.claim, each.paper, each.ours) for each in found if each.claim.startswith(claims)]
-        stated = [(quantity, paper, "as in the paper") for quantity, paper in one.get("same", {}).items()]
-        yield Twin(one.get("number", ""), one["title"], pictures[name], one["caption"], [*stated, *numbers])
+        numbers = [
+            (each.claim, each.paper, each.ours) for each in found if each.claim.startswith(claims)
+        ]
+        stated = [
+            (quantity, paper, "as in the paper") for quantity, paper in one.get("same", {}).items()
+        ]
+        yield Twin(
+            one.get("number", ""), one["title"], pictures[name], one["caption"], [*stated, *numbers]
+        )
 
 
 def _sizes(settings: Settings, notes: Mapping[str, Any]) -> list[Row]:
     loo = notes["vectors, leave-one-out"]
-    metal, plastic = (sum(getattr(mines, kind) for mines in settings.mines) for kind in ("metal", "plastic"))
+    metal, plastic = (
+        sum(getattr(mines, kind) for mines in settings.mines) for kind in ("metal", "plastic")
+    )
     rows: list[Row] = [
         ("mines per site, metal and plastic", "60 and 30", f"{metal} and {plastic}"),
         (
@@ -68,17 +76,37 @@ def _sizes(settings: Settings, notes: Mapping[str, Any]) -> list[Row]:
             "153, of them 27 mines",
             f"{loo['examples']}, {loo['mines']} mines",
         ),
-        ("support vectors", "34 % (par. 48), typically 30 % (par. 57)", f"{100 * loo['SVM']:.1f} %"),
-        ("relevance vectors", "14 % (par. 48), typically 15 % (par. 57)", f"{100 * loo['RVM']:.1f} %"),
-        ("the same, prior by the evidence", "not said", f"{100 * loo['RVM, prior by the evidence']:.1f} %"),
-        ("the same, ARD and width by evidence", "not tried", f"{100 * loo['RVM, ARD, width by evidence']:.1f} %"),
+        (
+            "support vectors",
+            "34 % (par. 48), typically 30 % (par. 57)",
+            f"{100 * loo['SVM']:.1f} %",
+        ),
+        (
+            "relevance vectors",
+            "14 % (par. 48), typically 15 % (par. 57)",
+            f"{100 * loo['RVM']:.1f} %",
+        ),
+        (
+            "the same, prior by the evidence",
+            "not said",
+            f"{100 * loo['RVM, prior by the evidence']:.1f} %",
+        ),
+        (
+            "the same, ARD and width by evidence",
+            "not tried",
+            f"{100 * loo['RVM, ARD, width by evidence']:.1f} %",
+        ),
     ]
     for site, counts in notes["examples"].items():
         told = ", ".join(f"{count} {kind}" for kind, count in counts.items())
         rows.append((f"examples without prescreener, both looks, {site}", "not given", told))
     for name, told in notes.items():
         if name.startswith(("prescreen", "fig5")):
-            text = ", ".join(f"{k}: {_short(v)}" for k, v in told.items()) if isinstance(told, dict) else str(told)
+            text = (
+                ", ".join(f"{k}: {_short(v)}" for k, v in told.items())
+                if isinstance(told, dict)
+                else str(told)
+            )
             rows.append((name, "", text))
     return rows
 
@@ -108,7 +136,13 @@ def _variants(told: Mapping[str, Any]) -> list[Row]:
     """Tell for each kind of template the number of every case and by how much it lies above the main one's."""
     form = "{:.2f} ({:.2f} to {:.2f}); {:+.2f} ({:+.2f} to {:+.2f})".format
     return [
-        (name, *(form(*case[name]["area"], *case[name]["less the main one"]) for case in told.values()))
+        (
+            name,
+            *(
+                form(*case[name]["area"], *case[name]["less the main one"])
+                for case in told.values()
+            ),
+        )
         for name in next(iter(told.values()))
     ]
 
@@ -118,5 +152,13 @@ def _registration(told: Mapping[str, Any]) -> list[Row]:
     for site, found in told.items():
         for name, one in found.items():
             across, along = (f"{100 * shift:+.1f}" for shift in one["shift"])
-            rows.append((site, name, f"{across}, {along} cm", f"{100 * one['residual']:.1f} cm", one["fiducials"]))
+            rows.append(
+                (
+                    site,
+                    name,
+                    f"{across}, {along} cm",
+                    f"{100 * one['residual']:.1f} cm",
+                    one["fiducials"],
+                )
+            )
     return rows

@@ -26,7 +26,9 @@ from flgpr_papers.kit.worlds import World
 PAGE = "flsar2004.html"
 
 
-def reproduce(output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN) -> Path:
+def reproduce(
+    output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN
+) -> Path:
     """Simulate the lanes, run the experiments on them, and write the page, the figures and the findings.
 
     Lane images and every part's results are kept in ``output``, so that a run that was stopped goes on where it was.
@@ -36,10 +38,16 @@ def reproduce(output: str | Path, quick: bool = False, track: Track = silent, wo
     settings = load_settings(quick, world)
     drives = [drive(settings, site, folder / "images", track) for site in settings.sites]
     sites = [join(settings, passes) for passes in drives]
-    key = key_of(settings.model_dump(mode="json"), [one.key for passes in drives for one in passes], flgpr.__version__)
+    key = key_of(
+        settings.model_dump(mode="json"),
+        [one.key for passes in drives for one in passes],
+        flgpr.__version__,
+    )
     results = _parts(prepare(settings, sites), folder / "parts", key, track)
     write_findings(folder, results.findings, quick, world=world)
-    write_whole(folder / "results.json", json.dumps(_as_json(results, curves=False), indent=1) + "\n")
+    write_whole(
+        folder / "results.json", json.dumps(_as_json(results, curves=False), indent=1) + "\n"
+    )
     drawn = figures.draw(settings, sites, results.curves, results.notes)
     pictures = {name: draw(figure, quick) for name, figure in track(drawn, "drawing the page", 14)}
     for name, picture in pictures.items():
@@ -81,26 +89,38 @@ def _from_json(record: dict[str, Any]) -> Results:
         for name, figure in record["curves"].items()
     }
     areas, partial = (
-        {name: (one[0], one[1], one[2]) for name, one in record[key].items()} for key in ("areas", "partial")
+        {name: (one[0], one[1], one[2]) for name, one in record[key].items()}
+        for key in ("areas", "partial")
     )
     findings = [finding_of(one) for one in record["findings"]]
     return Results(curves, areas, partial, record["chance"], findings, record["notes"])
 
 
-SITES = {"arid": "low", "temperate": "mironov"}  # the paper's two sites are the two losses of a world
+SITES = {
+    "arid": "low",
+    "temperate": "mironov",
+}  # the paper's two sites are the two losses of a world
 
 
 def findings_in(world: World, folder: Path) -> list[Finding]:
     """Judge the paper's statements at two sites of a world that differ in their loss."""
     settings = load_settings(quick=True)
     scenes = {name: replace(world, loss=loss).site(folder) for name, loss in SITES.items()}
-    own = {"sites": tuple(SITES), "scenes": scenes, "seed": settings.seed + 100 * (world.number + 1)}
+    own = {
+        "sites": tuple(SITES),
+        "scenes": scenes,
+        "seed": settings.seed + 100 * (world.number + 1),
+    }
     settings = settings.model_copy(update=own)
-    material = prepare(settings, [join(settings, drive(settings, site, folder)) for site in settings.sites])
+    material = prepare(
+        settings, [join(settings, drive(settings, site, folder)) for site in settings.sites]
+    )
     found: list[Finding] = []
     for part in JUDGED.values():
         try:
             found += part(material).findings
-        except ValueError:  # a fold of so few mines may hold none; the map tells how many worlds each statement has
+        except (
+            ValueError
+        ):  # a fold of so few mines may hold none; the map tells how many worlds each statement has
             continue
     return found

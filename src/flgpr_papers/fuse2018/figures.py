@@ -59,7 +59,14 @@ def geometry_figure(recipe: FuseRecipe) -> Figure:
         for side, mark in (("tx", "^"), ("rx", "v")):
             places = np.unique(sensor.pairs()[side == "rx"], axis=0) + height
             label = f"{band.upper()} band, {len(places)} {'transmitters' if side == 'tx' else 'receivers'}"
-            axes.plot(*places.T, mark, color=colour, ms=4, mfc=colour if side == "tx" else "none", label=label)
+            axes.plot(
+                *places.T,
+                mark,
+                color=colour,
+                ms=4,
+                mfc=colour if side == "tx" else "none",
+                label=label,
+            )
     (left, right), (near, far) = recipe.image.x, recipe.image.y
     corners = np.array([[left, near], [right, near], [right, far], [left, far], [left, near]])
     axes.plot(*corners.T, 0, "k-", lw=1, label="imaged ground")
@@ -67,11 +74,18 @@ def geometry_figure(recipe: FuseRecipe) -> Figure:
         axes.plot([left, right], [edge, edge], 0, "k:", lw=0.8)
     pixel = np.array([3.0, 9.0, 0.0])
     tx, rx = (
-        side[index] + np.array([0, 0, sensor.height]) for side, index in zip(sensor.pairs(), (0, -1), strict=True)
+        side[index] + np.array([0, 0, sensor.height])
+        for side, index in zip(sensor.pairs(), (0, -1), strict=True)
     )
     axes.plot(*np.array([tx, pixel, rx]).T, "C3-", lw=1.2, label="path L of Eq. 2")
     axes.plot(*pixel, "C3s", ms=5)
-    axes.set(xlabel="x, cross-range (m)", ylabel="y, range (m)", zlabel="z (m)", zlim=(0, 4), zticks=(0, 2, 4))
+    axes.set(
+        xlabel="x, cross-range (m)",
+        ylabel="y, range (m)",
+        zlabel="z (m)",
+        zlim=(0, 4),
+        zticks=(0, 2, 4),
+    )
     axes.view_init(24, -62)
     axes.set_box_aspect((20, 15, 5), zoom=1.15)
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(-0.05, 1.02), ncols=2)
@@ -87,7 +101,12 @@ def procedure_figure(example: Arrays) -> Figure:
     none = np.zeros_like(vv)
     x_and_vv = none if x is None else vv & x
     rows: tuple[Arrays, ...] = (
-        {"(a) VV": vv, "VH": vh, "VV \u2229 VH": vv & vh, "union: fundamental part": example["fundamental"]},
+        {
+            "(a) VV": vv,
+            "VH": vh,
+            "VV \u2229 VH": vv & vh,
+            "union: fundamental part": example["fundamental"],
+        },
         {"VV": vv, "X": none if x is None else x, "VV \u2229 X": x_and_vv},
         {
             "(b) VV low": example["mask vv low"],
@@ -116,7 +135,10 @@ def mixed_figure(example: Arrays) -> Figure:
 
 def regions_figure(example: Arrays) -> Figure:
     """Draw the fundamental part by pixel and by connected region, the two readings of "the intersection"."""
-    parts = {"fundamental": "intersected pixel by pixel", "fundamental by region": "by connected region"}
+    parts = {
+        "fundamental": "intersected pixel by pixel",
+        "fundamental by region": "by connected region",
+    }
     return _masks(example, parts)
 
 
@@ -130,16 +152,25 @@ def _masks(example: Arrays, parts: Mapping[str, str]) -> Figure:
 
 def stages_figure(example: Arrays) -> Figure:
     """Draw the averages #1, #3, #4 and #6 of the example frame, as Fig. 7."""
-    chosen = {f"stage #{c}": f"({letter}) #{c}" for letter, c in zip("abcd", (1, 3, 4, 6), strict=True)}
+    chosen = {
+        f"stage #{c}": f"({letter}) #{c}" for letter, c in zip("abcd", (1, 3, 4, 6), strict=True)
+    }
     return _many(example, chosen, (8.6, 5.2), 2)
 
 
 def variants_figure(example: Arrays) -> Figure:
     """Draw the example frame as every variant leaves it."""
-    return _many(example, {f"variant {name}": name for name in VARIANTS if f"variant {name}" in example}, (9.5, 8.6), 3)
+    return _many(
+        example,
+        {f"variant {name}": name for name in VARIANTS if f"variant {name}" in example},
+        (9.5, 8.6),
+        3,
+    )
 
 
-def _many(example: Arrays, chosen: Mapping[str, str], size: tuple[float, float], columns: int) -> Figure:
+def _many(
+    example: Arrays, chosen: Mapping[str, str], size: tuple[float, float], columns: int
+) -> Figure:
     figure = Figure(figsize=size, layout="constrained")
     rows = -(-len(chosen) // columns)
     places = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
@@ -166,12 +197,27 @@ def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecip
         ("(a) without averaging", "iteration", singles),
         ("(b) with averaging", "combination # (Table II)", averages),
     )
-    for axes, (title, label, stages) in zip(figure.subplots(1, 2, sharey=True), panels, strict=True):
+    for axes, (title, label, stages) in zip(
+        figure.subplots(1, 2, sharey=True), panels, strict=True
+    ):
         for row in named.to_dict("records"):
             one = pd.DataFrame([row])
-            axes.plot(list(stages), [power_db(one, s)[0] for s in stages.values()], "o-", label=f"box, {row['side']}")
-        spread = np.array([clustered(power_db(boxes, s), boxes["cluster"], 500) for s in stages.values()])
-        axes.plot(list(stages), spread[:, 0], "k-", lw=2, label=f"mean of {len(boxes)} boxes, lanes A and B")
+            axes.plot(
+                list(stages),
+                [power_db(one, s)[0] for s in stages.values()],
+                "o-",
+                label=f"box, {row['side']}",
+            )
+        spread = np.array(
+            [clustered(power_db(boxes, s), boxes["cluster"], 500) for s in stages.values()]
+        )
+        axes.plot(
+            list(stages),
+            spread[:, 0],
+            "k-",
+            lw=2,
+            label=f"mean of {len(boxes)} boxes, lanes A and B",
+        )
         axes.fill_between(list(stages), spread[:, 1], spread[:, 2], color="0.6", alpha=0.4)
         axes.axhline(-PAPER_DB, color="C3", ls=":", label=f"paper, #6: {-PAPER_DB:g} dB")
         axes.set(title=title, xlabel=label, xticks=list(stages))
@@ -186,7 +232,9 @@ def roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
     """Draw the ROC curves of both lanes with and without processing, every frame counting its area, as Fig. 9."""
     figure = Figure(figsize=(8.6, 3.5), layout="constrained")
     styles = {"iteration": ("--", "with processing"), "original": ("-", "without processing")}
-    for axes, letter, lane in zip(figure.subplots(1, len(lanes), sharey=True), "ab", lanes, strict=True):
+    for axes, letter, lane in zip(
+        figure.subplots(1, len(lanes), sharey=True), "ab", lanes, strict=True
+    ):
         for name, (dash, label) in styles.items():
             curve = scored(lane, name, recipe, "frames")[1]
             axes.step(curve["far"], curve["pd"], "k", where="post", ls=dash, lw=1.6, label=label)
@@ -206,7 +254,15 @@ def variants_roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figu
             for name, (colour, dash) in COMPARED.items():
                 curve = scored(lane, name, recipe, convention)[1]
                 width = 2.2 if name in ("original", "iteration") else 1.2
-                axes.step(curve["far"], curve["pd"], where="post", color=colour, ls=dash, lw=width, label=name)
+                axes.step(
+                    curve["far"],
+                    curve["pd"],
+                    where="post",
+                    color=colour,
+                    ls=dash,
+                    lw=width,
+                    label=name,
+                )
             _chance(axes, recipe)
             axes.set_title(f"lane {lane.name}, {words}", fontsize=9)
     for axes in places[-1]:
@@ -220,7 +276,9 @@ def variants_roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figu
 def _chance(axes: Axes, recipe: FuseRecipe) -> None:
     """Draw what alarms strewn at random would find."""
     rates = np.linspace(0, 0.3, 101)
-    axes.plot(rates, random_pd(rates, recipe.score.halo / 2), color="0.5", ls=":", lw=1, label="chance")
+    axes.plot(
+        rates, random_pd(rates, recipe.score.halo / 2), color="0.5", ls=":", lw=1, label="chance"
+    )
     axes.set(xlim=(0, 0.3), ylim=(0, 1.02))
     axes.grid(alpha=0.3)
 
@@ -231,18 +289,36 @@ def pose_figure(study: PoseStudy, lanes: Sequence[LaneResult], loose: LaneResult
     left, right = figure.subplots(1, 2)
     errors = 1000 * np.asarray(study.errors)
     for band, dash in (("l", "-"), ("x", "--")):
-        left.plot(errors, study.predicted[band], dash, color="0.2", label=f"formula, {band.upper()} band, many frames")
+        left.plot(
+            errors,
+            study.predicted[band],
+            dash,
+            color="0.2",
+            label=f"formula, {band.upper()} band, many frames",
+        )
     low, middle, high = np.quantile(study.measured, (0.05, 0.5, 0.95), axis=1)
     bars = np.array([middle - low, high - middle])
-    left.errorbar(errors, middle, bars, fmt="o", color="C3", capsize=4, label="reflectors, L band (5 to 95 %)")
+    left.errorbar(
+        errors, middle, bars, fmt="o", color="C3", capsize=4, label="reflectors, L band (5 to 95 %)"
+    )
     left.set(
-        xlabel="error of the position in each axis, mm rms", ylabel="loss of the coherent sum, dB", ylim=(-0.5, 15)
+        xlabel="error of the position in each axis, mm rms",
+        ylabel="loss of the coherent sum, dB",
+        ylim=(-0.5, 15),
     )
     left.legend(fontsize=8)
     bins = np.linspace(0, 10, 41).tolist()
     tight = pd.concat([lane.coherence for lane in lanes])["loss_db"]
     right.hist(tight, bins, density=True, alpha=0.6, label="lanes A and B")
-    right.hist(loose.coherence["loss_db"], bins, density=True, histtype="step", color="C3", lw=2, label="looser poses")
+    right.hist(
+        loose.coherence["loss_db"],
+        bins,
+        density=True,
+        histtype="step",
+        color="C3",
+        lw=2,
+        label="looser poses",
+    )
     right.set(xlabel="loss at the 20 strongest pixels of a frame, dB", ylabel="density")
     right.legend(fontsize=8)
     for axes in (left, right):
@@ -259,17 +335,27 @@ def fullwave_figure(study: FullwaveStudy) -> Figure:
     x, y = study.images["x"], study.images["y"]
     extent = (x[0], x[-1], y[0], y[-1])
     for row, rule in zip(places, rules, strict=True):
-        row[0].imshow(study.images[f"{rule}/mask"], origin="lower", extent=extent, cmap="gray", aspect="equal")
+        row[0].imshow(
+            study.images[f"{rule}/mask"], origin="lower", extent=extent, cmap="gray", aspect="equal"
+        )
         row[0].set_title(f"mask, roadside {rule}", fontsize=9)
         for axes, method in zip(row[1:], ("none", "iteration", "least squares"), strict=True):
             level = 20 * np.log10(np.maximum(study.images[f"{rule}/{method}"] / top, 1e-6))
             shown = axes.imshow(
-                level, origin="lower", extent=extent, vmin=-_RANGE, vmax=0, cmap="viridis", aspect="equal"
+                level,
+                origin="lower",
+                extent=extent,
+                vmin=-_RANGE,
+                vmax=0,
+                cmap="viridis",
+                aspect="equal",
             )
             axes.set_title("VV as it is" if method == "none" else f"VV, {method}", fontsize=9)
         for axes in row:
             for mark, (px, py) in zip("^^^xs", study.images["places"], strict=True):
-                axes.plot(px, py, mark, mfc="none", mec="C2" if mark == "^" else "C3", color="C3", ms=9)
+                axes.plot(
+                    px, py, mark, mfc="none", mec="C2" if mark == "^" else "C3", color="C3", ms=9
+                )
         row[0].set_ylabel("y (m)")
     for axes in places[-1]:
         axes.set_xlabel("x (m)")
@@ -280,12 +366,20 @@ def fullwave_figure(study: FullwaveStudy) -> Figure:
 def _image(axes: Axes, example: Arrays, magnitude: NDArray[Any], top: float | None = None) -> Any:
     level = 20 * np.log10(np.maximum(magnitude / (top or magnitude.max()), 1e-8))
     return axes.imshow(
-        level, origin="lower", extent=_extent(example), vmin=-_DEEP, vmax=0, cmap="viridis", aspect="auto"
+        level,
+        origin="lower",
+        extent=_extent(example),
+        vmin=-_DEEP,
+        vmax=0,
+        cmap="viridis",
+        aspect="auto",
     )
 
 
 def _mask(axes: Axes, example: Arrays, mask: NDArray[Any], title: str) -> None:
-    axes.imshow(mask, origin="lower", extent=_extent(example), cmap="gray", aspect="auto", vmin=0, vmax=1)
+    axes.imshow(
+        mask, origin="lower", extent=_extent(example), cmap="gray", aspect="auto", vmin=0, vmax=1
+    )
     axes.set_title(title, fontsize=10)
 
 
@@ -298,11 +392,22 @@ def _dress(axes: Axes, example: Arrays, boxes: bool = False) -> None:
     x_min, x_max, y_min, y_max = _extent(example)
     for x, y in example["mines"]:
         if x_min <= x <= x_max and y_min <= y <= y_max:
-            axes.plot(x, y, "^", mfc="none", mec="black", ms=8, mew=3.0)  # to be seen on bright ground, too
+            axes.plot(
+                x, y, "^", mfc="none", mec="black", ms=8, mew=3.0
+            )  # to be seen on bright ground, too
             axes.plot(x, y, "^", mfc="none", mec="#37d67a", ms=8, mew=1.5)
     if boxes:
         side = float(example["box side"])
         for x, y in example["boxes"]:
-            axes.add_patch(Rectangle((x - side / 2, y - side / 2), side, side, fill=False, ec="#9dff57", lw=1.4))
-    axes.set(xlim=(x_min, x_max), ylim=(y_min, y_max), xlabel="cross-range, m", ylabel="ahead of the array, m")
+            axes.add_patch(
+                Rectangle(
+                    (x - side / 2, y - side / 2), side, side, fill=False, ec="#9dff57", lw=1.4
+                )
+            )
+    axes.set(
+        xlim=(x_min, x_max),
+        ylim=(y_min, y_max),
+        xlabel="cross-range, m",
+        ylabel="ahead of the array, m",
+    )
     axes.label_outer()

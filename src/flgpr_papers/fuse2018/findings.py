@@ -37,7 +37,10 @@ from flgpr_papers.kit.findings import (
     together,
 )
 
-CONVENTIONS = {"frames": "area accumulated over all frames (Sec. 4)", "lane": "lane area, every place once"}
+CONVENTIONS = {
+    "frames": "area accumulated over all frames (Sec. 4)",
+    "lane": "lane area, every place once",
+}
 PAPER_DB = 26.5
 PAPER_MEAN_DB = 5.03
 """What the paper's clutter falls by with #6, and how much of it averaging gives, dB (Sec. 3.2)."""
@@ -68,7 +71,9 @@ def strongest_boxes(lanes: Sequence[LaneResult]) -> pd.DataFrame:
     for lane in lanes:
         if lane.boxes.empty:
             continue
-        wide = lane.boxes.pivot_table(index=["frame", "side", "object"], columns="stage", values="power").reset_index()
+        wide = lane.boxes.pivot_table(
+            index=["frame", "side", "object"], columns="stage", values="power"
+        ).reset_index()
         best = wide.loc[wide.groupby(["frame", "side"])["#0"].idxmax()]
         parts.append(best.assign(lane=lane.name, cluster=lane.name + best["object"].astype(str)))
     return pd.concat(parts, ignore_index=True)
@@ -84,7 +89,9 @@ def mine_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray,
     changes = []
     cluster = []
     for lane in lanes:
-        wide = lane.mines.pivot_table(index=["frame", "target"], columns="variant", values="peak").reset_index()
+        wide = lane.mines.pivot_table(
+            index=["frame", "target"], columns="variant", values="peak"
+        ).reset_index()
         changes.append(20 * np.log10(wide[variant].to_numpy() / wide["original"].to_numpy()))
         cluster.append(lane.name + wide["target"].astype(str))
     return np.concatenate(changes), pd.concat(cluster, ignore_index=True)
@@ -93,18 +100,24 @@ def mine_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray,
 def frame_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:
     """Match a variant's alarms frame by frame.
 
-    Every frame's detection area gets a place of its own on an unrolled lane, so that the same ground counts again in
-    every frame, as in the paper, and neighbouring frames, which see the same clutter, stay together when stretches of
-    lane are resampled.
+    Every frame's detection area gets a place of its own on an unrolled lane, so that the same
+    ground counts again in every frame, as in the paper, and neighbouring frames, which see the same
+    clutter, stay together when stretches of lane are resampled.
 
     Alarms and looks; column ``mine`` of the truth names the mine, ``inside`` the looks in the detection area.
     """
     score = recipe.score
     used = np.flatnonzero(np.isfinite(lane.poses[:, 0]))
-    alarms = lane.alarms[lane.alarms["variant"] == variant].rename(columns={"magnitude": "confidence"})
+    alarms = lane.alarms[lane.alarms["variant"] == variant].rename(
+        columns={"magnitude": "confidence"}
+    )
     poses = {int(frame): lane.poses[frame] for frame in used}
     frames = unroll_frames(
-        alarms[["frame", "across", "ahead", "confidence"]], poses, lane.truth, recipe.area, score.halo / 2
+        alarms[["frame", "across", "ahead", "confidence"]],
+        poses,
+        lane.truth,
+        recipe.area,
+        score.halo / 2,
     )
     return match(frames.alarms, frames.looks, frames.lane, score.halo, halo_as="diameter")
 
@@ -136,7 +149,12 @@ def scored(
     if convention == "frames":
         matched = frame_match(lane, variant, recipe)
         total = accumulated_area(lane.frames, recipe.score.x, recipe.score.y)
-        options: dict[str, object] = {"area": "frames", "frame_area": total, "block": _BLOCK, "cluster": "mine"}
+        options: dict[str, object] = {
+            "area": "frames",
+            "frame_area": total,
+            "block": _BLOCK,
+            "cluster": "mine",
+        }
     else:
         matched = lane_match(lane, variant, recipe)
         options = {"area": "union", "block": 10.0, "cluster": "mine"}
@@ -145,16 +163,22 @@ def scored(
     return matched, roc_of(matched, inside, shared="count", **area), options  # type: ignore[arg-type]
 
 
-def compared(lane: LaneResult, first: str, second: str, recipe: FuseRecipe, convention: str) -> Comparison:
+def compared(
+    lane: LaneResult, first: str, second: str, recipe: FuseRecipe, convention: str
+) -> Comparison:
     """Compare two variants on a lane by a FAR convention."""
-    (a, _, options), (b, _, _) = (scored(lane, name, recipe, convention) for name in (first, second))
+    (a, _, options), (b, _, _) = (
+        scored(lane, name, recipe, convention) for name in (first, second)
+    )
     inside = a.truth["inside"].to_numpy(dtype=bool)
     return compare(
         a, b, inside, far_max=recipe.score.far_max, far=recipe.score.far, draws=recipe.boxes.draws, **options,  # type: ignore[arg-type]
     )  # fmt: skip
 
 
-def all_findings(lanes: Sequence[LaneResult], loose: LaneResult, recipe: FuseRecipe) -> list[Finding]:
+def all_findings(
+    lanes: Sequence[LaneResult], loose: LaneResult, recipe: FuseRecipe
+) -> list[Finding]:
     """Judge everything, the paper's statements first, then our own questions."""
     boxes = strongest_boxes(lanes)
     return [*paper_findings(lanes, recipe), *_own_findings(lanes, loose, boxes, recipe)]
@@ -199,13 +223,24 @@ def _pairs(boxes: pd.DataFrame, values: FloatArray) -> pd.Series:
     return frames.loc[frames["count"] == 2, "mean"]
 
 
-def _figure_finding(claim: str, boxes: pd.DataFrame, values: FloatArray, figure: float, recipe: FuseRecipe) -> Finding:
+def _figure_finding(
+    claim: str, boxes: pd.DataFrame, values: FloatArray, figure: float, recipe: FuseRecipe
+) -> Finding:
     gap = one_frame(boxes, values, figure)
     every = _gap(boxes, values, recipe)
     ours = f"two boxes of a frame {_in_words((gap[0] + figure, gap[1] + figure, gap[2] + figure))}"
     note = f"interval of one frame; mean over all {len(boxes)} boxes {_in_words(every)}"
     asks = ("alike", _ALIKE, frame_error(boxes, values))
-    return Finding(claim, f"{figure:g} dB", ours, alike(*gap[1:], _ALIKE), note, interval=gap, asks=asks, unit="dB")
+    return Finding(
+        claim,
+        f"{figure:g} dB",
+        ours,
+        alike(*gap[1:], _ALIKE),
+        note,
+        interval=gap,
+        asks=asks,
+        unit="dB",
+    )
 
 
 def clutter_findings(boxes: pd.DataFrame, recipe: FuseRecipe) -> list[Finding]:
@@ -214,7 +249,9 @@ def clutter_findings(boxes: pd.DataFrame, recipe: FuseRecipe) -> list[Finding]:
     gain = single - power_db(boxes, "#6")
     steps = _gap(boxes, power_db(boxes, "iteration 1") - power_db(boxes, "iteration 7"), recipe)
     others = [f"#{number}" for number in TABLE_II if number != 6]
-    better = {f"{name} less #6": _over_six(boxes, name, together(len(others)), recipe) for name in others}
+    better = {
+        f"{name} less #6": _over_six(boxes, name, together(len(others)), recipe) for name in others
+    }
     mean = _gap(boxes, gain, recipe)
     size = f"{len(boxes)} boxes of {boxes['cluster'].nunique()} objects"
     return [
@@ -252,7 +289,10 @@ def band_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Findi
     for band, words in (("vh", "L band VH"), ("x", "X band")):
         if band not in table or table[band].isna().all():
             continue
-        levels = [clustered(20 * np.log10(one[band]), one["cluster"], recipe.boxes.draws) for one in (clutter, mines)]
+        levels = [
+            clustered(20 * np.log10(one[band]), one["cluster"], recipe.boxes.draws)
+            for one in (clutter, mines)
+        ]
         gap = difference_of_means(*levels)
         found.append(
             Finding(
@@ -274,7 +314,9 @@ def band_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Findi
 
 def own_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, pd.Series]:
     """Change of what every mine alone gives at its peak, dB, look by look, and the mine each belongs to."""
-    rows = pd.concat([one.own[one.own["variant"] == variant].assign(lane=one.name) for one in lanes])
+    rows = pd.concat(
+        [one.own[one.own["variant"] == variant].assign(lane=one.name) for one in lanes]
+    )
     return rows["change_db"].to_numpy(dtype=np.float64), rows["lane"] + rows["target"].astype(str)
 
 
@@ -283,8 +325,12 @@ def _mine_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Find
     mean = clustered(own, mine, recipe.boxes.draws)
     peaks, cluster = mine_changes(lanes, "iteration")
     halo = clustered(peaks, cluster, recipe.boxes.draws)
-    looks = pd.concat([lane.mines[lane.mines["variant"] == "original"].assign(lane=lane.name) for lane in lanes])
-    share = clustered(looks["masked"], looks["lane"] + looks["target"].astype(str), recipe.boxes.draws)
+    looks = pd.concat(
+        [lane.mines[lane.mines["variant"] == "original"].assign(lane=lane.name) for lane in lanes]
+    )
+    share = clustered(
+        looks["masked"], looks["lane"] + looks["target"].astype(str), recipe.boxes.draws
+    )
     count = f"{len(own)} looks at {mine.nunique()} mines"
     return [
         Finding(
@@ -334,16 +380,30 @@ def _own_findings(
 
     lost = {name: clustered(*own_changes(lanes, name), recipe.boxes.draws) for name in _OWN}
     words = "; ".join(f"{name} {_in_words(one)}" for name, one in lost.items())
-    found = [Finding("what a mine alone gives at its peak", "not tried", words, OPEN, interval=lost["least squares"])]
+    found = [
+        Finding(
+            "what a mine alone gives at its peak",
+            "not tried",
+            words,
+            OPEN,
+            interval=lost["least squares"],
+        )
+    ]
     found += against(
         "least squares removes more clutter than the iteration with one reflectivity at equal cost",
         "least squares",
         "shared",
     )
-    found += against("the road fitted too and not subtracted", "least squares spared", "least squares")
-    found += against("one reflectivity for all frames removes more than one per frame", "shared", "iteration")
     found += against(
-        "B of the whole response removes more than B of each sub-region's own", "whole response", "iteration"
+        "the road fitted too and not subtracted", "least squares spared", "least squares"
+    )
+    found += against(
+        "one reflectivity for all frames removes more than one per frame", "shared", "iteration"
+    )
+    found += against(
+        "B of the whole response removes more than B of each sub-region's own",
+        "whole response",
+        "iteration",
     )
     found += against(
         "the roadside's level of the calibration lane removes more than that of the frame itself",
@@ -356,13 +416,23 @@ def _own_findings(
         "least squares per frame",
         "iteration",
     )
-    found += against("masks by connected region remove more clutter than by pixel", "regions", "iteration")
-    found += against("the X band removes clutter that VV and VH alone leave", "iteration", "L band alone")
+    found += against(
+        "masks by connected region remove more clutter than by pixel", "regions", "iteration"
+    )
+    found += against(
+        "the X band removes clutter that VV and VH alone leave", "iteration", "L band alone"
+    )
     found += [_rival_finding(name, lanes, recipe) for name in _RIVALS]
     for lane in lanes:
         cleaned = lane_match(lane, "iteration", recipe)
         tracks = track_match(lane, "iteration", recipe)
-        one = compare(tracks, cleaned, far_max=recipe.score.far_max, far=recipe.score.far, draws=recipe.boxes.draws)
+        one = compare(
+            tracks,
+            cleaned,
+            far_max=recipe.score.far_max,
+            far=recipe.score.far,
+            draws=recipe.boxes.draws,
+        )
         found.append(
             Finding(
                 f"ROC better with alarms followed over {_HITS} frames than on the map of means, lane {lane.name}",
@@ -374,8 +444,14 @@ def _own_findings(
         )  # fmt: skip
     wrong = strongest_boxes([loose])
     for name in ("iteration", "shared"):
-        close = boxes.merge(wrong[["cluster", "frame", name, "#0"]], on=["cluster", "frame"], suffixes=("", " loose"))
-        worse = power_db(close.assign(**{"#0": close["#0 loose"]}), f"{name} loose") - power_db(close, name)
+        close = boxes.merge(
+            wrong[["cluster", "frame", name, "#0"]],
+            on=["cluster", "frame"],
+            suffixes=("", " loose"),
+        )
+        worse = power_db(close.assign(**{"#0": close["#0 loose"]}), f"{name} loose") - power_db(
+            close, name
+        )
         gap = clustered(worse, close["cluster"], recipe.boxes.draws)
         found.append(
             Finding(
@@ -390,14 +466,22 @@ def _rival_finding(name: str, lanes: Sequence[LaneResult], recipe: FuseRecipe) -
     """Compare the ROC of a variant with that of the iteration in each frame, lane by lane, by frames."""
     each = {lane.name: compared(lane, name, "iteration", recipe, "frames") for lane in lanes}
     gaps = {lane: (one.difference, one.low, one.high) for lane, one in each.items()}
-    ours = "; ".join(f"lane {lane} {in_words(*clip(gap, SHARE_DIFFERENCE))}" for lane, gap in gaps.items())
-    means = "; ".join(f"lane {lane} {one.pd_mean_a:.2f} against {one.pd_mean_b:.2f}" for lane, one in each.items())
+    ours = "; ".join(
+        f"lane {lane} {in_words(*clip(gap, SHARE_DIFFERENCE))}" for lane, gap in gaps.items()
+    )
+    means = "; ".join(
+        f"lane {lane} {one.pd_mean_a:.2f} against {one.pd_mean_b:.2f}" for lane, one in each.items()
+    )
     least = min(gaps.values(), key=lambda gap: gap[1])
     claim = f"ROC better with {name} than with the iteration in each frame (frames)"
-    return Finding(claim, "not tried", ours, OPEN, f"PD_mean {means}", interval=least, bounds=SHARE_DIFFERENCE)
+    return Finding(
+        claim, "not tried", ours, OPEN, f"PD_mean {means}", interval=least, bounds=SHARE_DIFFERENCE
+    )
 
 
-def _fall_back_finding(lanes: Sequence[LaneResult], boxes: pd.DataFrame, recipe: FuseRecipe) -> Finding:
+def _fall_back_finding(
+    lanes: Sequence[LaneResult], boxes: pd.DataFrame, recipe: FuseRecipe
+) -> Finding:
     """Tell where the iteration diverged, and what falling back to its best does."""
     courses = pd.concat([one.courses[one.courses["variant"] == "iteration"] for one in lanes])
     gap = _gap(boxes, power_db(boxes, "as printed") - power_db(boxes, "iteration"), recipe)
@@ -408,21 +492,32 @@ def _fall_back_finding(lanes: Sequence[LaneResult], boxes: pd.DataFrame, recipe:
         f"average, too, in {counts['fallen']}"
     )
     claim = "falling back to the best iteration where a course diverged removes more"
-    return Finding(claim, "always averages iterations 6 and 7", _in_words(gap), OPEN, note, interval=gap, unit="dB")
+    return Finding(
+        claim,
+        "always averages iterations 6 and 7",
+        _in_words(gap),
+        OPEN,
+        note,
+        interval=gap,
+        unit="dB",
+    )
 
 
 def follow(alarms: pd.DataFrame, gate: float, hits: int) -> pd.DataFrame:
     """Join the alarms of frames into tracks that stand still in the lane frame.
 
-    Frame by frame each alarm, strongest first, continues the nearest track within the gate that has none of this frame
-    yet, or begins one; a track stands at the mean of its alarms, weighed by magnitude. Its confidence is the
-    ``hits``-th largest of its magnitudes: at a threshold are declared the tracks of which so many frames exceed it.
+    Frame by frame each alarm, strongest first, continues the nearest track within the gate that has
+    none of this frame yet, or begins one; a track stands at the mean of its alarms, weighed by
+    magnitude. Its confidence is the ``hits``-th largest of its magnitudes: at a threshold are
+    declared the tracks of which so many frames exceed it.
 
     ``alarms`` has frame, x, y (m, lane frame) and magnitude; ``gate`` is in m. The table has x, y, confidence and
     frames; tracks of fewer frames than ``hits`` are left out.
     """
     tracks: list[list[NDArray[np.float64]]] = []
-    for _, frame in alarms.sort_values("magnitude", ascending=False, kind="stable").groupby("frame", sort=True):
+    for _, frame in alarms.sort_values("magnitude", ascending=False, kind="stable").groupby(
+        "frame", sort=True
+    ):
         old = np.array([_place(track) for track in tracks]).reshape(-1, 2)
         free = np.ones(len(old), dtype=bool)
         for one in frame[["x", "y", "magnitude"]].to_numpy(dtype=np.float64):

@@ -37,10 +37,15 @@ from flgpr.simulate import Scene, Simulator
 
 HALF_WIDTH = 1.4
 """Of the imaged ground, m."""
-ROADSIDES = {"scaled with the image": (0.4 * HALF_WIDTH, HALF_WIDTH), "beside the lane": (1.0, HALF_WIDTH)}
+ROADSIDES = {
+    "scaled with the image": (0.4 * HALF_WIDTH, HALF_WIDTH),
+    "beside the lane": (1.0, HALF_WIDTH),
+}
 """The paper's roadside begins at 4 of 10 m; the lane of this run is 1 m to either side of the middle."""
 LANE = Lane(-1.0, 1.0, 2.0, 6.2)
-_GRID = Grid.spanning((-HALF_WIDTH, HALF_WIDTH), (2.56, 6.2), 0.025)  # 1.2 m ahead of the last frame's array and on
+_GRID = Grid.spanning(
+    (-HALF_WIDTH, HALF_WIDTH), (2.56, 6.2), 0.025
+)  # 1.2 m ahead of the last frame's array and on
 _EDGES = np.linspace(2.56, 6.2, 5)
 # m, as for this lane elsewhere
 _HALO = 0.5
@@ -71,7 +76,8 @@ def fullwave_study(quick: bool = False) -> FullwaveStudy:
     truth = read_table(folder / "truth.csv", "truth")
     objects = read_table(folder / "objects.csv", "objects")
     places = [
-        (f"{kind} mine, {100 * depth:g} cm", x, y) for kind, depth, x, y in truth[["kind", "depth", "x", "y"]].values
+        (f"{kind} mine, {100 * depth:g} cm", x, y)
+        for kind, depth, x, y in truth[["kind", "depth", "x", "y"]].values
     ]
     places += [(kind, x, y) for kind, x, y in objects[["kind", "x", "y"]].to_numpy()]
     rows = []
@@ -83,16 +89,29 @@ def fullwave_study(quick: bool = False) -> FullwaveStudy:
         for method, image in cleaned.items():
             found = _alarms(image[0], truth)
             alarms.append(
-                {"roadside": rule, "method": method, "false alarms": int((found["label"] == 0).sum())}
+                {
+                    "roadside": rule,
+                    "method": method,
+                    "false alarms": int((found["label"] == 0).sum()),
+                }
                 | {"residual": residual[method], "masked": float(mask.mean())}
             )
             rows += [
-                {"roadside": rule, "method": method} | _fate(one, frames.images, image, mask, found) for one in places
+                {"roadside": rule, "method": method} | _fate(one, frames.images, image, mask, found)
+                for one in places
             ]
             images[f"{rule}/{method}"] = np.abs(image[0])
         images[f"{rule}/mask"] = mask
-    images |= {"VV": np.abs(frames.images[0]), "HH": np.abs(frames.images[1]), "VH": np.abs(frames.images[2])}
-    images |= {"x": _GRID.x, "y": _GRID.y, "places": np.array([place[1:] for place in places], dtype=np.float64)}
+    images |= {
+        "VV": np.abs(frames.images[0]),
+        "HH": np.abs(frames.images[1]),
+        "VH": np.abs(frames.images[2]),
+    }
+    images |= {
+        "x": _GRID.x,
+        "y": _GRID.y,
+        "places": np.array([place[1:] for place in places], dtype=np.float64),
+    }
     first = next(iter(ROADSIDES))
     return FullwaveStudy(pd.DataFrame(rows), pd.DataFrame(alarms), images, limits[first], worlds)
 
@@ -102,8 +121,8 @@ class _Frames:
 
     def __init__(self, run: xr.Dataset, polarizations: tuple[str, ...]) -> None:
         f = np.asarray(run["frequency"].values, dtype=np.float64)
-        # The direct coupling outshines every echo. A taper keeps its sidelobes out; half of it goes to the data and
-        # half to A, so that A and A^H stay each other's transposes.
+        # The direct coupling outshines every echo. A taper keeps its sidelobes out; half of it goes
+        # to the data and half to A, so that A and A^H stay each other's transposes.
         taper = np.sqrt(hann(2 * (f - f.mean()) / np.ptp(f)))
         signal = run["signal"].sel(polarization=list(polarizations)).values
         self.data = np.asarray(signal * taper, dtype=np.complex64)
@@ -122,7 +141,9 @@ class _Frames:
         vh = self.images[2] / self.level[2]
         return mixed_mask(vv, vh, limits, self.region, self.pixels[..., 0], roadside=side)
 
-    def clean(self, mask: NDArray[np.bool_]) -> tuple[dict[str, NDArray[np.complex64]], dict[str, float]]:
+    def clean(
+        self, mask: NDArray[np.bool_]
+    ) -> tuple[dict[str, NDArray[np.complex64]], dict[str, float]]:
         """Clean VV and HH under a mask by every method."""
         data = self.data[:, :2]
         points = self.pixels[mask]
@@ -132,7 +153,9 @@ class _Frames:
             "none": data,
             "iteration": averaged(shared, 6),
             "per frame": averaged_frames(own, 6),
-            "least squares": suppress_by_model(data, self._stack(points), 20).data if mask.any() else data,
+            "least squares": suppress_by_model(data, self._stack(points), 20).data
+            if mask.any()
+            else data,
         }
         whole = self._stack(self.pixels)
         norm = float(np.linalg.norm(data))
@@ -141,7 +164,10 @@ class _Frames:
 
 
 def _operator_on(
-    run: xr.Dataset, frequency: NDArray[np.float64], taper: NDArray[np.float64], pose: NDArray[np.float64]
+    run: xr.Dataset,
+    frequency: NDArray[np.float64],
+    taper: NDArray[np.float64],
+    pose: NDArray[np.float64],
 ) -> Callable[[NDArray[np.float64]], ImagingOperator]:
     tx, rx = (vehicle_to_lane(run[name].values, pose) for name in ("tx_position", "rx_position"))
     return lambda points: ImagingOperator(frequency, tx, rx, points, window=taper)
@@ -196,20 +222,40 @@ def _scene(run: xr.Dataset, seed: int) -> Scene:
     soil = run.attrs["soil"]
     order = rng.permutation(["metal", "metal", "plastic", "plastic"]).tolist()
     targets = [
-        {"kind": kind, "x": rng.uniform(-0.6, 0.6), "y": y + rng.uniform(-0.2, 0.2), "depth": rng.uniform(0.015, 0.06)}
+        {
+            "kind": kind,
+            "x": rng.uniform(-0.6, 0.6),
+            "y": y + rng.uniform(-0.2, 0.2),
+            "depth": rng.uniform(0.015, 0.06),
+        }
         | {"radius": 0.165, "height": 0.12}
         for kind, y in zip(order, (3.0, 3.9, 4.8, 5.7), strict=True)
     ]
     things = [
         {"kind": "rock", "x": rng.uniform(-0.8, 0.8), "y": rng.uniform(2.6, 6.0), "radius": 0.06},
-        {"kind": "post", "x": rng.choice([-1.2, 1.2]), "y": rng.uniform(2.8, 6.0), "radius": 0.03, "height": 0.4},
+        {
+            "kind": "post",
+            "x": rng.choice([-1.2, 1.2]),
+            "y": rng.uniform(2.8, 6.0),
+            "radius": 0.03,
+            "height": 0.4,
+        },
     ]
     return Scene.model_validate(
         {
             "name": f"calibration {seed}",
             "length": 7.0,
-            "soil": {"model": "fixed", "permittivity": soil["permittivity"], "conductivity": soil["conductivity"]},
-            "surface": {"rms_height": 0.006, "correlation_length": 0.1, "slope": 0.0, "texture_shape": None},
+            "soil": {
+                "model": "fixed",
+                "permittivity": soil["permittivity"],
+                "conductivity": soil["conductivity"],
+            },
+            "surface": {
+                "rms_height": 0.006,
+                "correlation_length": 0.1,
+                "slope": 0.0,
+                "texture_shape": None,
+            },
             "targets": targets,
             "objects": things,
             "track": {"positions": tuple(run["pose"].values[:, 1].tolist())},
@@ -219,7 +265,9 @@ def _scene(run: xr.Dataset, seed: int) -> Scene:
 
 def _alarms(image: NDArray[np.complex64], truth: pd.DataFrame) -> pd.DataFrame:
     """Alarms of a VV image in the lane, strongest first, with the mine that each hits (0 for none)."""
-    view = xr.DataArray(np.abs(image).astype(np.float64), dims=("y", "x"), coords={"y": _GRID.y, "x": _GRID.x})
+    view = xr.DataArray(
+        np.abs(image).astype(np.float64), dims=("y", "x"), coords={"y": _GRID.y, "x": _GRID.x}
+    )
     found = prescreen(view, LANE, _RADIUS)
     found = found[LANE.contains(found["x"], found["y"])].reset_index(drop=True)
     near = np.hypot(*(found[[axis]].to_numpy() - truth[axis].to_numpy() for axis in ("x", "y")))
@@ -244,4 +292,10 @@ def _fate(
     hit = np.flatnonzero(np.hypot(alarms["x"] - x, alarms["y"] - y) <= _HALO)
     rank = int(hit[0]) + 1 if hit.size and "mine" in name else 0
     above = int((alarms["label"].to_numpy()[: rank - 1] == 0).sum()) if rank else -1
-    return {"object": name, **peaks, "masked": float(mask[response].mean()), "rank": rank, "above": above}
+    return {
+        "object": name,
+        **peaks,
+        "masked": float(mask[response].mean()),
+        "rank": rank,
+        "above": above,
+    }

@@ -148,9 +148,16 @@ class FuseRecipe(Table):
         """Load the recipe that detection is run with, and give it the study's images and masks."""
         held = tomllib.loads(recipe_text("fuse2018"))
         image = self.image.model_dump()
-        masks = {"edges": image.pop("edges"), "frames": image["frames"], **dict(self.mask), **dict(self.suppress)}
+        masks = {
+            "edges": image.pop("edges"),
+            "frames": image["frames"],
+            **dict(self.mask),
+            **dict(self.suppress),
+        }
         held["image"] |= image
-        held["clutter"] = [one | masks if one["stage"] == "masks" else one for one in held["clutter"]]
+        held["clutter"] = [
+            one | masks if one["stage"] == "masks" else one for one in held["clutter"]
+        ]
         return Recipe.model_validate(held)
 
 
@@ -167,7 +174,9 @@ def band_sensor(recipe: FuseRecipe, band: str) -> Sensor:
     sees the ground from farther back.
     """
     preset = load_sensor(f"dual-band-{band}")
-    errors = preset.errors.model_copy(update={"position": recipe.radar.position, "heading": recipe.radar.heading})
+    errors = preset.errors.model_copy(
+        update={"position": recipe.radar.position, "heading": recipe.radar.heading}
+    )
     sensor = preset.model_copy(update={"errors": errors, "footprint": recipe.radar.footprint})
     near, far = recipe.image.y
     behind = (recipe.image.frames - 1) * recipe.lanes.step[1]
@@ -189,7 +198,9 @@ def lane_scene(recipe: FuseRecipe, name: str, band: str) -> Scene:
             "length": lanes.length,
             "surface": {"density": density},
             "clutter": {"bushes": lanes.bushes, "posts": lanes.posts, "roadside": lanes.roadside},
-            "draws": [{"kind": "metal", "depth": depth, "count": lanes.mines} for depth in lanes.depths],
+            "draws": [
+                {"kind": "metal", "depth": depth, "count": lanes.mines} for depth in lanes.depths
+            ],
             "track": {"start": lanes.start, "step": lanes.step, "wander": lanes.wander},
         }
     )
@@ -243,7 +254,9 @@ def simulate_lane(folder: Path, recipe: FuseRecipe, name: str, track: Track) -> 
     seed = recipe.lanes.seeds[name]
     runs = {}
     for band in BANDS:
-        store, _, _ = store_lane(folder, lane_scene(recipe, name, band), seed, band_sensor(recipe, band), track)
+        store, _, _ = store_lane(
+            folder, lane_scene(recipe, name, band), seed, band_sensor(recipe, band), track
+        )
         runs[band] = open_run(store)
     world = draw_world(lane_scene(recipe, name, "l"), seed)
     mines = mines_alone(folder, recipe, name, track) if name != "calibration" else None
@@ -261,7 +274,9 @@ def mines_alone(folder: Path, recipe: FuseRecipe, name: str, track: Track) -> Co
     lane = told(scene, seed)
     lane |= {"surface": {**lane["surface"], "echo": False}, **EVEN}
     twins = [Scene.model_validate(one) for one in (lane, lane | {"targets": []})]
-    key = key_of([twin.model_dump(mode="json") for twin in twins], sensor.model_dump(mode="json"), seed)
+    key = key_of(
+        [twin.model_dump(mode="json") for twin in twins], sensor.model_dump(mode="json"), seed
+    )
     path = folder / f"{name}-mines-{key}.bundle"
     if not path.is_file():
         full, empty = (Simulator(twin, sensor, seed, errors=False) for twin in twins)

@@ -86,7 +86,9 @@ def _twin(one: Drawing, folder: Path, quick: bool) -> Twin:
 
 def _iterations(parts: Sequence[int]) -> str:
     """Name the output images of a combination as Table II does."""
-    return f"Iterations {' and '.join(map(str, parts))} times" if any(parts) else "Original SAR image"
+    return (
+        f"Iterations {' and '.join(map(str, parts))} times" if any(parts) else "Original SAR image"
+    )
 
 
 def _system_rows(recipe: FuseRecipe) -> list[Row]:
@@ -118,7 +120,9 @@ def _points(recipe: FuseRecipe, lanes: Sequence[LaneResult]) -> Iterator[Row]:
             for variant in ("original", "iteration"):
                 matched, _, options = scored(lane, variant, recipe, convention)
                 area = {name: options[name] for name in ("area", "frame_area") if name in options}
-                inside = {f"lane {lane.name}, {convention}": matched.truth["inside"].to_numpy(dtype=bool)}
+                inside = {
+                    f"lane {lane.name}, {convention}": matched.truth["inside"].to_numpy(dtype=bool)
+                }
                 yield from point_rows({variant: matched}, inside, shared="count", **area)
 
 
@@ -131,7 +135,9 @@ def _threshold_rows(calibration: Calibration) -> list[Row]:
     names = {"VV": "vv", "VH": "vh", "X": "second", "VH, roadside": "low_vh"}
     learnt = calibration.learnt
     rows: list[Row] = [
-        (words, *(f"{20 * np.log10(v):.1f}" for v in learnt[name])) for words, name in names.items() if name in learnt
+        (words, *(f"{20 * np.log10(v):.1f}" for v in learnt[name]))
+        for words, name in names.items()
+        if name in learnt
     ]
     return [*rows, ("looks at mines", *learnt["looks"])]
 
@@ -145,8 +151,14 @@ def _course_rows(lanes: Sequence[LaneResult]) -> list[Row]:
             continue
         rose, worse, fallen = ("no iterations",) * 3
         if "least" not in name:
-            rose, worse, fallen = (f"{(one[what] > 0).sum()} of {len(one)}" for what in ("rises", "diverged", "fallen"))
-        means = f"{100 * one['masked'].mean():.1f}", f"{one['residual'].mean():.3f}", f"{one['cpu'].median():.2f}"
+            rose, worse, fallen = (
+                f"{(one[what] > 0).sum()} of {len(one)}" for what in ("rises", "diverged", "fallen")
+            )
+        means = (
+            f"{100 * one['masked'].mean():.1f}",
+            f"{one['residual'].mean():.3f}",
+            f"{one['cpu'].median():.2f}",
+        )
         rows.append((words, *means, rose, worse, fallen))
     return rows
 

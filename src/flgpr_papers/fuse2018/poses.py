@@ -24,8 +24,12 @@ class PoseStudy:
     """Loss of the coherent sum at reflectors on the ground."""
 
     errors: tuple[float, ...]  #: (error,) deviation of the position in each axis, m
-    predicted: dict[str, NDArray[np.float64]]  #: by band, :func:`flgpr.clutter.coherent_loss_db` for many frames, dB
-    measured: NDArray[np.float64]  #: (error, draw * place) L band, as many frames as the study sums, dB
+    predicted: dict[
+        str, NDArray[np.float64]
+    ]  #: by band, :func:`flgpr.clutter.coherent_loss_db` for many frames, dB
+    measured: NDArray[
+        np.float64
+    ]  #: (error, draw * place) L band, as many frames as the study sums, dB
     needed: dict[str, float]  #: by band, the accuracy for a loss of 1 dB, m
 
 
@@ -44,7 +48,9 @@ def pose_study(recipe: FuseRecipe, draws: int) -> PoseStudy:
     simulator = Simulator(scene, sensor, 1, errors=False)
     vv = sensor.polarization.index("VV")
     data = np.stack([scan[vv : vv + 1] for scan in simulator.scans()])
-    patches = [Grid.spanning((x - _HALF, x + _HALF), (y - _HALF, y + _HALF), _STEP) for x, y in _PLACES]
+    patches = [
+        Grid.spanning((x - _HALF, x + _HALF), (y - _HALF, y + _HALF), _STEP) for x, y in _PLACES
+    ]
     pixels = np.stack([patch.points() for patch in patches])
     tx, rx = sensor.pairs()
     rng = np.random.default_rng(4)
@@ -57,11 +63,18 @@ def pose_study(recipe: FuseRecipe, draws: int) -> PoseStudy:
                 wrong = pose.copy()
                 wrong[:3] += rng.normal(0, error, 3)
                 operator = ImagingOperator(
-                    sensor.tones.axis(), vehicle_to_lane(tx, wrong), vehicle_to_lane(rx, wrong), pixels, tolerance=1e-2
+                    sensor.tones.axis(),
+                    vehicle_to_lane(tx, wrong),
+                    vehicle_to_lane(rx, wrong),
+                    pixels,
+                    tolerance=1e-2,
                 )
                 images.append(operator.adjoint(b)[0, 0])
             stack = np.stack(images)
-            losses += [measured_coherence(stack[:, i], reach=4, most=1).loss_db[0] for i in range(len(_PLACES))]
+            losses += [
+                measured_coherence(stack[:, i], reach=4, most=1).loss_db[0]
+                for i in range(len(_PLACES))
+            ]
         measured.append(np.resize(losses, draws * len(_PLACES)))
     tones = {band: band_sensor(recipe, band).tones.axis() for band in ("l", "x")}
     return PoseStudy(

@@ -64,7 +64,8 @@ MASKS = {"regions": "region", "L band alone": "L", "calibrated roadside": "calib
 class Calibration:
     """What the calibration lane teaches."""
 
-    learnt: Arrays  #: thresholds of the masks as the stage takes them, and the looks at targets that they rest on
+    # : thresholds of the masks as the stage takes them, and the looks at targets that they rest on
+    learnt: Arrays
     #: (row,) median magnitude of VV between the roadsides at every distance ahead: alarms are measured in units of it
     background: FloatArray
 
@@ -91,7 +92,9 @@ class LaneRecords:
 
     #: variant, frame, x, y (m, lane frame), across, ahead (m, scan frame), magnitude over the background
     alarms: list[dict[str, Any]] = field(default_factory=list)
-    boxes: list[dict[str, Any]] = field(default_factory=list)  #: frame, object, side, stage, power in the box
+    boxes: list[dict[str, Any]] = field(
+        default_factory=list
+    )  #: frame, object, side, stage, power in the box
     #: frame, target, variant, peak, whether the mask covers the original peak
     mines: list[dict[str, Any]] = field(default_factory=list)
     #: frame, variant, iterations that raised the residual and by how much at most, whether the last was worse than
@@ -104,7 +107,9 @@ class LaneRecords:
     #: frame, what ("mine" or "clutter"), name, peak in vv, vh and x over the median of the rows it lies in, share of
     #: its VV power that the fundamental mask holds
     bands: list[dict[str, Any]] = field(default_factory=list)
-    maps: Arrays = field(default_factory=dict)  #: mean magnitude over the background of all looks, by variant
+    maps: Arrays = field(
+        default_factory=dict
+    )  #: mean magnitude over the background of all looks, by variant
 
 
 @dataclass(frozen=True)
@@ -133,7 +138,10 @@ class Cleaned:
 
 def stage_forms(frames: Frames, calibration: Calibration) -> dict[str, MaskedSuppression]:
     """Make the stage of the detection chain, trained, as every variant that it knows wants it."""
-    return {name: trained(frames.stage, calibration.learnt, **changes) for name, changes in _FORMS.items()}
+    return {
+        name: trained(frames.stage, calibration.learnt, **changes)
+        for name, changes in _FORMS.items()
+    }
 
 
 def clean(forms: dict[str, MaskedSuppression], index: int, variants: Sequence[str]) -> Cleaned:
@@ -168,7 +176,8 @@ def clean(forms: dict[str, MaskedSuppression], index: int, variants: Sequence[st
                 "rises": sum(course.rises for course in courses),
                 "rise": max((course.rise for course in courses), default=0.0),
                 "diverged": any(course.diverged for course in courses),
-                "fallen": falls_back and any(fallen_back(course, stage.settings.combination) for course in courses),
+                "fallen": falls_back
+                and any(fallen_back(course, stage.settings.combination) for course in courses),
                 "residual": float(np.linalg.norm(data) / np.linalg.norm(b)),
                 "masked": float(masks[MASKS.get(variant, "pixel")].mean()),
                 "cpu": cpu,
@@ -199,7 +208,9 @@ def _suppressed(
             return b, []
         count = equal_cost(stage.settings.iterations, mask, stage.region)
         pairs = zip(b, aperture.operators, strict=True)
-        return np.stack([suppress_by_model(data, make(stage.points[mask]), count).data for data, make in pairs]), []
+        return np.stack(
+            [suppress_by_model(data, make(stage.points[mask]), count).data for data, make in pairs]
+        ), []
     courses = main if variant == "iteration" else stage.courses(aperture, mask)
     return stage.averaged(courses), courses
 
@@ -230,9 +241,14 @@ def process_lane(
         _record_mines(records, cleaned, frames, recipe)
         _record_own(records, cleaned, frames, recipe)
         _record_bands(records, cleaned, frames, recipe)
-        levels = {name: np.abs(image) / calibration.background[:, None] for name, image in cleaned.images.items()}
+        levels = {
+            name: np.abs(image) / calibration.background[:, None]
+            for name, image in cleaned.images.items()
+        }
         _record_alarms(records, cleaned, levels, recipe)
-        sums.add(np.stack(list(levels.values())).astype(np.float32), cleaned.stage.grid, cleaned.pose)
+        sums.add(
+            np.stack(list(levels.values())).astype(np.float32), cleaned.stage.grid, cleaned.pose
+        )
         loss = measured_coherence(cleaned.aperture.looks).loss_db
         records.coherence += [{"frame": k, "loss_db": float(value)} for value in loss]
         if example is not None and k == shown:
@@ -276,16 +292,25 @@ def stage_images(cleaned: Cleaned, chosen: BoolArray) -> dict[str, ComplexArray]
     for frames in zip(*(course.data for course in cleaned.courses), strict=True):
         single.append(stack.adjoint(np.stack(frames))[0, 0])
     images = {f"iteration {number}": image for number, image in enumerate(single)}
-    return images | {f"#{c}": np.mean([single[i] for i in parts], axis=0) for c, parts in TABLE_II.items()}
+    return images | {
+        f"#{c}": np.mean([single[i] for i in parts], axis=0) for c, parts in TABLE_II.items()
+    }
 
 
-def _record_boxes(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> None:
+def _record_boxes(
+    records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
+) -> None:
     objects = roadside_objects(frames, cleaned.pose, recipe)
     if objects.empty:
         return
-    boxes = [box_of(cleaned.stage.grid, x, y, recipe.boxes.side) for x, y in objects[["x", "y"]].to_numpy()]
+    boxes = [
+        box_of(cleaned.stage.grid, x, y, recipe.boxes.side)
+        for x, y in objects[["x", "y"]].to_numpy()
+    ]
     together = np.any(boxes, axis=0)
-    stages = stage_images(cleaned, together) | {name: image[together] for name, image in cleaned.images.items()}
+    stages = stage_images(cleaned, together) | {
+        name: image[together] for name, image in cleaned.images.items()
+    }
     sides = np.where(objects["x"] < 0, "left", "right")
     for name, side, box in zip(objects["object_id"], sides, boxes, strict=True):
         inside = box[together]
@@ -296,7 +321,9 @@ def _record_boxes(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe
         ]
 
 
-def _record_mines(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> None:
+def _record_mines(
+    records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
+) -> None:
     strength = np.abs(cleaned.aperture.vv)
     for row, place in _targets(frames, cleaned, recipe):
         halo = _halo(cleaned.stage.grid, place, recipe.score.halo / 2)
@@ -331,20 +358,31 @@ def _record_own(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: 
         halo = _halo(stage.grid, place, recipe.score.halo / 2)
         at = np.unravel_index(int(np.where(halo, level["original"], -1).argmax()), halo.shape)
         records.own += [
-            {"frame": cleaned.index, "target": row.target_id, "variant": name, "masked": bool(mask[at])}
+            {
+                "frame": cleaned.index,
+                "target": row.target_id,
+                "variant": name,
+                "masked": bool(mask[at]),
+            }
             | {"change_db": float(20 * np.log10(image[at] / level["original"][at]))}
             for name, image in level.items()
             if name != "original"
         ]
 
 
-def _record_bands(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> None:
+def _record_bands(
+    records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
+) -> None:
     """Record how strong mines and roadside objects are in VV, VH and the X band."""
     one = cleaned.aperture
     stage = cleaned.stage
-    images = {"vv": np.abs(one.vv), "vh": np.abs(one.vh)} | ({} if one.second is None else {"x": one.second})
+    images = {"vv": np.abs(one.vv), "vh": np.abs(one.vh)} | (
+        {} if one.second is None else {"x": one.second}
+    )
     settings = stage.settings
-    held = fundamental_mask(one.vv, one.vh, stage.limits_for(one), stage.region, one.second, settings.intersect)
+    held = fundamental_mask(
+        one.vv, one.vh, stage.limits_for(one), stage.region, one.second, settings.intersect
+    )
     objects = roadside_objects(frames, cleaned.pose, recipe)
     boxes = [box_of(stage.grid, x, y, recipe.boxes.side) for x, y in objects[["x", "y"]].to_numpy()]
     places = [("clutter", name, box) for name, box in zip(objects["object_id"], boxes, strict=True)]
@@ -353,7 +391,12 @@ def _record_bands(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe
     for what, name, pixels in places:
         power = images["vv"][pixels] ** 2
         records.bands.append(
-            {"frame": cleaned.index, "what": what, "name": name, "held": float(power[held[pixels]].sum() / power.sum())}
+            {
+                "frame": cleaned.index,
+                "what": what,
+                "name": name,
+                "held": float(power[held[pixels]].sum() / power.sum()),
+            }
             | {band: _over_rows(image, pixels) for band, image in images.items()}
         )
 
@@ -369,11 +412,16 @@ def suppressed_alone(cleaned: Cleaned, data: ComplexArray) -> ComplexArray:
     return np.stack([_frame_alone(cleaned, *frame) for frame in frames])
 
 
-def _frame_alone(cleaned: Cleaned, data: ComplexArray, operator_on: OperatorOn, course: Iterated) -> ComplexArray:
+def _frame_alone(
+    cleaned: Cleaned, data: ComplexArray, operator_on: OperatorOn, course: Iterated
+) -> ComplexArray:
     """Suppress the data (polarization, pair, frequency) of one frame by the amplitudes of its course."""
     stage = cleaned.stage
     mask = cleaned.masks["pixel"]
-    under = {int(r): operator_on(stage.points[mask & (stage.region == r)]) for r in np.unique(stage.region[mask])}
+    under = {
+        int(r): operator_on(stage.points[mask & (stage.region == r)])
+        for r in np.unique(stage.region[mask])
+    }
     iterates = [data]
     for B in course.amplitude:
         rest = iterates[-1]
@@ -387,10 +435,14 @@ def _frame_alone(cleaned: Cleaned, data: ComplexArray, operator_on: OperatorOn, 
     return np.asarray(np.mean([iterates[number] for number in wanted], axis=0), dtype=np.complex64)
 
 
-def _record_alarms(records: LaneRecords, cleaned: Cleaned, levels: dict[str, FloatArray], recipe: FuseRecipe) -> None:
+def _record_alarms(
+    records: LaneRecords, cleaned: Cleaned, levels: dict[str, FloatArray], recipe: FuseRecipe
+) -> None:
     for name, level in levels.items():
         found = frame_alarms(level, cleaned.stage.grid, recipe.area, recipe.score.radius)
         x, y, _ = scan_to_lane(ground_points(found), cleaned.pose).T
-        found = found.rename(columns={"x": "across", "y": "ahead"}).assign(variant=name, frame=cleaned.index, x=x, y=y)
+        found = found.rename(columns={"x": "across", "y": "ahead"}).assign(
+            variant=name, frame=cleaned.index, x=x, y=y
+        )
         rows: list[dict[Any, Any]] = found.to_dict("records")
         records.alarms += rows

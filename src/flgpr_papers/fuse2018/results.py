@@ -40,7 +40,9 @@ class LaneResult:
     truth: pd.DataFrame
     objects: pd.DataFrame
     frames: int  #: number of apertures
-    poses: FloatArray  #: (frame, 6) of each aperture's latest frame, by number of the frame; NaN for frames without one
+    # : (frame, 6) of each aperture's latest frame, by number of the frame; NaN for frames without
+    # one
+    poses: FloatArray
     #: alarms, boxes, mines, courses, coherence, own, bands: as :class:`LaneRecords` describes them
     alarms: pd.DataFrame
     boxes: pd.DataFrame
@@ -49,7 +51,8 @@ class LaneResult:
     coherence: pd.DataFrame
     own: pd.DataFrame
     bands: pd.DataFrame
-    maps: Arrays  #: mean magnitude over the background of all looks, by variant; NaN where there was no look
+    # : mean magnitude over the background of all looks, by variant; NaN where there was no look
+    maps: Arrays
 
 
 def result_key(recipe: FuseRecipe, quick: bool, calibration: Calibration | None = None) -> str:
@@ -70,7 +73,10 @@ def calibration_record(calibration: Calibration) -> dict[str, Any]:
 
 def stored_calibration(path: Path, make: Callable[[], Calibration]) -> Calibration:
     """Read a calibration, or make and write it."""
-    held = {name: np.asarray(value) for name, value in kept(path, lambda: calibration_record(make())).items()}
+    held = {
+        name: np.asarray(value)
+        for name, value in kept(path, lambda: calibration_record(make())).items()
+    }
     background = held.pop("background")
     return Calibration(held, background)
 
@@ -91,7 +97,9 @@ def read_records(path: Path, frames: Frames) -> LaneResult:
     for k, pose in held["poses"].items():
         poses[int(k)] = pose
     maps = read_arrays(path.with_suffix(".bundle"))
-    return LaneResult(frames.name, frames.truth, frames.objects, len(held["poses"]), poses, **tables, maps=maps)
+    return LaneResult(
+        frames.name, frames.truth, frames.objects, len(held["poses"]), poses, **tables, maps=maps
+    )
 
 
 def example_arrays(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Arrays:
@@ -122,8 +130,16 @@ def example_arrays(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Arra
     arrays |= {f"variant {name}": np.abs(image) for name, image in cleaned.images.items()}
     objects = roadside_objects(frames, cleaned.pose, recipe)
     inside = [box_of(grid, x, y, recipe.boxes.side) for x, y in objects[["x", "y"]].to_numpy()]
-    objects = objects.assign(power=[float(np.mean(np.abs(one.vv[box]) ** 2)) for box in inside], left=objects["x"] < 0)
+    objects = objects.assign(
+        power=[float(np.mean(np.abs(one.vv[box]) ** 2)) for box in inside], left=objects["x"] < 0
+    )
     boxes = objects.sort_values("power").groupby("left").tail(1)[["x", "y"]]
     arrays["boxes"] = boxes.to_numpy(dtype=np.float64)
-    large = {name for name, value in arrays.items() if value.shape == grid.shape and value.dtype == np.float64}
-    return {name: value.astype(np.float32) if name in large else value for name, value in arrays.items()}
+    large = {
+        name
+        for name, value in arrays.items()
+        if value.shape == grid.shape and value.dtype == np.float64
+    }
+    return {
+        name: value.astype(np.float32) if name in large else value for name, value in arrays.items()
+    }

@@ -32,7 +32,9 @@ PAGE = "fuse2018.html"
 LANES = ("A", "B")
 
 
-def reproduce(output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN) -> Path:
+def reproduce(
+    output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN
+) -> Path:
     """Simulate the calibration lane and lanes A and B, clean them, and write the page, the findings and the tables.
 
     What is finished already (a simulated lane, the thresholds, a lane's results) is taken as it is if it was made by
@@ -58,7 +60,9 @@ def reproduce(output: str | Path, quick: bool = False, track: Track = silent, wo
     write_findings(folder, found, quick, world=world)
     page = folder / PAGE
     worlds = study_world("fuse2018", world), other_world(folder, PAGE, world, quick)
-    html = page_html(recipe, lanes, loose, calibration, example, poses, fullwave, found, quick, folder, *worlds)
+    html = page_html(
+        recipe, lanes, loose, calibration, example, poses, fullwave, found, quick, folder, *worlds
+    )
     write_whole(page, html)
     return page
 
@@ -77,7 +81,9 @@ def lane_result(
             write_arrays(shown, example_arrays(cleaned, frames, recipe))
 
     if not path.is_file():
-        records = process_lane(frames, calibration, recipe, track, tuple(VARIANTS), recipe.study.every, keep)
+        records = process_lane(
+            frames, calibration, recipe, track, tuple(VARIANTS), recipe.study.every, keep
+        )
         write_records(path, frames, records)
     return read_records(path, frames)
 
@@ -91,7 +97,9 @@ def loose_result(
     if not path.is_file():
         variants = ("original", "iteration", "shared")
         wrong = loosened(frames, recipe)
-        records = process_lane(wrong, calibration, recipe, track, variants, recipe.study.loose_every)
+        records = process_lane(
+            wrong, calibration, recipe, track, variants, recipe.study.loose_every
+        )
         write_records(path, wrong, records)
     return read_records(path, frames)
 
@@ -103,7 +111,9 @@ def loosened(frames: Frames, recipe: FuseRecipe) -> Frames:
     others = frames.stage.setup.others
     shift = np.zeros(run["pose"].shape)
     shift[:, :3] = np.random.default_rng(1).normal(0, more, (len(shift), 3))
-    runs = {band: one.assign(pose=one["pose"] + shift) for band, one in {"l": run, **others}.items()}
+    runs = {
+        band: one.assign(pose=one["pose"] + shift) for band, one in {"l": run, **others}.items()
+    }
     return replace(frames, stage=masks_stage(runs, recipe))
 
 

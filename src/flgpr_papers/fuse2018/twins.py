@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 
 from flgpr.scoring import pd_at
 from flgpr_papers.fuse2018 import figures
-from flgpr_papers.fuse2018.findings import BY_MEAN, COVERS, FALL, KEPT, PAPER_DB, PAPER_MEAN_DB, scored
+from flgpr_papers.fuse2018.findings import (
+    BY_MEAN,
+    COVERS,
+    FALL,
+    KEPT,
+    PAPER_DB,
+    PAPER_MEAN_DB,
+    scored,
+)
 from flgpr_papers.fuse2018.fullwave import FullwaveStudy
 from flgpr_papers.fuse2018.lanes import FuseRecipe
 from flgpr_papers.fuse2018.poses import PoseStudy
@@ -66,15 +74,31 @@ def paper_drawings(shown: Shown) -> Iterator[Drawing]:
 def own_drawings(shown: Shown) -> Iterator[Drawing]:
     """Draw what the paper does not have."""
     caption = "The frame of Fig. 3 to 7, in dB under the peak of the original."
-    yield Drawing("variants", "", "One frame, every variant", caption, figures.variants_figure(shown.example))
+    yield Drawing(
+        "variants", "", "One frame, every variant", caption, figures.variants_figure(shown.example)
+    )
     caption = 'Sec. 2.4: "each region ... is compared ... and the intersection is selected".'
-    yield Drawing("regions", "", "Two readings of the intersection", caption, figures.regions_figure(shown.example))
+    yield Drawing(
+        "regions",
+        "",
+        "Two readings of the intersection",
+        caption,
+        figures.regions_figure(shown.example),
+    )
     figure = figures.variants_roc_figure(shown.lanes, shown.recipe)
     yield Drawing("variants-roc", "", "ROC of the variants", "By both conventions of FAR.", figure)
     figure = figures.pose_figure(shown.poses, shown.lanes, shown.loose)
-    yield Drawing("poses", "", "What poses cost the coherent sum (Eq. 4)", "Formula, reflectors, lanes.", figure)
+    yield Drawing(
+        "poses",
+        "",
+        "What poses cost the coherent sum (Eq. 4)",
+        "Formula, reflectors, lanes.",
+        figure,
+    )
     caption = "Triangles: mines; cross: rock; square: post."
-    yield Drawing("fullwave", "", "The full-wave lane", caption, figures.fullwave_figure(shown.fullwave))
+    yield Drawing(
+        "fullwave", "", "The full-wave lane", caption, figures.fullwave_figure(shown.fullwave)
+    )
 
 
 def _geometry(shown: Shown) -> Drawing:
@@ -83,7 +107,11 @@ def _geometry(shown: Shown) -> Drawing:
     borders = ", ".join(f"{edge:g}" for edge in image.edges)
     numbers = [
         ("frames", "several, summed in range (Eq. 4)", f"{image.frames}, {_span(step)} m apart"),
-        ("imaged ground", "-10 to 10 m across (Sec. 2.4)", f"{_span(image.x)} m, {_span(image.y)} m ahead"),
+        (
+            "imaged ground",
+            "-10 to 10 m across (Sec. 2.4)",
+            f"{_span(image.x)} m, {_span(image.y)} m ahead",
+        ),
         ("sub-regions in range", "four", f"{len(image.edges) - 1}, borders at {borders} m"),
     ]
     caption = "Antennas of both bands at their places; dotted: borders of the sub-regions."
@@ -94,7 +122,11 @@ def _geometry(shown: Shown) -> Drawing:
 def _procedure(shown: Shown) -> Drawing:
     numbers = [
         ("roadside", "4 to 10 m on either side", f"{_span(shown.recipe.mask.roadside)} m"),
-        ("thresholds, fundamental", "calibration cases, as low as possible", "calibration lane, see the table"),
+        (
+            "thresholds, fundamental",
+            "calibration cases, as low as possible",
+            "calibration lane, see the table",
+        ),
         ("threshold, extended", "average at the roadside in a frame of the test lane", "the same"),
     ]
     caption = (
@@ -109,7 +141,9 @@ def _images(shown: Shown) -> Iterator[Drawing]:
     for number, (band, title) in _MASKS.items():
         if band not in shown.example:
             continue
-        caption = "(a) SAR image; (b) binary mask for the fundamental part. Triangles: buried targets."
+        caption = (
+            "(a) SAR image; (b) binary mask for the fundamental part. Triangles: buried targets."
+        )
         if band == "vv":
             caption += " Rectangles: the two clutter regions of Fig. 8, the strongest object at either roadside."
         figure = figures.mask_figure(shown.example, band, f"mask {band}", title, boxes=band == "vv")
@@ -120,19 +154,27 @@ def _images(shown: Shown) -> Iterator[Drawing]:
 
 def _mixed(shown: Shown) -> Drawing:
     numbers = [
-        ("targets under the mask", "covers just the clutter area", f"share of the looks {shown.ours(COVERS)}"),
+        (
+            "targets under the mask",
+            "covers just the clutter area",
+            f"share of the looks {shown.ours(COVERS)}",
+        ),
         ("pixels, fundamental part", "not told", _percent(shown.example["fundamental"])),
         ("pixels, extended part", "not told", _percent(shown.example["extended"])),
     ]
     figure = figures.mixed_figure(shown.example)
-    return Drawing("figure-6", "Fig. 6", "Mixed binary mask", "Triangles: buried targets.", figure, numbers)
+    return Drawing(
+        "figure-6", "Fig. 6", "Mixed binary mask", "Triangles: buried targets.", figure, numbers
+    )
 
 
 def _averages(shown: Shown) -> Drawing:
     numbers = [("targets' own peaks", "signals still remain", shown.ours(KEPT))]
     caption = "(a) #1, (b) #3, (c) #4, (d) #6, in dB under the peak of Fig. 3(a)."
     figure = figures.stages_figure(shown.example)
-    return Drawing("figure-7", "Fig. 7", "Averaging images to reduce clutter", caption, figure, numbers)
+    return Drawing(
+        "figure-7", "Fig. 7", "Averaging images to reduce clutter", caption, figure, numbers
+    )
 
 
 def _clutter_power(shown: Shown) -> Drawing:
@@ -146,22 +188,48 @@ def _clutter_power(shown: Shown) -> Drawing:
         "95 % interval. (a) and (b) as in the paper's caption; its text exchanges them."
     )
     figure = figures.power_figure(shown.lanes, shown.example, shown.recipe)
-    return Drawing("figure-8", "Fig. 8", "Clutter signal by iteration and combination", caption, figure, numbers)
+    return Drawing(
+        "figure-8",
+        "Fig. 8",
+        "Clutter signal by iteration and combination",
+        caption,
+        figure,
+        numbers,
+    )
 
 
 def _roc(shown: Shown) -> Drawing:
     score = shown.recipe.score
     numbers = [
-        ("detection area of a frame", "-7 to 7 m, 5 to 10 m ahead", f"{_span(score.x)} m, {_span(score.y)} m ahead"),
+        (
+            "detection area of a frame",
+            "-7 to 7 m, 5 to 10 m ahead",
+            f"{_span(score.x)} m, {_span(score.y)} m ahead",
+        ),
         ("halo, diameter", "1 m", f"{score.halo:g} m"),
     ]
     for lane in shown.lanes:
         for far in (0.05, 0.1):
-            curves = [scored(lane, name, shown.recipe, "frames")[1] for name in ("original", "iteration")]
+            curves = [
+                scored(lane, name, shown.recipe, "frames")[1] for name in ("original", "iteration")
+            ]
             here = " and ".join(f"{pd_at(curve, far):.2f}" for curve in curves)
-            numbers.append((f"Pd, lane {lane.name}, {far:g} per m², without and with", "not told in numbers", here))
+            numbers.append(
+                (
+                    f"Pd, lane {lane.name}, {far:g} per m², without and with",
+                    "not told in numbers",
+                    here,
+                )
+            )
     caption = "(a) Lane A, (b) lane B. Every frame counts its area, the same ground again in each. Dotted: chance."
-    return Drawing("figure-9", "Fig. 9", "ROC results", caption, figures.roc_figure(shown.lanes, shown.recipe), numbers)
+    return Drawing(
+        "figure-9",
+        "Fig. 9",
+        "ROC results",
+        caption,
+        figures.roc_figure(shown.lanes, shown.recipe),
+        numbers,
+    )
 
 
 def _percent(mask: NDArray[Any]) -> str:

@@ -44,11 +44,17 @@ def read_arrays(path: Path) -> Arrays:
     return dict(Bundle(path))
 
 
-def store_lane(folder: Path, scene: Scene, seed: int, sensor: Sensor, track: Track) -> tuple[Path, pd.DataFrame, Lane]:
+def store_lane(
+    folder: Path, scene: Scene, seed: int, sensor: Sensor, track: Track
+) -> tuple[Path, pd.DataFrame, Lane]:
     """Simulate a lane into a run store, unless exactly this lane is there already; store, its targets and the lane."""
     path = folder / f"{scene.name}.zarr"
     note = folder / f"{scene.name}.digest"
-    content = {"scene": scene.model_dump(mode="json"), "seed": seed, "sensor": sensor.model_dump(mode="json")}
+    content = {
+        "scene": scene.model_dump(mode="json"),
+        "seed": seed,
+        "sensor": sensor.model_dump(mode="json"),
+    }
     digest = sha256(canonical_json(content))
     if path.is_dir() and note.is_file() and note.read_text(encoding="utf-8").strip() == digest:
         read_manifest(path)

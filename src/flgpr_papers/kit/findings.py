@@ -1,18 +1,22 @@
 """A statement of a paper beside what the simulated lanes show, and the rules by which it is judged.
 
-No verdict "agrees" or "disagrees" without an interval; those are of 95 %, with all that belongs to one mine drawn
-together. The rules, fixed before the lanes they judge are made:
+No verdict "agrees" or "disagrees" without an interval; those are of 95 %, with all that belongs to
+one mine drawn together. The rules, fixed before the lanes they judge are made:
 
-- *larger*: a claim that something is larger agrees if the interval of the difference lies above zero, disagrees if it
+- *larger*: a claim that something is larger agrees if the interval of the difference lies above
+  zero, disagrees if it
   lies below.
-- *within*: a number with a rule agrees if its interval lies within the rule, disagrees if it lies outside.
-- *alike*: a figure of the paper is a sample too. The interval of ours less the paper's has the errors of both. If it
+- *within*: a number with a rule agrees if its interval lies within the rule, disagrees if it lies
+  outside.
+- *alike*: a figure of the paper is a sample too. The interval of ours less the paper's has the
+  errors of both. If it
   does not hold zero, the two disagree; if it does and reaches no further than a margin, they agree.
-- *all of*: a claim of several parts agrees if every part does, disagrees if one does. The parts' intervals are then
+- *all of*: a claim of several parts agrees if every part does, disagrees if one does. The parts'
+  intervals are then
   wide enough to hold all together (Bonferroni).
 
-What an interval does not decide cannot be said. A quick run decides nothing: its lanes are short and hold a few mines,
-so that its findings have numbers and no verdicts.
+What an interval does not decide cannot be said. A quick run decides nothing: its lanes are short
+and hold a few mines, so that its findings have numbers and no verdicts.
 
 The interval of a share ends at 0 and 1, that of a difference of two shares at -1 and 1: no value beyond is possible.
 """
@@ -63,8 +67,8 @@ class Finding:
     Raises
     ------
     ValueError
-        If it agrees or disagrees and has no interval, or not by the stated rule or margin; if the interval leaves
-        ``bounds``.
+        If it agrees or disagrees and has no interval, or not by the stated rule or margin; if the
+        interval leaves ``bounds``.
     """
 
     #: claim, paper, ours: what the paper says, its figure ("not tried" where the question is ours) and ours with its
@@ -82,15 +86,23 @@ class Finding:
     asks: tuple[str, float, float] | None = None
     parts: tuple[float, ...] = ()  #: the number of every part of a claim of several
     unit: str = ""  #: of the number, the rule and the margin
-    bounds: Bounds | None = None  #: between which the number must lie, whatever is measured; None: anything is possible
+    bounds: Bounds | None = (
+        None  #: between which the number must lie, whatever is measured; None: anything is possible
+    )
 
     def __post_init__(self) -> None:
-        if self.verdict in (AGREES, DISAGREES) and (self.interval is None or np.isnan(self.interval).any()):
-            raise ValueError(f"interval of {self.claim!r} must be known if it {self.verdict}, got {self.interval}")
+        if self.verdict in (AGREES, DISAGREES) and (
+            self.interval is None or np.isnan(self.interval).any()
+        ):
+            raise ValueError(
+                f"interval of {self.claim!r} must be known if it {self.verdict}, got {self.interval}"
+            )
         if self.bounds is not None and self.interval is not None:
             low, high = self.bounds
             if any(math.isfinite(end) and not low <= end <= high for end in self.interval):
-                raise ValueError(f"interval of {self.claim!r} must lie in {low:g} to {high:g}, got {self.interval}")
+                raise ValueError(
+                    f"interval of {self.claim!r} must lie in {low:g} to {high:g}, got {self.interval}"
+                )
         by_rule = self._verdict_by_rule()
         if self.verdict in (AGREES, DISAGREES) and by_rule not in (None, self.verdict):
             raise ValueError(
@@ -118,7 +130,11 @@ class Finding:
         if self.asks is None:
             return ""
         kind, limit, _ = self.asks
-        return f"above {limit:g}{unit}" if kind == "larger" else f"within {limit:g}{unit} of the paper's"
+        return (
+            f"above {limit:g}{unit}"
+            if kind == "larger"
+            else f"within {limit:g}{unit} of the paper's"
+        )
 
 
 def clip(interval: Interval, bounds: Bounds) -> Interval:
@@ -192,11 +208,17 @@ def difference_of_shares(a: tuple[int, int], b: tuple[int, int]) -> Interval:
     return p - q, p - q - math.hypot(p - pl, qh - q), p - q + math.hypot(ph - p, q - ql)
 
 
-def less_figure(ours: Interval, figure: float, error: float, bounds: Bounds | None = None) -> Interval:
+def less_figure(
+    ours: Interval, figure: float, error: float, bounds: Bounds | None = None
+) -> Interval:
     """Give ours less a figure of the paper, whose standard error is known or bounded; the gap is cut at bounds."""
     value, low, high = ours
     gap = value - figure
-    interval = gap, gap - math.hypot(value - low, _Z * error), gap + math.hypot(high - value, _Z * error)
+    interval = (
+        gap,
+        gap - math.hypot(value - low, _Z * error),
+        gap + math.hypot(high - value, _Z * error),
+    )
     return interval if bounds is None else clip(interval, bounds)
 
 
@@ -206,7 +228,9 @@ def share_error(share: float, count: int) -> float:
     return math.sqrt(p * (1 - p) / count)
 
 
-def clustered(values: ArrayLike, cluster: Any, draws: int, seed: int = 0, level: float = 0.95) -> Interval:
+def clustered(
+    values: ArrayLike, cluster: Any, draws: int, seed: int = 0, level: float = 0.95
+) -> Interval:
     """Mean of values and its bootstrap interval by percentiles, whole clusters drawn together; NaN without values."""
     data = np.asarray(values, dtype=np.float64)
     if data.size == 0:
@@ -254,7 +278,9 @@ def measured(
         interval = clip(interval, bounds)
     said = verdict if rule is None else judge(*interval[1:], rule)
     ours = in_words(*interval, unit)
-    return Finding(claim, paper, ours, said, "", quantity, interval, rule, asks=asks, unit=unit, bounds=bounds)
+    return Finding(
+        claim, paper, ours, said, "", quantity, interval, rule, asks=asks, unit=unit, bounds=bounds
+    )
 
 
 def in_words(value: float, low: float, high: float, unit: str = "") -> str:
@@ -299,7 +325,16 @@ def parts_larger(
     values = tuple(value for value, _, _ in cut.values())
     asks = ("larger", limit, 0.0)
     return Finding(
-        claim, paper, ours, verdict, note, interval=least, group=group, asks=asks, parts=values, bounds=bounds
+        claim,
+        paper,
+        ours,
+        verdict,
+        note,
+        interval=least,
+        group=group,
+        asks=asks,
+        parts=values,
+        bounds=bounds,
     )
 
 
@@ -315,7 +350,9 @@ def together(parts: int) -> float:
     return 1 - 0.05 / parts
 
 
-def spread(value: float, draws: ArrayLike, level: float = 0.95, bounds: Bounds | None = None) -> Interval:
+def spread(
+    value: float, draws: ArrayLike, level: float = 0.95, bounds: Bounds | None = None
+) -> Interval:
     """Student's interval of a value by the standard deviation of its bootstrap draws, few of which suffice.
 
     It reaches beyond what a share can be; ``bounds`` cut it there.
@@ -355,7 +392,9 @@ def read_findings(folder: Path) -> list[Finding]:
 def finding_of(row: dict[str, Any]) -> Finding:
     """Make a finding of what JSON holds of it."""
     pairs = {
-        name: None if row.get(name) is None else tuple(math.nan if one is None else one for one in row[name])
+        name: None
+        if row.get(name) is None
+        else tuple(math.nan if one is None else one for one in row[name])
         for name in ("interval", "rule", "asks", "parts", "bounds")
     }
     return Finding(**{**row, **pairs})

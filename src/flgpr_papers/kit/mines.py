@@ -24,7 +24,9 @@ class Mix:
     def __post_init__(self) -> None:
         whole = all(isinstance(part, int) and part > 0 for part in self.parts.values())
         if not self.parts or not whole:
-            raise ValueError(f"mix {self.name}: parts must be whole numbers above 0, at least one, got {self.parts}")
+            raise ValueError(
+                f"mix {self.name}: parts must be whole numbers above 0, at least one, got {self.parts}"
+            )
 
     @property
     def shares(self) -> dict[str, Fraction]:
@@ -43,7 +45,8 @@ def find_mix(name: str) -> Mix:
 def mix_counts(mix: str, count: int) -> dict[str, int]:
     """Return how many of ``count`` mines have each body of a mix, by the method of the largest remainder.
 
-    Equal remainders go to the body that is declared first. Bodies of which there is none are left out.
+    Equal remainders go to the body that is declared first. Bodies of which there is none are left
+    out.
 
     Raises
     ------
@@ -86,11 +89,14 @@ def mix_draws(mix: str, depth: float, count: int, **entries: Any) -> list[dict[s
     return draws
 
 
-def mix_draws_at_depths(mix: str, counts: Mapping[float, int], **entries: Any) -> list[dict[str, Any]]:
+def mix_draws_at_depths(
+    mix: str, counts: Mapping[float, int], **entries: Any
+) -> list[dict[str, Any]]:
     """Return the draws of a scene that put mines of a mix at several depths, a draw per depth and body.
 
-    The whole lane's mines are counted by :func:`mix_counts`, brought into an order in which every stretch is near the
-    mix, and dealt to the depths in the order given: depths with few mines do not all get the body declared first.
+    The whole lane's mines are counted by :func:`mix_counts`, brought into an order in which every
+    stretch is near the mix, and dealt to the depths in the order given: depths with few mines do
+    not all get the body declared first.
 
     Parameters
     ----------
@@ -128,6 +134,8 @@ def _interleave(counts: Mapping[str, int]) -> list[str]:
     return [body for _, _, body in sorted(places)]
 
 
-_DECLARED = tomllib.loads((resources.files("flgpr_papers") / "mines.toml").read_text(encoding="utf-8"))
+_DECLARED = tomllib.loads(
+    (resources.files("flgpr_papers") / "mines.toml").read_text(encoding="utf-8")
+)
 MIXES: dict[str, Mix] = {name: Mix(name=name, **table) for name, table in _DECLARED.items()}
 """The declared mixes by name."""

@@ -36,14 +36,29 @@ def study_html(template: str, **values: Any) -> str:
 
     The page of a paper extends ``paper.html``, which has the order that all share.
     """
-    return render(template, "flgpr_papers", verdicts=VERDICTS, no_verdict=NO_VERDICT, open_question=OPEN, **values)
+    return render(
+        template,
+        "flgpr_papers",
+        verdicts=VERDICTS,
+        no_verdict=NO_VERDICT,
+        open_question=OPEN,
+        **values,
+    )
 
 
 def draw(figure: Figure, quick: bool, dpi: float = 110) -> bytes:
     """Render a figure as PNG, marked if the run was quick."""
     if quick:
         figure.text(
-            0.5, 0.5, "quick run", fontsize=34, color="#cc0000", alpha=0.25, rotation=20, ha="center", va="center"
+            0.5,
+            0.5,
+            "quick run",
+            fontsize=34,
+            color="#cc0000",
+            alpha=0.25,
+            rotation=20,
+            ha="center",
+            va="center",
         )
     return figure_png(figure, dpi)
 
@@ -69,7 +84,9 @@ def pd_in_words(found: int, targets: int, by_chance: float) -> str:
     return f"{found} of {targets} = {found / max(targets, 1):.0%} ({low:.0%} to {high:.0%}), chance {by_chance:.0%}"
 
 
-def point_rows(matches: Mapping[str, Match], subsets: Mapping[str, Any], **area: Any) -> list[tuple[str, ...]]:
+def point_rows(
+    matches: Mapping[str, Match], subsets: Mapping[str, Any], **area: Any
+) -> list[tuple[str, ...]]:
     """Tabulate detectors and subsets of the targets by operating points."""
     rows = []
     for name, one in matches.items():

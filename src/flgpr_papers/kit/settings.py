@@ -32,7 +32,9 @@ def packaged_text(paper: str, name: str = "study") -> str:
     return (resources.files(f"flgpr_papers.{paper}") / f"{name}.toml").read_text(encoding="utf-8")
 
 
-def packaged(paper: str, kind: type[T], quick: bool = False, more: Mapping[str, Any] | None = None) -> T:
+def packaged(
+    paper: str, kind: type[T], quick: bool = False, more: Mapping[str, Any] | None = None
+) -> T:
     """Load the packaged settings of a paper's study.
 
     For a quick run the table ``quick`` is laid over the others, and ``more``, entries of nested tables, in any case.

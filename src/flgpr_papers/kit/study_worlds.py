@@ -38,7 +38,9 @@ class StudyWorld(Table):
     """Lanes of a study in one world, as its file ``lanes.toml`` declares them."""
 
     title: str  #: in words, for pages
-    sites: dict[str, str]  #: packaged site of each lane of the study, by the study's own name of the lane
+    sites: dict[
+        str, str
+    ]  #: packaged site of each lane of the study, by the study's own name of the lane
     mixes: dict[str, str] = Field(
         default_factory=dict
     )  #: mix of bodies by kind of target; without one the kind's generic body
@@ -88,5 +90,8 @@ def other_world(folder: Path, page: str, world: str, quick: bool) -> OtherWorld:
         return OtherWorld()
     if json.loads((beside / "findings.json").read_text("utf-8"))["quick"] != quick:
         return OtherWorld()
-    found = {(one.claim, one.quantity, one.group): (one.ours, one.verdict) for one in read_findings(beside)}
+    found = {
+        (one.claim, one.quantity, one.group): (one.ours, one.verdict)
+        for one in read_findings(beside)
+    }
     return OtherWorld(f"{AS_FOUND}/{page}", found)

@@ -35,7 +35,8 @@ class World:
     number: int  #: of the world; its lanes are drawn from seeds of their own
     roughness: float  #: rms height of the surface, mm
     permittivity: float  #: ε' at 1 GHz
-    loss: str  #: "mironov", that of the soil model at the moisture which gives the permittivity, or "low"
+    # : "mironov", that of the soil model at the moisture which gives the permittivity, or "low"
+    loss: str
     contents: str  #: what is in the soil: "nothing", "prepared" or "natural", that of a site
     roadside: str  #: "none", "posts" or "bushes"
     mines: str  #: mix that stands for plastic mines, see :mod:`flgpr_papers.kit.mines`
@@ -50,12 +51,17 @@ class World:
     @property
     def roadside_density(self) -> dict[str, float]:
         """Bushes and posts per metre of lane."""
-        return {kind: float(DECLARED["roadside"][kind]) * (kind == self.roadside) for kind in ("bushes", "posts")}
+        return {
+            kind: float(DECLARED["roadside"][kind]) * (kind == self.roadside)
+            for kind in ("bushes", "posts")
+        }
 
     def moisture(self) -> float:
         """Volumetric moisture at which the soil model has the permittivity."""
         clay = DECLARED["soil"]["clay"]
-        return float(brentq(lambda m: soil.mironov([1e9], clay, m)[0].real - self.permittivity, 0.0, 0.5))
+        return float(
+            brentq(lambda m: soil.mironov([1e9], clay, m)[0].real - self.permittivity, 0.0, 0.5)
+        )
 
     def tables(self) -> dict[str, Any]:
         """Return the world as the tables of a site."""
@@ -69,7 +75,9 @@ class World:
             tables["soil"]["loss_tangent"] = DECLARED["soil"]["low_loss"]
         tables["surface"] = tables.get("surface", {}) | {"rms_height": self.roughness / 1000}
         tables |= in_soil_of(self.contents, self.permittivity)
-        tables["clutter"] = tables.get("clutter", {}) | on_soil_of(self.contents) | self.roadside_density
+        tables["clutter"] = (
+            tables.get("clutter", {}) | on_soil_of(self.contents) | self.roadside_density
+        )
         return tables
 
     def site(self, folder: Path) -> str:
@@ -121,7 +129,9 @@ def in_soil_of(contents: str, permittivity: float) -> dict[str, dict[str, Any]]:
 
 def on_soil_of(contents: str) -> dict[str, float]:
     """Return rocks and wet patches per m²: those of a site, or none for "nothing"."""
-    clutter = {} if contents == "nothing" else site_tables(DECLARED["sites"][contents]).get("clutter", {})
+    clutter = (
+        {} if contents == "nothing" else site_tables(DECLARED["sites"][contents]).get("clutter", {})
+    )
     return {name: float(clutter.get(name, 0.0)) for name in _ON_SOIL}
 
 
@@ -129,7 +139,11 @@ def write_site(path: Path, tables: dict[str, Any]) -> None:
     """Write tables of a site as a TOML file, whole or not at all."""
     lines = []
     for name, table in tables.items():
-        lines += [f"[{name}]", *(f"{entry} = {json.dumps(value)}" for entry, value in table.items()), ""]
+        lines += [
+            f"[{name}]",
+            *(f"{entry} = {json.dumps(value)}" for entry, value in table.items()),
+            "",
+        ]
     path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, "\n".join(lines))
 

@@ -56,8 +56,14 @@ class LaneResult:
 
 def matched(results: Sequence[LaneResult], tables: Sequence[pd.DataFrame]) -> Match:
     """Match alarms of several lanes to their targets with the paper's halo of 1 m."""
-    alarms = [table[["x", "y", "confidence"]].assign(lane=one.name) for one, table in zip(results, tables, strict=True)]
-    truth = [one.truth.assign(lane=one.name, target_id=one.name + "-" + one.truth["target_id"]) for one in results]
+    alarms = [
+        table[["x", "y", "confidence"]].assign(lane=one.name)
+        for one, table in zip(results, tables, strict=True)
+    ]
+    truth = [
+        one.truth.assign(lane=one.name, target_id=one.name + "-" + one.truth["target_id"])
+        for one in results
+    ]
     lanes = {one.name: one.lane for one in results}
     return match(pd.concat(alarms, ignore_index=True), pd.concat(truth, ignore_index=True), lanes)
 
@@ -84,7 +90,9 @@ class Pool:
         false = false[np.argsort(-self.reference.confidence[false], kind="stable")]
         block = make_scores(self.reference, design).block
         hit = self.labels["target"].to_numpy()
-        mines, wanted = (select_targets(self.reference.truth, targets) for targets in (MINES, subset))
+        mines, wanted = (
+            select_targets(self.reference.truth, targets) for targets in (MINES, subset)
+        )
         while count:
             target, weight = design.draw(rng)
             several = len(np.unique(design.target_lane[target > 0])) > 1 or len(self.lanes) == 1
@@ -109,9 +117,19 @@ class Pool:
         if not cross:
             return [self._fold(columns, here, here, duplicate, draw)]
         names = list(only or self.lanes)
-        return [self._fold(columns, here & (lane != name), here & (lane == name), duplicate, draw) for name in names]
+        return [
+            self._fold(columns, here & (lane != name), here & (lane == name), duplicate, draw)
+            for name in names
+        ]
 
-    def _fold(self, columns: Sequence[str], train: Any, test: Any, duplicate: bool, draw: Draw | None = None) -> Fold:
+    def _fold(
+        self,
+        columns: Sequence[str],
+        train: Any,
+        test: Any,
+        duplicate: bool,
+        draw: Draw | None = None,
+    ) -> Fold:
         labels = self.labels
         use = train & (labels["label"] != "neither").to_numpy()
         training_lanes = set(labels["lane"][train])
@@ -123,15 +141,23 @@ class Pool:
             use = use & (draw.alarm > 0)
             weight = weight * draw.alarm.astype(np.int64)
         hit = (labels["label"] == "hit").to_numpy().astype(np.int64)
-        return make_fold(np.nan_to_num(self.features[list(columns)].to_numpy(float)), hit, weight, use, test)
+        return make_fold(
+            np.nan_to_num(self.features[list(columns)].to_numpy(float)), hit, weight, use, test
+        )
 
     def singles(self, columns: Sequence[str], method: str) -> FloatArray:
         """PD_mean of every feature on its own by a method A-D."""
-        return single_features(self.folds(columns, *_settings(method)), len(self.labels), self.scorer)
+        return single_features(
+            self.folds(columns, *_settings(method)), len(self.labels), self.scorer
+        )
 
-    def search(self, columns: Sequence[str], method: str, steps: int | None = None) -> list[SearchStep]:
+    def search(
+        self, columns: Sequence[str], method: str, steps: int | None = None
+    ) -> list[SearchStep]:
         """Forward search by a method A-D."""
-        return forward_search(self.folds(columns, *_settings(method)), len(self.labels), self.scorer, steps)
+        return forward_search(
+            self.folds(columns, *_settings(method)), len(self.labels), self.scorer, steps
+        )
 
     def confidence(self, columns: Sequence[str], method: str) -> FloatArray:
         """Confidences of all alarms with a fixed set of features by a method A-D; -inf where a feature is missing."""
@@ -148,21 +174,27 @@ class Pool:
                 rows.append(single_features(folds, len(self.labels), scorer))
         return {method: np.array(rows) for method, rows in found.items()}
 
-    def searches_in(self, columns: Sequence[str], methods: str, draws: int) -> dict[str, FloatArray]:
+    def searches_in(
+        self, columns: Sequence[str], methods: str, draws: int
+    ) -> dict[str, FloatArray]:
         """PD_mean (draw, step) of forward searches by methods A-D, searched anew in every draw."""
         found: dict[str, list[list[float]]] = {method: [] for method in methods}
         for draw in self.draws(draws):
             scorer = partial(self.scorer, draw=draw)
             for method, rows in found.items():
                 folds = self.folds(columns, *_settings(method), draw=draw)
-                rows.append([step.score for step in forward_search(folds, len(self.labels), scorer)])
+                rows.append(
+                    [step.score for step in forward_search(folds, len(self.labels), scorer)]
+                )
         return {method: np.array(rows) for method, rows in found.items()}
 
     def scorer_of(self, subset: Any) -> Rescorer:
         """Make what gives PD_mean of some of the targets; that of mines is at hand as ``scorer``."""
         return Rescorer(self.reference, subset, FAR_MAX, AREA)
 
-    def retrained(self, columns: Sequence[str], method: str, draws: int, subset: Any = MINES) -> FloatArray:
+    def retrained(
+        self, columns: Sequence[str], method: str, draws: int, subset: Any = MINES
+    ) -> FloatArray:
         """PD_mean (draw,) of some targets by a fixed set of features and a method A-D, trained anew in every draw."""
         cross, duplicate = _settings(method)
         score = self.scorer_of(subset)
@@ -208,9 +240,13 @@ class Pool:
 
     def magnitude(self) -> FloatArray:
         """Magnitude of all alarms: what the prescreener goes by."""
-        return np.concatenate([one.alarms["magnitude"].to_numpy(dtype=np.float64) for one in self.results])
+        return np.concatenate(
+            [one.alarms["magnitude"].to_numpy(dtype=np.float64) for one in self.results]
+        )
 
-    def nested(self, columns: Sequence[str], steps: int) -> tuple[float, FloatArray, list[list[str]]]:
+    def nested(
+        self, columns: Sequence[str], steps: int
+    ) -> tuple[float, FloatArray, list[list[str]]]:
         """PD_mean, confidences and features, each lane scored with features that a search without it has chosen."""
         confidence = np.full(len(self.labels), -np.inf)
         chosen = []
@@ -220,7 +256,12 @@ class Pool:
             left = [one for one in self.results if one.name in others]
             scorer = Rescorer(matched(left, [one.alarms for one in left]), MINES, FAR_MAX, AREA)
             rows = np.flatnonzero(np.isin(self.labels["lane"], others))
-            inner = forward_search(folds, len(self.labels), lambda c, r=rows, s=scorer: s(c[r]), steps)  # type: ignore[misc]
+            inner = forward_search(
+                folds,
+                len(self.labels),
+                lambda c, r=rows, s=scorer: s(c[r]),  # type: ignore[misc]
+                steps,
+            )
             best = int(np.argmax([step.score for step in inner])) + 1
             names = [columns[step.feature] for step in inner[:best]]
             known = np.isfinite(self.features[names].to_numpy(float)).all(axis=1)
@@ -244,7 +285,9 @@ class Pool:
         return pd_mean_interval(self.match_of(confidence), FAR_MAX, MINES, area=AREA, draws=draws)
 
 
-def prescreened(results: Sequence[LaneResult], polarization: str, subband: str, recipe: Any) -> Match:
+def prescreened(
+    results: Sequence[LaneResult], polarization: str, subband: str, recipe: Any
+) -> Match:
     """Alarms of another channel's run-view by the same prescreener, confidence being the magnitude."""
     tables = []
     for one in results:
@@ -258,17 +301,20 @@ def prescreened(results: Sequence[LaneResult], polarization: str, subband: str, 
     return matched(results, tables)
 
 
-def clutter_levels(results: Sequence[LaneResult], clear: float = 1.5, stretch: float = 10.0) -> pd.DataFrame:
+def clutter_levels(
+    results: Sequence[LaneResult], clear: float = 1.5, stretch: float = 10.0
+) -> pd.DataFrame:
     """Tell how far clutter stands out of the background in the run-views, by stretches of lane (the paper's Fig. 8).
 
-    Images are in units of their background, so that their mean level tells nothing. The level of a channel is the 99 %
-    quantile of its magnitude over the median, dB, of the pixels farther than ``clear`` (m) from every target.
+    Images are in units of their background, so that their mean level tells nothing. The level of a
+    channel is the 99 % quantile of its magnitude over the median, dB, of the pixels farther than
+    ``clear`` (m) from every target.
 
     Returns
     -------
     DataFrame
-        ``lane``, ``stretch`` (number of a piece of lane ``stretch`` m long) and the level (dB) of every channel, named
-        ``HH F1`` and so on.
+        ``lane``, ``stretch`` (number of a piece of lane ``stretch`` m long) and the level (dB) of
+        every channel, named ``HH F1`` and so on.
     """
     rows = []
     for one in results:
@@ -300,7 +346,9 @@ def _stands_out(magnitude: NDArray[Any]) -> float:
 def table_one(pool: Pool, subband: str = "F1", prefix: str = "") -> pd.DataFrame:
     """PD_mean of every feature on its own by the methods A-D."""
     columns = [f"{prefix}{name}_{subband}" for name in FEATURES]
-    return pd.DataFrame({method: pool.singles(columns, method) for method in METHODS}, index=list(FEATURES)).T
+    return pd.DataFrame(
+        {method: pool.singles(columns, method) for method in METHODS}, index=list(FEATURES)
+    ).T
 
 
 def table_two(pool: Pool) -> dict[str, list[SearchStep]]:

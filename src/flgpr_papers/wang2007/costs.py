@@ -61,7 +61,9 @@ DIFFERENCES = (
     Difference("features.gain", "own", "shared", gain=True),
     Difference("features.psi", "linear", "circular", psi=True),
     Difference("score.area", "paper", "union", area="union"),
-    Difference("all four", "wang2007-printed", "wang2007", coarse=True, gain=True, psi=True, area="union"),
+    Difference(
+        "all four", "wang2007-printed", "wang2007", coarse=True, gain=True, psi=True, area="union"
+    ),
 )
 
 
@@ -116,7 +118,12 @@ def pd_mean_of(matched: Match, subset: Subset, area: AreaRule) -> float:
 
 
 def paired_cost(
-    first: Match, second: Match, subset: Subset, first_area: AreaRule, second_area: AreaRule, draws: int
+    first: Match,
+    second: Match,
+    subset: Subset,
+    first_area: AreaRule,
+    second_area: AreaRule,
+    draws: int,
 ) -> Interval:
     """Return PD_mean of one list of alarms less that of another, and its 95 % bootstrap interval.
 
@@ -134,7 +141,10 @@ def paired_cost(
     draws : int
         Number of resamplings.
     """
-    designs = make_design(first, subset, area=first_area), make_design(second, subset, area=second_area)
+    designs = (
+        make_design(first, subset, area=first_area),
+        make_design(second, subset, area=second_area),
+    )
     scores = make_scores(first, designs[0], subset), make_scores(second, designs[1], subset)
 
     def difference(target: np.ndarray, block: np.ndarray) -> float:
@@ -153,7 +163,9 @@ def paired_cost(
 
 def _matches(lanes: Lanes, difference: Difference) -> dict[tuple[str, str], Match]:
     """Match the alarms of every detector on both kinds of lanes as a difference has them."""
-    calibration, blind = ([_renamed(one, difference) for one in some] for some in (lanes.calibration, lanes.blind))
+    calibration, blind = (
+        [_renamed(one, difference) for one in some] for some in (lanes.calibration, lanes.blind)
+    )
     pool = Pool(calibration)
     matches = {}
     for name, columns in DETECTORS.items():
@@ -167,13 +179,17 @@ def _matches(lanes: Lanes, difference: Difference) -> dict[tuple[str, str], Matc
     scored = blind_scores(calibration, blind, trained)
     matches |= {(name, "blind"): one for name, one in scored.items()}
     tables = [one.alarms.assign(confidence=one.features[DETECTORS[UNTRAINED][0]]) for one in blind]
-    matches[UNTRAINED, "blind"] = matched(blind, [table.dropna(subset=["confidence"]) for table in tables])
+    matches[UNTRAINED, "blind"] = matched(
+        blind, [table.dropna(subset=["confidence"]) for table in tables]
+    )
     order = [(name, where) for where in ("calibration", "blind") for name in DETECTORS]
     return {key: matches[key] for key in order}
 
 
 def _renamed(one: LaneResult, difference: Difference) -> LaneResult:
     """Give the columns that a difference reads the names of the printed ones; others are left out."""
-    read: Mapping[str, str] = {name: difference.column(name) for names in DETECTORS.values() for name in names}
+    read: Mapping[str, str] = {
+        name: difference.column(name) for names in DETECTORS.values() for name in names
+    }
     features = pd.DataFrame({name: one.features[column] for name, column in read.items()})
     return LaneResult(one.name, one.lane, one.truth, one.alarms, features, one.view, one.wide_view)

@@ -43,15 +43,25 @@ def geometry_figure(sensor: Sensor, recipe: Recipe) -> Figure:
     )
     side.plot(image.y, [0, 0], lw=4, color="#0072b2")
     side.set(
-        xlabel="ahead (m)", ylabel="height (m)", title=f"tilt {np.degrees(sensor.tilt):.0f}°", ylim=(-0.5, height + 1)
+        xlabel="ahead (m)",
+        ylabel="height (m)",
+        title=f"tilt {np.degrees(sensor.tilt):.0f}°",
+        ylim=(-0.5, height + 1),
     )
-    plan.add_patch(Rectangle((image.y[0], image.x[0]), np.ptp(image.y), np.ptp(image.x), fc="#cfe3f2", ec="#0072b2"))
+    plan.add_patch(
+        Rectangle(
+            (image.y[0], image.x[0]), np.ptp(image.y), np.ptp(image.x), fc="#cfe3f2", ec="#0072b2"
+        )
+    )
     for style, positions in (("v", sensor.tx), ("|", sensor.rx)):
         plan.plot(*np.asarray(positions)[:, [1, 0]].T, style, color="k", ms=7)
     plan.axhline(-1.5, color="#888888", lw=0.8)
     plan.axhline(1.5, color="#888888", lw=0.8)
     plan.set(
-        xlabel="ahead (m)", ylabel="cross-track (m)", title="2 transmitters, 18 receivers, imaged area", aspect="equal"
+        xlabel="ahead (m)",
+        ylabel="cross-track (m)",
+        title="2 transmitters, 18 receivers, imaged area",
+        aspect="equal",
     )
     return figure
 
@@ -61,7 +71,11 @@ def polarization_figure(examples: Examples) -> Figure:
     figure, axes = _figure(7, 3.7, 1, 3)
     for axis, pol in zip(axes, _POLARIZATIONS, strict=True):
         _scan(
-            axis, examples["raw_surface"][_at(examples, pol, "F0")], examples, examples["place_surface"], f"{pol}, F0"
+            axis,
+            examples["raw_surface"][_at(examples, pol, "F0")],
+            examples,
+            examples["place_surface"],
+            f"{pol}, F0",
         )
     _scan_axes(figure, axes)
     return figure
@@ -86,7 +100,14 @@ def series_figure(examples: Examples) -> Figure:
     figure, axes = _figure(8, 3.1, 1, 5)
     top = float(_decibel(np.median(examples["series"], axis=0)).max())
     for k, axis in enumerate(axes):
-        _scan(axis, examples["series"][k], examples, examples["series_place"][k], f"scan {k + 1}", top=top)
+        _scan(
+            axis,
+            examples["series"][k],
+            examples,
+            examples["series_place"][k],
+            f"scan {k + 1}",
+            top=top,
+        )
     _scan_axes(figure, axes, "dB below the largest of what stays")
     return figure
 
@@ -123,7 +144,14 @@ def run_view_figure(one: LaneResult, alarms: bool, length: float = 60.0) -> Figu
             axis.set_visible(False)
             continue
         extent = (float(view.x[0]), float(view.x[-1]), float(piece.y[0]), float(piece.y[-1]))
-        axis.imshow(_decibel(piece.values) - top, origin="lower", extent=extent, vmin=-_DB, vmax=0, cmap="gray_r")
+        axis.imshow(
+            _decibel(piece.values) - top,
+            origin="lower",
+            extent=extent,
+            vmin=-_DB,
+            vmax=0,
+            cmap="gray_r",
+        )
         for x in (one.lane.x_min, one.lane.x_max):
             axis.axvline(x, color="#0072b2", lw=0.8)
         table, radius = (one.alarms, 0.25) if alarms else (one.truth, 0.6)
@@ -140,7 +168,9 @@ def clean_bands_figure(examples: Examples) -> Figure:
     for row, (name, pol) in zip(axes, (("metal", "VV"), ("plastic", "HH")), strict=True):
         for axis, band in zip(row, _BANDS, strict=True):
             image = examples[f"clean_{name}"][_at(examples, pol, band)]
-            _scan(axis, image, examples, examples[f"place_{name}"], f"{pol}, {band}", (-3, 3), (8, 16))
+            _scan(
+                axis, image, examples, examples[f"place_{name}"], f"{pol}, {band}", (-3, 3), (8, 16)
+            )
     _scan_axes(figure, axes)
     return figure
 
@@ -150,7 +180,13 @@ def prescreener_figure(matches: Mapping[tuple[str, str], Match], mines: Any) -> 
     figure, axes = _figure(9, 3.4, 1, 3)
     for axis, pol in zip(axes, _POLARIZATIONS, strict=True):
         for colour, band in zip(_COLOURS, ("F1", "F2", "F3", "F4", "F0"), strict=True):
-            _step(axis, roc_of(matches[pol, band], mines, area=AREA), band, colour, ":" if band == "F0" else "-")
+            _step(
+                axis,
+                roc_of(matches[pol, band], mines, area=AREA),
+                band,
+                colour,
+                ":" if band == "F0" else "-",
+            )
         _roc_axes(axis, pol, 0.3)
     return figure
 
@@ -166,14 +202,19 @@ def patch_figure(examples: Examples) -> Figure:
         patches = examples[f"patches_{name}"]
         order = [_at(examples, pol, band) for pol in _POLARIZATIONS for band in _BANDS[1:]]
         # As in the scan images, far is up.
-        rows = [np.hstack([np.pad(np.nan_to_num(patch[channel][::-1]), 1) for patch in patches]) for channel in order]
+        rows = [
+            np.hstack([np.pad(np.nan_to_num(patch[channel][::-1]), 1) for patch in patches])
+            for channel in order
+        ]
         scaled = [row / np.nanmax(row) for row in rows]
         axis.imshow(np.vstack(scaled), cmap="gray", vmin=0, vmax=1, aspect="equal")
         size = scaled[0].shape[0]
         labels = [f"{pol} {band}" for pol in _POLARIZATIONS for band in _BANDS[1:]]
         axis.set_yticks((np.arange(len(labels)) + 0.5) * size, labels, fontsize=7)
         axis.set_xticks(
-            (np.arange(len(patches)) + 0.5) * size, [f"{d:.0f}" for d in examples[f"distances_{name}"]], fontsize=7
+            (np.arange(len(patches)) + 0.5) * size,
+            [f"{d:.0f}" for d in examples[f"distances_{name}"]],
+            fontsize=7,
         )
         axis.set_title(title, fontsize=8)
         axis.set_xlabel("distance (m)", fontsize=8)
@@ -195,7 +236,11 @@ def region_figure(recipe: Recipe) -> Figure:
 def normalisation_figure(values: NDArray[np.float64], weight: NDArray[np.int64]) -> Figure:
     """Fig. 12: histogram of M_HH before and after duplication and after normalisation."""
     figure, axes = _figure(9, 2.8, 1, 3)
-    normal = HistogramNormalizer().fit(values[:, None], sample_weight=weight).transform(values[:, None])[:, 0]
+    normal = (
+        HistogramNormalizer()
+        .fit(values[:, None], sample_weight=weight)
+        .transform(values[:, None])[:, 0]
+    )
     titles = ("(a) alarms", "(b) with duplication", "(c) normalised")
     for axis, data, w, title in zip(
         axes, (values, values, normal), (np.ones_like(weight), weight, weight), titles, strict=True
@@ -212,7 +257,9 @@ BAND_FAR = np.linspace(0, 0.1, 51)
 
 
 def classifier_figure(
-    panels: Mapping[str, Mapping[str, Match]], subsets: Mapping[str, Any], bands: Mapping[str, Band] | None = None
+    panels: Mapping[str, Mapping[str, Match]],
+    subsets: Mapping[str, Any],
+    bands: Mapping[str, Band] | None = None,
 ) -> Figure:
     """Fig. 13 and 14: ROC of classifiers by data set; ``bands`` add those of one as it is and trained anew."""
     shown = dict(bands or {})
@@ -221,8 +268,17 @@ def classifier_figure(
     figure, grid = _figure(4.4 * columns, 3.6 * rows, rows, columns)
     axes = np.ravel(grid)
     last = list(next(iter(panels.values())).items())[-1]
-    for axis, (kind, (kept, anew)), colour in zip(axes[columns:], shown.items(), _COLOURS, strict=False):
-        axis.fill_between(BAND_FAR, *anew, color=colour, alpha=0.15, lw=0, label="95 %, trained anew in every draw")
+    for axis, (kind, (kept, anew)), colour in zip(
+        axes[columns:], shown.items(), _COLOURS, strict=False
+    ):
+        axis.fill_between(
+            BAND_FAR,
+            *anew,
+            color=colour,
+            alpha=0.15,
+            lw=0,
+            label="95 %, trained anew in every draw",
+        )
         axis.fill_between(BAND_FAR, *kept, color=colour, alpha=0.3, lw=0, label="95 %, as trained")
         _step(axis, roc_of(last[1], subsets[kind], area=AREA), f"{last[0]}, {kind}", colour, "-")
         _roc_axes(axis, f"{kind} mines with bands", 0.1)
@@ -240,11 +296,15 @@ def _figure(width: float, height: float, rows: int, columns: int) -> tuple[Figur
 
 
 def _at(examples: Examples, polarization: str, subband: str) -> tuple[int, int]:
-    return list(examples["polarization"]).index(polarization), list(examples["subband"]).index(subband)
+    return list(examples["polarization"]).index(polarization), list(examples["subband"]).index(
+        subband
+    )
 
 
 def _decibel(image: NDArray[Any]) -> NDArray[np.float64]:
-    return np.asarray(20 * np.log10(np.maximum(np.nan_to_num(np.asarray(image, np.float64)), 1e-12)))
+    return np.asarray(
+        20 * np.log10(np.maximum(np.nan_to_num(np.asarray(image, np.float64)), 1e-12))
+    )
 
 
 def _scan(
@@ -263,10 +323,22 @@ def _scan(
     if top is None:
         top = values.max()
     if x and y:
-        rows, columns = (np.abs(examples[n] - sum(lim) / 2) <= np.ptp(lim) / 2 for n, lim in (("y", y), ("x", x)))
+        rows, columns = (
+            np.abs(examples[n] - sum(lim) / 2) <= np.ptp(lim) / 2 for n, lim in (("y", y), ("x", x))
+        )
         top = values[np.ix_(rows, columns)].max()
-    axis.imshow(values - top, origin="lower", extent=extent, vmin=-_DB, vmax=0, cmap="gray_r", aspect="equal")
-    axis.add_patch(Circle((float(place[0]), float(place[1])), 1.0, fill=False, color="#d55e00", lw=1.0))
+    axis.imshow(
+        values - top,
+        origin="lower",
+        extent=extent,
+        vmin=-_DB,
+        vmax=0,
+        cmap="gray_r",
+        aspect="equal",
+    )
+    axis.add_patch(
+        Circle((float(place[0]), float(place[1])), 1.0, fill=False, color="#d55e00", lw=1.0)
+    )
     axis.set(xlim=x, ylim=y)
     axis.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
     axis.set_title(title, fontsize=9)

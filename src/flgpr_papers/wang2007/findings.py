@@ -62,8 +62,16 @@ PAPER_PLASTIC = 20
 PAPER_SIMULANTS = 16
 # Claims that mines have more of some features than false alarms, and what the paper says of each.
 _MORE_OF = (
-    ("Mines return less in cross-polarization: higher R_HH_HV and R_VV_HV", "observed (III)", ("R_HH_HV", "R_VV_HV")),
-    ("Mines return more: higher magnitude and local contrast", "expected (III)", ("M_HH", "M_VV", "C_HH", "C_VV")),
+    (
+        "Mines return less in cross-polarization: higher R_HH_HV and R_VV_HV",
+        "observed (III)",
+        ("R_HH_HV", "R_VV_HV"),
+    ),
+    (
+        "Mines return more: higher magnitude and local contrast",
+        "expected (III)",
+        ("M_HH", "M_VV", "C_HH", "C_VV"),
+    ),
 )
 _HARDLY = 0.03  # of PD_mean: a gain below it is called none
 F1 = tuple(f"{name}_F1" for name in FEATURES)
@@ -114,14 +122,22 @@ def blind_scores(
     scores = {}
     for name, columns in sets.items():
         classifier = train(make_training_set(lanes, columns=columns), columns)
-        tables = [one.alarms.assign(confidence=classifier.confidence(one.features)) for one in blind]
+        tables = [
+            one.alarms.assign(confidence=classifier.confidence(one.features)) for one in blind
+        ]
         scores[name] = matched(blind, [table.dropna(subset=["confidence"]) for table in tables])
     return scores
 
 
-def prescreener_findings(results: Sequence[LaneResult], recipe: Recipe, draws: int) -> list[Finding]:
+def prescreener_findings(
+    results: Sequence[LaneResult], recipe: Recipe, draws: int
+) -> list[Finding]:
     """Judge the findings about sub-bands at the prescreener stage (the paper's Sec. II-C and Fig. 9)."""
-    of = {(p, b): prescreened(results, p, b, recipe) for p in ("HH", "VV", "HV") for b in ("F0", *SUBBANDS)}
+    of = {
+        (p, b): prescreened(results, p, b, recipe)
+        for p in ("HH", "VV", "HV")
+        for b in ("F0", *SUBBANDS)
+    }
     wide = prescreened(results, "HH", "wide", recipe)
     found = [
         parts_larger(
@@ -138,10 +154,19 @@ def prescreener_findings(results: Sequence[LaneResult], recipe: Recipe, draws: i
     )  # fmt: skip
     found += _clutter_findings(results)
     for p in ("HH", "VV", "HV"):
-        steps = {f"{a} - {b}": _compare(of[p, a], of[p, b], draws, 3) for a, b in pairwise(SUBBANDS)}
+        steps = {
+            f"{a} - {b}": _compare(of[p, a], of[p, b], draws, 3) for a, b in pairwise(SUBBANDS)
+        }
         found.append(parts_larger(f"Pd falls from F1 to F4 in {p}", "each lower (Fig. 9)", steps))
     found.append(
-        _share_finding("HH F1 reaches 100 % at FAR <= 0.15 per m²", of["HH", "F1"], MINES, 0.15, 1.0, PAPER_MINES)
+        _share_finding(
+            "HH F1 reaches 100 % at FAR <= 0.15 per m²",
+            of["HH", "F1"],
+            MINES,
+            0.15,
+            1.0,
+            PAPER_MINES,
+        )
     )
     return [
         *found,
@@ -162,7 +187,11 @@ def _clutter_findings(results: Sequence[LaneResult]) -> list[Finding]:
     parts = {}
     for polarization in ("VV", "HH"):
         for subband in ("F0", *SUBBANDS[1:]):
-            gap = (levels[f"{polarization} {subband}"] - levels[f"{polarization} F1"]).dropna().to_numpy()
+            gap = (
+                (levels[f"{polarization} {subband}"] - levels[f"{polarization} F1"])
+                .dropna()
+                .to_numpy()
+            )
             parts[f"{polarization} {subband} - F1"] = _mean_of_stretches(gap, 8)
     return [
         parts_larger(
@@ -188,7 +217,9 @@ def feature_findings(
     pool: Pool, singles: pd.DataFrame, searches: dict[str, list[SearchStep]], draws: int
 ) -> list[Finding]:
     """Judge the findings about single features and their combinations (the paper's Tables I and II)."""
-    here = {method: singles.loc[method, list(FEATURES)].to_numpy(dtype=np.float64) for method in "ABC"}
+    here = {
+        method: singles.loc[method, list(FEATURES)].to_numpy(dtype=np.float64) for method in "ABC"
+    }
     drawn = pool.singles_in(F1, "ABC", retrainings(draws))
     a = here["A"]
     c = here["C"]
@@ -259,7 +290,9 @@ def _best_set(search: Sequence[SearchStep]) -> list[str]:
     return [F1[step.feature] for step in search[: best + 1]]
 
 
-def _more_feature_findings(pool: Pool, searches: Mapping[str, list[SearchStep]], draws: int) -> list[Finding]:
+def _more_feature_findings(
+    pool: Pool, searches: Mapping[str, list[SearchStep]], draws: int
+) -> list[Finding]:
     """Judge what more features give, by every method and for simulants (Table II and the text below Fig. 13)."""
     note = "The best set of a search was chosen on these lanes: its gain is too favourable."
     sets = {method: _best_set(search) for method, search in searches.items()}
@@ -295,15 +328,23 @@ def _more_feature_findings(pool: Pool, searches: Mapping[str, list[SearchStep]],
     ]
 
 
-def _duplication_findings(pool: Pool, searches: Mapping[str, list[SearchStep]], draws: int) -> list[Finding]:
+def _duplication_findings(
+    pool: Pool, searches: Mapping[str, list[SearchStep]], draws: int
+) -> list[Finding]:
     """Judge where duplication matters more: by cross-validation in Table I, by resubstitution in Table II."""
     columns = list(F1)
     singles = {method: pool.singles(columns, method) for method in "ABCD"}
     drawn = pool.singles_in(columns, "ABCD", retrainings(draws))
-    one_feature = spread(_duplication_gap(singles), _duplication_gap(drawn), bounds=SHARE_DIFFERENCE)
-    steps = {method: np.array([step.score for step in search]) for method, search in searches.items()}
+    one_feature = spread(
+        _duplication_gap(singles), _duplication_gap(drawn), bounds=SHARE_DIFFERENCE
+    )
+    steps = {
+        method: np.array([step.score for step in search]) for method, search in searches.items()
+    }
     searched = pool.searches_in(columns, "ABCD", retrainings(draws))
-    value, low, high = spread(_duplication_gap(steps), _duplication_gap(searched), bounds=SHARE_DIFFERENCE)
+    value, low, high = spread(
+        _duplication_gap(steps), _duplication_gap(searched), bounds=SHARE_DIFFERENCE
+    )
     lead = spread(contrast_lead(singles["D"]), contrast_lead(drawn["D"]), bounds=SHARE_DIFFERENCE)
     return [
         parts_larger(
@@ -371,11 +412,18 @@ def _distribution_findings(pool: Pool, draws: int) -> list[Finding]:
         text = f"P(mine > false alarm) = {value:.2f} ({low:.2f} to {high:.2f})"
         rule = (-1.0, 0.5)
         verdict = judge(low, high, rule)
-        found.append(Finding(claim, "stated, no figure", text, verdict, remark, "", (value, low, high), rule))
+        found.append(
+            Finding(claim, "stated, no figure", text, verdict, remark, "", (value, low, high), rule)
+        )
     for claim, paper, names in _MORE_OF:
         level = together(len(names))
-        ranks = {name: spread(*pool.outranks(f"{name}_F1", retrainings(draws)), level, SHARE) for name in names}
-        found.append(parts_larger(claim, paper, ranks, 0.5, "P(mine > false alarm); 0.5 by chance."))
+        ranks = {
+            name: spread(*pool.outranks(f"{name}_F1", retrainings(draws)), level, SHARE)
+            for name in names
+        }
+        found.append(
+            parts_larger(claim, paper, ranks, 0.5, "P(mine > false alarm); 0.5 by chance.")
+        )
     return found
 
 
@@ -429,7 +477,11 @@ def curve_findings(calibration: Match, blind: dict[str, Match]) -> list[Finding]
     n, simulants, _ = detections_at(calibration, SIMULANTS, 0.07, area=AREA)
     m, mines, _ = detections_at(calibration, BURIED_PLASTIC, 0.07, area=AREA)
     gap = {"plastic - simulants at 0.07 per m²": difference_of_shares((m, mines), (n, simulants))}
-    found.append(parts_larger("Simulants are found much worse than plastic mines", "9 of 16 against 90 %", gap))
+    found.append(
+        parts_larger(
+            "Simulants are found much worse than plastic mines", "9 of 16 against 90 %", gap
+        )
+    )
     for name, one in blind.items():
         claim = f"Metal mines: 100 % below 0.01 per m² on the blind lanes, classifier {name}"
         note = "The paper does not tell how many there were; as many as here are assumed."
@@ -439,18 +491,28 @@ def curve_findings(calibration: Match, blind: dict[str, Match]) -> list[Finding]
 
 def alike_findings(pool: Pool, blind: dict[str, Match], draws: int) -> list[Finding]:
     """Judge that classifiers A and B are alike, on calibration and blind lanes (Fig. 14)."""
-    calibration = {name: pool.match_of(pool.confidence(list(columns), "A")) for name, columns in SETS.items()}
+    calibration = {
+        name: pool.match_of(pool.confidence(list(columns), "A")) for name, columns in SETS.items()
+    }
     subsets = {"metal": BURIED_METAL, "plastic": BURIED_PLASTIC}
     parts = {}
     for lanes, scores in (("calibration", calibration), ("blind", blind)):
         for kind, subset in subsets.items():
             parts[f"{kind}, {lanes}: B - A"] = _compare(scores["B"], scores["A"], draws, 4, subset)
-    claim = f"Classifiers A and B are alike on calibration and blind lanes (PD_mean within {MARGIN})"
+    claim = (
+        f"Classifiers A and B are alike on calibration and blind lanes (PD_mean within {MARGIN})"
+    )
     return [_within_finding(claim, "similar for both (Fig. 14)", parts, MARGIN)]
 
 
 def _share_finding(
-    claim: str, matched: Match, subset: Any, far: float, figure: float, count: int | None, note: str = ""
+    claim: str,
+    matched: Match,
+    subset: Any,
+    far: float,
+    figure: float,
+    count: int | None,
+    note: str = "",
 ) -> Finding:
     """Compare a Pd with that of the paper, of so many targets (None: as many as here)."""
     found, targets, chance = detections_at(matched, subset, far, area=AREA)
@@ -462,17 +524,23 @@ def _share_finding(
     return Finding(claim, f"{figure:.0%}", ours, alike(*gap[1:]), note, interval=gap, asks=asks)
 
 
-def _within_finding(claim: str, paper: str, parts: Mapping[str, Interval], limit: float, note: str = "") -> Finding:
+def _within_finding(
+    claim: str, paper: str, parts: Mapping[str, Interval], limit: float, note: str = ""
+) -> Finding:
     """Judge a claim that several differences are small; its number is the largest of them."""
     verdict = all_of([judge(low, high, (-limit, limit)) for _, low, high in parts.values()])
     name = max(parts, key=lambda one: max(abs(parts[one][1]), abs(parts[one][2])))
     value, low, high = parts[name]
     ours = f"widest {name} {value:+.3f} ({low:+.3f} to {high:+.3f})"
     values = tuple(value for value, _, _ in parts.values())
-    return Finding(claim, paper, ours, verdict, note, interval=parts[name], rule=(-limit, limit), parts=values)
+    return Finding(
+        claim, paper, ours, verdict, note, interval=parts[name], rule=(-limit, limit), parts=values
+    )
 
 
-def _compare(first: Match, second: Match, draws: int, parts: int = 1, subset: Any = MINES) -> Interval:
+def _compare(
+    first: Match, second: Match, draws: int, parts: int = 1, subset: Any = MINES
+) -> Interval:
     """Return the difference of PD_mean of two lists of alarms."""
     one = compare(first, second, subset, area=AREA, draws=draws, level=together(parts))
     return one.difference, one.low, one.high
@@ -490,7 +558,10 @@ def _retrained(
     """Return the difference of PD_mean of two sets of features by a method A-D, both trained anew in every draw."""
     scorer = pool.scorer_of(subset)
     here = [scorer(pool.confidence(list(columns), method)) for columns in (first, second)]
-    drawn = [pool.retrained(list(columns), method, retrainings(draws), subset) for columns in (first, second)]
+    drawn = [
+        pool.retrained(list(columns), method, retrainings(draws), subset)
+        for columns in (first, second)
+    ]
     return spread(here[0] - here[1], drawn[0] - drawn[1], together(parts), SHARE_DIFFERENCE)
 
 

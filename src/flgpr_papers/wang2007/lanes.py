@@ -19,19 +19,25 @@ from flgpr_papers.kit.study_worlds import AS_FOUND, OWN, study_world
 LaneScenes = dict[str, tuple[Scene, int]]
 """Scene and seed of each lane by its name."""
 TRACK = {"step": (1.0, 3.0), "wander": 0.1, "attitude": 0.004, "bounce": 0.005}
-DEPARTURE = {"start": 150.0, "length": 8.0}  # "the vehicle moved out of the mine lane to avoid obstacles"
-BLIND_MINES = 12  # of either kind per blind lane; the paper's authors never learned how many there were
+DEPARTURE = {
+    "start": 150.0,
+    "length": 8.0,
+}  # "the vehicle moved out of the mine lane to avoid obstacles"
+BLIND_MINES = (
+    12  # of either kind per blind lane; the paper's authors never learned how many there were
+)
 _SURFACE = -0.15  # depth of a mine 15 cm high that lies on the ground
 
-# Length, surface mines (metal, plastic), buried metal at 5, 10, 15 cm, buried plastic at 5, 10 cm, simulants at 5 and
-# 10 cm: 15 surface, 12 metal, 20 plastic and 16 simulants in all.
+# Length, surface mines (metal, plastic), buried metal at 5, 10, 15 cm, buried plastic at 5, 10 cm,
+# simulants at 5 and 10 cm: 15 surface, 12 metal, 20 plastic and 16 simulants in all.
 _CALIBRATION = {
     "c1": (300.0, (3, 2), (1, 2, 1), (3, 3), (3, 2)),
     "c2": (320.0, (2, 3), (2, 1, 1), (4, 3), (2, 3)),
     "c3": (340.0, (3, 2), (1, 1, 2), (3, 4), (3, 3)),
 }
 _BLIND = ("b1", "b2", "b3", "b4")
-_BLIND_DENSITY = 100.0  # scatterers per m²: ten per finest cell of F1, where a sensor takes three of its own by default
+# scatterers per m²: ten per finest cell of F1, where a sensor takes three of its own by default
+_BLIND_DENSITY = 100.0
 
 
 def calibration_scenes(world: str = OWN) -> LaneScenes:
@@ -39,9 +45,15 @@ def calibration_scenes(world: str = OWN) -> LaneScenes:
     lanes: dict[str, list[dict[str, Any]]] = {}
     for name, (_, surface, metal, plastic, simulant) in _CALIBRATION.items():
         draws = [_draw("metal", _SURFACE, surface[0]), _draw("plastic", _SURFACE, surface[1])]
-        draws += [_draw("metal", depth, n) for depth, n in zip((0.05, 0.10, 0.15), metal, strict=True)]
-        draws += [_draw("plastic", depth, n) for depth, n in zip((0.05, 0.10), plastic, strict=True)]
-        draws += [_draw("simulant", depth, n) for depth, n in zip((0.05, 0.10), simulant, strict=True)]
+        draws += [
+            _draw("metal", depth, n) for depth, n in zip((0.05, 0.10, 0.15), metal, strict=True)
+        ]
+        draws += [
+            _draw("plastic", depth, n) for depth, n in zip((0.05, 0.10), plastic, strict=True)
+        ]
+        draws += [
+            _draw("simulant", depth, n) for depth, n in zip((0.05, 0.10), simulant, strict=True)
+        ]
         lanes[name] = draws
     told = study_world("wang2007", world)
     lanes = deal_bodies(lanes, told.mixes)
@@ -72,7 +84,13 @@ def quick_scenes(site: str | None = None, world: str = OWN) -> tuple[LaneScenes,
     told = study_world("wang2007", world if site is None else AS_FOUND)
     track = {**TRACK, "step": (2.6, 3.0), "start": -14.0}
     surface = {"density": 20.0}
-    few = [("metal", _SURFACE), ("metal", 0.05), ("plastic", _SURFACE), ("plastic", 0.05), ("simulant", 0.05)]
+    few = [
+        ("metal", _SURFACE),
+        ("metal", 0.05),
+        ("plastic", _SURFACE),
+        ("plastic", 0.05),
+        ("simulant", 0.05),
+    ]
     draws = [_draw(kind, depth, 1) for kind, depth in few]
     calibration = deal_bodies({name: draws for name in _CALIBRATION}, told.mixes)
     blind = deal_bodies({"b1": [_draw("metal", 0.075, 2), _draw("plastic", 0.075, 2)]}, told.mixes)
@@ -87,12 +105,14 @@ def quick_scenes(site: str | None = None, world: str = OWN) -> tuple[LaneScenes,
     return scenes(calibration, 101), scenes(blind, 201)
 
 
-def deal_bodies(lanes: Mapping[str, list[dict[str, Any]]], mixes: Mapping[str, str]) -> dict[str, list[dict[str, Any]]]:
+def deal_bodies(
+    lanes: Mapping[str, list[dict[str, Any]]], mixes: Mapping[str, str]
+) -> dict[str, list[dict[str, Any]]]:
     """Give the draws of several lanes the bodies of mixes, dealt over all lanes and depths in turn.
 
-    So the shares of a mix hold over all lanes together, where a draw of three mines can never hold those of four
-    bodies; mines on the surface and buried ones are dealt apart. A body that lies on the ground has the depth of its
-    own height.
+    So the shares of a mix hold over all lanes together, where a draw of three mines can never hold
+    those of four bodies; mines on the surface and buried ones are dealt apart. A body that lies on
+    the ground has the depth of its own height.
 
     Parameters
     ----------
@@ -106,7 +126,11 @@ def deal_bodies(lanes: Mapping[str, list[dict[str, Any]]], mixes: Mapping[str, s
     dict of list
         The draws of each lane, one per body at a depth.
     """
-    stacks = {key: _stack(mixes[key[0]], count) for key, count in _counts(lanes).items() if key[0] in mixes}
+    stacks = {
+        key: _stack(mixes[key[0]], count)
+        for key, count in _counts(lanes).items()
+        if key[0] in mixes
+    }
     dealt: dict[str, list[dict[str, Any]]] = {}
     for name, draws in lanes.items():
         dealt[name] = []
@@ -116,7 +140,9 @@ def deal_bodies(lanes: Mapping[str, list[dict[str, Any]]], mixes: Mapping[str, s
                 dealt[name].append(draw)
                 continue
             bodies = [next(stack) for _ in range(draw["count"])]
-            dealt[name] += [_body_draw(draw, body, bodies.count(body)) for body in dict.fromkeys(bodies)]
+            dealt[name] += [
+                _body_draw(draw, body, bodies.count(body)) for body in dict.fromkeys(bodies)
+            ]
     return dealt
 
 
@@ -156,7 +182,9 @@ def sensor(band: tuple[float, float] | None = None) -> Sensor:
         return radar
     axis = radar.tones.axis()
     inside = axis[(axis >= band[0]) & (axis <= band[1])]
-    return radar.model_copy(update={"tones": radar.tones.model_copy(update={"start": inside[0], "count": inside.size})})
+    return radar.model_copy(
+        update={"tones": radar.tones.model_copy(update={"start": inside[0], "count": inside.size})}
+    )
 
 
 def _scene(
@@ -167,7 +195,14 @@ def _scene(
     site: str,
     surface: dict[str, Any] | None = None,
 ) -> Scene:
-    parts = {"name": name, "site": site, "length": length, "draws": draws, "track": track, "surface": surface or {}}
+    parts = {
+        "name": name,
+        "site": site,
+        "length": length,
+        "draws": draws,
+        "track": track,
+        "surface": surface or {},
+    }
     return Scene.model_validate(parts)
 
 

@@ -55,15 +55,20 @@ def page_html(
 ) -> tuple[str, list[Finding]]:
     """Judge the findings and write the page, which needs nothing beside it."""
     draws = 100 if quick else 1000
-    findings, (pool, by_band, searches, sets, blind_matches) = all_findings(calibration, blind, recipe, draws)
+    findings, (pool, by_band, searches, sets, blind_matches) = all_findings(
+        calibration, blind, recipe, draws
+    )
     score, confidence, chosen = pool.nested(all_forty()[:10], 5)
     lists = {"prescreener, HH F1": prescreened(calibration, "HH", "F1", recipe)}
     lists |= {
-        f"{name}, calibration": pool.match_of(pool.confidence(list(columns), "C")) for name, columns in SETS.items()
+        f"{name}, calibration": pool.match_of(pool.confidence(list(columns), "C"))
+        for name, columns in SETS.items()
     }
     subsets = {"buried metal": BURIED_METAL, "buried plastic": BURIED_PLASTIC, "mines": MINES}
     points = point_rows(lists, subsets | {"simulants": SIMULANTS}, area=AREA)
-    points += point_rows({f"{name}, blind": one for name, one in blind_matches.items()}, subsets, area=AREA)
+    points += point_rows(
+        {f"{name}, blind": one for name, one in blind_matches.items()}, subsets, area=AREA
+    )
     low, high = pool.interval(confidence, draws)
     examples = read_arrays(folder / "results" / "examples.bundle")
     shown = Shown(recipe, radar, calibration, pool, examples, blind_matches)
@@ -90,9 +95,17 @@ def page_html(
         variants=_variant_rows(pool),
         bands=[(band, *_two_digits(table.loc["A"])) for band, table in by_band.items()],
         searches=_search_rows(searches),
-        nested={"score": score, "low": low, "high": high, "chosen": "; ".join(map(", ".join, chosen))},
+        nested={
+            "score": score,
+            "low": low,
+            "high": high,
+            "chosen": "; ".join(map(", ".join, chosen)),
+        },
         sets=_set_rows(sets),
-        all_forty=[("paper", *_steps(*PAPER["forty"]["steps"])), ("here", *_found_steps(sets["all"]))],
+        all_forty=[
+            ("paper", *_steps(*PAPER["forty"]["steps"])),
+            ("here", *_found_steps(sets["all"])),
+        ],
         twins=twins,
     )
     return html, findings
@@ -103,7 +116,10 @@ def _cost_rows(costs: pd.DataFrame) -> list[Row]:
     rows: list[Row] = []
     for (entry, where), some in costs.groupby(["difference", "lanes"], sort=False):
         one = some.iloc[0]
-        cells = [f"{row['cost']:+z.3f} ({row['low']:+z.3f} to {row['high']:+z.3f})" for _, row in some.iterrows()]
+        cells = [
+            f"{row['cost']:+z.3f} ({row['low']:+z.3f} to {row['high']:+z.3f})"
+            for _, row in some.iterrows()
+        ]
         alarms = f"{one['alarms']} and {one['alarms_changed']}"
         rows.append((entry, f"{one['printed']} to {one['changed']}", where, *cells, alarms))
     return rows
@@ -117,7 +133,9 @@ def _retrained_rows(pool: Pool, draws: int) -> list[Row]:
             confidence = pool.confidence(list(columns), method)
             value = pool.scorer(confidence)
             narrow = pool.interval(confidence, draws)
-            _, low, high = spread(value, pool.retrained(list(columns), method, retrainings(draws)), bounds=SHARE)
+            _, low, high = spread(
+                value, pool.retrained(list(columns), method, retrainings(draws)), bounds=SHARE
+            )
             cells = (f"{a:.2f} to {b:.2f}" for a, b in (narrow, (low, high)))
             rows.append((name, METHODS[method], f"{value:.2f}", *cells))
     return rows

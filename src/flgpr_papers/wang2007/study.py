@@ -32,14 +32,22 @@ from flgpr_papers.kit.worlds import World
 from flgpr_papers.wang2007.analysis import LaneResult
 from flgpr_papers.wang2007.costs import MEDIAN_STEP, Lanes, cost_table
 from flgpr_papers.wang2007.findings import all_findings
-from flgpr_papers.wang2007.lanes import LaneScenes, blind_scenes, calibration_scenes, quick_scenes, sensor
+from flgpr_papers.wang2007.lanes import (
+    LaneScenes,
+    blind_scenes,
+    calibration_scenes,
+    quick_scenes,
+    sensor,
+)
 from flgpr_papers.wang2007.page import page_html
 
 PAGE = "wang2007.html"
 _F1_BAND = (0.75e9, 1.35e9)  # Hz, F1 (Sec. II)
 
 
-def reproduce(output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN) -> Path:
+def reproduce(
+    output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN
+) -> Path:
     """Simulate the lanes, run the chain on them, and write the page.
 
     What is finished already (a simulated lane, a lane's result) is taken as it is if it was made from the same scene,
@@ -48,13 +56,19 @@ def reproduce(output: str | Path, quick: bool = False, track: Track = silent, wo
     folder = Path(output)
     folder.mkdir(parents=True, exist_ok=True)
     names = _lanes(quick, world)
-    calibration, blind = ([make_part(folder, name, quick, world, track) for name in lanes] for lanes in names)
-    coarse = Lanes(*([coarse_part(folder, name, quick, world, track) for name in lanes] for lanes in names))
+    calibration, blind = (
+        [make_part(folder, name, quick, world, track) for name in lanes] for lanes in names
+    )
+    coarse = Lanes(
+        *([coarse_part(folder, name, quick, world, track) for name in lanes] for lanes in names)
+    )
     costs = cost_table(Lanes(calibration, blind), coarse, draws=100 if quick else 1000)
     write_whole(folder / "costs.csv", costs.round(4).to_csv(index=False))
     recipe = parse_recipe(packaged_text("wang2007"))
     worlds = study_world("wang2007", world), other_world(folder, PAGE, world, quick)
-    html, findings = page_html(folder, calibration, blind, recipe, sensor(), quick, track, costs, *worlds)
+    html, findings = page_html(
+        folder, calibration, blind, recipe, sensor(), quick, track, costs, *worlds
+    )
     write_findings(folder, findings, quick, world=world)
     write_whole(folder / PAGE, html)
     return folder / PAGE
@@ -65,7 +79,9 @@ def parts(quick: bool) -> list[str]:
     return [name for lanes in reversed(_lanes(quick)) for name in lanes]
 
 
-def make_part(folder: Path, name: str, quick: bool, world: str = OWN, track: Track = silent) -> LaneResult:
+def make_part(
+    folder: Path, name: str, quick: bool, world: str = OWN, track: Track = silent
+) -> LaneResult:
     """Work on a lane, a blind one in the sub-band alone that the classifiers look at, which were frozen before.
 
     What the coarse median of the recipe wang2007 gives on it is worked out beside, for the table of costs.
@@ -76,12 +92,16 @@ def make_part(folder: Path, name: str, quick: bool, world: str = OWN, track: Tra
         text = packaged_text("wang2007")
         result = lane_result(folder, scene, seed, sensor(), text, track, examples=name == "c1")
     else:
-        result = lane_result(folder, scene, seed, sensor(_F1_BAND), _text_of_f1(), track, wide=False)
+        result = lane_result(
+            folder, scene, seed, sensor(_F1_BAND), _text_of_f1(), track, wide=False
+        )
     coarse_part(folder, name, quick, world, track)
     return result
 
 
-def coarse_part(folder: Path, name: str, quick: bool, world: str = OWN, track: Track = silent) -> LaneResult:
+def coarse_part(
+    folder: Path, name: str, quick: bool, world: str = OWN, track: Track = silent
+) -> LaneResult:
     """Work on the stored run of a lane with the coarse median of the recipe wang2007, in F1 alone."""
     calibration, blind = _lanes(quick, world)
     scene, seed = (calibration | blind)[name]
@@ -144,7 +164,9 @@ def lane_result(
     return LaneResult(scene.name, lane, truth, main.alarms, features, main.view, view)
 
 
-def wide_view(cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, lane: Lane, track: Track) -> xr.DataArray:
+def wide_view(
+    cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, lane: Lane, track: Track
+) -> xr.DataArray:
     """Run-view of the prescreener's channel over the full range of the images."""
     screen = recipe.prescreen
     table = recipe.image
@@ -152,10 +174,16 @@ def wide_view(cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, lane: Lane, 
     b = list(table.subbands).index(screen.subband)
     whole = cleaned.whole_background
     place = (slice(p, p + 1), slice(b, b + 1))
-    parts = whole.signature[place], whole.gain[place], whole.shared_signature[place], whole.shared_gain[b : b + 1]
+    parts = (
+        whole.signature[place],
+        whole.gain[place],
+        whole.shared_signature[place],
+        whole.shared_gain[b : b + 1],
+    )
     one = Background(*(np.ascontiguousarray(part) for part in parts))  # type: ignore[arg-type]
     band = {screen.subband: table.subbands[screen.subband]}
-    # Which scans are whole depends on all polarizations, so that the choice is made before one is taken.
+    # Which scans are whole depends on all polarizations, so that the choice is made before one is
+    # taken.
     chosen = run.isel(scan=cleaned.imager.scans, polarization=[p])
     imager = ScanImager(chosen, table.grid(), band, table.window, table.tolerance)
     grid = recipe.run_view.grid(lane)
@@ -195,7 +223,12 @@ _LABEL_RADIUS = 1.0  # m, r_label
 
 
 def save_examples(
-    path: Path, cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, truth: pd.DataFrame, alarms: pd.DataFrame
+    path: Path,
+    cleaned: CleanedRun,
+    run: xr.Dataset,
+    recipe: Recipe,
+    truth: pd.DataFrame,
+    alarms: pd.DataFrame,
 ) -> None:
     """Save the scan images and patches of Figs. 2-5, 8 and 10."""
     table = recipe.image
@@ -212,7 +245,9 @@ def save_examples(
         scan = _scan_before(imager, poses, one.y)
         image = imager.image(scan).values
         arrays[f"raw_{name}"] = np.abs(image).astype(np.float16 if image.max() == 0 else np.float32)
-        arrays[f"clean_{name}"] = cleaned.whole_background.magnitude(image, cleaned.gains[number[scan]])
+        arrays[f"clean_{name}"] = cleaned.whole_background.magnitude(
+            image, cleaned.gains[number[scan]]
+        )
         arrays[f"place_{name}"] = lane_to_scan([one.x, one.y, 0.0], poses[scan])[:2]
         patches, distances = _patches(cleaned, recipe, one.alarm_x, one.alarm_y)
         arrays[f"patches_{name}"] = patches
@@ -263,7 +298,9 @@ def example_targets(truth: pd.DataFrame, alarms: pd.DataFrame) -> dict[str, Exam
     return examples
 
 
-def _example(table: pd.DataFrame, depth: float, others: pd.DataFrame, alarms: pd.DataFrame) -> Example:
+def _example(
+    table: pd.DataFrame, depth: float, others: pd.DataFrame, alarms: pd.DataFrame
+) -> Example:
     """Choose the mine nearest in depth with the strongest alarm within 1 m; its own place stands in for one without."""
     mines = table if len(table) else others
     off = (mines["depth"] - depth).abs()
@@ -291,7 +328,9 @@ def _scan_before(imager: ScanImager, poses: NDArray[np.float64], y: float) -> in
     return int(imager.scans[int(np.argmin(np.abs(ahead - _AHEAD)))])
 
 
-def series_scans(scans: NDArray[Any], poses: NDArray[np.float64], y: float, middle: float) -> list[int]:
+def series_scans(
+    scans: NDArray[Any], poses: NDArray[np.float64], y: float, middle: float
+) -> list[int]:
     """Choose five consecutive scans that see a place of the lane, as the paper's Fig. 4 does.
 
     Parameters
@@ -311,7 +350,9 @@ def series_scans(scans: NDArray[Any], poses: NDArray[np.float64], y: float, midd
     return [int(scan) for scan in scans[first : first + _CONSECUTIVE]]
 
 
-def _patches(cleaned: CleanedRun, recipe: Recipe, x: float, y: float) -> tuple[NDArray[np.float32], NDArray[Any]]:
+def _patches(
+    cleaned: CleanedRun, recipe: Recipe, x: float, y: float
+) -> tuple[NDArray[np.float32], NDArray[Any]]:
     """Incoherent patches (scan, polarization, subband, y, x) of all scans that count, from near to far."""
     grid = cleaned.grid
     offsets = recipe.contrast.patch().offsets()
@@ -322,7 +363,9 @@ def _patches(cleaned: CleanedRun, recipe: Recipe, x: float, y: float) -> tuple[N
         local = lane_to_scan([x, y, 0.0], poses[scan])[:2]
         if not grid.y_min <= local[1] <= recipe.run_view.y_max:
             continue
-        magnitude = cleaned.background.magnitude(cleaned.imager.image(int(scan)).values, cleaned.gains[place])
+        magnitude = cleaned.background.magnitude(
+            cleaned.imager.image(int(scan)).values, cleaned.gains[place]
+        )
         row = (local[1] + offsets[..., 1] - grid.y_min) / grid.dy
         found.append(bilinear(magnitude, row, (local[0] + offsets[..., 0] - grid.x_min) / grid.dx))
         distances.append(local[1])

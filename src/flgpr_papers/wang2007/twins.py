@@ -108,7 +108,11 @@ def _geometry(shown: Shown) -> Drawing:
         ("transmitters, receivers", "2, 18", f"{len(sensor.tx)}, {len(sensor.rx)}"),
         ("height", "about 5 m", f"{sensor.height:g} m"),
         ("tilt", "15°", f"{np.degrees(sensor.tilt):.0f}°"),
-        ("tones", "1024, 442.5 MHz to 3 GHz", f"{tones.size}, {tones[0] / 1e6:g} MHz to {tones[-1] / 1e9:g} GHz"),
+        (
+            "tones",
+            "1024, 442.5 MHz to 3 GHz",
+            f"{tones.size}, {tones[0] / 1e6:g} MHz to {tones[-1] / 1e9:g} GHz",
+        ),
         (
             "imaged area",
             "7 to 26 m ahead, 12 m wide",
@@ -117,7 +121,11 @@ def _geometry(shown: Shown) -> Drawing:
     )
     caption = "From the side and from above; the paper draws a view in perspective."
     return Drawing(
-        "Fig. 1", "Radar system and imaged area", caption, figures.geometry_figure(sensor, shown.recipe), numbers
+        "Fig. 1",
+        "Radar system and imaged area",
+        caption,
+        figures.geometry_figure(sensor, shown.recipe),
+        numbers,
     )
 
 
@@ -128,7 +136,13 @@ def _polarizations(shown: Shown) -> Drawing:
         ("in the circle (2 m)", "surface-laid plastic mine", shown.example("surface")),
     )
     figure = figures.polarization_figure(shown.examples)
-    return Drawing("Fig. 2", "One scan in three polarizations", "Scan images as they are made, F0.", figure, numbers)
+    return Drawing(
+        "Fig. 2",
+        "One scan in three polarizations",
+        "Scan images as they are made, F0.",
+        figure,
+        numbers,
+    )
 
 
 def _subbands(shown: Shown) -> Drawing:
@@ -136,11 +150,19 @@ def _subbands(shown: Shown) -> Drawing:
     middle = float(np.mean(shown.recipe.image.y))
     for name in _BANDS:
         band = shown.recipe.image.subbands[name]
-        down, _ = PointSpread(shown.radar, band, shown.recipe.image.window).widths((0.0, middle, 0.0))
+        down, _ = PointSpread(shown.radar, band, shown.recipe.image.window).widths(
+            (0.0, middle, 0.0)
+        )
         wanted = "about 25 cm" if name != "F0" else _NOT_GIVEN
         numbers.append((f"range resolution, {name}", wanted, f"{100 * down:.0f} cm"))
     caption = f"The scan of Fig. 2 in VV. Resolution: half-power width of a point on the ground {middle:g} m ahead."
-    return Drawing("Fig. 3", "One scan in five sub-bands", caption, figures.subband_figure(shown.examples), numbers)
+    return Drawing(
+        "Fig. 3",
+        "One scan in five sub-bands",
+        caption,
+        figures.subband_figure(shown.examples),
+        numbers,
+    )
 
 
 def _series(shown: Shown) -> Drawing:
@@ -149,13 +171,19 @@ def _series(shown: Shown) -> Drawing:
     numbers = (
         ("channel", "HH, F1", "HH, F1"),
         ("step between scans", "1 to 3 m", f"{steps.min():.1f} to {steps.max():.1f} m"),
-        ("background patterns", "stationary", f"correlation of neighbours {likeness(shown.examples['series']):.2f}"),
+        (
+            "background patterns",
+            "stationary",
+            f"correlation of neighbours {likeness(shown.examples['series']):.2f}",
+        ),
     )
     caption = (
         "The mine (circle) moves through the image, the self-signature stays. All panels share one scale, whose top is "
         "the largest of what stays in place. Correlation: of neighbouring scans' levels, dB, over all pixels."
     )
-    return Drawing("Fig. 4", "Five consecutive scans", caption, figures.series_figure(shown.examples), numbers)
+    return Drawing(
+        "Fig. 4", "Five consecutive scans", caption, figures.series_figure(shown.examples), numbers
+    )
 
 
 def likeness(series: NDArray[Any]) -> float:
@@ -186,7 +214,9 @@ def _run_view(shown: Shown) -> Drawing:
         ("pixel", "10 cm", f"{100 * view.spacing:g} cm"),
         ("farthest look, Y_max", "16 m", f"{view.y_max:g} m"),
     )
-    caption = "60 m of a calibration lane in pieces of 15 m; circles: targets; lines: the lane's borders."
+    caption = (
+        "60 m of a calibration lane in pieces of 15 m; circles: targets; lines: the lane's borders."
+    )
     figure = figures.run_view_figure(shown.calibration[0], False)
     return Drawing("Fig. 6", "Run-view image", caption, figure, numbers)
 
@@ -201,7 +231,13 @@ def _alarms(shown: Shown) -> Drawing:
         ("alarms per π·r_alarm², ρ", "0.75", f"{density:.2f}"),
     )
     figure = figures.run_view_figure(lanes[0], True)
-    return Drawing("Fig. 7", "Alarms in the same 60 m", "Circles: alarms, in the lane and beside it.", figure, numbers)
+    return Drawing(
+        "Fig. 7",
+        "Alarms in the same 60 m",
+        "Circles: alarms, in the lane and beside it.",
+        figure,
+        numbers,
+    )
 
 
 def _clean_bands(shown: Shown) -> Drawing:
@@ -211,7 +247,9 @@ def _clean_bands(shown: Shown) -> Drawing:
         ("bottom row, HH", "plastic mine, 5 cm", shown.example("plastic")),
     ]
     for polarization in ("VV", "HH"):
-        found = ", ".join(f"{band} {levels[f'{polarization} {band}'].mean():.1f}" for band in _BANDS)
+        found = ", ".join(
+            f"{band} {levels[f'{polarization} {band}'].mean():.1f}" for band in _BANDS
+        )
         numbers.append((f"clutter, {polarization}, dB", "lowest in F1", found))
     caption = (
         "After removal of the background. Circles: the mines. Clutter: the 99 % quantile of the run-view away from "
@@ -222,12 +260,18 @@ def _clean_bands(shown: Shown) -> Drawing:
 
 
 def _prescreener(shown: Shown) -> Drawing:
-    numbers = [("Pd of HH F1 at 0.15 per m²", "100 %", _pd(shown.prescreener["HH", "F1"], MINES, 0.15))]
+    numbers = [
+        ("Pd of HH F1 at 0.15 per m²", "100 %", _pd(shown.prescreener["HH", "F1"], MINES, 0.15))
+    ]
     for polarization in _POLARIZATIONS:
-        curves = {band: roc_of(shown.prescreener[polarization, band], MINES, area=AREA) for band in _BANDS}
+        curves = {
+            band: roc_of(shown.prescreener[polarization, band], MINES, area=AREA) for band in _BANDS
+        }
         found = ", ".join(f"{band} {pd_mean(curve):.2f}" for band, curve in curves.items())
         numbers.append((f"PD_mean, {polarization}", "falls from F1 to F4", found))
-    caption = "Actual mines of the calibration lanes, all pooled; the paper shows one calibration run."
+    caption = (
+        "Actual mines of the calibration lanes, all pooled; the paper shows one calibration run."
+    )
     figure = figures.prescreener_figure(shown.prescreener, MINES)
     return Drawing("Fig. 9", "ROC at the prescreener stage", caption, figure, numbers)
 
@@ -235,7 +279,11 @@ def _prescreener(shown: Shown) -> Drawing:
 def _patches(shown: Shown) -> Drawing:
     patch = shown.recipe.contrast
     numbers = (
-        ("patch", "25 x 25 pixels of 10 cm", f"{patch.size} x {patch.size} of {100 * patch.spacing:g} cm"),
+        (
+            "patch",
+            "25 x 25 pixels of 10 cm",
+            f"{patch.size} x {patch.size} of {100 * patch.spacing:g} cm",
+        ),
         ("(a)", "surface-laid mine", shown.example("surface")),
         ("(b)", "metal mine, 5 cm", shown.example("shallow")),
         ("(c)", "plastic mine, 5 cm", shown.example("plastic")),
@@ -245,15 +293,22 @@ def _patches(shown: Shown) -> Drawing:
         "Patches at the alarms, from near to far, up to Y_max; every row over its largest value. Black: beyond the "
         "image's border."
     )
-    return Drawing("Fig. 10", "Patches of four alarms", caption, figures.patch_figure(shown.examples), numbers)
+    return Drawing(
+        "Fig. 10", "Patches of four alarms", caption, figures.patch_figure(shown.examples), numbers
+    )
 
 
 def _regions(shown: Shown) -> Drawing:
     patch = shown.recipe.contrast
     inner, guard = ("{} x {} pixels".format(*size) for size in (patch.inner, patch.guard))
-    numbers = (("inner region", "5 x 3 pixels", inner), ("inner and guard region", "9 x 7 pixels", guard))
+    numbers = (
+        ("inner region", "5 x 3 pixels", inner),
+        ("inner and guard region", "9 x 7 pixels", guard),
+    )
     caption = "Cross-track x down-track, which the paper leaves open."
-    return Drawing("Fig. 11", "Regions of a patch", caption, figures.region_figure(shown.recipe), numbers)
+    return Drawing(
+        "Fig. 11", "Regions of a patch", caption, figures.region_figure(shown.recipe), numbers
+    )
 
 
 def _normalisation(shown: Shown) -> Drawing:
@@ -263,7 +318,11 @@ def _normalisation(shown: Shown) -> Drawing:
     mines = count_mines(one.truth for one in shown.calibration)
     numbers = (
         ("false alarms per actual mine, W0", "about 30", f"{false_alarms / max(mines, 1):.0f}"),
-        ("alarms before and after duplication", _NOT_GIVEN, f"{known.weight.size} and {known.weight.sum()}"),
+        (
+            "alarms before and after duplication",
+            _NOT_GIVEN,
+            f"{known.weight.size} and {known.weight.sum()}",
+        ),
     )
     caption = "(a) all alarms, (b) after duplication, (c) after normalisation."
     figure = figures.normalisation_figure(known.features["M_HH_F1"].to_numpy(), known.weight)
@@ -272,13 +331,17 @@ def _normalisation(shown: Shown) -> Drawing:
 
 def _best_feature(shown: Shown) -> Drawing:
     contrast = shown.classifiers["A"]
-    numbers = [("C_HH over the prescreener", "very significant, metal and plastic", "see the statements")]
+    numbers = [
+        ("C_HH over the prescreener", "very significant, metal and plastic", "see the statements")
+    ]
     for kind, subset, wanted in (
         ("buried plastic", BURIED_PLASTIC, ("65 %", "90 %")),
         ("simulants", SIMULANTS, ("7 of 16", "9 of 16")),
     ):
         for far, paper in zip((0.02, 0.07), wanted, strict=True):
-            numbers.append((f"C_HH, {kind}, Pd at {far:g} per m²", paper, _pd(contrast, subset, far)))
+            numbers.append(
+                (f"C_HH, {kind}, Pd at {far:g} per m²", paper, _pd(contrast, subset, far))
+            )
     subsets = {"metal": BURIED_METAL, "plastic": BURIED_PLASTIC}
     panels = {"calibration": {"prescreener": shown.prescreener["HH", "F1"], "C_HH": contrast}}
     caption = "Buried mines of the calibration lanes."
@@ -289,9 +352,15 @@ def _best_feature(shown: Shown) -> Drawing:
 def _classifiers(shown: Shown) -> Drawing:
     numbers = []
     for name, match in shown.blind.items():
-        numbers.append((f"{name}, blind metal, Pd at 0.01 per m²", "100 %", _pd(match, BURIED_METAL, 0.01)))
         numbers.append(
-            (f"{name}, blind plastic, Pd at 0.05 per m²", "25 to 30 % over C", _pd(match, BURIED_PLASTIC, 0.05))
+            (f"{name}, blind metal, Pd at 0.01 per m²", "100 %", _pd(match, BURIED_METAL, 0.01))
+        )
+        numbers.append(
+            (
+                f"{name}, blind plastic, Pd at 0.05 per m²",
+                "25 to 30 % over C",
+                _pd(match, BURIED_PLASTIC, 0.05),
+            )
         )
     subsets = {"metal": BURIED_METAL, "plastic": BURIED_PLASTIC}
     panels = {"calibration": shown.classifiers, "blind": shown.blind}
@@ -304,7 +373,9 @@ def _classifiers(shown: Shown) -> Drawing:
         "reproduced."
     )
     figure = figures.classifier_figure(panels, subsets, bands)
-    return Drawing("Fig. 14", "Classifiers on calibration and blind lanes", caption, figure, numbers)
+    return Drawing(
+        "Fig. 14", "Classifiers on calibration and blind lanes", caption, figure, numbers
+    )
 
 
 def _pd(matched: Match, subset: Any, far: float) -> str:

@@ -82,7 +82,9 @@ def jobs(quick: bool = False) -> list[LaneJob]:
                 seed = declared["seed"] + replicate
                 length = float(declared["length"])
                 count = declared["count"]
-                made.append(LaneJob("ablation", name, about, tables, declared["mines"], length, count, seed))
+                made.append(
+                    LaneJob("ablation", name, about, tables, declared["mines"], length, count, seed)
+                )
     return made
 
 
@@ -123,9 +125,10 @@ def costs(table: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``road``, ``response`` (as of ``detection-effects.csv``), ``unchanged``, its mean on the road as it is, and the
-        columns of :func:`~flgpr_papers.worlds.effects.block_differences`; ``replicates``, how many lanes of every road
-        there are. Replicates of which a lane is not there yet are left out.
+        ``road``, ``response`` (as of ``detection-effects.csv``), ``unchanged``, its mean on the
+        road as it is, and the columns of :func:`~flgpr_papers.worlds.effects.block_differences`;
+        ``replicates``, how many lanes of every road there are. Replicates of which a lane is not
+        there yet are left out.
     """
     rows = []
     for road in ROADS:
@@ -133,7 +136,9 @@ def costs(table: pd.DataFrame) -> pd.DataFrame:
         for response, values in responses(lanes).items():
             wide = pd.DataFrame(
                 {"change": lanes["change"], "replicate": lanes["replicate"], "value": values}
-            ).pivot_table(index="replicate", columns="change", values="value", sort=False, dropna=False)
+            ).pivot_table(
+                index="replicate", columns="change", values="value", sort=False, dropna=False
+            )
             wide = wide.dropna() if NOTHING in wide else wide.iloc[:0]
             if wide.empty or wide.shape[1] < 2:
                 continue

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 Axes = Mapping[str, Sequence[Any]]
-_DIGITS = 9  # of the logarithm of a determinant: candidates that differ by rounding alone count as equal
+_DIGITS = (
+    9  # of the logarithm of a determinant: candidates that differ by rounding alone count as equal
+)
 
 
 def contrasts(levels: int) -> FloatArray:
@@ -32,7 +34,9 @@ def terms_of(axes: Axes, interactions: Sequence[tuple[str, str]]) -> list[tuple[
     return [(), *((axis,) for axis in axes), *interactions]
 
 
-def model_matrix(table: pd.DataFrame, axes: Axes, interactions: Sequence[tuple[str, str]]) -> FloatArray:
+def model_matrix(
+    table: pd.DataFrame, axes: Axes, interactions: Sequence[tuple[str, str]]
+) -> FloatArray:
     """Compute the model matrix (row, column) of a table of levels, its columns in the order of :func:`terms_of`.
 
     Parameters
@@ -49,7 +53,10 @@ def model_matrix(table: pd.DataFrame, axes: Axes, interactions: Sequence[tuple[s
     ValueError
         If a value of the table is no level of its axis.
     """
-    parts = {axis: contrasts(len(levels))[_level_numbers(table, axis, levels)] for axis, levels in axes.items()}
+    parts = {
+        axis: contrasts(len(levels))[_level_numbers(table, axis, levels)]
+        for axis, levels in axes.items()
+    }
     columns = []
     for term in terms_of(axes, interactions):
         block = np.ones((len(table), 1))
@@ -59,7 +66,9 @@ def model_matrix(table: pd.DataFrame, axes: Axes, interactions: Sequence[tuple[s
     return np.concatenate(columns, axis=1)
 
 
-def term_columns(axes: Axes, interactions: Sequence[tuple[str, str]]) -> dict[tuple[str, ...], slice]:
+def term_columns(
+    axes: Axes, interactions: Sequence[tuple[str, str]]
+) -> dict[tuple[str, ...], slice]:
     """Tell which columns of the model matrix belong to each term."""
     places: dict[tuple[str, ...], slice] = {}
     start = 0
@@ -70,9 +79,14 @@ def term_columns(axes: Axes, interactions: Sequence[tuple[str, str]]) -> dict[tu
     return places
 
 
-def marginal_row(levels: Mapping[str, Any], axes: Axes, interactions: Sequence[tuple[str, str]]) -> FloatArray:
+def marginal_row(
+    levels: Mapping[str, Any], axes: Axes, interactions: Sequence[tuple[str, str]]
+) -> FloatArray:
     """Compute the row of the model matrix for given levels of some axes, the mean over all levels of the others."""
-    parts = {axis: contrasts(len(axes[axis]))[list(axes[axis]).index(level)] for axis, level in levels.items()}
+    parts = {
+        axis: contrasts(len(axes[axis]))[list(axes[axis]).index(level)]
+        for axis, level in levels.items()
+    }
     places = term_columns(axes, interactions)
     row = np.zeros(max(place.stop for place in places.values()))
     for term, place in places.items():
@@ -89,9 +103,10 @@ def d_optimal(
 ) -> pd.DataFrame:
     """Design a fraction in which all main effects and the interaction of two axes can be told apart.
 
-    The two ``crossed`` axes are fully crossed, with ``each`` rows in every cell. The levels of the other axes maximise
-    the determinant of the information matrix (D-optimality) by coordinate exchange (Meyer & Nachtsheim 1995) from
-    ``starts`` random tables. Then ``repeats`` rows of every cell, chosen by the same criterion, come a second time.
+    The two ``crossed`` axes are fully crossed, with ``each`` rows in every cell. The levels of the
+    other axes maximise the determinant of the information matrix (D-optimality) by coordinate
+    exchange (Meyer & Nachtsheim 1995) from ``starts`` random tables. Then ``repeats`` rows of every
+    cell, chosen by the same criterion, come a second time.
 
     Returns
     -------
@@ -105,7 +120,9 @@ def d_optimal(
     best = np.zeros((0, len(axes)), dtype=np.intp)
     best_value = -np.inf
     for _ in range(starts):
-        levels, value = _exchange(_random_levels(axes, crossed, each, rng), every_row, shape, _free(axes, crossed))
+        levels, value = _exchange(
+            _random_levels(axes, crossed, each, rng), every_row, shape, _free(axes, crossed)
+        )
         if value > best_value:
             best = levels
             best_value = value
@@ -123,7 +140,9 @@ def _free(axes: Axes, crossed: tuple[str, str]) -> list[int]:
     return [number for number, axis in enumerate(axes) if axis not in crossed]
 
 
-def _random_levels(axes: Axes, crossed: tuple[str, str], each: int, rng: np.random.Generator) -> NDArray[np.intp]:
+def _random_levels(
+    axes: Axes, crossed: tuple[str, str], each: int, rng: np.random.Generator
+) -> NDArray[np.intp]:
     """Draw numbers of levels (row, axis): all cells in order, and the other axes' in equal numbers in random order."""
     rows = each * len(axes[crossed[0]]) * len(axes[crossed[1]])
     levels = np.zeros((rows, len(axes)), dtype=np.intp)
@@ -224,10 +243,11 @@ def decidable(table: pd.DataFrame, axes: Axes, crossed: tuple[str, str]) -> pd.D
     Returns
     -------
     DataFrame
-        A row per axis and for the interaction: ``term``; ``effects``, its number of independent effects; ``error``,
-        the largest standard error of a difference between two of its levels (of the interaction: of a difference of
-        two differences), in standard deviations of a world; ``inflation``, the largest variance of its effects over
-        that in an orthogonal table of as many rows.
+        A row per axis and for the interaction: ``term``; ``effects``, its number of independent
+        effects; ``error``, the largest standard error of a difference between two of its levels (of
+        the interaction: of a difference of two differences), in standard deviations of a world;
+        ``inflation``, the largest variance of its effects over that in an orthogonal table of as
+        many rows.
     """
     interactions = [crossed]
     matrix = model_matrix(table, axes, interactions)
@@ -244,7 +264,9 @@ def decidable(table: pd.DataFrame, axes: Axes, crossed: tuple[str, str]) -> pd.D
     return pd.DataFrame(rows)
 
 
-def _differences(term: tuple[str, ...], axes: Axes, interactions: Sequence[tuple[str, str]]) -> list[FloatArray]:
+def _differences(
+    term: tuple[str, ...], axes: Axes, interactions: Sequence[tuple[str, str]]
+) -> list[FloatArray]:
     """List the differences between two levels of an axis, or the differences of differences of two axes."""
 
     def row(*levels: Any) -> FloatArray:

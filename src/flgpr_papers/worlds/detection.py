@@ -34,7 +34,11 @@ def jobs(quick: bool = False) -> list[LaneJob]:
 
 
 def _job(world: World, declared: dict[str, float]) -> LaneJob:
-    about = {"number": world.number, **{axis: getattr(world, axis) for axis in AXES}, "replicate": world.replicate}
+    about = {
+        "number": world.number,
+        **{axis: getattr(world, axis) for axis in AXES},
+        "replicate": world.replicate,
+    }
     length = float(declared["length"])
     count = int(declared["count"])
     seed = int(declared["seed"]) + world.number
@@ -62,9 +66,10 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
 def missing_decibels(targets: pd.DataFrame) -> pd.DataFrame:
     """Tell by how many decibels plastic mines miss what the paper finds of them, cell by cell.
 
-    One curve gives the chance that a plastic mine is found by its signal to clutter x, fitted to all targets of all
-    worlds: ``P(x) = c + (1 - c)·σ(a + b·x)`` with the chance level c of the target's lane and the logistic function σ.
-    In a cell the signal to clutter of all its plastic mines is raised until the mean of P is the paper's Pd.
+    One curve gives the chance that a plastic mine is found by its signal to clutter x, fitted to
+    all targets of all worlds: ``P(x) = c + (1 - c)·σ(a + b·x)`` with the chance level c of the
+    target's lane and the logistic function σ. In a cell the signal to clutter of all its plastic
+    mines is raised until the mean of P is the paper's Pd.
 
     Parameters
     ----------
@@ -74,9 +79,10 @@ def missing_decibels(targets: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        A row per false alarm rate and cell of the two crossed axes: ``far``, per m²; the two axes; ``targets``, their
-        number; ``found``, the share found; ``paper``, the paper's Pd; ``missing_db``, dB, below zero where more is
-        found than in the paper. Empty while mines are not found the better, the higher their signal to clutter.
+        A row per false alarm rate and cell of the two crossed axes: ``far``, per m²; the two axes;
+        ``targets``, their number; ``found``, the share found; ``paper``, the paper's Pd;
+        ``missing_db``, dB, below zero where more is found than in the paper. Empty while mines are
+        not found the better, the higher their signal to clutter.
     """
     plastic = targets[(targets["kind"] == "plastic") & np.isfinite(targets["ratio_db"])]
     rows = []
@@ -89,9 +95,15 @@ def missing_decibels(targets: pd.DataFrame) -> pd.DataFrame:
         if curve.slope <= 0:
             return pd.DataFrame()
         for place, cell in plastic.groupby(list(CROSSED)):
-            missing = curve.raise_to(cell["ratio_db"].to_numpy(), cell[f"chance_{far:g}"].to_numpy(), paper)
+            missing = curve.raise_to(
+                cell["ratio_db"].to_numpy(), cell[f"chance_{far:g}"].to_numpy(), paper
+            )
             row = {"far": far, **dict(zip(CROSSED, place, strict=True)), "targets": len(cell)}
-            row |= {"found": float((cell["far"] <= far).mean()), "paper": paper, "missing_db": missing}
+            row |= {
+                "found": float((cell["far"] <= far).mean()),
+                "paper": paper,
+                "missing_db": missing,
+            }
             rows.append(row)
     return pd.DataFrame(rows)
 
@@ -118,7 +130,9 @@ class FoundCurve:
         return float(brentq(excess, -widest, widest))
 
 
-def fit_found_curve(ratio_db: FloatArray, found: NDArray[np.bool_], chance: FloatArray) -> FoundCurve:
+def fit_found_curve(
+    ratio_db: FloatArray, found: NDArray[np.bool_], chance: FloatArray
+) -> FoundCurve:
     """Fit the curve by maximum likelihood; ``chance`` is what would be found of each target without its echo."""
 
     def misfit(parameters: FloatArray) -> float:
@@ -141,22 +155,28 @@ def effects(table: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``response``: "metal 0.02", Pd of a kind at so many false alarms per m², or "metal ratio_db", its mean signal to
-        clutter, dB. ``axis`` and ``level``; for the two crossed axes also rows with both, "roughness x permittivity"
-        and "2.0 x 4.5". ``value``, ``low``, ``high``: the response with its 95 % interval, a Pd as the inverse logit
-        of a mean of logits. ``difference`` from the first level, with ``difference_low`` and ``difference_high``
-        (empty for cells). ``p`` of all levels of the axis being alike. ``worlds`` that have the level. ``dispersion``,
-        see :class:`~flgpr_papers.worlds.effects.Fit`. Empty if the worlds are too few to tell the effects apart.
+        ``response``: "metal 0.02", Pd of a kind at so many false alarms per m², or "metal
+        ratio_db", its mean signal to clutter, dB. ``axis`` and ``level``; for the two crossed axes
+        also rows with both, "roughness x permittivity" and "2.0 x 4.5". ``value``, ``low``,
+        ``high``: the response with its 95 % interval, a Pd as the inverse logit of a mean of
+        logits. ``difference`` from the first level, with ``difference_low`` and ``difference_high``
+        (empty for cells). ``p`` of all levels of the axis being alike. ``worlds`` that have the
+        level. ``dispersion``, see :class:`~flgpr_papers.worlds.effects.Fit`. Empty if the worlds
+        are too few to tell the effects apart.
     """
     rows = []
     for kind in KINDS:
         # Only plastic mines depend on the mix that stands for them.
-        axes = {axis: levels for axis, levels in AXES.items() if axis != "mines" or kind == "plastic"}
+        axes = {
+            axis: levels for axis, levels in AXES.items() if axis != "mines" or kind == "plastic"
+        }
         matrix = model_matrix(table, axes, [CROSSED])
         try:
             fits = {}
             for far in FAR:
-                fits[f"{kind} {far:g}"] = fit_shares(matrix, table[f"{kind}_{far:g}"], table[f"{kind}_targets"])
+                fits[f"{kind} {far:g}"] = fit_shares(
+                    matrix, table[f"{kind}_{far:g}"], table[f"{kind}_targets"]
+                )
             fits[f"{kind} ratio_db"] = fit_means(matrix, table[f"{kind}_ratio_db"])
         except ValueError:
             return pd.DataFrame()
@@ -165,7 +185,9 @@ def effects(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _level_rows(response: str, fit: Fit, axes: dict[str, list[object]], table: pd.DataFrame) -> list[dict[str, object]]:
+def _level_rows(
+    response: str, fit: Fit, axes: dict[str, list[object]], table: pd.DataFrame
+) -> list[dict[str, object]]:
     """Tabulate every level of every axis, and its difference from the axis's first."""
     rows = []
     places = term_columns(axes, [CROSSED])
@@ -195,7 +217,9 @@ def _level_rows(response: str, fit: Fit, axes: dict[str, list[object]], table: p
     return rows
 
 
-def _cell_rows(response: str, fit: Fit, axes: dict[str, list[object]], table: pd.DataFrame) -> list[dict[str, object]]:
+def _cell_rows(
+    response: str, fit: Fit, axes: dict[str, list[object]], table: pd.DataFrame
+) -> list[dict[str, object]]:
     """Tabulate every cell of the two crossed axes."""
     rows = []
     first, second = CROSSED

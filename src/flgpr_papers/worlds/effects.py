@@ -71,8 +71,8 @@ class Fit:
 def fit_shares(matrix: FloatArray, found: ArrayLike, count: ArrayLike) -> Fit:
     """Fit logits of shares by a bias-reduced binomial model whose variance may exceed the binomial one.
 
-    Firth's (1993) penalty keeps estimates finite where all mines or none are found. The dispersion is Pearson's, not
-    below 1, so that intervals never get shorter than binomial ones.
+    Firth's (1993) penalty keeps estimates finite where all mines or none are found. The dispersion
+    is Pearson's, not below 1, so that intervals never get shorter than binomial ones.
 
     Parameters
     ----------
@@ -97,7 +97,9 @@ def fit_shares(matrix: FloatArray, found: ArrayLike, count: ArrayLike) -> Fit:
         leverage = weight * np.einsum("ij,jk,ik->i", matrix, inverse, matrix)
         step = inverse @ (matrix.T @ (hits - trials * share + leverage * (0.5 - share)))
         size = float(np.abs(matrix @ step).max())
-        coefficient = coefficient + step * min(1.0, 1.0 / size if size > 0 else 1.0)  # at most 1 logit at a time
+        coefficient = coefficient + step * min(
+            1.0, 1.0 / size if size > 0 else 1.0
+        )  # at most 1 logit at a time
         if size < _CONVERGED:
             break
     freedom = len(matrix) - matrix.shape[1]
@@ -133,14 +135,16 @@ def _check(matrix: FloatArray) -> None:
     rows, columns = matrix.shape
     rank = int(np.linalg.matrix_rank(matrix))
     if rows <= columns or rank < columns:
-        raise ValueError(f"matrix must have more rows than columns and full rank, got {rows} x {columns}, rank {rank}")
+        raise ValueError(
+            f"matrix must have more rows than columns and full rank, got {rows} x {columns}, rank {rank}"
+        )
 
 
 def block_differences(values: pd.DataFrame, baseline: str) -> pd.DataFrame:
     """Compare every column with a baseline, in rows that are alike in all else (randomised blocks).
 
-    The error of a difference comes from what is left of all columns once the means of columns and rows are taken away,
-    ``(columns - 1)·(rows - 1)`` degrees of freedom.
+    The error of a difference comes from what is left of all columns once the means of columns and
+    rows are taken away, ``(columns - 1)·(rows - 1)`` degrees of freedom.
 
     Parameters
     ----------
@@ -152,9 +156,9 @@ def block_differences(values: pd.DataFrame, baseline: str) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        A row per other column: ``change``, its name; ``difference``, ``low`` and ``high``, the 95 % interval;
-        ``clear``, whether zero lies outside an interval that is to hold for all rows together (Bonferroni). With one
-        replicate there is no interval, which then is infinite.
+        A row per other column: ``change``, its name; ``difference``, ``low`` and ``high``, the 95 %
+        interval; ``clear``, whether zero lies outside an interval that is to hold for all rows
+        together (Bonferroni). With one replicate there is no interval, which then is infinite.
 
     Raises
     ------
@@ -162,7 +166,9 @@ def block_differences(values: pd.DataFrame, baseline: str) -> pd.DataFrame:
         If there is no such column, or no other one.
     """
     if baseline not in values or values.shape[1] < 2:
-        raise ValueError(f"values must hold {baseline!r} and another column, got {', '.join(map(str, values))}")
+        raise ValueError(
+            f"values must hold {baseline!r} and another column, got {', '.join(map(str, values))}"
+        )
     data = values.to_numpy(dtype=np.float64)
     rows, columns = data.shape
     rest = data - data.mean(axis=0) - data.mean(axis=1, keepdims=True) + data.mean()

@@ -61,8 +61,12 @@ def detection_figure(folder: Path) -> Figure | None:
         for column, kind in enumerate(("metal", "plastic")):
             axes = grid[row, column]
             _draw_pd(axes, worlds, effects, kind, far)
-            axes.axhline(DECLARED["paper"][kind][row], color="k", ls="--", lw=1.2, label="Wang et al. 2007")
-            axes.axhline(worlds[f"chance_{far:g}"].mean(), color="0.5", ls=":", lw=1.2, label="by chance")
+            axes.axhline(
+                DECLARED["paper"][kind][row], color="k", ls="--", lw=1.2, label="Wang et al. 2007"
+            )
+            axes.axhline(
+                worlds[f"chance_{far:g}"].mean(), color="0.5", ls=":", lw=1.2, label="by chance"
+            )
             axes.set_title(f"{kind}, {far:g} false alarms per m²", fontsize=10)
     grid[0, 1].legend(fontsize=8, loc="upper right")
     figure.supxlabel("rms height of the surface, mm", fontsize=10)
@@ -70,12 +74,16 @@ def detection_figure(folder: Path) -> Figure | None:
     return figure
 
 
-def _draw_pd(axes: Axes, worlds: pd.DataFrame, effects: pd.DataFrame, kind: str, far: float) -> None:
+def _draw_pd(
+    axes: Axes, worlds: pd.DataFrame, effects: pd.DataFrame, kind: str, far: float
+) -> None:
     """Draw every world as a point, and what the effects give for every cell as lines with intervals."""
     levels = AXES["roughness"]
     cells = pd.DataFrame()
     if not effects.empty:
-        chosen = (effects["response"] == f"{kind} {far:g}") & (effects["axis"] == "roughness x permittivity")
+        chosen = (effects["response"] == f"{kind} {far:g}") & (
+            effects["axis"] == "roughness x permittivity"
+        )
         cells = effects[chosen].set_index("level")
     for number, permittivity in enumerate(AXES["permittivity"]):
         shift = 1.06 ** (number - 1.5)  # apart on the logarithmic axis
@@ -89,7 +97,17 @@ def _draw_pd(axes: Axes, worlds: pd.DataFrame, effects: pd.DataFrame, kind: str,
         error = [rows["value"] - rows["low"], rows["high"] - rows["value"]]
         places = np.array(levels) * shift
         label = f"ε' = {permittivity:g}"
-        axes.errorbar(places, rows["value"], error, color=colour, marker="o", ms=4, lw=1.3, capsize=2, label=label)
+        axes.errorbar(
+            places,
+            rows["value"],
+            error,
+            color=colour,
+            marker="o",
+            ms=4,
+            lw=1.3,
+            capsize=2,
+            label=label,
+        )
     axes.set_xscale("log")
     axes.set_xticks(levels, [f"{level:g}" for level in levels])
     axes.set_xticks([], minor=True)
@@ -114,14 +132,18 @@ def signatures_figure(folder: Path) -> Figure | None:
         places = np.arange(len(order)) + 0.16 * (1.5 - number)
         label = f"{roughness:g} mm rms"
         error = [middle - low, high - middle]
-        left.errorbar(middle, places, xerr=error, fmt="o", color=_COLOURS[number], ms=4, lw=1.2, label=label)
+        left.errorbar(
+            middle, places, xerr=error, fmt="o", color=_COLOURS[number], ms=4, lw=1.2, label=label
+        )
     left.set_yticks(range(len(order)), order, fontsize=8)
     left.set_xlabel("signal to clutter, dB: median and quarters of the targets", fontsize=9)
     left.grid(alpha=0.25)
     left.legend(fontsize=8)
     for kind, colour in zip(KINDS, _COLOURS, strict=False):
         _draw_found(right, targets[targets["kind"] == kind], kind, colour)
-    right.axhline(targets[f"chance_{FAR[-1]:g}"].mean(), color="0.5", ls=":", lw=1.2, label="by chance")
+    right.axhline(
+        targets[f"chance_{FAR[-1]:g}"].mean(), color="0.5", ls=":", lw=1.2, label="by chance"
+    )
     right.set_ylim(-0.04, 1.04)
     right.set_xlabel("signal to clutter, dB", fontsize=9)
     right.set_ylabel(f"share found at {FAR[-1]:g} false alarms per m²", fontsize=9)
@@ -148,7 +170,17 @@ def _draw_found(axes: Axes, targets: pd.DataFrame, label: str, colour: str) -> N
         below.append(share - float(low))
         above.append(float(high) - share)
     if middles:
-        axes.errorbar(middles, shares, [below, above], color=colour, marker="o", ms=4, lw=1.2, capsize=2, label=label)
+        axes.errorbar(
+            middles,
+            shares,
+            [below, above],
+            color=colour,
+            marker="o",
+            ms=4,
+            lw=1.2,
+            capsize=2,
+            label=label,
+        )
 
 
 def ablation_figure(folder: Path) -> Figure | None:
@@ -169,7 +201,9 @@ def ablation_figure(folder: Path) -> Figure | None:
             axes = grid[row, column]
             chosen = costs[(costs["road"] == road) & (costs["response"] == response)]
             _draw_costs(axes, chosen, names=column == 0)
-            unchanged = f", {chosen['unchanged'].iloc[0]:.2f} without a change" if len(chosen) else ""
+            unchanged = (
+                f", {chosen['unchanged'].iloc[0]:.2f} without a change" if len(chosen) else ""
+            )
             axes.set_title(f"{title}{unchanged}", fontsize=8.5)
             if row == 1:
                 far = "" if "ratio" in response else f", {FAR[-1]:g} false alarms per m²"
@@ -183,7 +217,11 @@ def _draw_costs(axes: Axes, costs: pd.DataFrame, names: bool) -> None:
     for place, (_, cost) in zip(places, costs.iterrows(), strict=True):
         ends = np.nan_to_num([cost["low"], cost["high"]], posinf=np.nan, neginf=np.nan)
         axes.plot(
-            [cost["low"], cost["high"]] if np.isfinite(ends).all() else [], [place] * 2, "-", color="0.35", lw=1.4
+            [cost["low"], cost["high"]] if np.isfinite(ends).all() else [],
+            [place] * 2,
+            "-",
+            color="0.35",
+            lw=1.4,
         )
         face = _COLOURS[0] if cost["clear"] else "white"
         axes.plot(cost["difference"], place, "o", color=_COLOURS[0], mfc=face, ms=6)
@@ -203,15 +241,21 @@ def geometry_figure(folder: Path) -> Figure | None:
     grounds = list(dict.fromkeys(zip(means["nearest"], means["farthest"], strict=True)))
     for axes, kind in zip(grid, ("metal", "plastic"), strict=True):
         for number, height in enumerate(sorted(means["height"].unique())):
-            chosen = means[(means["height"] == height) & (means["response"] == f"{kind} {FAR[-1]:g}")]
+            chosen = means[
+                (means["height"] == height) & (means["response"] == f"{kind} {FAR[-1]:g}")
+            ]
             own = chosen.set_index(["nearest", "farthest"]).reindex(grounds)
             places = np.arange(len(grounds)) + 0.1 * (number - 1)
             error = np.nan_to_num([own["value"] - own["low"], own["high"] - own["value"]])
             label = f"{height:g} m high"
-            axes.errorbar(places, own["value"], error, fmt="o", color=_COLOURS[number], capsize=2, label=label)
+            axes.errorbar(
+                places, own["value"], error, fmt="o", color=_COLOURS[number], capsize=2, label=label
+            )
         chance = read_table(folder, "geometry")[f"chance_{FAR[-1]:g}"].mean()
         axes.axhline(chance, color="0.4", lw=1, ls=":", label="by chance")
-        axes.set_xticks(range(len(grounds)), [f"{near:g} to {far:g} m" for near, far in grounds], fontsize=9)
+        axes.set_xticks(
+            range(len(grounds)), [f"{near:g} to {far:g} m" for near, far in grounds], fontsize=9
+        )
         axes.set_title(f"{kind}, {FAR[-1]:g} false alarms per m²", fontsize=10)
         axes.set_ylim(-0.04, 1.04)
         axes.grid(alpha=0.25)
@@ -227,7 +271,12 @@ def statements_figure(folder: Path, paper: str) -> Figure | None:
     if table.empty or not (table["paper"] == paper).any():
         return None
     own = table[table["paper"] == paper]
-    holds = read_table(folder, "statements").query("paper == @paper").groupby("statement")["holds"].first()
+    holds = (
+        read_table(folder, "statements")
+        .query("paper == @paper")
+        .groupby("statement")["holds"]
+        .first()
+    )
     claims = list(dict.fromkeys(own["statement"]))
     columns = 4
     rows = -(-len(claims) // columns)
@@ -250,9 +299,13 @@ def _draw_margins(axes: Axes, worlds: pd.DataFrame) -> None:
     value = np.full((len(down), len(across)), np.nan)
     for row, permittivity in enumerate(down):
         for column, roughness in enumerate(across):
-            cell = worlds[(worlds["permittivity"] == permittivity) & (worlds["roughness"] == roughness)]
+            cell = worlds[
+                (worlds["permittivity"] == permittivity) & (worlds["roughness"] == roughness)
+            ]
             value[row, column] = cell["margin"].mean() if len(cell) else np.nan
-            agree, disagree = (int((cell["verdict"] == verdict).sum()) for verdict in (AGREES, DISAGREES))
+            agree, disagree = (
+                int((cell["verdict"] == verdict).sum()) for verdict in (AGREES, DISAGREES)
+            )
             words = "+" * agree + "−" * disagree
             axes.text(column, row, words, ha="center", va="center", fontsize=7)
     known = np.abs(value[np.isfinite(value)])

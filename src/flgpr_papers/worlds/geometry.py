@@ -41,7 +41,17 @@ def jobs(quick: bool = False) -> list[LaneJob]:
             count = declared["count"]
             made.append(
                 LaneJob(
-                    "geometry", name, about, tables, declared["mines"], length, count, seed, height, ground, ratios=True
+                    "geometry",
+                    name,
+                    about,
+                    tables,
+                    declared["mines"],
+                    length,
+                    count,
+                    seed,
+                    height,
+                    ground,
+                    ratios=True,
                 )
             )
     return made
@@ -70,10 +80,10 @@ def means(table: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``height``, ``nearest``, ``farthest`` (m), ``response`` (as of ``detection-effects.csv``), ``lanes``, ``value``
-        and its 95 % interval, ``low`` and ``high`` (empty for one lane). It is Student's over lanes. That of a Pd is
-        no narrower than the exact one of all its targets, as few lanes that happen to agree would make it, and ends at
-        0 and 1.
+        ``height``, ``nearest``, ``farthest`` (m), ``response`` (as of ``detection-effects.csv``),
+        ``lanes``, ``value`` and its 95 % interval, ``low`` and ``high`` (empty for one lane). It is
+        Student's over lanes. That of a Pd is no narrower than the exact one of all its targets, as
+        few lanes that happen to agree would make it, and ends at 0 and 1.
     """
     rows = []
     for place, lanes in table.groupby(WHERE, sort=False):
@@ -90,6 +100,10 @@ def means(table: pd.DataFrame) -> pd.DataFrame:
                 exact_low, exact_high = clopper_pearson(found, lanes[f"{kind}_targets"].sum())
                 low = max(min(low, float(exact_low)), 0.0)
                 high = min(max(high, float(exact_high)), 1.0)
-            row = dict(zip(WHERE, place, strict=True)) | {"response": response, "lanes": count, "value": value}
+            row = dict(zip(WHERE, place, strict=True)) | {
+                "response": response,
+                "lanes": count,
+                "value": value,
+            }
             rows.append(row | {"low": low, "high": high})
     return pd.DataFrame(rows)

@@ -69,7 +69,9 @@ class LaneJob:
         return "metal", self.mines, "simulant"
 
 
-def run_jobs(folder: Path, jobs: Sequence[LaneJob], executor: Executor, track: Track = silent) -> None:
+def run_jobs(
+    folder: Path, jobs: Sequence[LaneJob], executor: Executor, track: Track = silent
+) -> None:
     """Run the lanes that are not on disk."""
     left = [(asdict(job), str(folder)) for job in jobs if not job.path(folder).is_file()]
     label = jobs[0].part if jobs else "lanes"
@@ -85,7 +87,9 @@ def run_job(job: Mapping[str, Any], folder: str) -> dict[str, Any]:
         scene = lane_scene(lane, Path(scratch))
     sensor = radar(lane.height)
     run, truth = simulate(scene, sensor, lane.seed)
-    bodies = pd.DataFrame({"body": [target.body for target in draw_world(scene, lane.seed).targets]})
+    bodies = pd.DataFrame(
+        {"body": [target.body for target in draw_world(scene, lane.seed).targets]}
+    )
     truth = truth.assign(body=bodies["body"].to_numpy())
     found = []
     for ground in lane.ground or (None,):
@@ -97,7 +101,13 @@ def run_job(job: Mapping[str, Any], folder: str) -> dict[str, Any]:
         ratios = signal_to_clutter(scene, sensor, lane.seed, tuple(_LANE["band"])).tolist()
     seconds = time.process_time() - begin
     targets = truth[["target_id", "kind", "body", "x", "y", "depth"]].to_dict("records")
-    record = {"about": lane.about, "seconds": seconds, "targets": targets, "ratio_db": ratios, "found": found}
+    record = {
+        "about": lane.about,
+        "seconds": seconds,
+        "targets": targets,
+        "ratio_db": ratios,
+        "found": found,
+    }
     path = lane.path(Path(folder))
     path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, json.dumps(record))
@@ -111,7 +121,13 @@ def lane_scene(lane: LaneJob, scratch: Path) -> Scene:
         draws += mix_draws(mix, _LANE["depth"], lane.count)
     path = scratch / "site.toml"
     write_site(path, lane.site)
-    scene = {"name": lane.name, "site": str(path), "length": lane.length, "draws": draws, "track": _LANE["track"]}
+    scene = {
+        "name": lane.name,
+        "site": str(path),
+        "length": lane.length,
+        "draws": draws,
+        "track": _LANE["track"],
+    }
     made = Scene.model_validate(scene | {"surface": {"density": _LANE["density"]}})
     return made.model_copy(update={"site": None})  # its tables are in the scene now
 
@@ -160,10 +176,11 @@ def read_targets(folder: Path, jobs: Sequence[LaneJob]) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        The columns that tell what the lane is; ``lane``, its name; ``nearest`` and ``farthest`` ground used, m (NaN:
-        the recipe's own); ``target_id``, ``kind``, ``body``, ``x``, ``y``, ``depth`` (m); ``far``, the false alarms per
-        m² at which the target is found (infinite where no alarm is near); ``chance_F``, Pd by chance in its lane at F
-        false alarms per m²; ``ratio_db``, its signal to clutter, dB (NaN where it was not measured).
+        The columns that tell what the lane is; ``lane``, its name; ``nearest`` and ``farthest``
+        ground used, m (NaN: the recipe's own); ``target_id``, ``kind``, ``body``, ``x``, ``y``,
+        ``depth`` (m); ``far``, the false alarms per m² at which the target is found (infinite where
+        no alarm is near); ``chance_F``, Pd by chance in its lane at F false alarms per m²;
+        ``ratio_db``, its signal to clutter, dB (NaN where it was not measured).
     """
     tables = []
     for job in jobs:
@@ -175,7 +192,12 @@ def read_targets(folder: Path, jobs: Sequence[LaneJob]) -> pd.DataFrame:
         ratio = record["ratio_db"] or [math.nan] * len(targets)
         for one in record["found"]:
             nearest, farthest = one["ground"] or (math.nan, math.nan)
-            columns = {**record["about"], "lane": job.name, "nearest": nearest, "farthest": farthest}
+            columns = {
+                **record["about"],
+                "lane": job.name,
+                "nearest": nearest,
+                "farthest": farthest,
+            }
             table = targets.assign(**columns, ratio_db=ratio)
             table["far"] = [math.inf if value is None else value for value in one["far"]]
             for far, value in zip(FAR, one["chance"], strict=True):
@@ -201,8 +223,9 @@ def lane_table(targets: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        The columns ``by``; of every kind ``KIND_targets``, their number, ``KIND_F``, how many are found at F false
-        alarms per m², and ``KIND_ratio_db``, the mean of their signal to clutter, dB; ``chance_F``.
+        The columns ``by``; of every kind ``KIND_targets``, their number, ``KIND_F``, how many are
+        found at F false alarms per m², and ``KIND_ratio_db``, the mean of their signal to clutter,
+        dB; ``chance_F``.
     """
     rows = []
     for values, lane in targets.groupby(list(by), sort=False, dropna=False):

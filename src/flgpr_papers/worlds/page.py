@@ -46,7 +46,11 @@ def declared_hashes() -> dict[str, str]:
     """Return the SHA-256 of every declared file: axes and lanes, the fraction, mixes of mines, the two sites."""
     papers = resources.files("flgpr_papers")
     sites = resources.files("flgpr.simulate") / "sites"
-    files = [papers / "worlds" / "worlds.toml", papers / "worlds" / "worlds.csv", papers / "mines.toml"]
+    files = [
+        papers / "worlds" / "worlds.toml",
+        papers / "worlds" / "worlds.csv",
+        papers / "mines.toml",
+    ]
     files += [sites / f"{name}.toml" for name in DECLARED["sites"].values()]
     return {file.name: sha256(file.read_bytes()) for file in files}
 
@@ -66,12 +70,16 @@ def short_tables(folder: Path) -> dict[str, pd.DataFrame]:
 def response_name(response: str) -> str:
     """Say a response in words: "plastic 0.07" is Pd of plastic at 0.07 false alarms per m²."""
     kind, what = response.split(" ")
-    return f"{kind}, signal to clutter, dB" if what == "ratio_db" else f"Pd of {kind} at {what} per m²"
+    return (
+        f"{kind}, signal to clutter, dB" if what == "ratio_db" else f"Pd of {kind} at {what} per m²"
+    )
 
 
 def design_table() -> pd.DataFrame:
     """Tabulate what the declared fraction can decide."""
-    table = pd.DataFrame([{axis: getattr(world, axis) for axis in AXES} for world in design_worlds()])
+    table = pd.DataFrame(
+        [{axis: getattr(world, axis) for axis in AXES} for world in design_worlds()]
+    )
     names = {"term": "effect", "effects": "degrees of freedom", "error": "error of a difference"}
     return decidable(table, AXES, CROSSED).round(2).rename(columns=names)
 
@@ -80,7 +88,9 @@ def detection_table(effects: pd.DataFrame) -> pd.DataFrame:
     """Tabulate the levels of every axis: Pd of metal and plastic at both false alarm rates, and plastic in dB."""
     if effects.empty:
         return pd.DataFrame()
-    responses = [f"{kind} {far:g}" for kind in ("metal", "plastic") for far in FAR] + ["plastic ratio_db"]
+    responses = [f"{kind} {far:g}" for kind in ("metal", "plastic") for far in FAR] + [
+        "plastic ratio_db"
+    ]
     rows = []
     for axis, levels in AXES.items():
         for level in levels:
@@ -99,9 +109,15 @@ def missing_table(missing: pd.DataFrame) -> pd.DataFrame:
         return pd.DataFrame()
     rows = []
     for (far, paper, roughness), cells in missing.groupby(["far", "paper", "roughness"]):
-        row = {"false alarms per m²": f"{far:g}", "paper's Pd": f"{paper:g}", "roughness, mm": f"{roughness:g}"}
+        row = {
+            "false alarms per m²": f"{far:g}",
+            "paper's Pd": f"{paper:g}",
+            "roughness, mm": f"{roughness:g}",
+        }
         for _, cell in cells.iterrows():
-            row[f"ε' = {cell['permittivity']:g}"] = f"{cell['missing_db']:+.1f} (found {cell['found']:.2f})"
+            row[f"ε' = {cell['permittivity']:g}"] = (
+                f"{cell['missing_db']:+.1f} (found {cell['found']:.2f})"
+            )
         rows.append(row)
     return pd.DataFrame(rows).fillna("–")
 
@@ -117,7 +133,9 @@ def ablation_table(costs: pd.DataFrame) -> pd.DataFrame:
         row = {"road": road, "change": change}
         for response in responses:
             cost = by_response[response]
-            row[response_name(response)] = in_brackets(cost, "difference") + (" *" if cost["clear"] else "")
+            row[response_name(response)] = in_brackets(cost, "difference") + (
+                " *" if cost["clear"] else ""
+            )
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -133,7 +151,9 @@ def geometry_table(means: pd.DataFrame) -> pd.DataFrame:
         return pd.DataFrame()
     responses = [f"{kind} {far:g}" for kind in ("metal", "plastic") for far in FAR]
     rows = []
-    for (height, nearest, farthest), several in means.groupby(["height", "nearest", "farthest"], sort=False):
+    for (height, nearest, farthest), several in means.groupby(
+        ["height", "nearest", "farthest"], sort=False
+    ):
         by_response = _by_response(several)
         row = {"height, m": f"{height:g}", "ground used, m": f"{nearest:g} to {farthest:g}"}
         for response in responses:

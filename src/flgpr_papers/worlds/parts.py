@@ -26,18 +26,22 @@ PARTS = (*RUN, FIGURES)
 _FORM = "worlds.json"
 
 
-def map_worlds(output: str | Path, parts: Sequence[str] = tuple(RUN), quick: bool = False, how: How = PLAINLY) -> Path:
+def map_worlds(
+    output: str | Path, parts: Sequence[str] = tuple(RUN), quick: bool = False, how: How = PLAINLY
+) -> Path:
     """Run parts of the map of worlds and write their tables, figures and the page; an interrupted run resumes.
 
     Parameters
     ----------
     output : str or Path
-        Folder to work in: ``index.html``, CSV files and figures. A cluster's workers see it under the same path.
+        Folder to work in: ``index.html``, CSV files and figures. A cluster's workers see it under
+        the same path.
     parts : sequence of str
-        Parts to run, in the order of ``PARTS`` whatever the order given. "figures" alone draws the PNG files of the CSV
-        files that are in the folder, and writes nothing else.
+        Parts to run, in the order of ``PARTS`` whatever the order given. "figures" alone draws the
+        PNG files of the CSV files that are in the folder, and writes nothing else.
     quick : bool
-        Few worlds and short lanes with other seeds, which only show that everything runs; the page says so.
+        Few worlds and short lanes with other seeds, which only show that everything runs; the page
+        says so.
     how : How
         Who works, each at a lane or at a study in a world, and who is shown progress.
 
@@ -49,7 +53,8 @@ def map_worlds(output: str | Path, parts: Sequence[str] = tuple(RUN), quick: boo
     Raises
     ------
     ValueError
-        If there is no such part, workers and a scheduler are asked for, or there is no scheduler at the address.
+        If there is no such part, workers and a scheduler are asked for, or there is no scheduler at
+        the address.
     FileExistsError
         If the folder holds the other form, quick or full.
     """
@@ -78,5 +83,7 @@ def _take_form(folder: Path, quick: bool) -> None:
     path = folder / _FORM
     if path.is_file() and json.loads(path.read_text(encoding="utf-8"))["quick"] != quick:
         form = "full" if quick else "quick"
-        raise FileExistsError(f"output must not exist yet, got {folder} with the {form} form: choose another output")
+        raise FileExistsError(
+            f"output must not exist yet, got {folder} with the {form} form: choose another output"
+        )
     write_whole(path, json.dumps({"quick": quick}) + "\n")

@@ -15,12 +15,15 @@ FloatArray = NDArray[np.float64]
 AHEAD = 12.0
 """Distance ahead of the array about which a target is looked at, m."""
 _STATIONS = 6.0  # m between places from which targets are looked at
-_REACH = 0.75  # m about a target's place within which its peak is taken: refraction shifts it by 0.2 to 0.4 m
+# m about a target's place within which its peak is taken: refraction shifts it by 0.2 to 0.4 m
+_REACH = 0.75
 _ROWS = 0.5  # m of ground range about a target over which the clutter is averaged
 _SPACING = 0.1  # m
 
 
-def signal_to_clutter(scene: Scene, sensor: Sensor, seed: int, band: tuple[float, float]) -> FloatArray:
+def signal_to_clutter(
+    scene: Scene, sensor: Sensor, seed: int, band: tuple[float, float]
+) -> FloatArray:
     """Compute the signal to clutter of every target, dB (target,), HH, in the images of a band (Hz).
 
     Signal is the peak power of the targets' own echoes, which come through the same ground and holes, within 0.75 m of
@@ -31,7 +34,9 @@ def signal_to_clutter(scene: Scene, sensor: Sensor, seed: int, band: tuple[float
     stations = np.arange(-AHEAD + half, scene.length - AHEAD + half, _STATIONS)
     still = {"positions": tuple(stations.tolist()), "wander": 0.0, "attitude": 0.0, "bounce": 0.0}
     watched = changed(scene, track=still)
-    simulator = Simulator(watched, sensor.model_copy(update={"polarization": ("HH",)}), seed, errors=False)
+    simulator = Simulator(
+        watched, sensor.model_copy(update={"polarization": ("HH",)}), seed, errors=False
+    )
     run = simulator.run()
     own = simulator.run(bodies=True)
     reach = max(abs(scene.x_min), abs(scene.x_max)) + _REACH

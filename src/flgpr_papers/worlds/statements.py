@@ -72,7 +72,12 @@ def studies(quick: bool = False) -> list[tuple[str, World]]:
     if quick:
         first = next(world for world in every if world.loss == "low")
         return [(paper, replace(first, number=_QUICK_NUMBER + first.number)) for paper in PAPERS]
-    asked = [(paper, world) for world in every for paper in PAPERS if paper != TWO_SITES or world.loss == "low"]
+    asked = [
+        (paper, world)
+        for world in every
+        for paper in PAPERS
+        if paper != TWO_SITES or world.loss == "low"
+    ]
     return [asked[place] for place in np.random.default_rng(2004).permutation(len(asked))]
 
 
@@ -112,7 +117,12 @@ def judge_in_world(paper: str, levels: Mapping[str, Any], folder: str) -> dict[s
     path = path_of(Path(folder), paper, world)
     path.parent.mkdir(parents=True, exist_ok=True)
     rows = [row_of(finding) for finding in findings]
-    write_whole(path, json.dumps({"world": asdict(world), "failed": failed, "seconds": seconds, "findings": rows}))
+    write_whole(
+        path,
+        json.dumps(
+            {"world": asdict(world), "failed": failed, "seconds": seconds, "findings": rows}
+        ),
+    )
     shutil.rmtree(work, ignore_errors=True)
     return {"paper": paper, "seconds": seconds}
 
@@ -133,7 +143,9 @@ class Statement:
 
     claim: str  #: what the paper says, and of which number
     findings: list[tuple[World, Finding]]  #: what each world shows
-    regions: dict[str, tuple[int, Interval, str]]  #: worlds, mean with its interval, and verdict, by region
+    regions: dict[
+        str, tuple[int, Interval, str]
+    ]  #: worlds, mean with its interval, and verdict, by region
     corners: tuple[str, ...] = ()  #: regions of two levels in which it agrees
 
     @property
@@ -154,11 +166,17 @@ def statements(records: Sequence[Record]) -> list[Statement]:
         for row in record["findings"]:
             finding = finding_of(row)
             if finding.asks is not None or finding.rule is not None:
-                claim = f"{finding.claim} [{finding.quantity}]" if finding.quantity else finding.claim
+                claim = (
+                    f"{finding.claim} [{finding.quantity}]" if finding.quantity else finding.claim
+                )
                 by_claim.setdefault(claim, []).append((world, finding))
-    varied = [axis for axis in STUDY_AXES if len({getattr(world, axis) for world, _ in records}) > 1]
+    varied = [
+        axis for axis in STUDY_AXES if len({getattr(world, axis) for world, _ in records}) > 1
+    ]
     single: list[Region] = [{axis: level} for axis in varied for level in AXES[axis]]
-    double: list[Region] = [one | other for one, other in combinations(single, 2) if one.keys() != other.keys()]
+    double: list[Region] = [
+        one | other for one, other in combinations(single, 2) if one.keys() != other.keys()
+    ]
     made = []
     for claim, findings in by_claim.items():
         regions = {}
@@ -203,7 +221,11 @@ def pooled(findings: Sequence[Finding], regions: int) -> tuple[int, Interval, st
         asked = replace(asked, asks=(*asked.asks[:2], error))
     verdicts = [judge_again(asked, *part) for part in parts]
     decisive = DISAGREES if DISAGREES in verdicts else UNDECIDED
-    shown = parts[verdicts.index(decisive)] if decisive in verdicts else min(parts, key=lambda part: part[1])
+    shown = (
+        parts[verdicts.index(decisive)]
+        if decisive in verdicts
+        else min(parts, key=lambda part: part[1])
+    )
     return count, shown, all_of(verdicts)
 
 
@@ -249,10 +271,14 @@ def write_tables(folder: Path, quick: bool = False) -> None:
             for region, (count, interval, verdict) in statement.regions.items():
                 row = about | {"region": region, "worlds": count, "verdict": verdict}
                 row |= dict(zip(("mean", "low", "high"), interval, strict=True))
-                regions.append(row | {"holds": statement.holds, "corners": "; ".join(statement.corners)})
+                regions.append(
+                    row | {"holds": statement.holds, "corners": "; ".join(statement.corners)}
+                )
             for world, finding in statement.findings:
                 levels = {axis: getattr(world, axis) for axis in STUDY_AXES}
-                by_world.append(about | levels | {"margin": margin(finding), "verdict": finding.verdict})
+                by_world.append(
+                    about | levels | {"margin": margin(finding), "verdict": finding.verdict}
+                )
         write_table(folder / f"statements-{paper}.csv", short_table(several))
     write_table(folder / "statements.csv", pd.DataFrame(regions))
     write_table(folder / "statements-worlds.csv", pd.DataFrame(by_world))
@@ -260,7 +286,9 @@ def write_tables(folder: Path, quick: bool = False) -> None:
     for paper, several_records in records.items():
         failed = sum(bool(record["failed"]) for _, record in several_records)
         asked = sum(name == paper for name, _ in studies(quick))
-        counts.append({"paper": paper, "worlds": len(several_records), "asked": asked, "too_small": failed})
+        counts.append(
+            {"paper": paper, "worlds": len(several_records), "asked": asked, "too_small": failed}
+        )
     write_table(folder / "statements-counts.csv", pd.DataFrame(counts))
 
 

@@ -64,7 +64,9 @@ class Table(Entries):
 class Setup:
     """What a stage is told of the chain it belongs to."""
 
-    run: xr.Dataset  #: the run; live, where none is stored, one scan without an echo at the lane's origin
+    run: (
+        xr.Dataset
+    )  #: the run; live, where none is stored, one scan without an echo at the lane's origin
     #: runs that were taken together with it, by the name that recipes give them, such as a second band
     others: Mapping[str, xr.Dataset]
     lane: Lane  #: the lane
@@ -174,7 +176,10 @@ class MapStage(Stage):
         """Map (y, x) of a cleaned complex scan image (polarization, subband, y, x); NaN where it says nothing."""
         raise NotImplementedError
 
-    def parts(self, image: xr.DataArray) -> tuple[Mapping[str, NDArray[Any]], Mapping[str, NDArray[Any]]]:  # noqa: ARG002
+    def parts(
+        self,
+        image: xr.DataArray,  # noqa: ARG002
+    ) -> tuple[Mapping[str, NDArray[Any]], Mapping[str, NDArray[Any]]]:
         """Give by name the maps (y, x) that add up to the map but for a constant, and others that explain it alone."""
         return {}, {}
 
@@ -251,7 +256,9 @@ def _named(kind: str) -> Callable[[Any], Any]:
             settings = of.Settings.model_validate(entries)
         except ValidationError as error:
             raise ValueError(
-                "; ".join(describe_fault(one, of.Settings, table["stage"]) for one in error.errors())
+                "; ".join(
+                    describe_fault(one, of.Settings, table["stage"]) for one in error.errors()
+                )
             ) from None
         return Named(stage=table["stage"], settings=settings, of=of)
 
@@ -276,5 +283,7 @@ def find_stage(kind: str, name: str) -> type[Stage]:
         raise ValueError(f"stage must be one of {known}, got {name!r}")
     loaded = offered[name].load()
     if not (isinstance(loaded, type) and issubclass(loaded, Stage) and loaded.kind == kind):
-        raise ValueError(f"stage {name!r} of {offered[name].value} must be a class of the kind {kind}, got {loaded!r}")
+        raise ValueError(
+            f"stage {name!r} of {offered[name].value} must be a class of the kind {kind}, got {loaded!r}"
+        )
     return loaded

@@ -39,7 +39,9 @@ class RxSettings(Table):
         if self.reach > min(self.guard):
             raise ValueError(f"reach must be at most guard {self.guard}, got {self.reach:g}")
         if (np.subtract(self.outer, self.guard) < 0).any() or self.outer == self.guard:
-            raise ValueError(f"outer must be at least guard {self.guard} and larger in x or y, got {self.outer}")
+            raise ValueError(
+                f"outer must be at least guard {self.guard} and larger in x or y, got {self.outer}"
+            )
         return self
 
 
@@ -118,13 +120,17 @@ class Cfar(Rx):
         first = (str(view[axis].values[0]) for axis in ("polarization", "subband"))
         labels = (
             wanted or one
-            for wanted, one in zip((self.settings.polarization, self.settings.subband), first, strict=True)
+            for wanted, one in zip(
+                (self.settings.polarization, self.settings.subband), first, strict=True
+            )
         )
         return {"cfar": self._compared(select(view, *labels), points)}
 
     def _excess(self, brightest: FloatArray, ring: FloatArray) -> float:
         if self.settings.kind == "ordered":
-            return float(brightest[0] - np.quantile(ring, self.settings.share, method="inverted_cdf"))
+            return float(
+                brightest[0] - np.quantile(ring, self.settings.share, method="inverted_cdf")
+            )
         return float(brightest[0] - 20 * np.log10((10 ** (ring / 20)).mean()))
 
 
@@ -159,10 +165,15 @@ class Matched(FeatureStage):
     def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, dict[str, Any]]:
         """Take the mean of the mines' brightest pixels, and mean and covariance of the clutter."""
         pairs = zip(examples, cls.spent(settings, examples), strict=True)
-        bright = np.concatenate([_brightest(e.view, m[["x", "y"]].to_numpy(), settings.reach) for e, m in pairs])
+        bright = np.concatenate(
+            [_brightest(e.view, m[["x", "y"]].to_numpy(), settings.reach) for e, m in pairs]
+        )
         bright = bright[np.isfinite(bright).all(axis=1)]
         clutter = np.concatenate([_clutter(lane, settings.clear) for lane in examples])
-        counts = [Tally(len(bright), "targets that make the signature"), Tally(len(clutter), "clutter pixels")]
+        counts = [
+            Tally(len(bright), "targets that make the signature"),
+            Tally(len(clutter), "clutter pixels"),
+        ]
         if not len(bright):
             needed = f"targets of the kinds {', '.join(settings.kinds)} that are seen, got none"
             raise TooFewExamplesError(needed, counts, kinds_change(settings, examples))
@@ -176,7 +187,10 @@ class Matched(FeatureStage):
     @classmethod
     def spent(cls, settings: Any, examples: list[TrainingView]) -> list[pd.DataFrame]:
         """Give the mines that make the signature."""
-        return [some[some["kind"].isin(settings.kinds)] for some in subset(examples, settings.share, settings.kinds)]
+        return [
+            some[some["kind"].isin(settings.kinds)]
+            for some in subset(examples, settings.share, settings.kinds)
+        ]
 
 
 def _inverse(covariance: FloatArray) -> FloatArray:
@@ -184,10 +198,14 @@ def _inverse(covariance: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.pinv(covariance, rcond=1e-10, hermitian=True), dtype=np.float64)
 
 
-def _around(view: xr.DataArray, place: Any, half: tuple[float, float]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _around(
+    view: xr.DataArray, place: Any, half: tuple[float, float]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Log-magnitudes (pixel, channel), dB, of what has one within half widths of a place; x and y counted from it."""
     x, y = (view[axis].values - middle for axis, middle in zip("xy", place, strict=True))
-    columns, rows = (np.flatnonzero(np.abs(off) <= far + _EDGE) for off, far in zip((x, y), half, strict=True))
+    columns, rows = (
+        np.flatnonzero(np.abs(off) <= far + _EDGE) for off, far in zip((x, y), half, strict=True)
+    )
     part = view.values.reshape(-1, *view.shape[-2:])[:, rows[:, None], columns].astype(np.float64)
     known = (part > 0).all(axis=0)
     u, v = (each[known] for each in np.meshgrid(x[columns], y[rows]))
@@ -204,7 +222,9 @@ def _brightest(view: xr.DataArray, points: FloatArray, reach: float) -> FloatArr
     return found
 
 
-def _brightest_of(pixels: FloatArray, u: FloatArray, v: FloatArray, reach: float) -> FloatArray | None:
+def _brightest_of(
+    pixels: FloatArray, u: FloatArray, v: FloatArray, reach: float
+) -> FloatArray | None:
     """Vector of that pixel within reach which has the largest mean log-magnitude; None if there is none."""
     near = pixels[np.hypot(u, v) <= reach + _EDGE]
     return near[near.mean(axis=1).argmax()] if len(near) else None

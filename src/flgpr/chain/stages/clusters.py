@@ -29,7 +29,9 @@ _ELLIPSE = ("half_x", "half_y", "offset_x", "offset_y")
 _THRESHOLDS = ("amplitude", "size", "std", "energy_ratio")
 
 
-def subset(lanes: list[TrainingView], share: float, kinds: tuple[str, ...] = ()) -> list[pd.DataFrame]:
+def subset(
+    lanes: list[TrainingView], share: float, kinds: tuple[str, ...] = ()
+) -> list[pd.DataFrame]:
     """Choose the mines that make templates and thresholds: the same ones for every stage, evenly spread over the lanes.
 
     Of the targets, sorted by place, every so-manieth is taken, at least four in all. With a ``share`` of at most half,
@@ -106,7 +108,9 @@ class ClusterScreen(ScreenStage):
         regions = fuse_clusters(tables, 2 * self.settings.radius, self.settings.rule, levels)
         return regions.rename(columns={"strength": "magnitude"})[["x", "y", "magnitude", "images"]]
 
-    def channels(self, view: xr.DataArray) -> list[tuple[xr.DataArray, tuple[Ellipse, ClusterThresholds]]]:
+    def channels(
+        self, view: xr.DataArray
+    ) -> list[tuple[xr.DataArray, tuple[Ellipse, ClusterThresholds]]]:
         """Give every image (y, x) of the polarizations that are asked for, with its ellipse and thresholds."""
         wanted = self.settings.polarizations or tuple(view["polarization"].values)
         return [
@@ -128,8 +132,13 @@ class ClusterScreen(ScreenStage):
         first = grid_of(examples[0].view)
         for p, r in np.ndindex(*templates.shape[:2]):
             ellipse = fit_ellipse(templates[p, r], (first.dx, first.dy))
-            views = [(lane.view[p, r], some[["x", "y"]].to_numpy()) for lane, some in zip(examples, mines, strict=True)]
-            limits = learn_thresholds(views, ellipse, settings.radius, settings.reach, settings.pass_share)
+            views = [
+                (lane.view[p, r], some[["x", "y"]].to_numpy())
+                for lane, some in zip(examples, mines, strict=True)
+            ]
+            limits = learn_thresholds(
+                views, ellipse, settings.radius, settings.reach, settings.pass_share
+            )
             for name in _ELLIPSE:
                 learnt[name][p, r] = getattr(ellipse, name)
             for name in _THRESHOLDS:
@@ -164,7 +173,9 @@ class TemplateFeatures(FeatureStage):
     def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, dict[str, Any]]:
         """Average the subset's signatures."""
         templates = templates_of(examples, settings)
-        return {"templates": templates}, {"mines_for_templates": sum(map(len, subset(examples, settings.share)))}
+        return {"templates": templates}, {
+            "mines_for_templates": sum(map(len, subset(examples, settings.share)))
+        }
 
     @classmethod
     def spent(cls, settings: Any, examples: list[TrainingView]) -> list[pd.DataFrame]:

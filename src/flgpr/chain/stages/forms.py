@@ -27,7 +27,10 @@ from flgpr.kernels.moments import ESTIMATORS
 from flgpr.model import ground_points, lane_to_scan
 
 _FORM = ("strength", "vectors", "linear", "offset")
-_SHRUNK = ("ledoit-wolf", "oas")  # moments of which fewer samples than values give a covariance with an inverse
+_SHRUNK = (
+    "ledoit-wolf",
+    "oas",
+)  # moments of which fewer samples than values give a covariance with an inverse
 _PIXELS = (5, 8)  # down-track and cross-track between the clutter pixels of the whitening filter
 
 
@@ -50,7 +53,9 @@ class CutSettings(Table):
     @model_validator(mode="after")
     def _known(self) -> CutSettings:
         if self.moments not in ESTIMATORS:
-            raise ValueError(f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}")
+            raise ValueError(
+                f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}"
+            )
         return self
 
 
@@ -76,7 +81,10 @@ def samples_at(band: xr.DataArray, mines: FloatArray, settings: CutSettings) -> 
     stack, _ = stack_channels(band, settings.polarizations)
     cuts = range_cuts(band, mines, cut, settings.polarizations, settings.search)
     clean = clean_pixels(band["x"].values, band["y"].values, mines, settings.clear)
-    clutter = (clutter_cuts(stack, clean, *how) for how in ((cut, settings.clutter_step), ((1, 1), _PIXELS)))
+    clutter = (
+        clutter_cuts(stack, clean, *how)
+        for how in ((cut, settings.clutter_step), ((1, 1), _PIXELS))
+    )
     return Samples(cuts[np.isfinite(cuts).all(axis=1)], *clutter)
 
 
@@ -108,7 +116,9 @@ class FormMap(MapStage):
     @property
     def _forms(self) -> list[LinearQuadraticForm]:
         return [
-            LinearQuadraticForm(**{name: self.learnt[f"{name}-{k}"] for name in _FORM}, constant=float(constant))
+            LinearQuadraticForm(
+                **{name: self.learnt[f"{name}-{k}"] for name in _FORM}, constant=float(constant)
+            )
             for k, constant in enumerate(self.learnt["constant"])
         ]
 
@@ -119,18 +129,29 @@ class FormMap(MapStage):
 
         def add(index: int) -> None:
             mines = lane_to_scan(surveyed, self.setup.pose(index))[:, :2]
-            parts.append(samples_at(image(index).isel(subband=0, drop=True), mines, self.settings)._asdict())
+            parts.append(
+                samples_at(image(index).isel(subband=0, drop=True), mines, self.settings)._asdict()
+            )
 
         return gathered(parts, add)
 
     @classmethod
     def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
         """Train the detector on the mines of all training lanes, whitened by their clutter."""
-        samples = Samples(*(np.concatenate([lane[name] for lane in examples]) for name in Samples._fields))
+        samples = Samples(
+            *(np.concatenate([lane[name] for lane in examples]) for name in Samples._fields)
+        )
         looks = len(samples.target)
         forms = cls._checked(settings, samples)
-        clutter = samples.pixel if forms[0].linear.size == len(settings.polarizations) else samples.clutter
-        return learnt_of(forms, clutter), {"looks_at_mines": looks, "clutter_samples": len(samples.clutter)}
+        clutter = (
+            samples.pixel
+            if forms[0].linear.size == len(settings.polarizations)
+            else samples.clutter
+        )
+        return learnt_of(forms, clutter), {
+            "looks_at_mines": looks,
+            "clutter_samples": len(samples.clutter),
+        }
 
     @classmethod
     def _checked(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:
@@ -155,7 +176,9 @@ class FormMap(MapStage):
             changes = [nearer if settings.moments in _SHRUNK else shrunk]
             if looks <= settings.ddof:
                 changes = [Change("ddof", min(looks - 1, 1), settings.ddof)]
-            raise TooFewExamplesError(f"samples that moments can be taken of: {error}", counts, changes) from None
+            raise TooFewExamplesError(
+                f"samples that moments can be taken of: {error}", counts, changes
+            ) from None
 
     @classmethod
     def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:
@@ -170,7 +193,9 @@ class DeflectionMap(FormMap):
     def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:
         """Whiten the cuts and train."""
         whitener = ClutterWhitener(settings.moments).fit(samples.clutter)
-        trained = DeflectionDetector(settings.rank, settings.ddof).fit(whitener.transform(samples.target))
+        trained = DeflectionDetector(settings.rank, settings.ddof).fit(
+            whitener.transform(samples.target)
+        )
         return [form.after(whitener.mean_, whitener.matrix_) for form in trained.forms_]
 
 

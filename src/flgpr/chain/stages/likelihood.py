@@ -28,7 +28,8 @@ _APART = 100.0  # m between simulated bodies: a scan sees no farther
 _TILT = math.radians(4)  # rms in each axis, as mines are laid
 _DARK = 0.05  # of the background's power: a darker chip counts no more
 _SEED = 2026
-# Log odds of a mine over a stone by the difference of their log-likelihoods: a logistic regression, docs/fused.md.
+# Log odds of a mine over a stone by the difference of their log-likelihoods: a logistic regression,
+# docs/fused.md.
 _RIVAL = (0.32, -0.87)
 _STONES = (0.04, 0.12)  # m, radii of stones: smaller ones are seldom seen
 
@@ -69,16 +70,19 @@ class LikelihoodSettings(Table):
     @model_validator(mode="after")
     def _nested(self) -> LikelihoodSettings:
         if not self.inner < self.guard < self.outer:
-            raise ValueError(f"inner, guard and outer must rise, got {self.inner:g}, {self.guard:g} and {self.outer:g}")
+            raise ValueError(
+                f"inner, guard and outer must rise, got {self.inner:g}, {self.guard:g} and {self.outer:g}"
+            )
         return self
 
 
 class LikelihoodMap(MapStage):
     r"""Log-likelihood ratio of every look at a pixel, mine against none, in compound-Gaussian clutter.
 
-    Of a look, x holds the pixel's chip in all d polarizations, sub-bands and pixels. Without a mine it is CN(0, τR),
-    with a texture τ that nobody knows; with one it is CN(0, τ(R + γS)), where S is the mean of s s^H over signatures of
-    unit power in clutter whitened by R. With the likeliest τ of either,
+    Of a look, x holds the pixel's chip in all d polarizations, sub-bands and pixels. Without a mine
+    it is CN(0, τR), with a texture τ that nobody knows; with one it is CN(0, τ(R + γS)), where S is
+    the mean of s s^H over signatures of unit power in clutter whitened by R. With the likeliest τ
+    of either,
 
     .. math:: \ln Λ_γ = -d \ln \frac{x^H (R + γS)^{-1} x}{x^H R^{-1} x} - \ln \det(I + γ R^{-1} S),
 
@@ -98,15 +102,20 @@ class LikelihoodMap(MapStage):
         self._metres = max(1, math.ceil(grid.extent()[3] - grid.y_min))
         down, across = (max(1, round(settings.step / each)) for each in (grid.dy, grid.dx))
         self._rows, self._columns = (
-            np.arange(each, count - each, each) for each, count in ((down, grid.ny), (across, grid.nx))
+            np.arange(each, count - each, each)
+            for each, count in ((down, grid.ny), (across, grid.nx))
         )
         if not len(self._rows) or not len(self._columns):
-            raise ValueError(f"map.step must leave pixels within an image's borders, got {settings.step:g}")
+            raise ValueError(
+                f"map.step must leave pixels within an image's borders, got {settings.step:g}"
+            )
         chip = np.mgrid[-1:2, -1:2].reshape(2, -1)
         self._down = chip[0] * down
         self._across = chip[1] * across
         self._between = _between(self._rows, grid.ny), _between(self._columns, grid.nx).T
-        self._bands: dict[tuple[int, int], tuple[NDArray[np.intp], ComplexArray, ComplexArray, FloatArray]] = {}
+        self._bands: dict[
+            tuple[int, int], tuple[NDArray[np.intp], ComplexArray, ComplexArray, FloatArray]
+        ] = {}
 
     def map(self, image: xr.DataArray) -> NDArray[np.float32]:
         """Give the log-likelihood ratio with the contrast and ``offset`` added."""
@@ -117,10 +126,14 @@ class LikelihoodMap(MapStage):
         value = np.empty(chips.shape[:2])
         for one in np.unique(metre):
             white = chips[metre == one] @ learnt["whitener"][one].T
-            value[metre == one] = ratio(white, learnt["signature"][one], learnt["share"][one], table.ratios)
+            value[metre == one] = ratio(
+                white, learnt["signature"][one], learnt["share"][one], table.ratios
+            )
         total = self._between[0] @ value @ self._between[1] + table.offset
         if table.level:
-            total += table.level * contrasts(image.sel(polarization=list(table.polarizations)), table).mean(axis=(0, 1))
+            total += table.level * contrasts(
+                image.sel(polarization=list(table.polarizations)), table
+            ).mean(axis=(0, 1))
         grid = self.setup.images
         total = gaussian_filter(total, (table.blur / grid.dy, table.blur / grid.dx), mode="nearest")
         return np.asarray(np.maximum(total, _LEAST), dtype=np.float32)
@@ -141,7 +154,11 @@ class LikelihoodMap(MapStage):
         for one in np.unique(metre):
             some = chips[metre == one]
             white = some @ learnt["whitener"][one].T
-            found = {"likelihood": ratio(white, learnt["signature"][one], learnt["share"][one], table.ratios)}
+            found = {
+                "likelihood": ratio(
+                    white, learnt["signature"][one], learnt["share"][one], table.ratios
+                )
+            }
             for number, name in enumerate(bands):
                 own, whitener, vectors, share = self._band(int(one), number, len(bands))
                 found[name] = ratio(some[..., own] @ whitener.T, vectors, share, table.ratios)
@@ -150,9 +167,14 @@ class LikelihoodMap(MapStage):
                 found["mine over stone"] = _RIVAL[0] * (found["likelihood"] - stone) + _RIVAL[1]
             for name, value in found.items():
                 values.setdefault(name, []).append(value)
-        maps = {name: self._between[0] @ np.concatenate(some) @ self._between[1] for name, some in values.items()}
+        maps = {
+            name: self._between[0] @ np.concatenate(some) @ self._between[1]
+            for name, some in values.items()
+        }
         adds = {"likelihood": maps.pop("likelihood")}
-        contrast = table.level * contrasts(image.sel(polarization=list(table.polarizations)), table).mean(axis=1)
+        contrast = table.level * contrasts(
+            image.sel(polarization=list(table.polarizations)), table
+        ).mean(axis=1)
         for label, one_label in zip(table.polarizations, contrast, strict=True):
             adds[f"contrast {label}"] = one_label / len(table.polarizations)
         blur = table.blur / grid.dy, table.blur / grid.dx
@@ -174,7 +196,12 @@ class LikelihoodMap(MapStage):
             white = np.linalg.inv(np.linalg.cholesky((back @ back.conj().T)[np.ix_(own, own)]))
             strong = vectors.conj().T * np.sqrt(self.learnt["share"][metre])
             left, strength, _ = np.linalg.svd(white @ (back @ strong)[own], full_matrices=False)
-            self._bands[metre, number] = own, _single(white), _single(left.T.conj()), strength**2 / (strength**2).sum()
+            self._bands[metre, number] = (
+                own,
+                _single(white),
+                _single(left.T.conj()),
+                strength**2 / (strength**2).sum(),
+            )
         return self._bands[metre, number]
 
     def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
@@ -187,12 +214,17 @@ class LikelihoodMap(MapStage):
         metre = self._metre(ahead)
         size = 9 * len(self.setup.imaged) * len(self.setup.imager.subbands)
         sensor = _sensor_of(self.setup, self.settings.sensor)
-        sums: Arrays = {"covariance": np.zeros((self._metres, size, size), complex), "count": np.zeros(self._metres)}
+        sums: Arrays = {
+            "covariance": np.zeros((self._metres, size, size), complex),
+            "count": np.zeros(self._metres),
+        }
 
         def add(index: int) -> None:
             one = image(index)
             where = scan_to_lane(pixels, np.asarray(one.attrs["pose"]))[..., :2]
-            off = np.linalg.norm(where[..., None, :] - targets, axis=-1).min(axis=-1, initial=np.inf)
+            off = np.linalg.norm(where[..., None, :] - targets, axis=-1).min(
+                axis=-1, initial=np.inf
+            )
             free = lane.contains(where[..., 0], where[..., 1]) & (off > self.settings.clear)
             chips = self._chips(one.values)
             for m in np.unique(metre[free]):
@@ -206,7 +238,9 @@ class LikelihoodMap(MapStage):
     @classmethod
     def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
         """Learn, by metre ahead, what whitens the clutter of all lanes, and the signatures' directions in it."""
-        total, count = (np.sum([lane[name] for lane in examples], axis=0) for name in ("covariance", "count"))
+        total, count = (
+            np.sum([lane[name] for lane in examples], axis=0) for name in ("covariance", "count")
+        )
         sorts = {
             names: [np.concatenate([lane[name] for lane in examples]) for name in told]
             for names, told in (
@@ -219,16 +253,25 @@ class LikelihoodMap(MapStage):
             needed = f"{size} places of target-free ground or more, got {count.sum():g}"
             free = Tally(int(count.sum()), "places in the lane away from all targets")
             raise TooFewExamplesError(needed, [free], [clear_change(settings)])
-        learnt: dict[str, list[Any]] = {"whitener": [], **{name: [] for names in sorts for name in names}}
+        learnt: dict[str, list[Any]] = {
+            "whitener": [],
+            **{name: [] for names in sorts for name in names},
+        }
         for metre in metres:
-            reach = next(r for r in range(1, len(count) + 1) if count[np.abs(metres - metre) <= r].sum() >= size)
+            reach = next(
+                r
+                for r in range(1, len(count) + 1)
+                if count[np.abs(metres - metre) <= r].sum() >= size
+            )
             covariance = total[np.abs(metres - metre) <= reach].sum(axis=0)
             covariance *= size / np.trace(covariance).real
             white = np.linalg.inv(np.linalg.cholesky(covariance + settings.load * np.eye(size)))
             learnt["whitener"].append(white)
             for (signature, share), (bodies, ahead) in sorts.items():
                 nearest = np.argsort(np.abs(ahead - metre - 0.5), kind="stable")
-                some = bodies[nearest[: max(3 * len(bodies) // len(count), settings.rank)]] @ white.T
+                some = (
+                    bodies[nearest[: max(3 * len(bodies) // len(count), settings.rank)]] @ white.T
+                )
                 some /= np.linalg.norm(some, axis=1, keepdims=True)
                 _, strength, vectors = np.linalg.svd(some, full_matrices=False)
                 learnt[signature].append(vectors[: settings.rank].conj())
@@ -237,7 +280,10 @@ class LikelihoodMap(MapStage):
         number = len(sorts["signature", "share"][0])
         notes = {"ground": int(count.sum()), "signatures": number, "kept": float(kept.mean())}
         arrays = {name: np.array(some) for name, some in learnt.items()}
-        return {name: one.astype(np.complex64) if np.iscomplexobj(one) else one for name, one in arrays.items()}, notes
+        return {
+            name: one.astype(np.complex64) if np.iscomplexobj(one) else one
+            for name, one in arrays.items()
+        }, notes
 
     def _metre(self, y: NDArray[Any]) -> NDArray[np.int64]:
         """Tally whole metres from the image's near border."""
@@ -245,7 +291,10 @@ class LikelihoodMap(MapStage):
 
     def _chips(self, image: ComplexArray) -> ComplexArray:
         """Cut all chips (row, column, value) of an image; values go through polarization, sub-band and pixel."""
-        rows, columns = self._rows[:, None, None] + self._down, self._columns[:, None] + self._across
+        rows, columns = (
+            self._rows[:, None, None] + self._down,
+            self._columns[:, None] + self._across,
+        )
         cut = np.moveaxis(image[:, :, rows, columns], (2, 3), (0, 1))
         return cut.reshape(*cut.shape[:2], -1)
 
@@ -259,22 +308,33 @@ class LikelihoodMap(MapStage):
         labels = tuple(str(setup.run["polarization"].values[p]) for p in setup.imaged)
         window = setup.imager.window
         window = (
-            window if window is None or isinstance(window, str) else tuple(np.asarray(window, dtype=float).tolist())
+            window
+            if window is None or isinstance(window, str)
+            else tuple(np.asarray(window, dtype=float).tolist())
         )
         pixels = tuple(zip(self._across * grid.dx, self._down * grid.dy, strict=True))
         limits = max(grid.x_min, setup.lane.x_min), min(grid.extent()[1], setup.lane.x_max)
         how = _Imaging(grid, bands, labels, window, setup.imager.tolerance, pixels, limits)
         made: Arrays = {}
-        for chips_name, ahead, kinds in (("bodies", "ahead", table.kinds), ("stones", "stones_ahead", ())):
+        for chips_name, ahead, kinds in (
+            ("bodies", "ahead", table.kinds),
+            ("stones", "stones_ahead", ()),
+        ):
             raw, place = signatures(table, sensor, how, kinds)
-            column, row = np.round((place - (grid.x_min, grid.y_min)) / (grid.dx, grid.dy)).astype(int).T
-            level = np.moveaxis(known["gain"][:, :, row, column], 2, 0) * known["gains"].mean(axis=0)
+            column, row = (
+                np.round((place - (grid.x_min, grid.y_min)) / (grid.dx, grid.dy)).astype(int).T
+            )
+            level = np.moveaxis(known["gain"][:, :, row, column], 2, 0) * known["gains"].mean(
+                axis=0
+            )
             made[chips_name] = (raw / level[..., None]).reshape(len(raw), -1).astype(np.complex64)
             made[ahead] = place[:, 1] - grid.y_min
         return made
 
 
-def ratio(chips: ComplexArray, vectors: ComplexArray, share: FloatArray, ratios: Sequence[float]) -> FloatArray:
+def ratio(
+    chips: ComplexArray, vectors: ComplexArray, share: FloatArray, ratios: Sequence[float]
+) -> FloatArray:
     """Log-likelihood ratio (...) of whitened chips (..., value), averaged over the powers ``ratios``.
 
     ``vectors`` (vector, value) are conjugate and orthonormal, ``share`` are the parts of the mean signature's power in
@@ -306,10 +366,14 @@ def _sensor_of(setup: Setup, name: str) -> Sensor:
     for end, ours in zip(("tx", "rx"), sensor.pairs(), strict=True):
         theirs = setup.run[f"{end}_position"].values
         if theirs.shape != np.shape(ours) or not np.allclose(theirs, ours, atol=0.01):
-            raise ValueError(f"map.sensor must describe the run's array, got {name!r} with other {end} antennas")
+            raise ValueError(
+                f"map.sensor must describe the run's array, got {name!r} with other {end} antennas"
+            )
     tones = sensor.tones.axis()
     if not np.array_equal(np.round(tones), np.round(setup.run["frequency"].values)):
-        raise ValueError(f"map.sensor must have the run's tones, got {name!r} with {len(tones)} others")
+        raise ValueError(
+            f"map.sensor must have the run's tones, got {name!r} with {len(tones)} others"
+        )
     none = dict.fromkeys(("missing", "position", "heading", "attitude"), 0.0)
     return sensor.model_copy(update={"errors": sensor.errors.model_copy(update=none)})
 
@@ -328,13 +392,25 @@ def signatures(
     _, _, near, far = how.grid.extent()
     for number, (permittivity, loss) in enumerate(table.soils):
         rng = np.random.default_rng([_SEED, number])
-        sorts = ([(kind, depth) for kind in kinds for depth in table.depths] or [("", 0.0)]) * table.copies
+        sorts = (
+            [(kind, depth) for kind in kinds for depth in table.depths] or [("", 0.0)]
+        ) * table.copies
         ahead = rng.permutation(np.linspace(near + edge, far - edge, len(sorts)))
         across = rng.uniform(how.limits[0] + edge, how.limits[1] - edge, len(sorts))
         lean = rng.normal(0, _TILT, (len(sorts), 2))
-        where = [(float(x), float(_APART * k + y)) for k, (x, y) in enumerate(zip(across, ahead, strict=True))]
+        where = [
+            (float(x), float(_APART * k + y))
+            for k, (x, y) in enumerate(zip(across, ahead, strict=True))
+        ]
         targets = [
-            {"kind": kind, "depth": depth, "x": x, "y": y, "tilt": math.hypot(a, b), "azimuth": math.atan2(b, a)}
+            {
+                "kind": kind,
+                "depth": depth,
+                "x": x,
+                "y": y,
+                "tilt": math.hypot(a, b),
+                "azimuth": math.atan2(b, a),
+            }
             for (kind, depth), (x, y), (a, b) in zip(sorts, where, lean, strict=True)
         ]
         things = [
@@ -346,7 +422,9 @@ def signatures(
             "length": _APART * len(sorts), "x_min": how.limits[0], "x_max": how.limits[1], "clutter": BARE,
             "track": {"positions": [_APART * k for k in range(len(sorts))]}, **ALONE,
         }  # fmt: skip
-        simulator = Simulator(Scene.model_validate(ground | {"targets": targets if kinds else []}), sensor, number)
+        simulator = Simulator(
+            Scene.model_validate(ground | {"targets": targets if kinds else []}), sensor, number
+        )
         run = simulator.run(bodies=True)
         if not kinds:  # a stone is what the scan with it has more than the one without
             stony = Simulator(Scene.model_validate(ground | {"objects": things}), sensor, number)
@@ -371,10 +449,14 @@ def contrasts(image: xr.DataArray, table: LikelihoodSettings) -> NDArray[np.floa
         size = tuple(2 * round((half - step / 2) / step) + 1 for step in steps)
         return uniform_filter(power, (1, 1, *size), mode="nearest"), float(np.prod(size))
 
-    (inner, _), (guard, few), (outer, count) = (mean(half) for half in (table.inner, table.guard, table.outer))
+    (inner, _), (guard, few), (outer, count) = (
+        mean(half) for half in (table.inner, table.guard, table.outer)
+    )
     ring = (count * outer - few * guard) / (count - few)
     tiny = np.finfo(np.float32).tiny
-    return np.asarray(10 * np.log10(np.maximum(inner, tiny) / np.maximum(ring, tiny)), dtype=np.float32)
+    return np.asarray(
+        10 * np.log10(np.maximum(inner, tiny) / np.maximum(ring, tiny)), dtype=np.float32
+    )
 
 
 def _single(values: NDArray[Any]) -> ComplexArray:
@@ -383,4 +465,6 @@ def _single(values: NDArray[Any]) -> ComplexArray:
 
 def _between(pixels: NDArray[np.int64], count: int) -> FloatArray:
     """Make the matrix (count, pixel) that interpolates linearly between pixels and holds the ends."""
-    return np.stack([np.interp(np.arange(count), pixels, row) for row in np.eye(len(pixels))], axis=1)
+    return np.stack(
+        [np.interp(np.arange(count), pixels, row) for row in np.eye(len(pixels))], axis=1
+    )

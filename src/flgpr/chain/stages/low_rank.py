@@ -39,7 +39,11 @@ class LowRank(StandingField):
         """Find the subspaces."""
         scans = len(self.setup.imager)
         most = self.settings.most
-        return [standing_pass("low-rank", scans, most, lambda index: self.before(index, 1)[0], self._subspaces)]
+        return [
+            standing_pass(
+                "low-rank", scans, most, lambda index: self.before(index, 1)[0], self._subspaces
+            )
+        ]
 
     def clean(self, index: int, data: ComplexArray) -> NDArray[np.complex64]:  # noqa: ARG002
         """Subtract the projection."""
@@ -51,7 +55,9 @@ class LowRank(StandingField):
         """Orthonormal vectors (polarization, pair, rank, frequency), zero where the clutter has fewer dimensions."""
         rank, (scans, *pairs, tones) = self.settings.rank, signal.shape
         if not rank < min(scans, tones):
-            raise ValueError(f"low-rank.rank must be less than scans and tones, {scans} and {tones}, got {rank}")
+            raise ValueError(
+                f"low-rank.rank must be less than scans and tones, {scans} and {tones}, got {rank}"
+            )
         basis = np.zeros((*pairs, rank, tones), np.complex64)
         for p, k in np.ndindex(*pairs):
             _, size, vectors = np.linalg.svd(low_rank_part(signal[:, p, k]), full_matrices=False)
@@ -75,7 +81,9 @@ def low_rank_part(matrix: NDArray[Any]) -> NDArray[np.complex128]:
     for _ in range(_MOST):
         target = data - sparse + dual / slope
         power, vectors = np.linalg.eigh(target @ target.conj().T)
-        low = (vectors * _kept(np.sqrt(np.maximum(power, 0)), 1 / slope)) @ (vectors.conj().T @ target)
+        low = (vectors * _kept(np.sqrt(np.maximum(power, 0)), 1 / slope)) @ (
+            vectors.conj().T @ target
+        )
         target = data - low + dual / slope
         sparse = target * _kept(np.abs(target), weight / slope)
         rest = data - low - sparse

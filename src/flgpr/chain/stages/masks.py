@@ -36,7 +36,14 @@ from flgpr.clutter import (
     suppress_by_model,
 )
 from flgpr.imaging import ImagingOperator, ScanImager
-from flgpr.model import Grid, check_shared_poses, complete_scans, ground_points, lane_to_scan, scan_to_lane
+from flgpr.model import (
+    Grid,
+    check_shared_poses,
+    complete_scans,
+    ground_points,
+    lane_to_scan,
+    scan_to_lane,
+)
 from flgpr.model.bounds import Spacing
 
 OperatorOn = Callable[[FloatArray], ImagingOperator]
@@ -46,10 +53,11 @@ BLOCKS = "masks"
 class MaskSettings(Table):
     """Masks and suppression; lengths in m.
 
-    The pixels of the masks are those of ``[image]`` unless ``x``, ``y`` and ``spacing`` say otherwise; ``edges`` are
-    the borders of the sub-regions in range, ``frames`` the scans that are summed coherently, the latest the last. A
-    calibration target's response is what lies ``halo`` about it, within ``response_db`` of its peak. ``second`` names
-    the run of a second band (``flgpr detect RUN --with NAME=OTHER``).
+    The pixels of the masks are those of ``[image]`` unless ``x``, ``y`` and ``spacing`` say
+    otherwise; ``edges`` are the borders of the sub-regions in range, ``frames`` the scans that are
+    summed coherently, the latest the last. A calibration target's response is what lies ``halo``
+    about it, within ``response_db`` of its peak. ``second`` names the run of a second band (``flgpr
+    detect RUN --with NAME=OTHER``).
 
     ``low_threshold`` tells where the extended mask's threshold comes from: from the "calibration" lanes, or from the
     roadside of the "frame" under test (Fuse et al. 2018, Sec. 2.4). ``method`` "iteration-per-frame" suppresses "using
@@ -70,7 +78,9 @@ class MaskSettings(Table):
     response_db: Positive = 6.0
     intersect: Intersection = "pixel"
     low_threshold: Literal["calibration", "frame"] = "calibration"
-    method: Literal["iteration", "iteration-per-frame", "least-squares", "least-squares-spared"] = "iteration"
+    method: Literal["iteration", "iteration-per-frame", "least-squares", "least-squares-spared"] = (
+        "iteration"
+    )
     amplitude: Amplitude = "region"
     fall_back: bool = True
     iterations: Annotated[int, Field(ge=1, le=10_000)] = 7
@@ -94,7 +104,9 @@ class Aperture:
     """Consecutive scans that are summed coherently, on pixels ahead of the latest."""
 
     data: ComplexArray  #: (scan, polarization, pair, frequency): received field
-    operators: Sequence[OperatorOn]  #: per scan, the maker of its operator on points of the latest scan's frame
+    operators: Sequence[
+        OperatorOn
+    ]  #: per scan, the maker of its operator on points of the latest scan's frame
     looks: ComplexArray  #: (scan, y, x): VV image of every scan
     #: vv, vh: (y, x) coherent sums over the scans (Fuse et al. 2018, Eq. 4)
     vv: ComplexArray
@@ -121,14 +133,18 @@ class MaskedSuppression(ClutterStage):
         y = settings.y or (image.y_min, image.y[-1])
         self.grid = Grid.spanning(x, y, settings.spacing or image.dy)
         self.points = self.grid.points()
-        self.region = subregions(np.broadcast_to(self.grid.y[:, None], self.grid.shape), settings.edges)
+        self.region = subregions(
+            np.broadcast_to(self.grid.y[:, None], self.grid.shape), settings.edges
+        )
         self.across = np.broadcast_to(self.grid.x, self.grid.shape)
         labels = [str(label) for label in setup.run["polarization"].values]
         cross = next((label for label in ("VH", "HV") if label in labels), None)
         if "VV" not in labels or cross is None:
             raise ValueError(f"masks need a run with VV and VH or HV, got {', '.join(labels)}")
         if setup.summed > settings.frames:
-            raise ValueError(f"masks.frames must be at least image.frames, {setup.summed}, got {settings.frames}")
+            raise ValueError(
+                f"masks.frames must be at least image.frames, {setup.summed}, got {settings.frames}"
+            )
         self._held: tuple[int, Arrays] = (-1, {})
         self._vv = labels.index("VV")
         self._vh = labels.index(cross)
@@ -152,7 +168,9 @@ class MaskedSuppression(ClutterStage):
             raise ValueError(
                 f"run {name} must be complete where the other is, got {int((~good).sum())} scans with missing sweeps"
             )
-        return ScanImager(run.sel(polarization=["VV"]), self.grid, {"whole": self._band(run)}, tolerance=1e-2)
+        return ScanImager(
+            run.sel(polarization=["VV"]), self.grid, {"whole": self._band(run)}, tolerance=1e-2
+        )
 
     @staticmethod
     def _band(run: Any) -> tuple[float, float]:
@@ -173,7 +191,9 @@ class MaskedSuppression(ClutterStage):
         data = self.before(index, len(scans))
         makes = [self._maker(scan, index) for scan in scans]
         seen = data[:, [self._vv, self._vh]]
-        looks = np.stack([make(self.points).adjoint(one)[:, 0] for make, one in zip(makes, seen, strict=True)])
+        looks = np.stack(
+            [make(self.points).adjoint(one)[:, 0] for make, one in zip(makes, seen, strict=True)]
+        )
         vv, vh = looks.sum(axis=0)
         second = None
         if self._second is not None:
@@ -182,14 +202,18 @@ class MaskedSuppression(ClutterStage):
             for scan in scans:
                 where = lane_to_scan(lane, self.setup.run["pose"].values[scan])
                 signal = subtract_standing(self._second.signal(scan), field)
-                strengths.append(np.abs(self._second.operator_on(scan, where).adjoint(signal)[0, 0]))
+                strengths.append(
+                    np.abs(self._second.operator_on(scan, where).adjoint(signal)[0, 0])
+                )
             second = np.asarray(np.mean(strengths, axis=0), dtype=np.float32)
         return Aperture(data, makes, looks[:, 0], vv, vh, second)
 
     def _maker(self, scan: int, index: int) -> OperatorOn:
         latest = self.setup.pose(index)
         pose = self.setup.run["pose"].values[scan]
-        return lambda points: self.setup.imager.operator_on(scan, lane_to_scan(scan_to_lane(points, latest), pose))
+        return lambda points: self.setup.imager.operator_on(
+            scan, lane_to_scan(scan_to_lane(points, latest), pose)
+        )
 
     def passes(self) -> list[Pass]:
         """Second band's standing field; then, once trained, the suppression itself, kept block by block."""
@@ -198,9 +222,13 @@ class MaskedSuppression(ClutterStage):
             imager = self._second
             scans = self.setup.imager.scans
             name = f"{BLOCKS}.second"
-            passes.append(standing_pass(name, len(imager), 64, lambda index: imager.signal(int(scans[index]))))
+            passes.append(
+                standing_pass(name, len(imager), 64, lambda index: imager.signal(int(scans[index])))
+            )
         if self.learnt:
-            passes.append(Pass(BLOCKS, "suppression under masks", self._suppression, whole=True, stored=True))
+            passes.append(
+                Pass(BLOCKS, "suppression under masks", self._suppression, whole=True, stored=True)
+            )
         return passes
 
     def _suppression(self, block: range | None) -> Accumulator:  # noqa: ARG002
@@ -210,7 +238,9 @@ class MaskedSuppression(ClutterStage):
             cleaned, fallen = self._suppressed(self.aperture(index))
             kept = np.zeros((self._count, *cleaned.shape[1:]), np.complex64)
             kept[-min(len(cleaned), self._count) :] = cleaned[-self._count :]
-            parts.append({"data": kept[None], "index": np.array([index]), "fallen": np.array([fallen])})
+            parts.append(
+                {"data": kept[None], "index": np.array([index]), "fallen": np.array([fallen])}
+            )
 
         return gathered(parts, add)
 
@@ -226,7 +256,9 @@ class MaskedSuppression(ClutterStage):
         if settings.method.startswith("least-squares"):
             return self.least_squares(aperture, mask), False
         courses = self.courses(aperture, mask)
-        fallen = settings.fall_back and any(fallen_back(course, settings.combination) for course in courses)
+        fallen = settings.fall_back and any(
+            fallen_back(course, settings.combination) for course in courses
+        )
         return self.averaged(courses), fallen
 
     def courses(self, aperture: Aperture, mask: NDArray[np.bool_]) -> list[Iterated]:
@@ -255,13 +287,20 @@ class MaskedSuppression(ClutterStage):
         if not mask.any():
             return b
         count = equal_cost(settings.iterations, mask, self.region)
-        fitted = mask | ((np.abs(self.across) < settings.roadside[0]) & (settings.method == "least-squares-spared"))
-        return suppress_by_model(b, aperture.stack_on(self.points[fitted]), count, spared=~mask[fitted]).data
+        fitted = mask | (
+            (np.abs(self.across) < settings.roadside[0])
+            & (settings.method == "least-squares-spared")
+        )
+        return suppress_by_model(
+            b, aperture.stack_on(self.points[fitted]), count, spared=~mask[fitted]
+        ).data
 
     def notes(self) -> dict[str, Any]:
         """Tell in how many apertures the best iteration stood in for the average; nothing if in none."""
         numbers = range(len(list(blocks_of(len(self.setup.imager)))))
-        fallen = sum(int(self.setup.known[part_name(BLOCKS, number)]["fallen"].sum()) for number in numbers)
+        fallen = sum(
+            int(self.setup.known[part_name(BLOCKS, number)]["fallen"].sum()) for number in numbers
+        )
         return {"suppressions_fallen_back": fallen} if fallen else {}
 
     @property
@@ -301,7 +340,9 @@ class MaskedSuppression(ClutterStage):
 
     def _block(self, index: int) -> Arrays:
         """Give what was kept of the block that holds an index; the one asked for last is held."""
-        number = next(k for k, block in enumerate(blocks_of(len(self.setup.imager))) if index in block)
+        number = next(
+            k for k, block in enumerate(blocks_of(len(self.setup.imager))) if index in block
+        )
         if self._held[0] != number:
             kept = self.setup.known[part_name(BLOCKS, number)]
             self._held = number, {name: kept[name] for name in ("index", "data")}
@@ -315,17 +356,26 @@ class MaskedSuppression(ClutterStage):
         def add(index: int) -> None:
             if index + 1 >= min(self.settings.frames, len(self.setup.imager)):
                 # a sum of fewer scans is weaker, and would lower the thresholds of all
-                self.learn_from(self.aperture(index), lane_to_scan(targets, self.setup.pose(index)), learnt)
+                self.learn_from(
+                    self.aperture(index), lane_to_scan(targets, self.setup.pose(index)), learnt
+                )
 
         return Accumulator(add, lambda _: learnt.state(), learnt.merge, learnt.state)
 
-    def learn_from(self, aperture: Aperture, targets: FloatArray, learnt: ThresholdCalibration) -> None:
+    def learn_from(
+        self, aperture: Aperture, targets: FloatArray, learnt: ThresholdCalibration
+    ) -> None:
         """Add an aperture's responses to targets, at places (n, 3) of its latest scan's frame, and its roadside."""
         settings = self.settings
         x_min, x_max, y_min, y_max = self.grid.extent()
         inside = (targets[:, 0] >= x_min + settings.halo) & (targets[:, 0] <= x_max - settings.halo)
-        inside &= (targets[:, 1] >= y_min + settings.halo) & (targets[:, 1] <= y_max - settings.halo)
-        halos = [np.hypot(self.grid.x - x, self.grid.y[:, None] - y) <= settings.halo for x, y, _ in targets[inside]]
+        inside &= (targets[:, 1] >= y_min + settings.halo) & (
+            targets[:, 1] <= y_max - settings.halo
+        )
+        halos = [
+            np.hypot(self.grid.x - x, self.grid.y[:, None] - y) <= settings.halo
+            for x, y, _ in targets[inside]
+        ]
         learnt.add(aperture.vv, aperture.vh, self.region, halos, self.beside, aperture.second)
 
     @staticmethod
@@ -345,8 +395,15 @@ class MaskedSuppression(ClutterStage):
         except ValueError:  # a sub-region without roadside, as all have shown a target
             near, far = settings.roadside
             nearer = Change("roadside", [near / 2, far], [near, far])
-            raise TooFewExamplesError("pixels beside the lane in every sub-region", changes=[nearer]) from None
-        arrays = {"vv": limits.vv, "vh": limits.vh, "low_vh": limits.low_vh, "looks": learnt.targets}
+            raise TooFewExamplesError(
+                "pixels beside the lane in every sub-region", changes=[nearer]
+            ) from None
+        arrays = {
+            "vv": limits.vv,
+            "vh": limits.vh,
+            "low_vh": limits.low_vh,
+            "looks": learnt.targets,
+        }
         if limits.second is not None:
             arrays["second"] = limits.second
         return arrays, {"looks_at_targets": learnt.targets.tolist()}
@@ -362,6 +419,14 @@ class MaskedSuppression(ClutterStage):
             for number, near, far in zip(looks, edges[:-1], edges[1:], strict=True)
         ]
         # A border goes if one of the two sub-regions that it parts has no look.
-        between = [edge for edge, near, far in zip(edges[1:-1], looks[:-1], looks[1:], strict=True) if near and far]
-        merged = [Change("edges", [edges[0], *between, edges[-1]], list(edges))] if looks.any() else []
-        raise TooFewExamplesError(f"a look at a target in each of {len(looks)} sub-regions", counts, merged)
+        between = [
+            edge
+            for edge, near, far in zip(edges[1:-1], looks[:-1], looks[1:], strict=True)
+            if near and far
+        ]
+        merged = (
+            [Change("edges", [edges[0], *between, edges[-1]], list(edges))] if looks.any() else []
+        )
+        raise TooFewExamplesError(
+            f"a look at a target in each of {len(looks)} sub-regions", counts, merged
+        )

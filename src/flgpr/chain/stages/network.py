@@ -72,7 +72,9 @@ class ChipNetwork(FeatureStage):
             some = slice(begin, begin + _BATCH)
             chips = _chips(view, points[some], self.settings.size)
             x = _normal(chips, self.learnt["mean"], self.learnt["deviation"])
-            scores[some] = np.mean([forward(x, weights) for weights in weights_of(self.learnt)], axis=0)
+            scores[some] = np.mean(
+                [forward(x, weights) for weights in weights_of(self.learnt)], axis=0
+            )
         return {"cnn": scores}
 
     @classmethod
@@ -80,7 +82,8 @@ class ChipNetwork(FeatureStage):
         """Train the networks."""
         rng = np.random.default_rng(settings.seed)
         mines, clutter = (
-            np.concatenate(some) for some in zip(*(_examples(e, settings, rng) for e in examples), strict=True)
+            np.concatenate(some)
+            for some in zip(*(_examples(e, settings, rng) for e in examples), strict=True)
         )
         if not len(mines) or not len(clutter):
             needed = f"mines and clutter, got {len(mines)} and {len(clutter)} chips"
@@ -102,7 +105,8 @@ def weights_of(learnt: Mapping[str, NDArray[Any]]) -> list[Arrays]:
     """Take the arrays of every network out of what was learnt."""
     numbers = sorted({name.partition("-")[0] for name in learnt if "-" in name}, key=int)
     return [
-        {key.partition("-")[2]: learnt[key] for key in learnt if key.startswith(f"{number}-")} for number in numbers
+        {key.partition("-")[2]: learnt[key] for key in learnt if key.startswith(f"{number}-")}
+        for number in numbers
     ]
 
 
@@ -121,14 +125,21 @@ def train_network(mines: Chips, clutter: Chips, settings: NetworkSettings, seed:
         import torch
         from torch.nn import functional
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError("stage network needs PyTorch to be trained: pip install 'flgpr[network]'") from error
+        raise ModuleNotFoundError(
+            "stage network needs PyTorch to be trained: pip install 'flgpr[network]'"
+        ) from error
     drawn = torch.Generator().manual_seed(seed)
     sizes = (mines.shape[1], *settings.channels)
     weights: dict[str, Any] = {}
     for layer, (of, to) in enumerate(pairwise(sizes)):
-        weights[f"kernel{layer}"] = torch.randn(to, of, 3, 3, generator=drawn) * (2 / (9 * of)) ** 0.5
+        weights[f"kernel{layer}"] = (
+            torch.randn(to, of, 3, 3, generator=drawn) * (2 / (9 * of)) ** 0.5
+        )
         weights[f"bias{layer}"] = torch.zeros(to)
-    weights |= {"last": torch.randn(sizes[-1], generator=drawn) / sizes[-1] ** 0.5, "bias": torch.zeros(1)}
+    weights |= {
+        "last": torch.randn(sizes[-1], generator=drawn) / sizes[-1] ** 0.5,
+        "bias": torch.zeros(1),
+    }
     for one in weights.values():
         one.requires_grad_()
     steps = torch.optim.AdamW(weights.values(), settings.rate, weight_decay=settings.decay)
@@ -142,8 +153,12 @@ def train_network(mines: Chips, clutter: Chips, settings: NetworkSettings, seed:
         mirrored = torch.rand(len(x), generator=drawn) < 0.5
         x = torch.where(mirrored[:, None, None, None], x.flip(3), x)
         for layer, stride in enumerate(_STRIDES):
-            x = functional.relu(functional.conv2d(x, weights[f"kernel{layer}"], weights[f"bias{layer}"], stride))
-        loss = functional.binary_cross_entropy_with_logits(x.mean((2, 3)) @ weights["last"] + weights["bias"], label)
+            x = functional.relu(
+                functional.conv2d(x, weights[f"kernel{layer}"], weights[f"bias{layer}"], stride)
+            )
+        loss = functional.binary_cross_entropy_with_logits(
+            x.mean((2, 3)) @ weights["last"] + weights["bias"], label
+        )
         steps.zero_grad()
         loss.backward()
         steps.step()
@@ -151,16 +166,25 @@ def train_network(mines: Chips, clutter: Chips, settings: NetworkSettings, seed:
     return {name: one.detach().numpy() for name, one in weights.items()}
 
 
-def _examples(lane: TrainingView, settings: NetworkSettings, rng: np.random.Generator) -> tuple[Chips, Chips]:
+def _examples(
+    lane: TrainingView, settings: NetworkSettings, rng: np.random.Generator
+) -> tuple[Chips, Chips]:
     """Cut the chips of a lane's mines, moved about a little, and of its clutter."""
     level = np.log(np.maximum(lane.view.values, _FLOOR)).mean(axis=(0, 1))
-    found = local_maxima(lane.view[0, 0].copy(data=level), settings.radius)[["x", "y"]].to_numpy(dtype=float)
+    found = local_maxima(lane.view[0, 0].copy(data=level), settings.radius)[["x", "y"]].to_numpy(
+        dtype=float
+    )
     found = found[lane.lane.contains(found[:, 0], found[:, 1])]
     every = lane.truth[["x", "y"]].to_numpy(dtype=float)
     mines = every[lane.truth["kind"].isin(settings.kinds).to_numpy()]
-    near, far = (np.hypot(*(found[:, None] - some).T).T.min(axis=1, initial=np.inf) for some in (mines, every))
+    near, far = (
+        np.hypot(*(found[:, None] - some).T).T.min(axis=1, initial=np.inf)
+        for some in (mines, every)
+    )
     shown = np.repeat(np.concatenate([mines, found[near <= settings.reach]]), 9, axis=0)
-    shown[np.arange(len(shown)) % 9 > 0] += rng.uniform(-settings.jitter, settings.jitter, (len(shown) // 9 * 8, 2))
+    shown[np.arange(len(shown)) % 9 > 0] += rng.uniform(
+        -settings.jitter, settings.jitter, (len(shown) // 9 * 8, 2)
+    )
     chosen = shown, found[far > settings.clear]
     return _chips(lane.view, chosen[0], settings.size), _chips(lane.view, chosen[1], settings.size)
 

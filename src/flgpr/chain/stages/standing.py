@@ -29,7 +29,9 @@ def standing_pass(
     estimate: Callable[[ComplexArray], ComplexArray] = standing_field,
 ) -> Pass:
     """Make the pass that estimates the standing field from at most so many scans; ``read`` gives a scan's data."""
-    chosen = set(np.unique(np.rint(np.linspace(0, scans - 1, min(scans, most))).astype(int)).tolist())
+    chosen = set(
+        np.unique(np.rint(np.linspace(0, scans - 1, min(scans, most))).astype(int)).tolist()
+    )
 
     def start(block: range | None) -> Accumulator:  # noqa: ARG001
         parts: list[Arrays] = []
@@ -39,7 +41,9 @@ def standing_pass(
                 parts.append({"signal": read(index)[None]})
 
         sums = gathered(parts, add)
-        return Accumulator(add, sums.state, sums.merge, lambda: {"field": estimate(sums.result()["signal"])})
+        return Accumulator(
+            add, sums.state, sums.merge, lambda: {"field": estimate(sums.result()["signal"])}
+        )
 
     return Pass(name, "standing field", start, whole=True)
 
@@ -53,12 +57,23 @@ class StandingField(ClutterStage):
     @classmethod
     def memory(cls, settings: Any, sizes: Mapping[str, int], image: Grid) -> float:  # noqa: ARG003
         """Take the scans of the median and its copies."""
-        return 4 * 8.0 * min(settings.most, sizes["scan"]) * sizes["polarization"] * sizes["pair"] * sizes["frequency"]
+        return (
+            4
+            * 8.0
+            * min(settings.most, sizes["scan"])
+            * sizes["polarization"]
+            * sizes["pair"]
+            * sizes["frequency"]
+        )
 
     def passes(self) -> list[Pass]:
         """Estimate the field."""
         scans = len(self.setup.imager)
-        return [standing_pass("standing", scans, self.settings.most, lambda index: self.before(index, 1)[0])]
+        return [
+            standing_pass(
+                "standing", scans, self.settings.most, lambda index: self.before(index, 1)[0]
+            )
+        ]
 
     def clean(self, index: int, data: ComplexArray) -> NDArray[np.complex64]:  # noqa: ARG002
         """Subtract it."""

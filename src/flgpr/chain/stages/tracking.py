@@ -53,7 +53,9 @@ class Tracking(FeatureStage):
         reach = self.settings.reach
         x, y = image["x"].values, image["y"].values
         tracked = np.full(len(points), np.nan)
-        for row in np.flatnonzero(((points >= [x[0], y[0]]) & (points <= [x[-1], y[-1]])).all(axis=1)):
+        for row in np.flatnonzero(
+            ((points >= [x[0], y[0]]) & (points <= [x[-1], y[-1]])).all(axis=1)
+        ):
             tracked[row] = _stands_out(level, x, y, points[row], reach, self.settings.level)
         return {"tracked": tracked}
 
@@ -64,7 +66,9 @@ def _number(name: str, wanted: str | None, known: list[str]) -> int:
     return 0 if wanted is None else known.index(wanted)
 
 
-def _stands_out(level: Any, x: FloatArray, y: FloatArray, place: FloatArray, reach: float, least: float) -> bool:
+def _stands_out(
+    level: Any, x: FloatArray, y: FloatArray, place: FloatArray, reach: float, least: float
+) -> bool:
     """Tell whether the largest pixel within reach of a place is no flank of something brighter within reach of it."""
     columns = slice(*np.searchsorted(x, [place[0] - 2 * reach, place[0] + 2 * reach]))
     rows = slice(*np.searchsorted(y, [place[1] - 2 * reach, place[1] + 2 * reach]))

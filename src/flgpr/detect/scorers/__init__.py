@@ -45,6 +45,8 @@ def scorer_of(name: str, estimator: Any) -> Scorer:
     return scorer_class(name).of(estimator)
 
 
-def restored_scorer(name: str, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Scorer:
+def restored_scorer(
+    name: str, settings: Mapping[str, Any], arrays: Arrays, features: int
+) -> Scorer:
     """Make a scorer of what a file holds; whatever breaks a rule of its estimator is a ValueError that names it."""
     return scorer_class(name).restored(settings, arrays, features)

@@ -67,23 +67,33 @@ class Checked:
             described = ", ".join("any" if length is None else str(length) for length in shape)
             raise ValueError(f"array {name!r} must have the shape ({described}), got {value.shape}")
         if not integer and not np.isfinite(value).all():
-            raise ValueError(f"array {name!r} must be finite, got {np.count_nonzero(~np.isfinite(value))} that are not")
+            raise ValueError(
+                f"array {name!r} must be finite, got {np.count_nonzero(~np.isfinite(value))} that are not"
+            )
         return value
 
     def number(self, name: str, low: float = -math.inf, high: float = math.inf) -> float:
         """Take a finite number from ``low`` to ``high``."""
         value = self._setting(name)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not math.isfinite(value)
+        ):
             raise ValueError(f"setting {name!r} must be a finite number, got {_short(value)}")
         if not low <= value <= high:
-            raise ValueError(f"setting {name!r} must lie between {low:g} and {high:g}, got {value:g}")
+            raise ValueError(
+                f"setting {name!r} must lie between {low:g} and {high:g}, got {value:g}"
+            )
         return float(value)
 
     def whole(self, name: str, low: int, high: int) -> int:
         """Take a whole number from ``low`` to ``high``."""
         value = self._setting(name)
         if type(value) is not int or not low <= value <= high:
-            raise ValueError(f"setting {name!r} must be a whole number from {low} to {high}, got {_short(value)}")
+            raise ValueError(
+                f"setting {name!r} must be a whole number from {low} to {high}, got {_short(value)}"
+            )
         return value
 
     def flag(self, name: str) -> bool:
@@ -97,14 +107,18 @@ class Checked:
         """Take one of some words."""
         value = self._setting(name)
         if not isinstance(value, str) or value not in options:
-            raise ValueError(f"setting {name!r} must be one of {', '.join(options)}, got {_short(value)}")
+            raise ValueError(
+                f"setting {name!r} must be one of {', '.join(options)}, got {_short(value)}"
+            )
         return value
 
     def done(self) -> None:
         """Refuse what was not taken: nothing that is not asked for belongs into a model."""
         for kind, left in (("array", self._arrays), ("setting", self._settings)):
             if left:
-                raise ValueError(f"{kind} {_short(sorted(map(str, left))[0])} does not belong to it")
+                raise ValueError(
+                    f"{kind} {_short(sorted(map(str, left))[0])} does not belong to it"
+                )
 
     def _setting(self, name: str) -> Any:
         if name not in self._settings:

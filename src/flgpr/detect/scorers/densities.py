@@ -25,7 +25,8 @@ class MixtureScorer:
     own_scale: FloatArray  #: (n_features,) by which they are then divided
     share: FloatArray  #: (n_components,) of the components, with the sum 1
     mean: FloatArray  #: (n_components, n_features)
-    root: FloatArray  #: (n_components, n_features, n_features) R with R·Rᵀ the inverse covariance, triangular
+    # : (n_components, n_features, n_features) R with R·Rᵀ the inverse covariance, triangular
+    root: FloatArray
     offset: float
     threshold: float = 0.0
 
@@ -92,7 +93,9 @@ class MixtureScorer:
         refuse_unless(len(share) > 0, "array 'share' must hold a component", len(share))
         diagonal = np.diagonal(scorer.root, axis1=1, axis2=2)
         for name, values in (("share", share), ("own_scale", scorer.own_scale), ("root", diagonal)):
-            refuse_unless(bool((values > 0).all()), f"array {name!r} must be positive", float(values.min()))
+            refuse_unless(
+                bool((values > 0).all()), f"array {name!r} must be positive", float(values.min())
+            )
         return scorer
 
 
@@ -188,7 +191,9 @@ class NeighbourScorer:
         nearest = np.sort(self._distances(X), axis=1)[:, : self.neighbours]
         if self.method == "largest":
             return np.asarray(nearest[:, -1])
-        return np.asarray(nearest.mean(axis=1) if self.method == "mean" else np.median(nearest, axis=1))
+        return np.asarray(
+            nearest.mean(axis=1) if self.method == "mean" else np.median(nearest, axis=1)
+        )
 
     def _distances(self, X: FloatArray) -> FloatArray:
         """Return the distances (n_samples, n_examples)."""
@@ -217,7 +222,12 @@ class NeighbourScorer:
         metric = estimator.metric
         known = isinstance(metric, str) and metric in METRICS and not estimator.metric_params
         refuse_unless(known, f"metric must be one of {', '.join(METRICS)} for a detector", metric)
-        power = {"minkowski": float(estimator.p), "euclidean": 2.0, "manhattan": 1.0, "chebyshev": 0.0}[metric]
+        power = {
+            "minkowski": float(estimator.p),
+            "euclidean": 2.0,
+            "manhattan": 1.0,
+            "chebyshev": 0.0,
+        }[metric]
         examples = np.array(estimator.neigh_._fit_X, dtype=np.float64)
         neighbours = int(estimator.n_neighbors)
         return cls(examples, neighbours, str(estimator.method), power, float(estimator.threshold_))

@@ -121,7 +121,9 @@ class VectorScorer:
         weight = estimator.dual_coef_
         refuse_unless(weight.shape[0] == 1, "estimator must part two classes", weight.shape)
         intercept = float(np.ravel(estimator.intercept_)[0])
-        return cls(KernelSum.of(estimator, estimator.support_vectors_, weight, intercept, estimator._gamma))
+        return cls(
+            KernelSum.of(estimator, estimator.support_vectors_, weight, intercept, estimator._gamma)
+        )
 
     @classmethod
     def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
@@ -137,8 +139,11 @@ class RelevanceScorer:
     """The log odds of a relevance vector machine, averaged over the weights' posterior if it is moderated."""
 
     terms: KernelSum
-    covariance: FloatArray  #: (n_weights, n_weights) posterior covariance of the weights, the bias last if it has one
-    moderated: bool  #: whether log odds m become m / sqrt(1 + π s²/8) with their variance s² (MacKay 1992)
+    # : (n_weights, n_weights) posterior covariance of the weights, the bias last if it has one
+    covariance: FloatArray
+    moderated: (
+        bool  #: whether log odds m become m / sqrt(1 + π s²/8) with their variance s² (MacKay 1992)
+    )
     bias: bool  #: whether the intercept is a weight with a variance
     threshold: float = 0.0
 
@@ -169,7 +174,11 @@ class RelevanceScorer:
     def of(cls, estimator: Any) -> Self:
         """Take it out of a fitted machine."""
         terms = KernelSum.of(
-            estimator, estimator.relevance_vectors_, estimator.dual_coef_, estimator.intercept_, estimator.gamma_
+            estimator,
+            estimator.relevance_vectors_,
+            estimator.dual_coef_,
+            estimator.intercept_,
+            estimator.gamma_,
         )
         covariance = np.array(estimator.covariance_, dtype=np.float64)
         return cls(terms, covariance, bool(estimator.moderated), bool(estimator._has_bias))
@@ -229,7 +238,11 @@ class OneClassRelevanceScorer:
         machine = RelevanceScorer.taken(checked, features)
         centre = checked.array("own_centre", (features,))
         scale = checked.array("own_scale", (features,))
-        refuse_unless(bool((scale > 0).all()), "array 'own_scale' must be positive", float(scale.min(initial=1.0)))
+        refuse_unless(
+            bool((scale > 0).all()),
+            "array 'own_scale' must be positive",
+            float(scale.min(initial=1.0)),
+        )
         scorer = cls(machine, centre, scale, checked.number("offset"))
         checked.done()
         return scorer

@@ -18,7 +18,8 @@ class LinearScorer:
 
     weight: FloatArray  #: (n_features,) w
     intercept: float  #: b
-    plain: bool  #: whether examples weighed alike, so that the log odds are those of the examples' frequencies
+    # : whether examples weighed alike, so that the log odds are those of the examples' frequencies
+    plain: bool
     threshold: float = 0.0
 
     def __call__(self, X: FloatArray) -> FloatArray:
@@ -36,7 +37,9 @@ class LinearScorer:
     @classmethod
     def of(cls, estimator: Any) -> Self:
         """Take it out of a fitted estimator of two classes."""
-        refuse_unless(estimator.coef_.shape[0] == 1, "estimator must part two classes", estimator.coef_.shape)
+        refuse_unless(
+            estimator.coef_.shape[0] == 1, "estimator must part two classes", estimator.coef_.shape
+        )
         weight = np.array(estimator.coef_[0], dtype=np.float64)
         plain = getattr(estimator, "class_weight", None) is None
         return cls(weight, float(np.ravel(estimator.intercept_)[0]), plain)
@@ -45,6 +48,8 @@ class LinearScorer:
     def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
         """Make it of a file's settings and arrays."""
         checked = Checked(settings, arrays)
-        scorer = cls(checked.array("weight", (features,)), checked.number("intercept"), checked.flag("plain"))
+        scorer = cls(
+            checked.array("weight", (features,)), checked.number("intercept"), checked.flag("plain")
+        )
         checked.done()
         return scorer

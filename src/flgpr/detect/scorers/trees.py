@@ -58,7 +58,9 @@ class Trees:
     @classmethod
     def joined(cls, trees: Sequence[Mapping[str, Any]]) -> Self:
         """Put trees together, each with ``left``, ``right``, ``feature``, ``split`` and ``value`` of its own nodes."""
-        columns: dict[str, list[NDArray[Any]]] = {name: [] for name in ("left", "right", "feature", "split", "value")}
+        columns: dict[str, list[NDArray[Any]]] = {
+            name: [] for name in ("left", "right", "feature", "split", "value")
+        }
         first = []
         count = 0
         for tree in trees:
@@ -101,17 +103,31 @@ def _check_ways(trees: Trees, features: int) -> None:
     """Refuse nodes whose children do not stand behind them within their tree, and features that are not there."""
     count = len(trees.value)
     first = trees.first
-    rising = first.size > 0 and first[0] == 0 and bool((np.diff(first) > 0).all()) and first[-1] < count
+    rising = (
+        first.size > 0 and first[0] == 0 and bool((np.diff(first) > 0).all()) and first[-1] < count
+    )
     refuse_unless(rising, "array 'first' must rise from 0 within the nodes", first[:5].tolist())
     node = np.arange(count)
-    last = np.append(first[1:], count)[np.searchsorted(first, node, side="right") - 1]  # of the node's own tree
+    last = np.append(first[1:], count)[
+        np.searchsorted(first, node, side="right") - 1
+    ]  # of the node's own tree
     leaf = trees.left == _LEAF
-    refuse_unless(bool((leaf == (trees.right == _LEAF)).all()), "a node must have two children or none", "one")
+    refuse_unless(
+        bool((leaf == (trees.right == _LEAF)).all()), "a node must have two children or none", "one"
+    )
     for name, child in (("left", trees.left), ("right", trees.right)):
         behind = leaf | ((child > node) & (child < last))
-        refuse_unless(bool(behind.all()), f"array {name!r} must lead to later nodes of the tree", child[~behind][:1])
+        refuse_unless(
+            bool(behind.all()),
+            f"array {name!r} must lead to later nodes of the tree",
+            child[~behind][:1],
+        )
     known = (trees.feature >= 0) & (trees.feature < features)
-    refuse_unless(bool(known.all()), f"array 'feature' must be from 0 to {features - 1}", trees.feature[~known][:1])
+    refuse_unless(
+        bool(known.all()),
+        f"array 'feature' must be from 0 to {features - 1}",
+        trees.feature[~known][:1],
+    )
     level = first
     for _ in range(_DEEPEST):
         parents = level[~leaf[level]]
@@ -168,7 +184,9 @@ class ForestScorer:
         trees = Trees.taken(checked, features)
         checked.done()
         shares = (trees.value >= 0) & (trees.value <= 1)
-        refuse_unless(bool(shares.all()), "array 'value' must lie between 0 and 1", trees.value[~shares][:1])
+        refuse_unless(
+            bool(shares.all()), "array 'value' must lie between 0 and 1", trees.value[~shares][:1]
+        )
         return cls(trees)
 
 
@@ -195,12 +213,20 @@ class BoostedScorer:
     @classmethod
     def of(cls, estimator: Any) -> Self:
         """Take it out of a fitted estimator of two classes and numbers; categories are refused."""
-        refuse_unless(estimator.n_trees_per_iteration_ == 1, "estimator must part two classes", len(estimator.classes_))
+        refuse_unless(
+            estimator.n_trees_per_iteration_ == 1,
+            "estimator must part two classes",
+            len(estimator.classes_),
+        )
         tables = []
         for (predictor,) in estimator._predictors:
             nodes = predictor.nodes
             categories = int(nodes["is_categorical"].sum())
-            refuse_unless(categories == 0, "features must be numbers without categories for a detector", categories)
+            refuse_unless(
+                categories == 0,
+                "features must be numbers without categories for a detector",
+                categories,
+            )
             leaf = nodes["is_leaf"].astype(bool)
             tables.append(
                 {
@@ -253,7 +279,9 @@ class IsolationScorer:
     def of(cls, estimator: Any) -> Self:
         """Take it out of a fitted forest."""
         tables = []
-        for one, features in zip(estimator.estimators_, estimator.estimators_features_, strict=True):
+        for one, features in zip(
+            estimator.estimators_, estimator.estimators_features_, strict=True
+        ):
             table = _table_of(one.tree_)
             table["feature"] = np.asarray(features)[np.maximum(one.tree_.feature, 0)]
             table["value"] = _path_lengths(one.tree_)
@@ -265,7 +293,11 @@ class IsolationScorer:
     def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
         """Make it of a file's settings and arrays."""
         checked = Checked(settings, arrays)
-        scorer = cls(Trees.taken(checked, features), checked.number("mean_length", 0.0), checked.number("offset"))
+        scorer = cls(
+            Trees.taken(checked, features),
+            checked.number("mean_length", 0.0),
+            checked.number("offset"),
+        )
         checked.done()
         return scorer
 

@@ -30,7 +30,9 @@ class BodyLayer(Entries):
     def _check(self) -> BodyLayer:
         widths = [width for width, _ in self.zones]
         if not widths or any(b <= a for a, b in itertools.pairwise(widths)):
-            raise ValueError(f"zones must be at least one, each wider than the one before, got {widths}")
+            raise ValueError(
+                f"zones must be at least one, each wider than the one before, got {widths}"
+            )
         return self
 
 
@@ -39,7 +41,9 @@ class Body(Entries):
 
     name: str
     source: str = ""  #: where its dimensions come from
-    shape: Literal["round", "box"] = "round"  #: a box is as long (``aspect`` times) as its layers' widths say
+    shape: Literal["round", "box"] = (
+        "round"  #: a box is as long (``aspect`` times) as its layers' widths say
+    )
     elongation: Annotated[float, Field(ge=1, le=10)] = 1.0  #: length over width of a box
     layers: Annotated[tuple[BodyLayer, ...], Field(min_length=1)]  #: from the top down
 
@@ -75,9 +79,13 @@ class Body(Entries):
         """Whether points at a half-width from the axis and a drop below the top (m, broadcast) lie in the body."""
         return np.asarray(self.permittivity(half_width, drop, -1.0) != -1.0)
 
-    def permittivity(self, half_width: ArrayLike, drop: ArrayLike, soil: complex) -> NDArray[np.complex128]:
+    def permittivity(
+        self, half_width: ArrayLike, drop: ArrayLike, soil: complex
+    ) -> NDArray[np.complex128]:
         """Relative permittivity at half-widths and drops (m, broadcast): NaN in metal, the soil's outside."""
-        r, d = np.broadcast_arrays(np.asarray(half_width, dtype=float), np.asarray(drop, dtype=float))
+        r, d = np.broadcast_arrays(
+            np.asarray(half_width, dtype=float), np.asarray(drop, dtype=float)
+        )
         out = np.full(r.shape, soil, complex)
         edges = self.drops()
         for layer, (top, bottom) in zip(self.layers, itertools.pairwise(edges), strict=True):

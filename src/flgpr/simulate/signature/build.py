@@ -25,7 +25,9 @@ from flgpr.simulate.signature.table import SignatureTable
 
 _FINE = 60e9  # cells per wavelength times frequency times refractive index
 _CELLS = (8, 40)  # per wavelength, at least and at most
-_BOX_CELLS = 40_000  # dipoles at most: of an M19 6.4 mm, coarse at the top of the band and in wet soil
+_BOX_CELLS = (
+    40_000  # dipoles at most: of an M19 6.4 mm, coarse at the top of the band and in wet soil
+)
 _HALF_TURN = 10  # aspects from 0 to 45 degrees
 
 
@@ -50,7 +52,9 @@ def build_table(
     ``workers`` counts processes, ``progress`` is told the number of pieces done and of all.
     """
     if body.shape == "box" and body.metal:
-        raise ValueError(f"body {body.name}: a box must be without metal; only round bodies may hold it")
+        raise ValueError(
+            f"body {body.name}: a box must be without metal; only round bodies may hold it"
+        )
     asked = {"body": body.model_dump(mode="json"), "nodes": nodes.table_nodes()}
     folder = work / sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:12]
     folder.mkdir(parents=True, exist_ok=True)
@@ -71,7 +75,9 @@ def _read_piece(folder: Path, piece: _Piece) -> NDArray[np.complex64]:
     data = Folder(folder).read(piece.file)
     shape, dtype, head = npy_header(io.BytesIO(data))
     if dtype != np.complex64 or head + array_bytes(shape, dtype) != len(data):
-        raise ValueError(f"{folder / piece.file} must hold a piece of a table, got {shape} {dtype}: take it away")
+        raise ValueError(
+            f"{folder / piece.file} must hold a piece of a table, got {shape} {dtype}: take it away"
+        )
     return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
 
 
@@ -106,11 +112,17 @@ def solve_piece(body: Body, soil: int, frequency: int) -> NDArray[np.complex64]:
     if body.shape == "box":
         aspects = nodes.ASPECT[:_HALF_TURN] if body.elongation == 1 else nodes.ASPECT
         hh, hv, vh, vv = np.moveaxis(
-            solve_box(body, f, eps, nodes.SINE, aspects, nodes.SEPARATION, most_cells=_BOX_CELLS), -1, 0
+            solve_box(body, f, eps, nodes.SINE, aspects, nodes.SEPARATION, most_cells=_BOX_CELLS),
+            -1,
+            0,
         )
-        found = np.stack([hh, vv, (hv + vh) / 2, (hv - vh) / 2], axis=-1)  # (sine, aspect, separation, 4)
+        found = np.stack(
+            [hh, vv, (hv + vh) / 2, (hv - vh) / 2], axis=-1
+        )  # (sine, aspect, separation, 4)
         return np.moveaxis(found, 0, 1)[None].astype(np.complex64)
-    found = solve_round(body, f, eps, nodes.SINE, nodes.SEPARATION, nodes.DEPTH, cells_for(f, eps.real))
+    found = solve_round(
+        body, f, eps, nodes.SINE, nodes.SEPARATION, nodes.DEPTH, cells_for(f, eps.real)
+    )
     return found[:, None].astype(np.complex64)
 
 

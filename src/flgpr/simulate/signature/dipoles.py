@@ -1,15 +1,17 @@
 """Scattering by a penetrable body in a homogeneous soil: coupled dipoles on a lattice with two planes of symmetry.
 
-Every cell of the lattice carries a dipole; they answer to the incident wave and to each other. Interaction and
-polarizability are those of filtered coupled dipoles (Gay-Balmaz & Martin 2002; Piller & Martin 1998): waves that the
-lattice cannot carry, of wavenumbers above π/cell, are left out of the Green tensor. Sums over the lattice are
-convolutions and done in the spectral domain. A body that is its own mirror image in x and in y lets the fields be
-parted into four classes, even or odd in either, each of them known by a quarter of the lattice; cosines and sines then
-do the part of the Fourier transform, as matrix products that need not touch the padding: on lattices of this size
+Every cell of the lattice carries a dipole; they answer to the incident wave and to each other.
+Interaction and polarizability are those of filtered coupled dipoles (Gay-Balmaz & Martin 2002;
+Piller & Martin 1998): waves that the lattice cannot carry, of wavenumbers above π/cell, are left
+out of the Green tensor. Sums over the lattice are convolutions and done in the spectral domain. A
+body that is its own mirror image in x and in y lets the fields be parted into four classes, even or
+odd in either, each of them known by a quarter of the lattice; cosines and sines then do the part of
+the Fourier transform, as matrix products that need not touch the padding: on lattices of this size
 quicker than fast transforms.
 
-All waves of a class are solved for together, with least residuals, in one block Krylov space. As the system is
-symmetric, scattering amplitudes can be written so that their error is quadratic in the residuals.
+All waves of a class are solved for together, with least residuals, in one block Krylov space. As
+the system is symmetric, scattering amplitudes can be written so that their error is quadratic in
+the residuals.
 
 Fields vary as ``e^{+jωt}``. The origin of phases is the centre of the lattice's top face, z points up.
 """
@@ -31,8 +33,11 @@ from flgpr.simulate.signature.body import Body
 
 SingleArray = NDArray[np.complex64]
 
-_RANK = 3e-2  # directions of all waves together that are weaker than this, relative to one wave, are not solved for
-_RESIDUAL = 5e-2  # relative residual at which a direction counts as solved: its square is the error of the amplitudes
+# directions of all waves together that are weaker than this, relative to one wave, are not solved
+# for
+_RANK = 3e-2
+# relative residual at which a direction counts as solved: its square is the error of the amplitudes
+_RESIDUAL = 5e-2
 _BLOCKS = 30  # of the Krylov space at most
 _SAMPLE = 2000  # unknowns on which the waves' common directions are found
 
@@ -54,7 +59,9 @@ class Waves(NamedTuple):
     azimuth: FloatArray
 
 
-def scattering_amplitudes(lattice: Lattice, soil: complex, wavenumber: float, waves: Waves) -> ComplexArray:
+def scattering_amplitudes(
+    lattice: Lattice, soil: complex, wavenumber: float, waves: Waves
+) -> ComplexArray:
     """Give scattering amplitudes F (2, wave, 2, wave) of a body, m: H, V and wave of receiver, then transmitter.
 
     A wave ``E = e·e^{-jk·r}`` has the wave vector ``k = (κcosφ, κsinφ, -q)``, ``q = sqrt(ε_s·k0² - κ²)``, complex in a
@@ -80,7 +87,9 @@ def _dipole_scale(lattice: Lattice, soil: complex, k: complex) -> SingleArray:
     size = k * lattice.cell
     ratio = np.moveaxis(lattice.permittivity, -1, 0) / soil
     static = 3 / (4 * np.pi) * (ratio - 1) / (ratio + 2)
-    radiation = 4 / 3 * size**2 + 2 / 3 * size**3 * (np.log((np.pi - size) / (np.pi + size)) / np.pi - 1j)
+    radiation = 4 / 3 * size**2 + 2 / 3 * size**3 * (
+        np.log((np.pi - size) / (np.pi + size)) / np.pi - 1j
+    )
     return np.ascontiguousarray(np.sqrt(static / (1 - static * radiation)), dtype=np.complex64)
 
 
@@ -136,8 +145,12 @@ def _symbol(part: ComplexArray, shape: tuple[int, ...], odd: list[bool]) -> Sing
     for axis in range(2):
         period = 2 * shape[axis]
         angle = np.pi / period * np.outer(np.arange(period + 1), np.arange(period))
-        part = np.moveaxis(np.tensordot(_lag_sum(angle, odd[axis]).astype(complex), part, (1, axis)), 0, axis)
-    angle = 2 * np.pi / (2 * shape[2] - 1) * np.outer(np.arange(2 * shape[2] - 1), np.arange(shape[2]))
+        part = np.moveaxis(
+            np.tensordot(_lag_sum(angle, odd[axis]).astype(complex), part, (1, axis)), 0, axis
+        )
+    angle = (
+        2 * np.pi / (2 * shape[2] - 1) * np.outer(np.arange(2 * shape[2] - 1), np.arange(shape[2]))
+    )
     matrix = _lag_sum(angle, odd[2]) * (1j if odd[2] else 1)
     return np.ascontiguousarray(part @ matrix.T, dtype=np.complex64)
 
@@ -155,7 +168,9 @@ class ClassSystem:
     ``parity`` is whether the vertical component is even (1) or odd (-1) in x and in y.
     """
 
-    def __init__(self, scale: SingleArray, symbols: list[list[SingleArray]], parity: tuple[int, int]) -> None:
+    def __init__(
+        self, scale: SingleArray, symbols: list[list[SingleArray]], parity: tuple[int, int]
+    ) -> None:
         self.scale = scale
         self.symbols = symbols
         self.shape = scale.shape
@@ -172,7 +187,11 @@ class ClassSystem:
         spectra = [self._spectrum(field[b], b) for b in range(3)]
         out = np.empty_like(field)
         for a in range(3):
-            total = spectra[0] * self.symbols[a][0] if self._coupling[a][0] > 0 else -spectra[0] * self.symbols[a][0]
+            total = (
+                spectra[0] * self.symbols[a][0]
+                if self._coupling[a][0] > 0
+                else -spectra[0] * self.symbols[a][0]
+            )
             for b in (1, 2):
                 total += self._coupling[a][b] * (self.symbols[a][b] * spectra[b])
             out[a] = self._field(total, a)
@@ -199,7 +218,12 @@ def _transforms(count: int, parity: int) -> list[tuple[NDArray[np.float32], NDAr
     pairs = []
     for even in (parity > 0, parity < 0):
         wave = np.cos(angle) if even else np.sin(angle)
-        pairs.append(((2 * wave).astype(np.float32), np.ascontiguousarray((wave * weight[:, None]).T, np.float32)))
+        pairs.append(
+            (
+                (2 * wave).astype(np.float32),
+                np.ascontiguousarray((wave * weight[:, None]).T, np.float32),
+            )
+        )
     return pairs
 
 
@@ -227,7 +251,9 @@ def _wave_columns(
         plane = in_x[c == 0][:, None, None, :] * (in_y[c == 1][:, None, :] * in_z)
         plane *= scale[c][..., None]
         for polarization in range(2):
-            np.multiply(plane, unit[c][polarization].astype(np.complex64), out=out[c, :, :, :, polarization])
+            np.multiply(
+                plane, unit[c][polarization].astype(np.complex64), out=out[c, :, :, :, polarization]
+            )
     return out.reshape(scale.size, -1)
 
 
@@ -292,9 +318,10 @@ def solve_box(
 ) -> ComplexArray:  # fmt: skip
     """Scattering matrix (sine, aspect, separation, 4) of a box in homogeneous soil for waves that come from the air, m.
 
-    A wave that comes at θ from the vertical in air has the horizontal wavenumber ``k0·sinθ`` in the soil, too. What the
-    interface does to it is not included, nor are waves that go to and fro between body and interface, for the contrast
-    of plastic to soil is weak. The box is without metal, its long side along x.
+    A wave that comes at θ from the vertical in air has the horizontal wavenumber ``k0·sinθ`` in the
+    soil, too. What the interface does to it is not included, nor are waves that go to and fro
+    between body and interface, for the contrast of plastic to soil is weak. The box is without
+    metal, its long side along x.
 
     Origin of phases, unit vectors and F (HH, HV, VH, VV; "HV" transmits H) are those of
     ``dipoles.scattering_amplitudes``. Transmitter and receiver stand at the azimuths ``aspect ∓ separation/2`` from x
@@ -302,7 +329,9 @@ def solve_box(
     not change when it turns by π/2, and its mirror image has -HV and -VH. Cells are those of the denser of soil and
     body, at least two in the thinnest layer, and coarser where there would be more than ``most_cells``.
     """
-    s, aspect, separation = (np.atleast_1d(np.asarray(x, dtype=float)) for x in (sines, aspects, separations))
+    s, aspect, separation = (
+        np.atleast_1d(np.asarray(x, dtype=float)) for x in (sines, aspects, separations)
+    )
     _check(body, frequency, permittivity, s, cells_per_wavelength)
     wavenumber = 2 * math.pi * frequency / SPEED_OF_LIGHT
     sent = aspect[:, None] - separation / 2
@@ -312,20 +341,31 @@ def solve_box(
     waves = Waves(kappa, np.tile(azimuth, s.size))
     cell = choose_cell(body, permittivity, wavenumber, cells_per_wavelength, most_cells)
     with threadpool_limits(1):
-        full = scattering_amplitudes(lattice_of(body, permittivity, cell), permittivity, wavenumber, waves)
+        full = scattering_amplitudes(
+            lattice_of(body, permittivity, cell), permittivity, wavenumber, waves
+        )
     full = full.reshape(2, s.size, azimuth.size, 2, s.size, azimuth.size)
     each = np.arange(s.size)[:, None, None]
     transmit, receive = place.reshape(2, *sent.shape)
-    pairs = full[:, each, receive, :, each, transmit]  # (sine, aspect, separation, receiver, transmitter)
+    pairs = full[
+        :, each, receive, :, each, transmit
+    ]  # (sine, aspect, separation, receiver, transmitter)
     return np.ascontiguousarray(np.swapaxes(pairs, -1, -2).reshape(*pairs.shape[:3], 4))
 
 
-def _check(body: Body, frequency: float, permittivity: complex, sines: FloatArray, cells: float) -> None:
+def _check(
+    body: Body, frequency: float, permittivity: complex, sines: FloatArray, cells: float
+) -> None:
     eps = complex(permittivity)
     rules: list[tuple[str, str, bool, Any]] = [
         ("body", "a box without metal", body.shape == "box" and not body.metal, body.name),
         ("frequency", "positive", frequency > 0, frequency),
-        ("permittivity", "of real part >= 1 and imaginary part <= 0", eps.real >= 1 and eps.imag <= 0, permittivity),
+        (
+            "permittivity",
+            "of real part >= 1 and imaginary part <= 0",
+            eps.real >= 1 and eps.imag <= 0,
+            permittivity,
+        ),
         ("sines", "from 0 to below 1", bool(((sines >= 0) & (sines < 1)).all()), sines),
         ("cells_per_wavelength", "at least 4", cells >= 4, cells),
     ]
@@ -335,7 +375,11 @@ def _check(body: Body, frequency: float, permittivity: complex, sines: FloatArra
 
 
 def choose_cell(
-    body: Body, permittivity: complex, wavenumber: float, cells_per_wavelength: float, most_cells: int
+    body: Body,
+    permittivity: complex,
+    wavenumber: float,
+    cells_per_wavelength: float,
+    most_cells: int,
 ) -> float:
     """Choose the lattice's cell, m."""
     slowest = math.sqrt(max(complex(permittivity).real, body.densest()))

@@ -1,9 +1,10 @@
 """Scattering by a body of revolution in a homogeneous soil: Maxwell's equations on a Yee grid, mode by mode.
 
-The field scattered by the body obeys ``∇×∇×E_s - k0²ε(r)·E_s = k0²(ε(r) - ε_s)·E_i`` (on metal the tangential field
-``E_s = -E_i``). With ``E ~ e^{jmφ}`` it is a sparse linear system on the half plane (ρ, z), closed by absorbing layers
-of complex coordinates (Teixeira & Chew 1997). The body then radiates as the source ``P = ∇×∇×E_s - k0²ε_s·E_s``, which
-vanishes outside it, and what a wave tests of it is ``T = ∫E_test·P dV``: 4π times the scattering amplitude.
+The field scattered by the body obeys ``∇×∇×E_s - k0²ε(r)·E_s = k0²(ε(r) - ε_s)·E_i`` (on metal the
+tangential field ``E_s = -E_i``). With ``E ~ e^{jmφ}`` it is a sparse linear system on the half
+plane (ρ, z), closed by absorbing layers of complex coordinates (Teixeira & Chew 1997). The body
+then radiates as the source ``P = ∇×∇×E_s - k0²ε_s·E_s``, which vanishes outside it, and what a wave
+tests of it is ``T = ∫E_test·P dV``: 4π times the scattering amplitude.
 
 The origin of phases is the centre of the body's top face; fields vary as ``e^{+jωt}``.
 
@@ -33,7 +34,9 @@ from flgpr.simulate.signature.body import Body
 
 _GUARD = 4  # cells between the body and the absorbing layers
 _ABSORBER = 9  # cells of each absorbing layer
-_STRETCH = 6.0  # imaginary length of an absorbing layer times the wavenumber: e^-12 at normal incidence
+_STRETCH = (
+    6.0  # imaginary length of an absorbing layer times the wavenumber: e^-12 at normal incidence
+)
 _CROWDING = 0.75  # 0 spaces nodes evenly between a body's edges, 1 puts them as a cosine does
 _GROWTH = 1.5  # of cells from the body outwards
 _RANK = 1e-5  # fields on the body that are weaker than this, relative, are not solved for
@@ -48,7 +51,8 @@ class Grid:
     z: ComplexArray
     permittivity: ComplexArray  #: (rho cell, z cell): NaN in metal
     inside: NDArray[np.bool_]  #: (rho cell, z cell): cells of the body
-    ground: ComplexArray  #: permittivity without the body: the soil's, and 1 above the surface if the grid holds it
+    # : permittivity without the body: the soil's, and 1 above the surface if the grid holds it
+    ground: ComplexArray
 
 
 def _divided(edges: Sequence[float], cell: float) -> FloatArray:
@@ -58,7 +62,10 @@ def _divided(edges: Sequence[float], cell: float) -> FloatArray:
     for low, high in itertools.pairwise(edges):
         count = max(2, math.ceil(middle * (high - low) / cell - 1e-9))
         even = np.arange(1, count + 1) / count
-        nodes.append(low + (high - low) * ((1 - _CROWDING) * even + _CROWDING * (1 - np.cos(np.pi * even)) / 2))
+        nodes.append(
+            low
+            + (high - low) * ((1 - _CROWDING) * even + _CROWDING * (1 - np.cos(np.pi * even)) / 2)
+        )
     return np.concatenate(nodes)
 
 
@@ -73,7 +80,11 @@ def _absorber(cell: float, first: float, wavenumber: float) -> ComplexArray:
 
 
 def make_grid(
-    body: Body, soil: complex, wavenumber: float, cells_per_wavelength: float, cover: float | None = None
+    body: Body,
+    soil: complex,
+    wavenumber: float,
+    cells_per_wavelength: float,
+    cover: float | None = None,
 ) -> Grid:
     """Lay a grid whose lines follow the body; ``cover`` is the soil between it and the air, None soil without end."""
     radii = body.radii()
@@ -84,7 +95,9 @@ def make_grid(
     rho = _divided([0.0, *radii], cell)
     z = _divided([*(-d for d in reversed(drops)), *([] if cover is None else [cover])], cell)
     out = _absorber(cell, rho[-1] - rho[-2], wavenumber * math.sqrt(soil.real))
-    up = _absorber(cell, z[-1] - z[-2], wavenumber * (1.0 if cover is not None else math.sqrt(soil.real)))
+    up = _absorber(
+        cell, z[-1] - z[-2], wavenumber * (1.0 if cover is not None else math.sqrt(soil.real))
+    )
     down = _absorber(cell, z[1] - z[0], wavenumber * math.sqrt(soil.real))
     rho = np.concatenate([rho, rho[-1] + out])
     z = np.concatenate([(z[0] - down)[::-1], z, z[-1] + up])
@@ -92,7 +105,9 @@ def make_grid(
     centre_z = (z[1:] + z[:-1]).real / 2
     ground = np.where(centre_z > (math.inf if cover is None else cover), 1.0, soil)
     inside = body.inside(centre_rho[:, None], -centre_z[None, :])
-    permittivity = np.where(inside, body.permittivity(centre_rho[:, None], -centre_z[None, :], soil), ground)
+    permittivity = np.where(
+        inside, body.permittivity(centre_rho[:, None], -centre_z[None, :], soil), ground
+    )
     return Grid(rho.astype(complex), z.astype(complex), permittivity, inside, ground)
 
 
@@ -121,9 +136,14 @@ class ModalSolver:
         self._solved = solved
         self._count = edges.count
         self._to_metal = outside[solved][:, self._body[self._metal]]
-        system = outside[solved][:, solved] - sp.diags(self.k0**2 * np.where(metal, 0, contrast)[solved])
+        system = outside[solved][:, solved] - sp.diags(
+            self.k0**2 * np.where(metal, 0, contrast)[solved]
+        )
         self._factor = splu(
-            system.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options={"SymmetricMode": True}
+            system.tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.01,
+            options={"SymmetricMode": True},
         )
 
     def waves(self, transverse: ComplexArray, mode: int) -> ComplexArray:
@@ -155,7 +175,12 @@ class ModalSolver:
 
 
 def wave_modes(
-    transverse: ComplexArray, wavenumber: complex, rho: FloatArray, z: FloatArray, kind: NDArray[np.intp], mode: int
+    transverse: ComplexArray,
+    wavenumber: complex,
+    rho: FloatArray,
+    z: FloatArray,
+    kind: NDArray[np.intp],
+    mode: int,
 ) -> tuple[ComplexArray, ComplexArray]:
     """Azimuthal mode of downgoing plane waves along x, as components on edges: h and v, (edge, wave).
 
@@ -197,11 +222,16 @@ class _Edges:
         dual_area = rho * dual_rho
         dual_area[0] = half_rho[0] ** 2 / 2
         self.places = (
-            np.concatenate([np.repeat(half_rho, nz), np.repeat(rho, nz), np.repeat(rho, nz - 1)]).real,
+            np.concatenate(
+                [np.repeat(half_rho, nz), np.repeat(rho, nz), np.repeat(rho, nz - 1)]
+            ).real,
             np.concatenate([np.tile(z, nr - 1), np.tile(z, nr), np.tile(half_z, nr)]).real,
             np.repeat(np.arange(3), self.sizes),
         )
-        self._widths = np.pad(np.diff(rho.real), 1, mode="edge")[:, None], np.pad(np.diff(z.real), 1, mode="edge")
+        self._widths = (
+            np.pad(np.diff(rho.real), 1, mode="edge")[:, None],
+            np.pad(np.diff(z.real), 1, mode="edge"),
+        )
         sides = (half_rho * np.diff(rho), dual_z), (dual_area, dual_z), (dual_area, np.diff(z))
         self.volume = np.concatenate([np.outer(*pair).ravel() for pair in sides]).real
         along, around, upright = (np.zeros((a.size, b.size), bool) for a, b in sides)
@@ -250,7 +280,11 @@ def _curl_curl(grid: Grid, mode: int, edges: _Edges) -> Any:
     # Curl of E, on the faces' middles.
     b_rho = [None, -sp.kron(eye_r, d_z), sp.kron(sp.diags(m * over_rho), eye_hz)]
     b_phi = [sp.kron(eye_hr, d_z), None, -sp.kron(d_r, eye_hz)]
-    b_z = [sp.kron(sp.diags(-m / half), eye_z), sp.kron(sp.diags(1 / half) @ d_r @ sp.diags(rho), eye_z), None]
+    b_z = [
+        sp.kron(sp.diags(-m / half), eye_z),
+        sp.kron(sp.diags(1 / half) @ d_r @ sp.diags(rho), eye_z),
+        None,
+    ]
     # Curl of that, back on the edges: differences over the dual cells.
     back_r = sp.diags(1 / _dual(rho)) @ _flux(nr)
     back_z = sp.diags(1 / _dual(z)) @ _flux(nz)
@@ -319,7 +353,13 @@ def _share(whole: ComplexArray, mode: int, separation: FloatArray) -> ComplexArr
     even = (1.0 if mode == 0 else 2.0) * np.cos(mode * separation)
     odd = 2j * np.sin(mode * separation)
     return np.stack(
-        [np.outer(hh, even), np.outer(vv, even), np.zeros((count, separation.size)), np.outer(hv, odd)], axis=-1
+        [
+            np.outer(hh, even),
+            np.outer(vv, even),
+            np.zeros((count, separation.size)),
+            np.outer(hv, odd),
+        ],
+        axis=-1,
     )
 
 
@@ -362,7 +402,15 @@ def with_surface(
     outer = np.setdiff1d(np.arange(2 * count), inner)
     down = np.sqrt(wavenumber**2 * soil - path.transverse**2)
     r_h, r_v = reflection(path.transverse / wavenumber, soil, 1.0)
-    share = -0.25j / np.pi * path.transverse * path.weight / down * (-1) ** mode * np.exp(-2j * down * depth)
+    share = (
+        -0.25j
+        / np.pi
+        * path.transverse
+        * path.weight
+        / down
+        * (-1) ** mode
+        * np.exp(-2j * down * depth)
+    )
     bounce = np.concatenate([-share * r_h, share * r_v])
     system = np.identity(2 * nodes) - answer[np.ix_(inner, inner)] * bounce
     again = np.linalg.solve(system, answer[np.ix_(inner, outer)])

@@ -50,7 +50,9 @@ class SignatureTable:
         """Azimuths of the bisector from the body's long side, rad."""
         return ASPECT[: self.values.shape[3]]
 
-    def at(self, frequency: FloatArray, permittivity: ComplexArray, depth: float) -> NDArray[np.complex64]:
+    def at(
+        self, frequency: FloatArray, permittivity: ComplexArray, depth: float
+    ) -> NDArray[np.complex64]:
         """Signature (aspect, sine, separation, 4, frequency) for given tones, soil and depth: HH, VV, (HV ± VH)/2, m.
 
         Below the table's frequencies amplitudes fall as f², above them they stay. Between nodes they are cubic in the
@@ -58,7 +60,9 @@ class SignatureTable:
         aside in it, taken to first order and up to a loss tangent 0.06 away. ``depth`` is soil over the top; infinity
         is soil without a surface.
         """
-        real = np.clip(np.interp(FREQUENCY, frequency, permittivity.real), PERMITTIVITY[0], PERMITTIVITY[-1])
+        real = np.clip(
+            np.interp(FREQUENCY, frequency, permittivity.real), PERMITTIVITY[0], PERMITTIVITY[-1]
+        )
         between = CubicSpline(np.sqrt(PERMITTIVITY), np.identity(PERMITTIVITY.size), axis=0)
         aside = -0.5j * np.sqrt(real) * np.interp(FREQUENCY, frequency, _loss_off(permittivity))
         share = between(np.sqrt(real)) + aside[:, None] * between(np.sqrt(real), 1)
@@ -68,7 +72,9 @@ class SignatureTable:
         smooth = [part * _along(np.exp(1j * down * way)) for part, way in parts]
         here = [np.einsum("fe,ef...->...f", share, part) for part in smooth]
         tones = np.clip(frequency, FREQUENCY[0], FREQUENCY[-1])
-        soil = np.clip(permittivity.real, PERMITTIVITY[0], PERMITTIVITY[-1]) * (1 - 1j * _loss_off(permittivity))
+        soil = np.clip(permittivity.real, PERMITTIVITY[0], PERMITTIVITY[-1]) * (
+            1 - 1j * _loss_off(permittivity)
+        )
         down = 2 * np.pi * tones / SPEED_OF_LIGHT * np.sqrt(soil - SINE[:, None] ** 2)  # (sine, f)
         total = sum(
             CubicSpline(FREQUENCY, part, axis=-1)(tones) * np.exp(-1j * down * way)[:, None, None]
@@ -95,7 +101,10 @@ class SignatureTable:
             if share > 0:
                 turn = np.exp(2j * down * (nodes[node] - max(depth, nodes[0])))
                 added = added + share * (self.values[:, :, node] - deep) * _along(turn)
-        return [(deep, way), (added * min(nodes[-1] / max(depth, nodes[0]), 1.0), way + 2 * max(depth, nodes[0]))]
+        return [
+            (deep, way),
+            (added * min(nodes[-1] / max(depth, nodes[0]), 1.0), way + 2 * max(depth, nodes[0])),
+        ]
 
 
 def _along(phase: ComplexArray) -> ComplexArray:
@@ -138,13 +147,17 @@ def table_nodes() -> dict[str, list[float]]:
 def load_table(path: Any) -> SignatureTable:
     """Read what :func:`save_table` wrote; another file, or one for other nodes, is a ValueError."""
     try:
-        data = Archive(io.BytesIO(read_named(path) if isinstance(path, Path) else path.read_bytes()))
+        data = Archive(
+            io.BytesIO(read_named(path) if isinstance(path, Path) else path.read_bytes())
+        )
         about = parse_json(bytes(data["about"]))
         values = data["values"].astype(np.float32).view(np.complex64) * data["scale"]
     except (OSError, ValueError, KeyError) as error:
         raise ValueError(f"signature {path}: not a table of signatures: {error}") from None
     if about.get("format") != FORMAT or about.get("nodes") != table_nodes():
-        raise ValueError(f"signature {path}: made for other nodes, make it again with flgpr simulate signature")
+        raise ValueError(
+            f"signature {path}: made for other nodes, make it again with flgpr simulate signature"
+        )
     return SignatureTable(Body.model_validate(about["body"]), values)
 
 
