@@ -83,7 +83,7 @@ def estimate_joint(
     power there over its median is multiplied over the reflectors, and the product's peak is
     refined. An image around each reflector then tells a bias of its own: by how much its brightest
     pixel lies farther from the aperture than the reflector. What stands still in the run should be
-    out of it: see :func:`flgpr.calibrate.subtract_mean_scan`.
+    out of it: see :func:`flgpr.clutter.subtract_mean_scan`.
 
     Parameters
     ----------

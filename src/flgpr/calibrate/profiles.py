@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.kernels.biases import sum_over_biases
 from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, complete_scans, way_weights
-from flgpr.model.aperture import half_steps
 from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import path_phase
 
@@ -22,27 +20,6 @@ _TABLE = 1 << 23  # samples of the profiles held at a time, 64 MiB
 def resolution(frequency: ArrayLike) -> float:
     """Range resolution c/2B of a band of tones, one way, m."""
     return SPEED_OF_LIGHT / max(float(np.ptp(np.asarray(frequency))), 1.0) / 2
-
-
-def subtract_mean_scan(run: xr.Dataset) -> xr.Dataset:
-    """Take the mean scan, coupling and echoes of the vehicle itself, out of a run before a search by echoes.
-
-    Scans are weighted by the change to their neighbours: a vehicle that waits, which nothing but the track tells and
-    its clock is not known yet, would otherwise leave the echoes of where it waited, as a median would
-    (:func:`flgpr.clutter.remove_standing`). Of fewer than five scans the mean would be as much echo as coupling: then
-    it is a ValueError.
-    """
-    scans = np.flatnonzero(complete_scans(run))
-    if scans.size < 5:
-        raise ValueError(
-            f"run must have five complete scans to tell what stands still in them, got {scans.size}"
-        )
-    signal = run["signal"].values
-    change = [np.linalg.norm(signal[b] - signal[a]) for a, b in pairwise(scans)]
-    field = np.tensordot(half_steps(np.array(change)) / scans.size, signal[scans], axes=1).astype(
-        signal.dtype
-    )
-    return run.assign(signal=(run["signal"].dims, signal - field))
 
 
 def fields_over_bias(
