@@ -539,13 +539,13 @@ class CausalBackground:
 
         own_scale = 1 / gain.ravel()
         shared_scale = (1 / np.broadcast_to(common, gain.shape)).ravel()
-        own = self._blend_signature(0, image, limit, own_scale, weight)
+        own_signature = self._blend_signature(0, image, limit, own_scale, weight)
         shared = self._blend_signature(1, image, limit, shared_scale, weight)
         self._means[2] = _blend(self._means[2], ratio, weight)
         self._means_given_out = False
         if self._count >= 2:
-            self._blend_medians(image, gain, own)
-        self._signatures = (own, shared)
+            self._blend_medians(image, gain, own_signature)
+        self._signatures = (own_signature, shared)
         self._background = None
         if self._count + 1 >= self._warm_up:
             with suppress(ValueError):  # add() raises it with the next scan
@@ -567,9 +567,11 @@ class CausalBackground:
         self._means[number] = updated
         return signature
 
-    def _blend_medians(self, image: ComplexArray, gain: FloatArray, own: ComplexArray) -> None:
+    def _blend_medians(
+        self, image: ComplexArray, gain: FloatArray, own_signature: ComplexArray
+    ) -> None:
         """Add the filtered residual of the last scan to the mean of the medians."""
-        smooth = self._estimator._smooth(image, gain, own)
+        smooth = self._estimator._smooth(image, gain, own_signature)
         weight = 1 / min(self._count - 1, self._span or self._count)
         medians = self._means[3] if len(self._means) > 3 else smooth
         self._means[3:] = [_blend(medians, smooth, weight)]
@@ -578,13 +580,13 @@ class CausalBackground:
         """Compute from the means the background of the next scan."""
         if self._signatures is None:
             shape = self._estimator._shape
-            own = self._means[0].astype(np.complex64).reshape(shape)
+            own_signature = self._means[0].astype(np.complex64).reshape(shape)
             shared = self._means[1].astype(np.complex64).reshape(shape)
-            self._signatures = (own, shared)
-        own, shared = self._signatures
+            self._signatures = (own_signature, shared)
+        own_signature, shared = self._signatures
         level = self._estimator._mean_filtered(self._means[3])
         common_level = shared_level(level, self._means[2][None])
-        self._background = Background(own, level, shared, common_level)
+        self._background = Background(own_signature, level, shared, common_level)
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Return the estimate for a later :meth:`restore`; later scans do not change it."""
