@@ -7,6 +7,7 @@ Those of one seed differ in nothing but what is changed. What each explanation p
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -123,10 +124,10 @@ def trials(
     jobs = [(name, seed) for name in CHANGES for seed in seeds]
     found: dict[str, list[dict[str, Any]]] = {name: [] for name in CHANGES}
     for name, seed in track(jobs, "changed lanes", len(jobs)):
-        path = folder / "reasons" / f"{name.replace(' ', '-')}-{seed}-{_key(recipe)}.json"
+        path = folder / "reasons" / f"{name.replace(' ', '-')}-{seed}-{_key(recipe, name)}.json"
         record = kept(path, lambda name=name, seed=seed: lane_record(recipe, CHANGES[name], seed))  # type: ignore[misc]
         found[name].append(record)
-    path = folder / "reasons" / f"alone-{_key(recipe)}.json"
+    path = folder / "reasons" / f"alone-{_key(recipe, 'nothing')}.json"
     alone = kept(path, lambda: alone_record(recipe))
     return [*eigenvalue_trials(found), *correlation_trials(found, alone), *moment_trials(found)]
 
@@ -138,8 +139,8 @@ def small_twin(recipe: StudyRecipe) -> StudyRecipe:
     return recipe.model_copy(update={"sites": {**recipe.sites, SITE: few}})
 
 
-def _key(recipe: StudyRecipe) -> str:
-    return key_of(recipe.model_dump(mode="json"), SHIFTS, FILLED)
+def _key(recipe: StudyRecipe, name: str) -> str:
+    return key_of(recipe.model_dump(mode="json"), asdict(CHANGES[name]), SHIFTS, FILLED)
 
 
 def lane_record(recipe: StudyRecipe, change: LaneChange, seed: int) -> dict[str, Any]:
