@@ -162,7 +162,6 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "io/gpr_parts.py read_records": ({"fromfile"}, RECORDING),
     "io/motive.py is_motive": ({"open"}, RECORDING),
     "io/motive.py read_motive": ({"open", "read_csv"}, RECORDING),
-    "io/recording.py Recording._records": ({"open"}, RECORDING),
     "io/arrays.py _open_hdf5": ({"File"}, GUARDED),
     "io/arrays.py _open_npy": ({"load"}, RECORDING),
     "io/backdrop.py map_backdrop": ({"open"}, GUARDED),
