@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from flgpr.io.gpr_antennas import GSSI_SETS, antenna_frequency, note_antenna
+from flgpr.io.gpr_antennas import antenna_frequency, noted_frequency, set_frequency
 from flgpr.io.gpr_parts import (
     INTERVALS,
     NANOSECOND,
@@ -203,16 +203,15 @@ def _frequency_of(
 ) -> float | None:
     """Return the nominal frequency of a channel's antenna, Hz: by its name, the set it is of, or the system."""
     name = names[channel]
-    frequency = antenna_frequency(name, "GSSI", channel)
-    if frequency is None and channel and names[0].upper() in GSSI_SETS:
-        second = antenna_frequency(names[0], "GSSI", channel)
-        if second is not None:
+    if antenna_frequency(name, "GSSI", channel) is None:
+        of_set = set_frequency(names[0], channel) if channel else None
+        if of_set is not None:
             notes.append(
-                f"the antenna of channel {channel} is taken as the second of {names[0]!r}: {second / 1e6:g} MHz"
+                f"the antenna of channel {channel} is taken as the second of {names[0]!r}: "
+                f"{of_set / 1e6:g} MHz"
             )
-            return second
-    if frequency is None and is_mini_xt:
-        notes.append("its system is a StructureScan Mini XT, whose antenna is taken")
-        return antenna_frequency("SSMINIXT", "GSSI")
-    note_antenna(name, frequency, notes)
-    return frequency
+            return of_set
+        if is_mini_xt:
+            notes.append("its system is a StructureScan Mini XT, whose antenna is taken")
+            return antenna_frequency("SSMINIXT", "GSSI")
+    return noted_frequency(name, "GSSI", notes, channel)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flgpr.io.gpr_antennas import antenna_frequency, note_antenna
+from flgpr.io.gpr_antennas import noted_frequency
 from flgpr.io.gpr_parts import (
     INTERVALS,
     MOST_SAMPLES,
@@ -43,9 +43,7 @@ def read_mala(path: Path, limit: int) -> dict[str, Any]:
         notes.append(
             f"the traces' clock is that of a trace every {seconds:g} s, by TIME INTERVAL in the header"
         )
-    antenna = head.text("ANTENNAS", "ANTENNA")
-    frequency = antenna_frequency(antenna, "MALÅ")
-    note_antenna(antenna, frequency, notes)
+    frequency = noted_frequency(head.text("ANTENNAS", "ANTENNA"), "MALÅ", notes)
     fixes = cor_fixes(find_beside(path, ".cor"), len(table), notes)
     note_unread(path, (".mrk", ".em", ".gps"), notes)
     return {
@@ -86,9 +84,7 @@ def read_impulse(path: Path, limit: int) -> dict[str, Any]:
     zero = head.number("ZERO LEVEL", 0, samples, False)
     if zero is None:
         notes.append(ZERO_ASSUMED)
-    antenna = head.text("ANTENNA")
-    frequency = antenna_frequency(antenna, "ImpulseRadar")
-    note_antenna(antenna, frequency, notes)
+    frequency = noted_frequency(head.text("ANTENNA"), "ImpulseRadar", notes)
     fixes = cor_fixes(find_beside(path, ".cor"), len(table), notes)
     note_unread(path, (".mrk", ".time", ".gps"), notes)
     return {
