@@ -300,6 +300,23 @@ def test_the_axes_of_a_profile_are_not_swapped(tmp_path):
     assert '[time]\nvariable = "GPS_time"' in draft
 
 
+def test_a_draft_takes_longitude_and_latitude_where_a_file_has_no_places_in_the_lane(tmp_path):
+    scans = np.arange(41)
+    arrays = {
+        "Data": np.random.default_rng(3).normal(size=(200, 41)),
+        "Time": np.linspace(0, 50e-9, 200)[:, None],
+        "GPS_time": scans[None] / 4.0,
+        "Latitude": (60 + scans * 1e-5)[None],
+        "Longitude": np.full((1, 41), 8.0),
+    }
+    savemat(tmp_path / "a.mat", arrays)
+    draft = propose_mapping(tmp_path / "a.mat").replace("band = []", "band = [0.1, 1.0]")
+    (tmp_path / "m.toml").write_text(re.sub(r'\?"', '"', draft))
+    run = import_mapped(tmp_path / "m.toml", anchor_from_track=True).run
+    way = run["pose"].values[:, 1]
+    np.testing.assert_allclose(np.diff(way), 1e-5 * 111_412, rtol=1e-3)  # m of a degree at 60 N
+
+
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_time_that_may_be_either_is_a_guess(turned, tmp_path):
     data = np.ones((41, 20)).T if turned else np.ones((41, 20))

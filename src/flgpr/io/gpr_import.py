@@ -52,12 +52,14 @@ def gpr_run(
 
     In place of what the headers tell stand ``step`` between traces, m, ``time_zero`` after the first sample and the
     time ``window``, s, and the antennas' ``separation``, m. The antennas lie one behind the other, receiver ahead, or
-    side by side with ``across``, ``height`` m above the ground. ``band``, Hz, is by default a quarter to twice the
-    antenna's nominal frequency, or half of what the sampling holds where that is unknown or the record holds less than
-    an octave of it; ``band_reason`` is what the notes say of a given one. With an ``anchor`` the satellite receiver's positions put the traces in the lane;
-    traces before its first and after its last are left out; with ``topography`` they are put on the receiver's heights,
-    which else are not used. ``import_notes`` say what was assumed. What the headers do not tell and is not given, or
-    does not fit, is a ValueError.
+    side by side with ``across``, ``height`` m above the ground.
+
+    ``band``, Hz, is by default a quarter to twice the antenna's nominal frequency, or up to half of what the sampling
+    holds where that is unknown or less than an octave of it is recorded; ``band_reason`` is what the notes say of a
+    given one. With an ``anchor`` the satellite receiver's positions put the traces in the lane; traces before its first
+    and after its last are left out; with ``topography`` they are put on the receiver's heights, which else are not
+    used. ``import_notes`` say what was assumed. What the headers do not tell and is not given, or does not fit, is a
+    ValueError.
     """
     channels, samples = section.traces.shape[1:]
     if not 0 <= channel < channels:
