@@ -161,7 +161,9 @@ def test_tables_in_every_encoding(encoding, tmp_path):
     found = read_text_table(path)
     np.testing.assert_array_equal(found["Länge_m"], [1, 2])
     np.testing.assert_array_equal(found["im"], [0.1, 0.2])
-    assert bool(open_arrays(path).notes) == (encoding != "utf-8")
+    notes = open_arrays(path).notes
+    assert any("is text in" in note for note in notes) == (encoding != "utf-8")
+    assert "commas in numbers, such as 0,5, are read as decimal commas" in notes
 
 
 VNA = "!CSV A.01.01\n!Agilent\nBEGIN CH1_DATA\nFreq(Hz),S21(REAL),S21(IMAG)\n1e9,0.1,0.2\n2e9,0.3,0.4\nEND\n"

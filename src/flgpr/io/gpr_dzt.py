@@ -63,7 +63,7 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     sample, offset = types[bits]
     table = read_records(path, begin, np.dtype((sample, (channels, samples))), None, notes, limit)
     words = table[:, 0, :2].astype(np.int64)
-    traces = exact_floats(table)
+    traces = exact_floats(table, notes)
     traces -= offset
     traces[..., :2] = traces[..., 2:3]
     notes.append(

@@ -47,7 +47,7 @@ def read_mala(path: Path, limit: int) -> dict[str, Any]:
     fixes = cor_fixes(find_beside(path, ".cor"), len(table), notes)
     note_unread(path, (".mrk", ".em", ".gps"), notes)
     return {
-        "traces": exact_floats(table)[:, None],
+        "traces": exact_floats(table, notes)[:, None],
         "delay": np.arange(samples) * interval,
         "distance": equal_steps(len(table), step, "DISTANCE INTERVAL in the header", notes),
         "time": np.arange(len(table)) * float(seconds or 0.0) if timed else None,
@@ -88,7 +88,7 @@ def read_impulse(path: Path, limit: int) -> dict[str, Any]:
     fixes = cor_fixes(find_beside(path, ".cor"), len(table), notes)
     note_unread(path, (".mrk", ".time", ".gps"), notes)
     return {
-        "traces": exact_floats(table)[:, None],
+        "traces": exact_floats(table, notes)[:, None],
         "delay": (np.arange(samples) - (zero or 0.0)) * interval,
         "distance": equal_steps(len(table), step, f"{name} in the header", notes),
         "fixes": fixes.table,

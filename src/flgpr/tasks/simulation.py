@@ -30,7 +30,8 @@ from flgpr.io import (
     write_table,
     write_whole,
 )
-from flgpr.io.gprmax import GprmaxTold, import_gprmax_files
+from flgpr.io.gprmax_files import GprmaxTold, import_gprmax_files
+from flgpr.io.notes import tell_note
 from flgpr.io.outputs import held_folder, other_output, tell_finished, whole_output
 from flgpr.io.run_store import RunExistsError, is_stored
 from flgpr.model import Sensor, load_sensor
@@ -307,7 +308,10 @@ def import_gprmax_models(
 ) -> list[Path]:
     """Read results of anybody's gprMax models into a new run, a file per scan; the rest is as in ``GprmaxTold``."""
     known = GprmaxTold(band, transmit, ground, horizontal, vertical, waveform)
-    return [save_run(import_gprmax_files(paths, known), output, resume=True)]
+    run = import_gprmax_files(paths, known)
+    for note in run.attrs["import_notes"]:
+        tell_note(note)
+    return [save_run(run, output, resume=True)]
 
 
 def simulate_lane(
