@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 from flgpr.chain.progress import Track, silent
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 from flgpr_papers.kit.findings import read_findings
 from flgpr_papers.kit.reasons import Trial, road_trials, trials_csv, write_trials
 from flgpr_papers.kit.settings import PAPERS

@@ -85,7 +85,9 @@ def with_missing_files(command) -> list[str]:
     for one in command.params:
         if not one.required:
             continue
-        values = ["1"] * one.nargs if _kind(one).startswith("float") or one.nargs > 1 else ["missing"]
+        values = (
+            ["1"] * one.nargs if _kind(one).startswith("float") or one.nargs > 1 else ["missing"]
+        )
         words += values if one.param_type_name == "argument" else [one.opts[0], *values]
     return words
 

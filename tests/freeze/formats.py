@@ -11,7 +11,11 @@ import numpy as np
 import pandas as pd
 
 from flgpr import tasks
-from flgpr.io import (
+from flgpr.live.feeding import feed
+from flgpr.model import make_run
+from flgpr.results.result import read_result
+from flgpr.results.sections import read_sections
+from flgpr.store import (
     Bundle,
     RunWriter,
     decode_frame,
@@ -22,10 +26,6 @@ from flgpr.io import (
     verdict_bytes,
     write_bundle,
 )
-from flgpr.live.feeding import feed
-from flgpr.model import make_run
-from flgpr.results.result import read_result
-from flgpr.results.sections import read_sections
 from freeze.commands import json_shape
 from freeze.frozen import DATA, array_digest, digest, json_digest
 from freeze.recipes import flgpr
@@ -107,7 +107,9 @@ def _write_inputs(folder: Path) -> None:
 def tiny_run():
     """Make a run of three scans, two pairs and five tones, with a sweep and a time missing."""
     rng = np.random.default_rng(5)
-    signal = (rng.normal(size=(3, 2, 2, 5)) + 1j * rng.normal(size=(3, 2, 2, 5))).astype(np.complex64)
+    signal = (rng.normal(size=(3, 2, 2, 5)) + 1j * rng.normal(size=(3, 2, 2, 5))).astype(
+        np.complex64
+    )
     signal[1, 0, 1, 2] = np.nan
     pose = np.zeros((3, 6))
     pose[:, 1] = np.arange(3)
@@ -120,7 +122,9 @@ def tiny_run():
 def begin_writing(path: Path, scans: int) -> int:
     """Begin to write the tiny run, or go on with it, up to so many scans; return how many were there."""
     run = tiny_run()
-    fixed = [run[name].values for name in ("frequency", "polarization", "tx_position", "rx_position")]
+    fixed = [
+        run[name].values for name in ("frequency", "polarization", "tx_position", "rx_position")
+    ]
     with RunWriter(path, *fixed, {"title": "tiny"}, resume=True, inputs={"digest": "0f"}) as writer:
         there = len(writer)
         for scan in range(there, scans):
@@ -183,7 +187,18 @@ def _write_test_plan(folder: Path) -> None:
     flgpr("plan", "register", folder / "simple.toml", *known, "--quiet")
     truth = folder / "truth.csv"
     typed = f"{PHRASE}\n{PHRASE}\n"
-    flgpr("score", truth, "--seal", "--lane", lane, "--halo", 0.3, "-o", folder / "sealed", typed=typed)
+    flgpr(
+        "score",
+        truth,
+        "--seal",
+        "--lane",
+        lane,
+        "--halo",
+        0.3,
+        "-o",
+        folder / "sealed",
+        typed=typed,
+    )
     alarms = folder / "result" / "alarms.csv"
     flgpr(
         "score", alarms, "--truth", truth, "--lane", lane, "--halo", 0.3, "-o", folder / "score", "--quiet"

@@ -115,6 +115,4 @@ def check_table(table: pd.DataFrame, path: Path) -> None:
                 err_msg=message,
             )
         else:
-            np.testing.assert_array_equal(
-                values.astype(str), expected.astype(str), err_msg=message
-            )
+            np.testing.assert_array_equal(values.astype(str), expected.astype(str), err_msg=message)

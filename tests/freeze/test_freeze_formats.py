@@ -49,7 +49,9 @@ def test_files_have_the_names_keys_types_and_shapes_that_they_had(made):
         assert one == frozen[name], name
 
 
-@pytest.mark.parametrize("name", ["run.zarr", "tiny.zarr", "unfinished.zarr.partial", "incoming", "arrays.bundle"])
+@pytest.mark.parametrize(
+    "name", ["run.zarr", "tiny.zarr", "unfinished.zarr.partial", "incoming", "arrays.bundle"]
+)
 def test_what_depends_on_the_input_alone_has_the_same_bytes(name, made):
     def of(folder):
         if (folder / name).is_file():
@@ -82,9 +84,9 @@ def test_a_live_run_that_an_older_program_left_resumes(files, monkeypatch):
 
 
 def test_a_result_of_an_older_program_is_replayed_and_scored(files):
-    agrees = json.loads(
-        flgpr("replay", files / "result", "--run", files / "run.zarr", "--json")
-    )["agrees"]
+    agrees = json.loads(flgpr("replay", files / "result", "--run", files / "run.zarr", "--json"))[
+        "agrees"
+    ]
     assert agrees
     told = flgpr("score", files / "result", "--truth", files / "truth.csv", "--json")
     assert json.loads(told)["targets"] == 2

@@ -163,7 +163,6 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "formats/gpr_parts.py read_records": ({"fromfile"}, RECORDING),
     "formats/motive.py is_motive": ({"open"}, RECORDING),
     "formats/motive.py read_motive": ({"open", "read_csv"}, RECORDING),
-    "formats/recording.py Recording._records": ({"open"}, RECORDING),
     "formats/arrays.py _open_hdf5": ({"File"}, GUARDED),
     "formats/arrays.py _open_npy": ({"load"}, RECORDING),
     "geo/basemap.py map_backdrop": ({"open"}, GUARDED),

@@ -26,7 +26,7 @@ from flgpr.model import (
 )
 from flgpr.scoring import refraction_shift
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
-from flgpr.simulate.scene import Target
+from flgpr.simulate.scene.scene import Target
 from flgpr.simulate.simulator import system_response
 from flgpr_papers.cosgrove2004.recipe import Site, StudyRecipe
 from flgpr_papers.kit.worlds import changed, turned

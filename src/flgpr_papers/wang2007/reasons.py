@@ -26,7 +26,7 @@ from flgpr.model import lane_to_scan
 from flgpr.scoring import assign, clopper_pearson, match
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import BARE, EVEN, Scene, simulate
-from flgpr.simulate.signature.table import body_size
+from flgpr.simulate.bodies.signature.table import body_size
 from flgpr_papers.kit.cache import kept, key_of
 from flgpr_papers.kit.findings import Bounds, Interval
 from flgpr_papers.kit.mines import MIXES, mix_draws
