@@ -248,7 +248,7 @@ class WatchMachine(RuleBasedStateMachine):
             self.look_once()
 
     def look_once(self):
-        self.watch._look()
+        self.watch._check()
         arrivals = []
         while not self.watch._inbox.arrivals.empty():
             arrivals.append(self.watch._inbox.arrivals.get())

@@ -392,7 +392,7 @@ def test_a_socket_survives_bad_senders(home, tmp_path):
     assert sorted(one.kind for one in arrivals) == ["end", "frame", "frame", "frame", "run"]
     assert [one.data for one in arrivals if len(one.data) == len(frame)] == [frame]
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(ValueError, match="something else lies"):
+    with pytest.raises(ValueError, match="where another file lies"):
         SocketWatch(tmp_path / "file", inbox)
     assert (tmp_path / "file").read_text() == "mine"
 

@@ -303,7 +303,7 @@ def test_a_connection_goes_on_at_the_next_frame_after_a_bad_one(live):
     ("name", "words"),
     [
         ("no/such/folder", "its folder does not exist"),
-        ("file/socket", "its folder is none"),
+        ("file/socket", "what should be its folder is a file"),
         ("s" * 200, "too long"),
     ],
 )

@@ -11,7 +11,7 @@ import pytest
 from watching import viridis
 
 from flgpr.io import read_table, save_run
-from flgpr.live.detector import LiveAlarm
+from flgpr.live.updates import LiveAlarm
 from flgpr.live.events import alarm_event, as_line, view_event
 from flgpr.live.feeding import feed
 from flgpr.live.session import LiveOptions, LiveRun
