@@ -252,7 +252,7 @@ def test_faults(sensor, asked, words):
 
 
 def test_faults_of_measuring(sensor):
-    with pytest.raises(ValueError, match="seeds must be at least 2, to tell an interval, got 1"):
+    with pytest.raises(ValueError, match="seeds must be at least 2, to give an interval, got 1"):
         measure_signal_to_clutter(sensor, smooth(), ["pmn"], seeds=1)
     with pytest.raises(ValueError, match="looks must be at least 1, got 0"):
         measure_signal_to_clutter(sensor, smooth(), ["pmn"], looks=0)
