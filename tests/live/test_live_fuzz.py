@@ -73,7 +73,7 @@ def live(tmp_path_factory):
     (folder / "out").mkdir()
     with EventFile(folder / "out" / "live.jsonl", fresh=True, burst=10**9) as events:
         (arrival,) = FrameStream().take(run_frame(), True)
-        run._announced(arrival, events)
+        run._take_description(arrival, events)
         assert run._intake is not None
         yield run, events, folder / "out" / "live.jsonl"
 
@@ -88,7 +88,7 @@ def given_to(live, data, over=True, stream=None):
             "bad" if arrival.kind == "frame" and arrival.value is not None else arrival.kind
         )
         if arrival.kind == "run":
-            run._announced(arrival, events)
+            run._take_description(arrival, events)
         elif arrival.kind == "frame":
             run._take(arrival, events)
     with path.open() as file:

@@ -107,7 +107,7 @@ def study(sensor: Sensor, question: Question | None = None, track: Track = silen
     cross = np.empty((y.size, x.size))
     pixels = list(np.ndindex(y.size, x.size))
     for i, j in track(pixels, f"{sensor.name}: resolution", len(pixels)):
-        down[i, j], cross[i, j] = spread.widths([x[j], y[i], 0.0])
+        down[i, j], cross[i, j] = spread.widths(np.array([x[j], y[i], 0.0]))
     design = Design(sensor, _facts(sensor, spread), x, y, down, cross)
     middle = (x[0] + x[-1]) / 2
     distances = [float(y[k]) for k in (1, y.size // 2, y.size - 2)]
