@@ -27,14 +27,14 @@ from flgpr.model import Grid, Sensor
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.faults import first_fault
 from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.echoes import Ground, incidence
-from flgpr.simulate.refraction import apparent_shift
-from flgpr.simulate.roughness import surface_backscatter
-from flgpr.simulate.scene import Soil, Surface, Target, Track
-from flgpr.simulate.signature import FREQUENCY, find_table
+from flgpr.simulate.bodies.echoes import Ground, incidence
+from flgpr.simulate.bodies.signature import FREQUENCY, find_table
+from flgpr.simulate.bodies.targets import mean_amplitude
+from flgpr.simulate.ground.refraction import apparent_shift
+from flgpr.simulate.ground.roughness import surface_backscatter
+from flgpr.simulate.radar.spread import ArrayState
+from flgpr.simulate.scene.scene import Soil, Surface, Target, Track
 from flgpr.simulate.simulator import array_state, system_response
-from flgpr.simulate.spread import ArrayState
-from flgpr.simulate.targets import mean_amplitude
 
 Subbands = Mapping[str, tuple[float, float]]
 
@@ -194,7 +194,7 @@ def expected_signal_to_clutter(
       the imaged peak;
     - ``sigma0_db``: backscatter of the rough surface by small perturbation with a two-scale tilt
       and unevenness
-      (:func:`flgpr.simulate.roughness.surface_backscatter`), mean over the band by w²;
+      (:func:`flgpr.simulate.ground.roughness.surface_backscatter`), mean over the band by w²;
     - ``cell_m2``: area of the resolution cell, the integral of the squared point spread over the
       ground.
 

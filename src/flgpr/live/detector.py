@@ -33,7 +33,6 @@ from flgpr.clutter import CausalBackground
 from flgpr.clutter.streaming import LEAST_SPAN, LEAST_WARM_UP
 from flgpr.features import FEATURES, POLARIMETRIC
 from flgpr.imaging import ImagingOperator
-from flgpr.io import RunDescription, Scan, as_run
 from flgpr.live.updates import LiveAlarm, LiveUpdate, State, last_states
 from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
 from flgpr.model.plausible import PoseGate, Sighting, Verdict
@@ -45,6 +44,7 @@ from flgpr.screen import (
     seen_along,
     view_array,
 )
+from flgpr.store import RunDescription, Scan, as_run
 
 FloatArray = NDArray[np.float64]
 # m; ground farther back than this before a scan is closed without another look

@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from flgpr.door import Folder
-from flgpr.io import (
+from flgpr.store import (
     RunDescription,
     describe_for_live,
     encode_frame,
@@ -25,7 +25,7 @@ from flgpr.io import (
     write_description,
     write_whole,
 )
-from flgpr.io.scan_file import END_FILE, RUN_FILE, scan_name
+from flgpr.store.scan_file import END_FILE, RUN_FILE, scan_name
 
 PathLike = str | Path
 FAULTS = ("lost", "late", "twice", "nan", "jump")

@@ -28,10 +28,10 @@ from flgpr.chain.estimators import TrainedEstimator
 from flgpr.chain.model import Model
 from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import Recipe
-from flgpr.io import Scan
 from flgpr.live.detector import LiveDetector
 from flgpr.live.updates import LiveAlarm
 from flgpr.model import complete_scans
+from flgpr.store import Scan
 
 NAME = "live.forecast"
 """Name of the forecast in a model, among what its stages have learnt."""

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.io import RunDescription, Scan, ScanFileError, decode_frame, scan_of
 from flgpr.model.plausible import MotionLimits, Sighting, step_between
+from flgpr.store import RunDescription, Scan, ScanFileError, decode_frame, scan_of
 
 NumberedPose = tuple[int, NDArray[np.float64]]
 

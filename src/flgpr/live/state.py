@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.chain.gathering import CleanedScan
-from flgpr.io import MAX_MEMORY, Bundle, BundleError, Scan, write_bundle
 from flgpr.live.detector import LiveDetector
 from flgpr.live.intake import Intake
 from flgpr.live.updates import LiveAlarm
+from flgpr.store import MAX_MEMORY, Bundle, BundleError, Scan, write_bundle
 
 SNAPSHOT_FILE = "snapshot.bundle"
 FORMAT = "flgpr-live-snapshot"

@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.io import Scan
 from flgpr.model.plausible import Step
+from flgpr.store import Scan
 
 State = Literal["new", "update", "withdrawn", "final"]
 

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from flgpr.door import DoorError, Folder
-from flgpr.io import ScanFileError, read_description
-from flgpr.io.scan_file import END_FILE, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
+from flgpr.store import ScanFileError, read_description
+from flgpr.store.scan_file import END_FILE, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
 
 # s between checks of a folder, while a scan is processed and while the next one is awaited
 _CHECK_BUSY = 0.004

@@ -24,7 +24,8 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from flgpr.io import MOST_VERDICT_BYTES, RunStoreError, map_backdrop, read_anchor
+from flgpr.geo import map_backdrop, read_anchor
+from flgpr.store import MOST_VERDICT_BYTES, RunStoreError
 from flgpr.viewer.guard import Guard, is_loopback
 from flgpr.viewer.limits import LimitedConfig, LimitedServer, Limits, fit_to_process
 from flgpr.viewer.listening import listening_socket
@@ -101,7 +102,7 @@ class Viewer:
     raw : callable, optional
         Opens the raw data of a run.
     backdrop : path, optional
-        Map that :func:`flgpr.io.map_backdrop` draws below the lanes.
+        Map that :func:`flgpr.geo.map_backdrop` draws below the lanes.
     verdicts : path, optional
         File for an analyst's verdicts.
     framed : bool
