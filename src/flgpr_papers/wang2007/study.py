@@ -33,6 +33,7 @@ from flgpr_papers.wang2007.analysis import LaneResult
 from flgpr_papers.wang2007.costs import MEDIAN_STEP, Lanes, cost_table
 from flgpr_papers.wang2007.findings import all_findings
 from flgpr_papers.wang2007.lanes import (
+    F1_BAND,
     LaneScenes,
     blind_scenes,
     calibration_scenes,
@@ -42,7 +43,6 @@ from flgpr_papers.wang2007.lanes import (
 from flgpr_papers.wang2007.page import page_html
 
 PAGE = "wang2007.html"
-_F1_BAND = (0.75e9, 1.35e9)  # Hz, F1 (Sec. II)
 
 
 def reproduce(
@@ -92,9 +92,7 @@ def make_part(
         text = packaged_text("wang2007")
         result = lane_result(folder, scene, seed, sensor(), text, track, examples=name == "c1")
     else:
-        result = lane_result(
-            folder, scene, seed, sensor(_F1_BAND), _text_of_f1(), track, wide=False
-        )
+        result = lane_result(folder, scene, seed, sensor(F1_BAND), _text_of_f1(), track, wide=False)
     coarse_part(folder, name, quick, world, track)
     return result
 
@@ -105,7 +103,7 @@ def coarse_part(
     """Work on the stored run of a lane with the coarse median of the recipe wang2007, in F1 alone."""
     calibration, blind = _lanes(quick, world)
     scene, seed = (calibration | blind)[name]
-    radar = sensor() if name in calibration else sensor(_F1_BAND)
+    radar = sensor() if name in calibration else sensor(F1_BAND)
     text = _text_of_f1().replace("median_step = 1\n", f"median_step = {MEDIAN_STEP}\n")
     return lane_result(folder, scene, seed, radar, text, track, wide=False, suffix="-coarse")
 
