@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 from flgpr_papers.kit.findings import (
     AGREES,
     DISAGREES,
