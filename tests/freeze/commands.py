@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import every_command
 import io_gpr
 from flgpr.cli import app
-from flgpr.io import verdict_bytes
+from flgpr.store import verdict_bytes
 from freeze.frozen import DATA, json_shape
 
 TABLE = DATA / "commands.json"

@@ -11,7 +11,11 @@ import numpy as np
 import pandas as pd
 
 from flgpr import tasks
-from flgpr.io import (
+from flgpr.live.feeding import feed
+from flgpr.model import make_run
+from flgpr.results.result import read_result
+from flgpr.results.sections import read_sections
+from flgpr.store import (
     Bundle,
     RunWriter,
     decode_frame,
@@ -22,10 +26,6 @@ from flgpr.io import (
     verdict_bytes,
     write_bundle,
 )
-from flgpr.live.feeding import feed
-from flgpr.model import make_run
-from flgpr.results.result import read_result
-from flgpr.results.sections import read_sections
 from freeze.frozen import DATA, array_digest, digest, json_digest, json_shape
 from freeze.recipes import flgpr
 from small_lane import cut_down, small_recipe, small_run

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from flgpr.io import save_run
 from flgpr.live.feeding import feed
 from flgpr.model import SPEED_OF_LIGHT, lane_to_scan, make_run, vehicle_to_scan
+from flgpr.store import save_run
 from systems.lanes import SENSOR, SMALL, small_recipe
 
 TX = np.repeat([[-0.9, 0.0, 0.0], [0.9, 0.0, 0.0]], 4, axis=0)

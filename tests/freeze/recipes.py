@@ -13,7 +13,7 @@ import pandas as pd
 from typer.testing import CliRunner
 
 from flgpr.cli import app
-from flgpr.io import Bundle, sample_lane
+from flgpr.store import Bundle, sample_lane
 from freeze.frozen import DATA, array_digest, digest, json_digest
 from systems.lanes import SMALL
 

@@ -12,8 +12,8 @@ from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.execution.lane_run import Note, detect_lane, results_at, unnoted
 from flgpr.execution.lane_work import make_job
 from flgpr.execution.survey import PLAINLY, How, detect_survey, lane_names
-from flgpr.io import MAX_MEMORY, open_run, read_lane
 from flgpr.results.result import Result, read_result
+from flgpr.store import MAX_MEMORY, open_run, read_lane
 
 PathLike = str | Path
 

@@ -15,10 +15,10 @@ from flgpr.chain.detect import detect
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.sections import noted_section
 from flgpr.execution.survey import How
-from flgpr.io import open_run, read_manifest, sample_lane
 from flgpr.results.description import describe_run
 from flgpr.results.result import Result, read_result, write_result
 from flgpr.scoring import Score
+from flgpr.store import open_run, read_manifest, sample_lane
 from flgpr.tasks.detection import detect_long
 from flgpr.tasks.scoring import score_result
 

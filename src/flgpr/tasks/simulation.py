@@ -18,24 +18,11 @@ from matplotlib.patches import Circle, Rectangle
 from flgpr import __version__
 from flgpr.chain.progress import Track, silent
 from flgpr.door import Folder
-from flgpr.io import (
-    GprmaxRun,
-    RunWriter,
-    canonical_json,
-    import_fullwave,
-    lane_text,
-    save_run,
-    sha256,
-    write_geojson,
-    write_table,
-    write_whole,
-)
-from flgpr.io.gprmax import GprmaxTold, import_gprmax_files
-from flgpr.io.outputs import held_folder, other_output, tell_finished, whole_output
-from flgpr.io.run_store import RunExistsError, is_stored
+from flgpr.formats import GprmaxRun, import_fullwave
+from flgpr.formats.gprmax_files import GprmaxTold, import_gprmax_files
 from flgpr.model import Sensor, load_sensor
 from flgpr.simulate import Decks, Scene, Simulator, World, draw_world, load_scene, make_decks
-from flgpr.simulate.signature import (
+from flgpr.simulate.bodies.signature import (
     FREQUENCY,
     PERMITTIVITY,
     Body,
@@ -47,6 +34,19 @@ from flgpr.simulate.signature import (
     save_table,
 )
 from flgpr.simulate.simulator import check_effort, warn_of_aliases
+from flgpr.store import (
+    RunWriter,
+    canonical_json,
+    lane_text,
+    save_run,
+    sha256,
+    write_geojson,
+    write_table,
+    write_whole,
+)
+from flgpr.store.notes import tell_note
+from flgpr.store.outputs import held_folder, other_output, tell_finished, whole_output
+from flgpr.store.run_store import RunExistsError, is_stored
 
 PathLike = str | Path
 _BESIDE = ("truth.csv", "truth.json", "objects.csv", "objects.json", "lane.toml")
@@ -307,7 +307,10 @@ def import_gprmax_models(
 ) -> list[Path]:
     """Read results of anybody's gprMax models into a new run, a file per scan; the rest is as in ``GprmaxTold``."""
     known = GprmaxTold(band, transmit, ground, horizontal, vertical, waveform)
-    return [save_run(import_gprmax_files(paths, known), output, resume=True)]
+    run = import_gprmax_files(paths, known)
+    for note in run.attrs["import_notes"]:
+        tell_note(note)
+    return [save_run(run, output, resume=True)]
 
 
 def simulate_lane(
@@ -434,7 +437,9 @@ def _write_preview(scene: Scene, seed: int, path: PathLike, force: bool) -> Path
 
 
 def import_fullwave_lane(archive: PathLike, output: PathLike) -> list[Path]:
-    """Import a full-wave archive (:func:`flgpr.io.import_fullwave`) into a new run store, and give what was written.
+    """Import a full-wave archive into a new run store; return the paths that were written.
+
+    :func:`flgpr.formats.import_fullwave` reads the archive.
 
     ``NAME-truth.csv`` and ``NAME-objects.csv`` are written beside it if the archive tells of them.
     """

@@ -1,4 +1,4 @@
-"""The parts of the map of worlds, in order, each with its tables, its figures and its section of the page."""
+"""The parts of the map of worlds, in order, each with its tables, figures and section."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from flgpr.execution.survey import PLAINLY, How
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 from flgpr_papers.worlds import ablation, detection, geometry, statements
 from flgpr_papers.worlds.figures import draw_figures
 from flgpr_papers.worlds.page import page_html, short_tables
@@ -29,7 +29,9 @@ _FORM = "worlds.json"
 def map_worlds(
     output: str | Path, parts: Sequence[str] = tuple(RUN), quick: bool = False, how: How = PLAINLY
 ) -> Path:
-    """Run parts of the map of worlds and write their tables, figures and the page; an interrupted run resumes.
+    """Run parts of the map of worlds and write their tables, figures and the page.
+
+    An interrupted run resumes.
 
     Parameters
     ----------
