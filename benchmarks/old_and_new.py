@@ -118,8 +118,8 @@ def tasks(home: Path, recipe: str) -> dict[str, list[object]]:
 
 def measure(
     words: list[object], checkouts: dict[str, Path], home: Path, rounds: int
-) -> tuple[dict[str, list[Seconds]], bool]:
-    """Time a task in both checkouts by turns; tell as well whether all rounds wrote the same."""
+) -> tuple[dict[str, list[Seconds]], list[str]]:
+    """Time a task in both checkouts by turns; return the seconds, and files that differ."""
     seconds: dict[str, list[Seconds]] = {side: [] for side in SIDES}
     written = []
     for number in range(-1, rounds):
@@ -132,7 +132,13 @@ def measure(
             shutil.rmtree(output)
             if number >= 0:
                 seconds[side].append(took)
-    return seconds, all(one == written[0] for one in written)
+    return seconds, differing(written)
+
+
+def differing(written: Sequence[dict[str, str]]) -> list[str]:
+    """Name the files that are not the same, or not there, in all folders that were written."""
+    names = {name for one in written for name in one}
+    return sorted(name for name in names if len({one.get(name) for one in written}) > 1)
 
 
 def main() -> None:
@@ -141,7 +147,7 @@ def main() -> None:
     parser.add_argument("old", type=Path)
     parser.add_argument("new", type=Path)
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--length", type=float, default=40.0, help="of the lane, m")
+    parser.add_argument("--length", type=float, default=12.0, help="of the lane, m")
     parser.add_argument("--recipe", default="wang2007")
     parser.add_argument("--only", nargs="+", choices=("simulate", "detect", "live"), default=None)
     parser.add_argument("--by", choices=("clock", "processor"), default="clock")
@@ -164,17 +170,19 @@ def main() -> None:
         for name, words in tasks(home, wanted.recipe).items():
             if wanted.only and name not in wanted.only:
                 continue
-            seconds, same = measure(words, checkouts, home, wanted.rounds)
+            seconds, others = measure(words, checkouts, home, wanted.rounds)
             for kind in ("clock", "processor"):
                 old, new = ([getattr(one, kind) for one in seconds[side]] for side in SIDES)
                 found = compare(old, new)
                 print(
                     f"{name:10} {kind:10} {found.old:8.3f} {found.new:8.3f} {found.ratio:8.3f} "
-                    f"{found.least:7.3f} to {found.largest:5.3f}  {'same' if same else 'DIFFER'}",
+                    f"{found.least:7.3f} to {found.largest:5.3f}  {'DIFFER' if others else 'same'}",
                     flush=True,
                 )
                 passed &= kind != wanted.by or found.ratio <= wanted.most
-            passed &= same
+            if others:
+                print(f"{name:10} {len(others)} files differ: {', '.join(others[:8])}")
+            passed &= not others
     if not passed:
         raise SystemExit(1)
 

@@ -30,6 +30,7 @@ DRAWING = {
 """Folders and files whose tests look at pictures."""
 HEAVY = (
     "test_systems",
+    "test_freeze_recipes",
     "test_docs_run",
     "test_running",
     "test_fuzz_exchange",
