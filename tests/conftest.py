@@ -32,7 +32,7 @@ HEAVY = (
     "test_systems", "test_docs_run", "test_running", "test_fuzz_exchange", "test_wang2007_study", "test_sections",
     "test_workers", "test_flsar2004_study", "test_live_page", "test_drive_page", "test_fuse2018_study", "test_live_run",
     "test_cosgrove2004_study", "test_simulator", "test_live_detector", "test_page", "test_simulation", "test_demo",
-    "test_bench", "test_cuda", "test_kernel_cache", "test_docs_theory", "test_raw_data", "test_skeleton_and_sweep",
+    "test_bench", "test_cuda", "test_compiled", "test_docs_theory", "test_raw_data", "test_skeleton_and_sweep",
     "test_kills", "test_rail", "test_cli", "test_plugin", "test_server", "test_verdicts", "test_notebook",
     "test_operator_page", "test_score_pages", "test_few_mines",
 )  # fmt: skip
