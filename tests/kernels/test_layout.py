@@ -17,7 +17,7 @@ def test_a_row_holds_both_parts_of_every_channel_or_of_every_tap():
     assert row_size(5, 16) == 32
 
 
-@pytest.mark.parametrize("size", [0, 1, 63, 1000])
+@pytest.mark.parametrize("size", [1, 63, 1000])
 def test_arrays_start_on_a_cache_line(size):
     array = aligned(size, np.float32)
     assert array.shape == (size,)
