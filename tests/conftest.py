@@ -51,7 +51,7 @@ HEAVY = (
     "test_demo",
     "test_bench",
     "test_cuda",
-    "test_kernel_cache",
+    "test_compiled",
     "test_docs_theory",
     "test_raw_data",
     "test_skeleton_and_sweep",
