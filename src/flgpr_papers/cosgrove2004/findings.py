@@ -62,8 +62,8 @@ def interval(
     if np.ptp(sample) == 0:
         if bounds is None:
             return mean, low, high
-        level_of_rest = 1 - ((1 - level) / 2) ** (1 / sample.size)
-        return mean, mean - level_of_rest * (mean - low), mean + level_of_rest * (high - mean)
+        widening = 1 - ((1 - level) / 2) ** (1 / sample.size)
+        return mean, mean - widening * (mean - low), mean + widening * (high - mean)
     half = float(
         stdtrit(sample.size - 1, (1 + level) / 2) * sample.std(ddof=1) / math.sqrt(sample.size)
     )

@@ -86,9 +86,9 @@ def _lane(settings: Settings, site: Site) -> Figure:
 
 
 def _ellipse(settings: Settings, site: Site) -> Figure:
-    """Fig. 2.
+    """Draw Fig. 2: energy inside the ellipse and in the rest of the rectangle.
 
-    Energy inside the ellipse against energy in the rest of the rectangle, as the prescreener takes
+    Energy inside the ellipse is compared with energy in the rest of the rectangle, as the prescreener takes
     them. The origin is the cluster's brightest pixel; the rectangle is twice as long and wide as
     the ellipse.
     """
@@ -210,16 +210,15 @@ def _rocs(
     figure = Figure(figsize=size, layout="constrained")
     for axes, name in zip(np.ravel(figure.subplots(*shape, squeeze=False)), names, strict=True):
         for label, curve in curves.get(name, {}).items():
-            legend_place = (
-                "sum of the correlations" in label or "binary" in label
-            )  # not in the paper's figure
+            # Not in the paper's figure.
+            is_our_addition = "sum of the correlations" in label or "binary" in label
             axes.step(
                 curve["far"],
                 curve["pd"],
                 where="post",
                 label=label,
-                lw=1.0 if legend_place else 1.6,
-                ls="--" if legend_place else "-",
+                lw=1.0 if is_our_addition else 1.6,
+                ls="--" if is_our_addition else "-",
             )
         axes.set(
             title=TITLES[name],

@@ -65,7 +65,7 @@ class Measure:
 
     area: float  #: searched, m²
     far: float = FAR_LIMIT
-    # : whether Pd at ``far``, else the mean over 0 to ``far``: the partial area over its width
+    #: whether Pd at ``far``, else the mean over 0 to ``far``: the partial area over its width
     at: bool = False
 
     def chance(self, scores: HeldOut) -> float:

@@ -440,21 +440,23 @@ def between_site_trials(material: Material) -> list[Trial]:
         metal = buried(arid, arid, variant, "metal")
         add(f"{name}, trained on metal of the arid site", across(metal, test, detector), area, "")
         words = quantity.replace("one-class", "binary")
-        both_scores = across(train, test, rvm(settings.classify))
+        binary_scores = across(train, test, rvm(settings.classify))
         add(
             f"{name}, trained at the arid site",
-            both_scores,
+            binary_scores,
             area,
             none if magnitudes else "",
             words,
         )
-        both_scores = held_out(pair_of_site[0], pair_of_site[1], rvm(settings.classify), folds)
-        add(f"{name}, trained at the temperate site", both_scores, area, "", words)
+        binary_scores = held_out(pair_of_site[0], pair_of_site[1], rvm(settings.classify), folds)
+        add(f"{name}, trained at the temperate site", binary_scores, area, "", words)
     return trial_list
 
 
 def _name_of(variant: Variant) -> str:
-    return next(name for name, variant_entry in VARIANTS.items() if variant_entry == variant)
+    """Return the name of a declared variant."""
+    names = [name for name, declared in VARIANTS.items() if declared == variant]
+    return names[0]
 
 
 EXPERIMENTS: dict[str, Callable[[Material], list[Trial]]] = {

@@ -67,7 +67,7 @@ MASKS = {"regions": "region", "L band alone": "L", "calibrated roadside": "calib
 class Calibration:
     """What the calibration lane teaches."""
 
-    # : thresholds of the masks as the stage takes them, and the looks at targets that they rest on
+    #: thresholds of the masks as the stage takes them, and the looks at targets that they rest on
     learnt: Arrays
     #: (row,) median magnitude of VV between the roadsides at every distance ahead: alarms are
     #: measured in units of it

@@ -96,13 +96,12 @@ class Pool:
         false = false[np.argsort(-self.reference.confidence[false], kind="stable")]
         block = make_scores(self.reference, design).block
         hit = self.labels["target"].to_numpy()
-        mines, wanted_clutter = (
-            select_targets(self.reference.truth, targets) for targets in (MINES, subset)
-        )
+        mines = select_targets(self.reference.truth, MINES)
+        wanted_targets = select_targets(self.reference.truth, subset)
         while count:
             target, weight = design.draw(rng)
             several = len(np.unique(design.target_lane[target > 0])) > 1 or len(self.lanes) == 1
-            if several and target[mines].any() and target[wanted_clutter].any():
+            if several and target[mines].any() and target[wanted_targets].any():
                 alarm = np.where(hit >= 0, target[hit], 1.0)
                 alarm[false] = weight[block]
                 count -= 1

@@ -87,23 +87,23 @@ def cost_table(printed: Lanes, coarse: Lanes, draws: int) -> pd.DataFrame:
     """
     before = _matches(printed, PRINTED)
     rows = []
-    for difference_entry in DIFFERENCES:
-        after = _matches(coarse if difference_entry.coarse else printed, difference_entry)
+    for difference in DIFFERENCES:
+        after = _matches(coarse if difference.coarse else printed, difference)
         for (detector, where), first in before.items():
             second = after[detector, where]
-            value, low, high = paired_cost(first, second, MINES, AREA, difference_entry.area, draws)
+            value, low, high = paired_cost(first, second, MINES, AREA, difference.area, draws)
             rows.append(
                 {
-                    "difference": difference_entry.entry,
-                    "printed": difference_entry.printed,
-                    "changed": difference_entry.changed,
+                    "difference": difference.entry,
+                    "printed": difference.printed,
+                    "changed": difference.changed,
                     "detector": detector,
                     "lanes": where,
                     "targets": int((first.truth["kind"] != "simulant").sum()),
                     "alarms": len(first.alarms),
                     "alarms_changed": len(second.alarms),
                     "pd_mean": pd_mean_of(first, MINES, AREA),
-                    "pd_mean_changed": pd_mean_of(second, MINES, difference_entry.area),
+                    "pd_mean_changed": pd_mean_of(second, MINES, difference.area),
                     "cost": value,
                     "low": low,
                     "high": high,
