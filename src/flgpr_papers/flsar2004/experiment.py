@@ -80,7 +80,10 @@ FEWEST_EXAMPLES = 6
 SURFACE = -0.05
 """Depth above which a mine lies on the surface, m."""
 FIG5_FAR = 0.04
-"""False alarms per m² at which the curves of Fig. 5 are compared: the lower end of what the paper names (par. 50)."""
+"""False alarms per m² at which the curves of Fig. 5 are compared.
+
+It is the lower end of what the paper names (par. 50).
+"""
 _STATEMENTS = tomllib.loads(packaged_text("flsar2004", "statements"))
 
 

@@ -88,9 +88,9 @@ def _lane(settings: Settings, site: Site) -> Figure:
 def _ellipse(settings: Settings, site: Site) -> Figure:
     """Draw Fig. 2: energy inside the ellipse and in the rest of the rectangle.
 
-    Energy inside the ellipse is compared with energy in the rest of the rectangle, as the prescreener takes
-    them. The origin is the cluster's brightest pixel; the rectangle is twice as long and wide as
-    the ellipse.
+    Energy inside the ellipse is compared with energy in the rest of the rectangle, as the
+    prescreener takes them. The origin is the cluster's brightest pixel; the rectangle is twice as
+    long and wide as the ellipse.
     """
     ellipse = fit_ellipse(make_templates(settings, site)[0, 0], settings.spacing)
     figure = Figure(figsize=(5, 4), layout="constrained")

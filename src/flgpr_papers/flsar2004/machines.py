@@ -58,7 +58,8 @@ class TunedClassifier:
 def rvm(settings: Classify, kernel: str = "rbf", rate: float = 1.0) -> TunedClassifier:
     """Return a relevance vector machine with the paper's Laplacian prior (par. 30).
 
-    Its kernel is that of the SVM (par. 48). ``rate`` is λ² of the prior ``exp(-λ |w|)``, of which the paper says nothing.
+    Its kernel is that of the SVM (par. 48). ``rate`` is λ² of the prior ``exp(-λ |w|)``, of which
+    the paper says nothing.
     """
     return _rvm_on_the_kernel_of_the_svm(settings, kernel, prior="laplacian-map", rate=rate)
 
@@ -234,7 +235,8 @@ def held_out(
 ) -> HeldOut:
     """Score every example by a classifier trained without its mine.
 
-    All looks at the mine are left out together. ``folds`` is the number of groups that the mines are dealt to.
+    All looks at the mine are left out together. ``folds`` is the number of groups that the mines
+    are dealt to.
     """
     y = _is_mine(table)
     score = np.full(len(table), np.nan)
@@ -295,7 +297,8 @@ def retrained(
 ) -> FloatArray:
     """Return the area under the ROC (draw,) with mines and clutter drawn anew.
 
-    The classifier is trained on what was drawn. Looks at one mine are drawn together, and all copies of an example are held out together.
+    The classifier is trained on what was drawn. Looks at one mine are drawn together, and all
+    copies of an example are held out together.
     """
     rng = np.random.default_rng(seed)
     areas = []

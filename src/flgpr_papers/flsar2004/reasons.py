@@ -236,7 +236,10 @@ def _site_prescreener_trials(settings: Settings, site: Site) -> list[Trial]:
         on_it = "the mines on the surface set that limit"
         add(f"{len(surface)} mines on the surface left out", buried, on_it)
     value, clusters = removed_share(settings, site, by_strength, relative=True)
-    scale = "a deviation in units of the image grows with brightness, and mines are brighter than clutter"
+    scale = (
+        "a deviation in units of the image grows with brightness, "
+        "and mines are brighter than clutter"
+    )
     changed = "deviation over the mean amplitude of the cluster"
     trial_list.append(
         Trial(statement, scale, changed, quantity, value, f"{clusters} clusters", REMOVES)

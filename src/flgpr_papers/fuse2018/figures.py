@@ -61,7 +61,8 @@ def geometry_figure(recipe: FuseRecipe) -> Figure:
         height = np.array([0.0, 0.0, sensor.height])
         for side, mark in (("tx", "^"), ("rx", "v")):
             places = np.unique(sensor.pairs()[side == "rx"], axis=0) + height
-            label = f"{band.upper()} band, {len(places)} {'transmitters' if side == 'tx' else 'receivers'}"
+            antennas = "transmitters" if side == "tx" else "receivers"
+            label = f"{band.upper()} band, {len(places)} {antennas}"
             axes.plot(
                 *places.T,
                 mark,

@@ -433,7 +433,8 @@ def _roc_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Findi
                     interval=(comparison.difference, comparison.low, comparison.high),
                     asks=_MORE,
                     bounds=SHARE_DIFFERENCE,
-                    note=f"Pd averaged over FAR up to {recipe.score.far_max:g} per m², {comparison.n_targets} "
+                    note=f"Pd averaged over FAR up to {recipe.score.far_max:g} per m², "
+                    f"{comparison.n_targets} "
                     f"{'looks' if convention == 'frames' else 'mines'}; at {comparison.far:g} per "
                     f"m² {comparison.only_a} mines are "
                     f"found more often with it, {comparison.only_b} without",

@@ -42,7 +42,10 @@ ROADSIDES = {
     "scaled with the image": (0.4 * HALF_WIDTH, HALF_WIDTH),
     "beside the lane": (1.0, HALF_WIDTH),
 }
-"""The paper's roadside begins at 4 of 10 m; the lane of this run is 1 m to either side of the middle."""
+"""The lane of this run is 1 m to either side of the middle.
+
+The paper's roadside begins at 4 of 10 m.
+"""
 LANE = Lane(-1.0, 1.0, 2.0, 6.2)
 _GRID = Grid.spanning(
     (-HALF_WIDTH, HALF_WIDTH), (2.56, 6.2), 0.025
@@ -187,7 +190,10 @@ def _medians(image: NDArray[np.complex64], region: NDArray[np.int64]) -> NDArray
 
 
 def _calibrate(run: xr.Dataset, worlds: int) -> dict[str, Thresholds]:
-    """Learn thresholds on simulated lanes with the same array, soil and kinds of things at other places."""
+    """Learn thresholds on simulated lanes with the same array and soil.
+
+    The same kinds of bodies lie at other positions.
+    """
     learnt = {name: ThresholdCalibration(len(_EDGES) - 1) for name in ROADSIDES}
     sensor = _sensor(run)
     reach = 0.4

@@ -45,7 +45,9 @@ VARIANTS = {
     "regions": "iteration, masks intersected by connected region (another reading of Sec. 2.4)",
     "least squares": "least squares at equal cost, one reflectivity for all frames",
     "least squares per frame": "least squares at equal cost, a reflectivity for every frame",
-    "least squares spared": "least squares, the road fitted too and not subtracted, as many iterations",
+    "least squares spared": (
+        "least squares, the road fitted too and not subtracted, as many iterations"
+    ),
     "L band alone": "iteration, masks from VV and VH alone",
 }
 """What is compared, and how it is called in full."""

@@ -147,7 +147,10 @@ def _images(shown: Shown) -> Iterator[Drawing]:
             "(a) SAR image; (b) binary mask for the fundamental part. Triangles: buried targets."
         )
         if band == "vv":
-            caption += " Rectangles: the two clutter regions of Fig. 8, the strongest object at either roadside."
+            caption += (
+                " Rectangles: the two clutter regions of Fig. 8, "
+                "the strongest object at either roadside."
+            )
         figure = figures.mask_figure(shown.example, band, f"mask {band}", title, boxes=band == "vv")
         numbers = [("pixels of the mask", "not told", _percent(shown.example[f"mask {band}"]))]
         name = number.lower().replace(". ", "ure-")
@@ -224,7 +227,10 @@ def _roc(shown: Shown) -> Drawing:
                     text,
                 )
             )
-    caption = "(a) Lane A, (b) lane B. Every frame counts its area, the same ground again in each. Dotted: chance."
+    caption = (
+        "(a) Lane A, (b) lane B. Every frame counts its area, the same ground again in each. "
+        "Dotted: chance."
+    )
     return Drawing(
         "figure-9",
         "Fig. 9",

@@ -35,7 +35,10 @@ METHODS = {
 SUBBANDS = ("F1", "F2", "F3", "F4")
 FAR_MAX = 0.1
 AREA: AreaRule = "paper"
-"""Area of FAR by the paper's rule 6 (Sec. II-F): lane less N·π·r², halos counted whole wherever they lie."""
+"""Area of FAR by the paper's rule 6 (Sec. II-F): lane less N·π·r².
+
+Every halo counts with all of its area, wherever it lies.
+"""
 FloatArray = NDArray[np.float64]
 
 

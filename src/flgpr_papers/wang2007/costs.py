@@ -26,7 +26,10 @@ from flgpr_papers.wang2007.findings import SETS, blind_scores
 MEDIAN_STEP = 3
 """``background.median_step`` of the recipe wang2007."""
 DETECTORS = {"C_HH": ("C_HH_F1",), **SETS, "all ten": tuple(f"{name}_F1" for name in FEATURES)}
-"""Columns that each detector reads: local contrast alone and untrained, the paper's two classifiers, all of F1."""
+"""Columns that each detector reads.
+
+They are local contrast alone and untrained, the paper's two classifiers, and all of F1.
+"""
 UNTRAINED = "C_HH"
 _GAIN = "shared."
 _PSI = "circular."

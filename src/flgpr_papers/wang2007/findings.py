@@ -217,7 +217,8 @@ def _clutter_findings(results: Sequence[LaneResult]) -> list[Finding]:
             "Sub-band F1 has the lowest level of clutter, in VV and HH",
             "appears so, in general (Fig. 8)",
             intervals,
-            note="99 % quantile of the run-view away from targets over its median, dB, by stretches of 10 m.",
+            note="99 % quantile of the run-view away from targets over its median, dB, "
+            "by stretches of 10 m.",
         )
     ]
 
@@ -619,7 +620,10 @@ def _retrained(
     method: str = "A",
     subset: Any = MINES,
 ) -> Interval:
-    """Return the difference of PD_mean of two sets of features by a method A-D, both trained anew in every draw."""
+    """Return the difference of PD_mean of two sets of features by a method A-D.
+
+    Both are trained anew in every draw.
+    """
     scorer = pool.scorer_of(subset)
     scores = [scorer(pool.confidence(list(columns), method)) for columns in (first, second)]
     drawn = [

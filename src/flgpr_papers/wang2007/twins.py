@@ -155,7 +155,10 @@ def _subbands(shown: Shown) -> Drawing:
         )
         stated = "about 25 cm" if name != "F0" else _NOT_GIVEN
         numbers.append((f"range resolution, {name}", stated, f"{100 * down:.0f} cm"))
-    caption = f"The scan of Fig. 2 in VV. Resolution: half-power width of a point on the ground {middle:g} m ahead."
+    caption = (
+        "The scan of Fig. 2 in VV. "
+        f"Resolution: half-power width of a point on the ground {middle:g} m ahead."
+    )
     return Drawing(
         "Fig. 3",
         "One scan in five sub-bands",
@@ -206,7 +209,10 @@ def _background(shown: Shown) -> Drawing:
         ("median filter", "21 x 21 pixels", f"{median[0]} x {median[1]} pixels{every}"),
         ("averaging filter", "51 x 51 pixels", f"{mean[0]} x {mean[1]} pixels"),
     )
-    caption = "(a) scan, (b) self-signature, (c) the scan less it, (d) gain background, (e) the one over the other."
+    caption = (
+        "(a) scan, (b) self-signature, (c) the scan less it, (d) gain background, "
+        "(e) the one over the other."
+    )
     figure = figures.background_figure(shown.examples)
     return Drawing("Fig. 5", "Background removal and normalisation", caption, figure, numbers)
 
