@@ -138,6 +138,7 @@ def visible_mines(recipe: StudyRecipe, image: xr.DataArray) -> list[bool]:
 
 
 def _cut_measures(recipe: StudyRecipe, cuts: NDArray[Any]) -> dict[str, list[Any]]:
+    """Return the measures of cuts by polarization."""
     length = recipe.cut.length
     measures: dict[str, list[Any]] = {}
     for number, name in enumerate(recipe.cut.polarizations):

@@ -247,6 +247,7 @@ def templates(material: Material) -> Results:
 
 
 def _first_share(settings: Settings, site: Site, magnitude: bool) -> float:
+    """Return the mean share of energy in the first principal component."""
     chips = signatures(settings, site, False, magnitude)[0]
     return float(
         np.mean(

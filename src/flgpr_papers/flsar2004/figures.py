@@ -206,6 +206,7 @@ def margin_figure() -> Figure:
 def _rocs(
     curves: Curves, names: Sequence[str], shape: tuple[int, int], notes: dict[str, Any]
 ) -> Figure:
+    """Draw ROC curves by name, a panel each."""
     size = (11, 10) if shape[0] > 1 else (5.2 * shape[1], 3.8)
     figure = Figure(figsize=size, layout="constrained")
     for axes, name in zip(np.ravel(figure.subplots(*shape, squeeze=False)), names, strict=True):
@@ -244,6 +245,7 @@ def _rocs(
 
 
 def _vectors(kept: dict[str, list[float]]) -> Figure:
+    """Draw histograms of the share of examples kept as vectors."""
     figure = Figure(figsize=(5, 3), layout="constrained")
     axes = figure.subplots()
     bins = np.linspace(0, max(max(values) for values in kept.values()) * 1.05, 40)

@@ -75,6 +75,8 @@ def rvm_by_evidence(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
 def _rvm_on_the_kernel_of_the_svm(
     settings: Classify, kernel: str, **option: Any
 ) -> TunedClassifier:
+    """Return a relevance vector machine whose kernel is that of the chosen SVM."""
+
     def choose(X: FloatArray, y: BoolArray) -> Classifier:
         chosen = search_svm(settings, kernel, X, y)[-1].get_params()
         kernel_options = {name: chosen[name] for name in ("kernel", "gamma", "degree", "coef0")}
@@ -103,6 +105,7 @@ def evidence_rvm(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
 
 
 def _relevance(X: FloatArray, y: BoolArray, **option: Any) -> tuple[Scorer, float]:
+    """Train a relevance vector machine; return its scorer and the share of relevance vectors."""
     machine = make_pipeline(StandardScaler(), RelevanceVectorClassifier(**option)).fit(X, y)
     return machine.decision_function, len(machine[-1].relevance_) / len(X)
 

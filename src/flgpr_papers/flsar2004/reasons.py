@@ -128,6 +128,7 @@ def trials(
 
 
 def _trial(row: Mapping[str, Any]) -> Trial:
+    """Return a trial from its JSON."""
     pairs = {
         name: None if row[name] is None else tuple(row[name]) for name in ("interval", "predicted")
     }
@@ -215,6 +216,7 @@ def prescreener_trials(material: Material) -> list[Trial]:
 
 
 def _site_prescreener_trials(settings: Settings, site: Site) -> list[Trial]:
+    """Return the trials of the second prescreener at a site."""
     statement = f"the standard deviation removes false alarms, {site.name}"
     quantity = "share of the clutter's clusters past amplitude and size that it removes"
     metal = site.mines[site.mines["subset"] & (site.mines["kind"] == "metal")]

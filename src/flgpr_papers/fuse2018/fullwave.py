@@ -141,6 +141,7 @@ class _Frames:
         self.level = np.array([_medians(image, self.region) for image in self.images])
 
     def _stack(self, points: NDArray[np.float64]) -> FrameStack:
+        """Return the frames' operators on points as one."""
         return FrameStack([make(points) for make in self.operators])
 
     def mask(self, limits: Thresholds, side: tuple[float, float]) -> NDArray[np.bool_]:
@@ -179,6 +180,7 @@ def _operator_on(
     taper: NDArray[np.float64],
     pose: NDArray[np.float64],
 ) -> Callable[[NDArray[np.float64]], ImagingOperator]:
+    """Return the imaging operator of a run's antennas, for given points."""
     tx, rx = (vehicle_to_lane(run[name].values, pose) for name in ("tx_position", "rx_position"))
     return lambda points: ImagingOperator(frequency, tx, rx, points, window=taper)
 
@@ -212,6 +214,7 @@ def _calibrate(run: xr.Dataset, worlds: int) -> dict[str, Thresholds]:
 
 
 def _sensor(run: xr.Dataset) -> Sensor:
+    """Return the sensor of a full-wave run."""
     f = run["frequency"].values
     sensor = Sensor.model_validate(
         {
@@ -301,6 +304,7 @@ def _fate(
     mask: NDArray[np.bool_],
     alarms: pd.DataFrame,
 ) -> dict[str, Any]:
+    """Return what becomes of a target's peak, and the share of it that is masked."""
     name, x, y = target
     near = np.hypot(_GRID.points()[..., 0] - x, _GRID.points()[..., 1] - y) <= 0.4
     peaks = {

@@ -324,6 +324,7 @@ def stage_images(cleaned: Cleaned, chosen: BoolArray) -> dict[str, ComplexArray]
 def _record_boxes(
     records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
 ) -> None:
+    """Record the power in the boxes of roadside objects."""
     objects = roadside_objects(frames, cleaned.pose, recipe)
     if objects.empty:
         return
@@ -348,6 +349,7 @@ def _record_boxes(
 def _record_mines(
     records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
 ) -> None:
+    """Record the mines' peaks under each variant."""
     strength = np.abs(cleaned.aperture.vv)
     for row, position in targets_in_area(frames, cleaned.pose, recipe):
         halo = halo_of(cleaned.stage.grid, position, recipe.score.halo / 2)
@@ -472,6 +474,7 @@ def _frame_alone(
 def _record_alarms(
     records: LaneRecords, cleaned: Cleaned, levels: dict[str, FloatArray], recipe: FuseRecipe
 ) -> None:
+    """Record the alarms of a frame by variant, in the lane frame."""
     for name, level in levels.items():
         alarms = frame_alarms(level, cleaned.stage.grid, recipe.area, recipe.score.radius)
         x, y, _ = scan_to_lane(ground_points(alarms), cleaned.pose).T

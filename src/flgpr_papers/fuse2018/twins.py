@@ -102,6 +102,7 @@ def own_drawings(shown: Shown) -> Iterator[Drawing]:
 
 
 def _geometry(shown: Shown) -> Drawing:
+    """Return the twin of the paper's geometry."""
     image = shown.recipe.image
     step = shown.recipe.lanes.step
     borders = ", ".join(f"{edge:g}" for edge in image.edges)
@@ -120,6 +121,7 @@ def _geometry(shown: Shown) -> Drawing:
 
 
 def _procedure(shown: Shown) -> Drawing:
+    """Return the twin of the paper's procedure."""
     numbers = [
         ("roadside", "4 to 10 m on either side", f"{_span(shown.recipe.mask.roadside)} m"),
         (
@@ -140,6 +142,7 @@ def _procedure(shown: Shown) -> Drawing:
 
 
 def _images(shown: Shown) -> Iterator[Drawing]:
+    """Yield the twins of the images and masks of both bands."""
     for number, (band, title) in _MASKS.items():
         if band not in shown.example:
             continue
@@ -158,6 +161,7 @@ def _images(shown: Shown) -> Iterator[Drawing]:
 
 
 def _mixed(shown: Shown) -> Drawing:
+    """Return the twin of the mixed mask."""
     numbers = [
         (
             "targets under the mask",
@@ -174,6 +178,7 @@ def _mixed(shown: Shown) -> Drawing:
 
 
 def _averages(shown: Shown) -> Drawing:
+    """Return the twin of the averaged images."""
     numbers = [("targets' own peaks", "signals still remain", shown.ours(KEPT))]
     caption = "(a) #1, (b) #3, (c) #4, (d) #6, in dB under the peak of Fig. 3(a)."
     figure = figures.stages_figure(shown.example)
@@ -183,6 +188,7 @@ def _averages(shown: Shown) -> Drawing:
 
 
 def _clutter_power(shown: Shown) -> Drawing:
+    """Return the twin of the clutter power over iterations."""
     numbers = [
         ("fall of the clutter, #6", f"{PAPER_DB:g} dB", shown.ours(FALL)),
         ("of it by averaging", f"{PAPER_MEAN_DB:g} dB", shown.ours(BY_MEAN)),
@@ -205,6 +211,7 @@ def _clutter_power(shown: Shown) -> Drawing:
 
 
 def _roc(shown: Shown) -> Drawing:
+    """Return the twin of the ROC."""
     score = shown.recipe.score
     numbers = [
         (
@@ -242,8 +249,10 @@ def _roc(shown: Shown) -> Drawing:
 
 
 def _percent(mask: NDArray[Any]) -> str:
+    """Return the share of a mask in percent."""
     return f"{100 * np.mean(mask):.1f} %"
 
 
 def _span(limits: Sequence[float]) -> str:
+    """Return two limits in words."""
     return f"{limits[0]:g} to {limits[1]:g}"

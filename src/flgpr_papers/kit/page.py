@@ -80,6 +80,7 @@ def detections_at(matched: Match, subset: Any, far: float, **area: Any) -> tuple
 
 
 def _read(curve: pd.DataFrame, far: float) -> tuple[int, int, float]:
+    """Return targets found, all targets and chance at an allowed FAR."""
     row = curve.iloc[int(operating_row(curve, far))]
     return int(row["n_detected"]), int(row["n_targets"]), float(row["chance"])
 

@@ -98,6 +98,7 @@ def worlds() -> list[World]:
 
 @cache
 def _design_rows() -> list[dict[str, str]]:
+    """Return the rows of the declared design."""
     text = (_FILES / "worlds.csv").read_text(encoding="utf-8")
     return list(csv.DictReader(text.splitlines()))
 

@@ -141,6 +141,7 @@ class Pool:
         duplicate: bool,
         draw: Draw | None = None,
     ) -> Fold:
+        """Return a fold of lanes; a draw weighs its examples."""
         labels = self.labels
         use = train & (labels["label"] != "neither").to_numpy()
         training_lanes = set(labels["lane"][train])
@@ -413,10 +414,12 @@ def all_forty() -> list[str]:
 
 
 def _settings(method: str) -> tuple[bool, bool]:
+    """Return whether a method cross-validates, and whether it duplicates mines."""
     return method in "CD", method in "AC"
 
 
 def _refit(folds: Sequence[Fold], samples: int) -> FloatArray:
+    """Return confidences by discriminants trained anew in every fold."""
     confidence = np.full(samples, -np.inf)
     for fold in folds:
         direction = np.linalg.lstsq(fold.scatter, fold.difference, rcond=1e-12)[0]

@@ -440,6 +440,7 @@ def _duplication_gap(scores: Mapping[str, FloatArray]) -> Any:
 
 
 def _slope(pool: Pool, searches: Mapping[str, list[SearchStep]], draws: int) -> Interval:
+    """Return how resubstitution and cross-validation part as features grow."""
     drawn = pool.searches_in(F1, "AC", draws)
     score_gaps = np.array(
         [a.score - c.score for a, c in zip(searches["A"], searches["C"], strict=True)]
@@ -449,6 +450,7 @@ def _slope(pool: Pool, searches: Mapping[str, list[SearchStep]], draws: int) -> 
 
 
 def _distribution_findings(pool: Pool, draws: int) -> list[Finding]:
+    """Judge what the paper says of the features' distributions."""
     findings = []
     note = (
         "The text says a higher P_tau for mines and calls it more symmetric, but by its Eq. 15 tau "
@@ -634,5 +636,6 @@ def _retrained(
 
 
 def _turned(interval: Interval, limit: float) -> Interval:
+    """Return a limit less an interval."""
     value, low, high = interval
     return limit - value, limit - high, limit - low
