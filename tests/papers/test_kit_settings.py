@@ -5,6 +5,7 @@ from pydantic import ValidationError
 
 from flgpr_papers.flsar2004.lanes import Settings
 from flgpr_papers.kit.settings import PAPERS, Table, packaged, packaged_text
+from flgpr_papers.kit.study_worlds import study_world
 
 
 class Small(Table):
@@ -16,19 +17,23 @@ def test_every_paper_has_settings():
         assert packaged_text(paper).strip()
 
 
+def settings(quick=False, **more):
+    """Return the settings of flsar2004, whose scenes its world gives."""
+    scenes = {"scenes": study_world("flsar2004").sites}
+    return packaged("flsar2004", Settings, quick, scenes | more)
+
+
 def test_a_quick_run_changes_some_entries_only():
-    full = packaged("flsar2004", Settings)
-    quick = packaged("flsar2004", Settings, quick=True)
+    full = settings()
+    quick = settings(quick=True)
     assert quick.length < full.length
     assert quick.spacing == full.spacing
 
 
 def test_other_entries_are_laid_over_in_any_case():
-    full = packaged("flsar2004", Settings)
-    classify = {"classify": {"p0": 0.25}}
-    assert full.classify.p0 != 0.25
-    assert packaged("flsar2004", Settings, more=classify).classify.p0 == 0.25
-    assert packaged("flsar2004", Settings, quick=True, more=classify).classify.p0 == 0.25
+    assert settings().classify.p0 != 0.25
+    for quick in (False, True):
+        assert settings(quick, classify={"p0": 0.25}).classify.p0 == 0.25
 
 
 def test_unknown_entries_are_refused():
