@@ -9,6 +9,7 @@ from flgpr_papers.cosgrove2004.signature import (
     fourth_moment_ratio,
     hump_count,
     polarization_correlation,
+    visibility_db,
     visible_mines,
 )
 
@@ -55,3 +56,6 @@ def test_visible_mines_stand_out_of_the_boxes_at_their_range():
         values, dims=("polarization", "y", "x"), coords={"polarization": ["HH"], "y": y, "x": x}
     )
     assert visible_mines(recipe, image) == [False, True, False]
+    first, second, third = visibility_db(recipe, image)
+    assert second > 0
+    assert max(first, third) <= 0

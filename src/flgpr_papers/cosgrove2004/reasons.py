@@ -31,14 +31,20 @@ from flgpr_papers.cosgrove2004.detect import (
 )
 from flgpr_papers.cosgrove2004.findings import PAPER_LOOKS, PAPER_PD, PAPER_RATIOS, interval
 from flgpr_papers.cosgrove2004.images import (
+    WIDE_MINES,
     LaneChange,
     Look,
     open_looks,
     reflector_looks,
     signature_looks,
+    wide_image,
 )
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe, study_recipe
-from flgpr_papers.cosgrove2004.signature import fourth_moment_ratio, polarization_correlation
+from flgpr_papers.cosgrove2004.signature import (
+    fourth_moment_ratio,
+    polarization_correlation,
+    visibility_db,
+)
 from flgpr_papers.kit.cache import kept, key_of
 from flgpr_papers.kit.findings import Bounds, Interval, share_error
 from flgpr_papers.kit.reasons import ABOVE_ZERO, BELOW_ZERO, Trial
@@ -130,10 +136,13 @@ def trials(
         records[name].append(record)
     path = folder / "reasons" / f"alone-{_key(recipe, 'nothing')}.json"
     alone = kept(path, lambda: alone_record(recipe))
+    path = folder / "reasons" / f"visible-{_key(recipe, 'nothing')}.json"
+    levels = kept(path, lambda: visibility_record(recipe))
     return [
         *eigenvalue_trials(records),
         *correlation_trials(records, alone),
         *moment_trials(records),
+        *visibility_trials(levels),
     ]
 
 
@@ -304,6 +313,12 @@ def alone_record(recipe: StudyRecipe) -> dict[str, list[float]]:
     }
 
 
+def visibility_record(recipe: StudyRecipe) -> list[list[float]]:
+    """Return how far every mine of Fig. 2 stands over the strongest clutter at its range, dB, seed by seed."""
+    seeds = range(1, 1 + recipe.study.seeds)
+    return [visibility_db(recipe, wide_image(recipe, seed)) for seed in seeds]
+
+
 def deflection_pd(recipe: StudyRecipe, training: Training, test: Sequence[Look]) -> float:
     """Pd of the deflection detector at the study's P_FA on the test looks of a lane."""
     detector = DeflectionDetector(recipe.detector.rank, recipe.detector.ddof).fit(training.white)
@@ -450,6 +465,20 @@ def moment_trials(records: Records) -> list[Trial]:
         )
     value = _moment(records, _NONE_OF_THEM, "levelled")
     trial_list.append(Trial(statement, level, _NONE_OF_THEM, quantity, value, sample, _GAUSSIAN))
+    return trial_list
+
+
+def visibility_trials(levels: Sequence[Sequence[float]]) -> list[Trial]:
+    """Tell how far the mines of Fig. 2 stand out, beside the study's rule that asks for a quantile of clutter."""
+    statement = "Three mines are readily visible at 15, 20 and 25 m (HH)"
+    quantity = "peak over that of the strongest clutter box at its range, HH"
+    sample = f"{len(levels)} seeds"
+    trial_list = []
+    for number, (_, y) in enumerate(WIDE_MINES):
+        level = interval([one[number] for one in levels])
+        trial_list.append(
+            Trial(statement, "", f"the mine at {y:g} m", quantity, level, sample, unit="dB")
+        )
     return trial_list
 
 

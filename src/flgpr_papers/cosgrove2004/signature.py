@@ -118,11 +118,27 @@ def visible_mines(recipe: StudyRecipe, image: xr.DataArray) -> list[bool]:
     A mine is readily visible if its box's peak exceeds the peaks of a share ``premises.visible`` of
     the clutter boxes.
     """
+    return [
+        bool(at_mine > np.quantile(at_clutter, recipe.premises.visible))
+        for at_mine, at_clutter in _wide_boxes(recipe, image)
+    ]
+
+
+def visibility_db(recipe: StudyRecipe, image: xr.DataArray) -> list[float]:
+    """Return the peak of every mine of the wide image in HH over the strongest box of clutter at its range, dB."""
+    return [
+        float(10 * np.log10(at_mine / at_clutter.max()))
+        for at_mine, at_clutter in _wide_boxes(recipe, image)
+    ]
+
+
+def _wide_boxes(recipe: StudyRecipe, image: xr.DataArray) -> list[tuple[float, FloatArray]]:
+    """Return the peak power in HH of every mine's box, and those of the boxes of clutter at its range."""
     power = (np.abs(image.sel(polarization="HH").values) ** 2).astype(np.float32)
     x = image["x"].values
     y = image["y"].values
     box = recipe.score.box
-    visible = []
+    found = []
     for position in np.array(WIDE_MINES, dtype=np.float64):
         area = {
             "x_min": float(x[0]),
@@ -133,8 +149,8 @@ def visible_mines(recipe: StudyRecipe, image: xr.DataArray) -> list[bool]:
         boxes = offset_boxes(position[None], area, box, recipe.score.clearance)
         at_mine, _ = box_values(power, x, y, position[None], box, 1.0)
         at_clutter, _ = box_values(power, x, y, boxes, box, 1.0)
-        visible.append(bool(at_mine[0] > np.quantile(at_clutter, recipe.premises.visible)))
-    return visible
+        found.append((float(at_mine[0]), at_clutter))
+    return found
 
 
 def _cut_measures(recipe: StudyRecipe, cuts: NDArray[Any]) -> dict[str, list[Any]]:

@@ -232,7 +232,8 @@ def _site_prescreener_trials(settings: Settings, site: Site) -> list[Trial]:
 
     add("nothing", by_strength, "")
     reason = "a single mine of the subset, the brightest, sets a limit under which all clutter lies"
-    add(f"brightest of {len(by_strength)} metal mines left out", by_strength[1:], reason)
+    if len(by_strength) > 1:
+        add(f"brightest of {len(by_strength)} metal mines left out", by_strength[1:], reason)
     if len(surface) and len(surface) < len(by_strength):
         buried = [name for name in by_strength if name not in set(surface)]
         on_it = "the mines on the surface set that limit"

@@ -22,6 +22,7 @@ from flgpr_papers.kit.findings import (
     DISAGREES,
     UNDECIDED,
     Bounds,
+    Finding,
     Interval,
     decimals,
     judge,
@@ -60,9 +61,12 @@ class Trial:
     sample: str  #: what the interval is over: so many seeds, mines or stretches of lane
     predicted: Bounds | None = None  #: between which values the explanation wants the number
     unit: str = ""  #: of the number
+    #: verdict of the study's own rule on the number, where that and not ``predicted`` decides
+    verdict: str = ""
 
     def __post_init__(self) -> None:
-        if (self.predicted is None) != (not self.explanation):
+        asked = self.predicted is not None or bool(self.verdict)
+        if asked != bool(self.explanation):
             raise ValueError(
                 f"predicted must be given with an explanation and only with one, got "
                 f"{self.predicted} and"
@@ -72,6 +76,8 @@ class Trial:
     @property
     def outcome(self) -> str:
         """What the number says of the explanation; empty where none was asked."""
+        if self.verdict:
+            return OUTCOMES[self.verdict]
         if self.predicted is None:
             return ""
         low, high = self.interval[1:]
@@ -94,6 +100,8 @@ class Trial:
     @property
     def prediction(self) -> str:
         """What was predicted, in words."""
+        if self.verdict:
+            return "agrees by the study's rule"
         if self.predicted is None:
             return ""
         low, high = self.predicted
@@ -109,6 +117,43 @@ class Trial:
         """Cells of a table, by ``COLUMNS``."""
         texts = (self.statement, self.explanation, self.changed, self.quantity)
         return (*texts, self.ours, self.prediction, self.outcome, self.sample)
+
+
+def road_trials(found: Sequence[Finding], prepared: Sequence[Finding]) -> list[Trial]:
+    """Ask whether the road is why statements disagree on roads as found: the same study on prepared lanes.
+
+    Parameters
+    ----------
+    found, prepared : sequence of Finding
+        What the study found on roads as found and on prepared lanes.
+
+    Returns
+    -------
+    list of Trial
+        One for every statement that disagrees on roads as found: the road is the cause if it agrees on prepared lanes,
+        and is not if it disagrees there, too.
+    """
+    by_statement = {(one.claim, one.group): one for one in prepared}
+    made = []
+    for one in found:
+        if one.verdict != DISAGREES:
+            continue
+        other = by_statement.get((one.claim, one.group))
+        if other is None or other.verdict not in OUTCOMES or other.interval is None:
+            continue
+        made.append(
+            Trial(
+                statement=one.claim,
+                explanation="the road as found",
+                changed="prepared lanes in place of roads as found",
+                quantity=other.quantity or "number of the statement",
+                interval=other.interval,
+                sample="the study's own",
+                unit=other.unit,
+                verdict=other.verdict,
+            )
+        )
+    return made
 
 
 def trials_csv(trials: Sequence[Trial]) -> str:

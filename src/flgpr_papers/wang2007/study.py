@@ -31,6 +31,7 @@ from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.findings import Finding, write_findings
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
+from flgpr_papers.kit.threads import one_blas_thread
 from flgpr_papers.kit.worlds import World
 from flgpr_papers.wang2007.analysis import LaneResult
 from flgpr_papers.wang2007.costs import MEDIAN_STEP, Lanes, cost_table
@@ -48,6 +49,7 @@ from flgpr_papers.wang2007.page import page_html
 PAGE = "wang2007.html"
 
 
+@one_blas_thread
 def reproduce(
     output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN
 ) -> Path:
@@ -83,6 +85,7 @@ def parts(quick: bool) -> list[str]:
     return [name for lanes in reversed(_lanes(quick)) for name in lanes]
 
 
+@one_blas_thread
 def make_part(
     folder: Path, name: str, quick: bool, world: str = OWN, track: Track = silent
 ) -> LaneResult:
