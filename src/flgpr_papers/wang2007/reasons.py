@@ -153,6 +153,7 @@ def trials(
 
 
 def _job(kind: str, name: str, quick: bool, world: str) -> tuple[Any, Scene]:
+    """Return how a changed lane is recorded, and its scene."""
     if kind == "clutter":
         return clutter_record, clutter_scene(name, quick, world)
     return mine_record, mine_scene(name, quick)
@@ -207,6 +208,7 @@ def _scene(
     quick: bool,
     world: str,
 ) -> Scene:
+    """Return a lane with draws of mines and changed tables."""
     track = {**TRACK, "step": (2.6, 3.0), "start": -14.0} if quick else TRACK
     scene = Scene.model_validate(
         {
@@ -358,6 +360,7 @@ def _gap_trial(
     predicted: Bounds | None = None,
     band: str = "F2",
 ) -> Trial:
+    """Return a trial of a band's clutter less that of F1."""
     table = pd.concat([pd.DataFrame(record[where]) for record in records[name]])
     gap = (table[f"HH {band}"] - table["HH F1"]).dropna().to_numpy(dtype=np.float64)
     unit_of_sample = "stretches" if where == "view" else "scan images"

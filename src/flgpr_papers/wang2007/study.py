@@ -127,6 +127,7 @@ def _text_of_f1() -> str:
 
 
 def _lanes(quick: bool, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
+    """Return the calibration and the blind lanes."""
     return quick_scenes(world=world) if quick else (calibration_scenes(world), blind_scenes(world))
 
 
@@ -208,6 +209,7 @@ def wide_view(
 
 
 def _is_done(result_folder: Path, store: Path, text: str) -> bool:
+    """Return whether a result is of this store and recipe."""
     try:
         manifest: dict[str, Any] = read_result(result_folder).manifest
     except ResultError:
@@ -347,6 +349,7 @@ def _distances(alarms: pd.DataFrame, targets: pd.DataFrame) -> NDArray[np.float6
 
 
 def _scan_before(imager: ScanImager, poses: NDArray[np.float64], y: float) -> int:
+    """Return the scan from which a position is nearest to the usual distance ahead."""
     ahead = y - poses[imager.scans, 1]
     return int(imager.scans[int(np.argmin(np.abs(ahead - _AHEAD)))])
 

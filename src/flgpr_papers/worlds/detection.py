@@ -37,6 +37,7 @@ def jobs(quick: bool = False) -> list[LaneJob]:
 
 
 def _job(world: World, declared: dict[str, float]) -> LaneJob:
+    """Return the lane of a world."""
     about = {
         "number": world.number,
         **{axis: getattr(world, axis) for axis in AXES},

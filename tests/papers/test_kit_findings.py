@@ -32,7 +32,6 @@ from flgpr_papers.kit.findings import (
     without_paper,
     write_findings,
 )
-from flgpr_papers.kit.page import Twin
 
 
 def test_no_verdict_without_an_interval():
@@ -180,18 +179,3 @@ def test_claims_that_do_not_say_what_the_paper_has_are_listed():
 )
 def test_pages_have_no_more_digits_than_mean_something(interval, text):
     assert in_words(*interval) == text
-
-
-def test_a_figure_of_the_paper_stands_beside_its_numbers():
-    one = Twin(
-        "Fig. 8",
-        "Clutter & iterations",
-        b"png",
-        "two boxes",
-        [("clutter falls by", "26.5 dB", "23 dB")],
-    )
-    macro = '{% import "study.html" as study with context %}{{ study.twin(one) }}'
-    text = kit._environment("flgpr_papers").from_string(macro).render(one=one, quick=True)
-    assert "Fig. 8. Clutter &amp; iterations" in text
-    assert "<td>26.5 dB</td><td>23 dB</td>" in text
-    assert Twin("", "Ours alone", b"", "").heading == "Ours alone"
