@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from live_lane import make_lane_run
 
 from flgpr.results.description import describe_run, left_out_scans, plausible_poses
 from flgpr.store import open_run, read_manifest, sample_lane
+from live_lane import make_lane_run
 
 LANE = sample_lane() / "run.zarr"
 
