@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 from scipy.spatial import cKDTree
 
+from flgpr.chain.alarm_features import AlarmSums
 from flgpr.chain.classifier import Classifier, make_training_set
-from flgpr.chain.detect import detect
 from flgpr.chain.estimators import train_estimator
-from flgpr.chain.gathering import AlarmSums
+from flgpr.chain.method import detect
 from flgpr.chain.recipe import load_recipe, parse_recipe
 from flgpr.chain.stages import ClutterStage, FeatureStage
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer
@@ -64,7 +64,7 @@ def played(run, recipe, scans):
 
 @pytest.fixture(scope="module")
 def whole(run, recipe):
-    return detect(run, recipe, LANE)[0]
+    return detect(run, recipe, LANE)
 
 
 @pytest.fixture(scope="module")
@@ -207,7 +207,7 @@ def test_a_classifier_gives_the_confidence_that_batch_gives(run, recipe, scans):
     assert detector.reads.subbands == ["F1"]
     play(detector, scans)
     live = seen(detector.table(), scans)
-    whole = seen(detect(run, recipe, LANE, model=model)[0].alarms, scans)
+    whole = seen(detect(run, recipe, LANE, model=model).alarms, scans)
     top = whole.head(6)
     assert near(top, live).all()
     _, at = cKDTree(live[["x", "y"]]).query(top[["x", "y"]])
@@ -240,7 +240,7 @@ def test_a_scan_at_which_the_features_fail_does_not_spoil_those_after_it(
             continue
         with monkeypatch.context() as patch:
             patch.setattr(
-                "flgpr.chain.gathering.AlarmSums.add",
+                "flgpr.chain.alarm_features.AlarmSums.add",
                 lambda *_: (_ for _ in ()).throw(ValueError("no")),
             )
             with pytest.raises(ValueError, match="no"):
@@ -268,7 +268,7 @@ def sharp(run, tmp_path_factory):
         for folder in (PLUGIN, about.parent):
             patch.syspath_prepend(str(folder))
         recipe = parse_recipe(small_recipe() + STAGE + DETECTOR)
-    found = detect(run, recipe, LANE)[0]
+    found = detect(run, recipe, LANE)
     truth = pd.DataFrame(TARGETS, columns=["x", "y"]).assign(
         kind="metal", depth=0.05, target_id=list("abcde")
     )
@@ -288,7 +288,7 @@ def test_named_features_and_an_estimator_run_live(run, scans, sharp, sharp_playe
     detector, _ = sharp_played
     assert detector.reads.subbands == list(recipe.image.subbands)  # a stage sees the whole image
     live, whole = (
-        seen(t, scans) for t in (detector.table(), detect(run, recipe, LANE, model=model)[0].alarms)
+        seen(t, scans) for t in (detector.table(), detect(run, recipe, LANE, model=model).alarms)
     )
     top = whole.head(5)
     assert near(top, live).all()

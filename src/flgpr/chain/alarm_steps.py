@@ -142,7 +142,7 @@ class AlarmSteps:
 def screen_changes(recipe: Recipe) -> list[Change]:
     """List entries of the recipe with which more alarms are raised."""
     if recipe.screen is not None:
-        return looser_entries(recipe.screen.settings, recipe.screen.of.looser, "[screen]")
+        return looser_entries(recipe.screen.settings, recipe.screen.stage_class.looser, "[screen]")
     density = recipe.prescreen.density
     return [Change("density", max(2 * density, _USUAL_DENSITY), density, "[prescreen]")]
 

@@ -12,27 +12,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.chain.classifier import FloatArray, TrainingSet, checked_names, feature_values
+from flgpr.chain.estimator_classes import ALLOWED
 from flgpr.chain.recipe import DetectorTable
 from flgpr.chain.too_few import Change, TooFewExamplesError, check_classes
 from flgpr.detect.scorers import restored_scorer, scorer_of
 from flgpr.detect.scorers.checks import Scorer
 
-ALLOWED = {
-    "rvm": "flgpr.detect.rvm.RelevanceVectorClassifier",
-    "one-class-rvm": "flgpr.detect.one_class.OneClassRelevanceVectorMachine",
-    "mixture": "flgpr.detect.one_class_mixture.GaussianMixtureNovelty",
-    "svm": "sklearn.svm.SVC",
-    "one-class-svm": "sklearn.svm.OneClassSVM",
-    "logistic": "sklearn.linear_model.LogisticRegression",
-    "lda": "sklearn.discriminant_analysis.LinearDiscriminantAnalysis",
-    "random-forest": "sklearn.ensemble.RandomForestClassifier",
-    "gradient-boosting": "sklearn.ensemble.HistGradientBoostingClassifier",
-    "isolation-forest": "sklearn.ensemble.IsolationForest",
-    "ecod": "pyod.models.ecod.ECOD",
-    "copod": "pyod.models.copod.COPOD",
-    "knn": "pyod.models.knn.KNN",
-}
-"""Classes that are trained, by the name that recipes use. Only training looks here: a model holds none of them."""
 _OUTWARD = ("ecod", "copod", "knn")  # whose scores grow with what is unlike the examples
 _NEIGHBOURS = 5  # of PyOD's KNN, where no option says otherwise
 LAYOUT = 2

@@ -83,7 +83,9 @@ def in_order(evidence: Evidence, rows: NDArray[np.intp]) -> Evidence:
     return replace(evidence, scans=scans, blocks=blocks, polarimetric=points, causes=causes)
 
 
-def caused(evidence: Evidence, slope: float, confidence: ArrayLike) -> pd.DataFrame:
+def confidence_contributions(
+    evidence: Evidence, slope: float, confidence: ArrayLike
+) -> pd.DataFrame:
     """Split confidences, linear in the map with this slope, into what each part adds and a ``constant``.
 
     NaN where an alarm is not explained.

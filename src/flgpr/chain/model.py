@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 import flgpr
 from flgpr.chain.classifier import Classifier
+from flgpr.chain.engine import Arrays
 from flgpr.chain.estimators import TrainedEstimator
-from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import Recipe
 from flgpr.door import Folder
 from flgpr.io import Bundle, check_free_folder, sha256, write_bundle

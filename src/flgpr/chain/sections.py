@@ -59,7 +59,9 @@ def margin(recipe: Recipe) -> int:
     its stages tell of an alarm depends on more.
     """
     stages = [one for one in (recipe.screen, *recipe.columns) if one is not None]
-    reach = max([2 * recipe.prescreen.radius, *(one.of.margin(one.settings) for one in stages)])
+    reach = max(
+        [2 * recipe.prescreen.radius, *(one.stage_class.margin(one.settings) for one in stages)]
+    )
     return math.ceil(reach / recipe.run_view.spacing) + 2
 
 

@@ -53,7 +53,7 @@ def run_command(
 
     with plain_errors(quiet):
         with progress(quiet) as track:
-            how = tasks.How(workers, scheduler, track=track)
+            how = tasks.RunOptions(workers, scheduler, track=track)
             benchmark.run_benchmark(entries or [], output, quick, how, ground, tier)
         text = benchmark.write_table([output], output)
     if not quiet:
@@ -75,7 +75,9 @@ def oracle_command(
 
     with plain_errors(quiet):
         with progress(quiet) as track:
-            benchmark.run_oracle(folder, recipe, tasks.How(workers, scheduler, track=track), tier)
+            benchmark.run_oracle(
+                folder, recipe, tasks.RunOptions(workers, scheduler, track=track), tier
+            )
         text = benchmark.write_table([folder], folder)
     if not quiet:
         typer.echo(text)

@@ -262,7 +262,7 @@ def reproduce(
         if part and paper != "worlds":
             raise ValueError(f"part must be left out for {paper}: only worlds has parts")
         if paper == "worlds":
-            how = tasks.How(workers, scheduler, track=track)
+            how = tasks.RunOptions(workers, scheduler, track=track)
             page = papers.map_worlds(folder, *([part] if part else []), quick=quick, how=how)
         else:
             page = papers.reproduce(paper, folder, quick, track, workers or 1, world)

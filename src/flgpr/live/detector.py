@@ -21,12 +21,13 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.fitting import alias_faults, check_channels
-from flgpr.chain.gathering import AlarmFeatures, AlarmSums, CleanedScan, check_confidence, look_sums
+from flgpr.chain.alarm_features import AlarmFeatures, AlarmSums, CleanedScan, check_confidence
+from flgpr.chain.engine import Arrays
 from flgpr.chain.images import imager_of
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
-from flgpr.chain.passes import Arrays
+from flgpr.chain.passes.run_view import look_sums
 from flgpr.chain.recipe import RANKS, Recipe, course_lane
+from flgpr.chain.recipe_for_run import alias_faults, check_channels
 from flgpr.chain.stages import FeatureStage, MapStage, Setup, Stage
 from flgpr.clutter import CausalBackground
 from flgpr.clutter.streaming import LEAST_SPAN, LEAST_WARM_UP
@@ -703,7 +704,7 @@ def _made(
         {},
     )
     made = {
-        name: one.of(one.settings, setup, model.stages.get(name))
+        name: one.stage_class(one.settings, setup, model.stages.get(name))
         for name, one in recipe.named().items()
     }
     check_confidence(
@@ -720,5 +721,7 @@ def _made(
 
 def check_causal(recipe: Recipe) -> None:
     """Refuse a recipe that needs more than the scans so far; say why."""
-    if recipe.waits():
-        raise ValueError(f"recipe {recipe.name!r} cannot run live: {'; '.join(recipe.waits())}")
+    if recipe.not_live_because():
+        raise ValueError(
+            f"recipe {recipe.name!r} cannot run live: {'; '.join(recipe.not_live_because())}"
+        )

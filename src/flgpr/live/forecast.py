@@ -24,9 +24,9 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.chain.engine import Arrays
 from flgpr.chain.estimators import TrainedEstimator
 from flgpr.chain.model import Model
-from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import Recipe
 from flgpr.io import Scan
 from flgpr.live.detector import LiveAlarm, LiveDetector
@@ -82,7 +82,7 @@ def foresees(recipe: Recipe, model: Model) -> bool:
     """Tell whether a recipe's looks and confidence are such that what comes can be told: a mean, and its log odds."""
     detector = model.detector
     linear = isinstance(detector, TrainedEstimator) and detector.linear_in_magnitude
-    return linear and recipe.run_view.look == "mean" and not recipe.waits()
+    return linear and recipe.run_view.look == "mean" and not recipe.not_live_because()
 
 
 def forecast_of(recipe: Recipe, model: Model) -> Forecast | None:

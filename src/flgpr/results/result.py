@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import flgpr
 from flgpr.archive import Archive
-from flgpr.chain.lane_chain import MAIN, Detection
+from flgpr.chain.detection import MAIN, Detection
 from flgpr.chain.model import MODEL_FILE, Detector, Model, as_model, load_model, save_model
 from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.door import DoorError, Folder
@@ -53,7 +53,7 @@ class Result:
     manifest: dict[str, Any]  #: version, run, recipe and digests
     recipe: Recipe  #: what was run
     lane: Lane  #: the lane it was run for
-    detections: list[Detection]  #: main result and variants
+    detections: list[Detection]  #: that of its recipe first, then those of recipes beside it
     recipe_text: str = ""  #: TOML of the recipe
 
     def files(self) -> Folder:
@@ -109,6 +109,8 @@ def _write_files(
             write_table(detection.features, home / "features.csv")
         if detection.frames is not None:
             write_whole(home / FRAMES, _frames_bytes(*detection.frames))
+        if detection.recipe_text:
+            write_whole(home / "recipe.toml", detection.recipe_text)
     learnt = as_model(model)
     border = None if learnt.detector is None else learnt.detector.border
     write_view(made, detections, lane, run, parse_recipe(recipe_text), border)
@@ -340,6 +342,7 @@ def _read_detection(files: Folder, entry: dict[str, Any]) -> Detection:
         frames = None if stored is None else _parse_frames(stored)
     except Exception as error:  # the parser raises whatever it stumbles over
         raise ResultError(f"{files.root}: {home}{FRAMES} cannot be read ({error!r})") from None
+    own_recipe = files.read_if_listed(f"{home}recipe.toml") if home else None
     return Detection(
         entry["name"],
         entry["title"],
@@ -348,6 +351,7 @@ def _read_detection(files: Folder, entry: dict[str, Any]) -> Detection:
         entry["notes"],
         features=features,
         frames=frames,
+        recipe_text="" if own_recipe is None else own_recipe.decode("utf-8"),
     )
 
 

@@ -17,9 +17,9 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.chain.detection import MAIN, Detection
 from flgpr.chain.evidence import Evidence, decibels
-from flgpr.chain.lane_chain import MAIN, Detection, variations_of
-from flgpr.chain.recipe import Recipe
+from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.io import write_whole
 from flgpr.model import Lane
 from flgpr.results.description import left_out_scans
@@ -42,12 +42,14 @@ def write_view(
     home = folder / "view"
     (home / "layers").mkdir(parents=True)
     (home / "evidence").mkdir()
-    stages = _stages(recipe)
-    views = [(one.name, stages.get(one.name, stages[MAIN]), one.view) for one in detections]
+    views = []
+    for detection in detections:
+        own = parse_recipe(detection.recipe_text) if detection.recipe_text else recipe
+        views.append((detection.name, shown_stage(own), detection.view))
     before = detections[0].before
     channel = detections[0].channel
     if before is not None:
-        views.insert(0, ("before", stages["before"], before))
+        views.insert(0, ("before", shown_before(recipe), before))
     grid = _grid(views[0][2])
     for name, _, view in views:
         if _grid(view) != grid:
@@ -81,17 +83,22 @@ def write_view(
     )
 
 
-def _stages(recipe: Recipe) -> dict[str, str]:
-    """Say what the run-views show, by detection and ``before``: suppression is named only where clutter is removed."""
-    told = {}
-    for one in variations_of(recipe):
-        removes = bool(recipe.clutter) or one.signature != "none" or one.suppressed
-        told[one.name] = "after clutter suppression" if removes else "without clutter suppression"
-        if one.name == MAIN:
-            told["before"] = "before clutter suppression" if removes else "as imaged"
-        if recipe.map is not None:
-            told[one.name] = f"map by {recipe.map.stage}"
-    return told
+def shown_stage(recipe: Recipe) -> str:
+    """Return what a recipe's run-view shows: suppression is named only where clutter is removed."""
+    if recipe.map is not None:
+        return f"map by {recipe.map.stage}"
+    return (
+        "after clutter suppression" if _removes_clutter(recipe) else "without clutter suppression"
+    )
+
+
+def shown_before(recipe: Recipe) -> str:
+    """Return what the run-view before the background is removed shows."""
+    return "before clutter suppression" if _removes_clutter(recipe) else "as imaged"
+
+
+def _removes_clutter(recipe: Recipe) -> bool:
+    return bool(recipe.clutter) or recipe.background.self_signature != "none"
 
 
 def pyramid(level: NDArray[np.float16]) -> Iterable[NDArray[np.float16]]:

@@ -1,14 +1,14 @@
 from flgpr.calibrate.joint import BiasFit as BiasFit
-from flgpr.chain.fitting import recipe_for as recipe_for
 from flgpr.chain.memory import parse_size as parse_size
 from flgpr.chain.recipe import load_recipe as load_recipe
 from flgpr.chain.recipe import recipe_names as recipe_names
 from flgpr.chain.recipe import recipe_text as recipe_text
+from flgpr.chain.recipe_for_run import recipe_for as recipe_for
 from flgpr.design.array import Question as Question
 from flgpr.design.array import expected_in_words as expected_in_words
 from flgpr.design.signal_to_clutter import Viewing as Viewing
 from flgpr.design.signal_to_clutter import ground_model as ground_model
-from flgpr.execution.survey import How as How
+from flgpr.execution.survey import RunOptions as RunOptions
 from flgpr.io.drafting import explain_files as explain_files
 from flgpr.io.explain import explain_file as explain_file
 from flgpr.kernels.ahead import compiled_beside as compiled_beside

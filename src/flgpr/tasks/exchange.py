@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from flgpr.chain.lane_chain import Detection
+from flgpr.chain.detection import Detection
 from flgpr.door import read_named
 from flgpr.io import (
     MAX_MEMORY,

@@ -15,7 +15,7 @@ import pandas as pd
 import flgpr
 from flgpr.chain.progress import Track, silent
 from flgpr.door import MOST_JSON, Folder, parse_json, parse_toml, read_named
-from flgpr.execution.lane_run import results_at
+from flgpr.execution.driver import results_at
 from flgpr.io import VERDICTS, read_table, read_verdicts, verdict_key, write_whole
 from flgpr.io.dialects import TableReading
 from flgpr.io.files import existing, faults_of

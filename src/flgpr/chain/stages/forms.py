@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from flgpr.chain.passes import Accumulator, Arrays, gathered
+from flgpr.chain.engine import Accumulator, Arrays, append_accumulator
 from flgpr.chain.stages import FloatArray, MapStage, Positive, Table
 from flgpr.chain.too_few import Change, Tally, TooFewExamplesError, clear_change
 from flgpr.clutter import ClutterWhitener
@@ -95,7 +95,7 @@ class FormMap(MapStage):
     """
 
     learns = True
-    waits = "its self-signature is that of the whole run"
+    not_live_because = "its self-signature is that of the whole run"
     Settings: ClassVar[type[Table]] = CutSettings
 
     @property
@@ -133,7 +133,7 @@ class FormMap(MapStage):
                 samples_at(image(index).isel(subband=0, drop=True), mines, self.settings)._asdict()
             )
 
-        return gathered(parts, add)
+        return append_accumulator(parts, add)
 
     @classmethod
     def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:

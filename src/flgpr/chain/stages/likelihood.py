@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from scipy.ndimage import gaussian_filter, uniform_filter
 from scipy.special import logsumexp
 
-from flgpr.chain.passes import Accumulator, Arrays, added
+from flgpr.chain.engine import Accumulator, Arrays, sum_accumulator
 from flgpr.chain.stages import ComplexArray, FloatArray, MapStage, Positive, Setup, Table
 from flgpr.chain.too_few import Tally, TooFewExamplesError, clear_change
 from flgpr.imaging import ScanImager
@@ -233,7 +233,7 @@ class LikelihoodMap(MapStage):
                 sums["covariance"][m] += some.T @ some.conj()
                 sums["count"][m] += len(some)
 
-        return added(sums, add, lambda: sums | self._bodies(sensor))
+        return sum_accumulator(sums, add, lambda: sums | self._bodies(sensor))
 
     @classmethod
     def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
@@ -301,7 +301,7 @@ class LikelihoodMap(MapStage):
     def _bodies(self, sensor: Sensor) -> Arrays:
         """Give chips (body, value) of simulated bodies over this lane's background, and their metres into the image."""
         setup = self.setup
-        known = self.setup.known["gain"]
+        known = self.setup.results["gain"]
         grid = self.setup.images
         table = self.settings
         bands = tuple(setup.imager.subbands.items())

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 import xarray as xr
 
-from flgpr.chain.passes import Arrays
+from flgpr.chain.engine import Arrays
 from flgpr.chain.stages import FeatureStage, FloatArray, Positive, Setup, Table
 
 

@@ -12,15 +12,14 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.chain.engine import Arrays, bundle_groups, group_of
 from flgpr.chain.model import Detector
-from flgpr.chain.passes import Arrays, bundled, group_of
-from flgpr.chain.recipe import RANKS, ContrastTable, PrescreenTable, Recipe, RunViewTable
+from flgpr.chain.recipe import RANKS, ContrastTable, PrescreenTable, Recipe
 from flgpr.chain.stages import ComplexArray, FeatureStage, FloatArray
 from flgpr.clutter import Background
 from flgpr.features import POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
 from flgpr.imaging.scan import blank_image
 from flgpr.model import Grid, ground_points, lane_to_scan
-from flgpr.screen import MeanViewSums, RangeViewSums, RunViewSums
 
 SWAPPED = "swapped."
 OTHER_GAIN = {"shared": "paper.", "own": "shared."}
@@ -31,17 +30,6 @@ OTHER_GAIN = {"shared": "paper.", "own": "shared."}
 OTHER_PSI: dict[str, Literal["circular", "linear"]] = {"circular": "linear", "linear": "circular"}
 """The other mean of ψ; before P_psi, behind what names the gain, it marks the variants' columns of it."""
 _PSI_OF_GAIN: dict[str, Literal["circular", "linear"]] = {"shared": "circular", "own": "linear"}
-
-
-def look_sums(
-    table: RunViewTable, grid: Grid, rows: slice | None = None
-) -> RunViewSums | MeanViewSums | RangeViewSums:
-    """Make the sums of the recipe's look, on rows of a grid of the lane frame."""
-    if table.look == "ranges":
-        return RangeViewSums(grid, table.y_max, rows, table.ranges, table.within)
-    if table.look == "mean":
-        return MeanViewSums(grid, table.y_max, rows, table.falloff)
-    return RunViewSums(grid, table.y_max, rows)
 
 
 def check_confidence(recipe: Recipe, columns: Iterable[str]) -> None:
@@ -240,7 +228,9 @@ class AlarmSums:
     def state(self) -> Arrays:
         """Give what was gathered."""
         states = {name: one.state() for name, one in self._parts.items()}
-        return bundled({name: one | {"row": self.rows[one["row"]]} for name, one in states.items()})
+        return bundle_groups(
+            {name: one | {"row": self.rows[one["row"]]} for name, one in states.items()}
+        )
 
     def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take in what another gathered of other scans, of alarms that are among these."""
