@@ -13,10 +13,12 @@ from flgpr.chain.recipe import load_recipe, recipe_names
 from flgpr.cli import app
 from flgpr.io import Scan, describe_for_live, open_run, read_lane
 from flgpr.live.detector import LiveDetector, LiveSettings
+from flgpr.tasks.results import BESIDE_DEMO
 from reference.slow_scoring import frame_counts
 from systems.lanes import LENGTH, SMALL
 
 SYSTEMS = sorted(SMALL)
+DEMO = [f"demo-{name}" for name in BESIDE_DEMO]
 LIVE = {"wang2007", "wang2007-printed", "fused"}
 MOST = 1e-5
 
@@ -67,7 +69,7 @@ class System:
 
 
 def test_these_are_the_packaged_systems():
-    assert set(recipe_names()) == {*SYSTEMS, "demo", "miniature"}
+    assert set(recipe_names()) == {*SYSTEMS, "demo", *DEMO, "miniature"}
 
 
 def test_train_learns_what_the_recipe_names_and_detect_finds_mines(system):
