@@ -27,8 +27,8 @@ from pathlib import Path
 from flgpr.chain.method import detect
 from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.imaging import ImagingOperator
-from flgpr.io import open_run, write_whole
 from flgpr.model import Lane
+from flgpr.store import open_run, write_whole
 from flgpr.tasks.bench import bench_imaging, format_bench
 from wang2007 import STEP, write_noise_run
 

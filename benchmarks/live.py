@@ -33,9 +33,9 @@ from flgpr.chain.method import detect
 from flgpr.chain.model import load_model, save_model
 from flgpr.chain.recipe import load_recipe
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer
-from flgpr.io import open_run, read_table
 from flgpr.live.feeding import feed
 from flgpr.model import Lane
+from flgpr.store import open_run, read_table
 from flgpr.tasks import simulate_lane
 
 SCENE = """

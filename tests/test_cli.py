@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 from flgpr import tasks
 from flgpr.cli import app
-from flgpr.io import open_run, sample_lane, save_run
-from flgpr.io.bundle import write_bundle
+from flgpr.store import open_run, sample_lane, save_run
+from flgpr.store.bundle import write_bundle
 
 RUN = str(sample_lane() / "run.zarr")
 

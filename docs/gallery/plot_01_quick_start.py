@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from flgpr import tasks
-from flgpr.io import open_run, read_table, sample_lane
+from flgpr.store import open_run, read_table, sample_lane
 
 home = Path(tempfile.mkdtemp())
 lane = sample_lane()

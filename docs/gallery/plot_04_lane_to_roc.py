@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from flgpr import tasks
-from flgpr.scoring import band, match, pd_mean, pd_mean_interval, roc_figure
+from flgpr.scoring import band, match, pd_mean, pd_mean_interval
 from flgpr.simulate import load_scene
 from flgpr.tasks.simulation import preview_figure
+from flgpr.trials import roc_figure
 
 home = Path(tempfile.mkdtemp())
 

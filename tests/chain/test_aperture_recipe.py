@@ -11,8 +11,8 @@ from flgpr.chain.method import detect
 from flgpr.chain.recipe import lane_of, parse_recipe
 from flgpr.chain.recipe_for_run import fit_recipe
 from flgpr.imaging import ScanImager, aperture_blocks, aperture_image
-from flgpr.io import save_run
 from flgpr.model import aperture, aperture_pose, aperture_run, lane_to_scan, make_run, way_weights
+from flgpr.store import save_run
 from flgpr.tasks import detect_long, replay
 
 FREQUENCY = np.linspace(2.0e9, 3.0e9, 81)  # ranges repeat after 12 m

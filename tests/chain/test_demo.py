@@ -9,9 +9,9 @@ import pytest
 from flgpr import tasks
 from flgpr.chain.method import detect
 from flgpr.chain.recipe import load_recipe, parse_recipe, recipe_text
-from flgpr.io import open_run, read_table, sample_lane, save_run, seal, sha256, unseal
 from flgpr.results.result import ResultError, read_result
 from flgpr.scoring import roc
+from flgpr.store import open_run, read_table, sample_lane, save_run, seal, sha256, unseal
 from flgpr.tasks.results import BESIDE_DEMO
 
 

@@ -13,7 +13,7 @@ from flgpr.chain.images import imager_of
 from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging import cuda as engine
-from flgpr.io import open_run, sample_lane
+from flgpr.store import open_run, sample_lane
 from flgpr.tasks import bench, bench_peers
 
 TONES = 500e6 + 40e6 * np.arange(20)

@@ -10,11 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.cli import app
-from flgpr.io import read_anchor
+from flgpr.geo import read_anchor
 from flgpr.model import Lane
 from flgpr.report.trial_pages import lane_maps
-from flgpr.scoring import register
 from flgpr.tasks import plan_files, plan_lane, score_sealed, seal
+from flgpr.trials import register
 
 LANE = "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 75.0\n"
 ANCHOR = """

@@ -22,10 +22,10 @@ from flgpr import tasks
 from flgpr.execution import checkpoint
 from flgpr.execution import job as job_module
 from flgpr.execution.driver import results_at
-from flgpr.io import open_run
-from flgpr.io.journal import JOURNAL
 from flgpr.results.result import ResultError, read_result
-from flgpr.scoring import blind
+from flgpr.store import open_run
+from flgpr.store.journal import JOURNAL
+from flgpr.trials import blind
 from robust import content, digests
 
 DATA = Path(__file__).parents[1] / "data"

@@ -22,7 +22,7 @@ from flgpr.chain.model import MODEL_FILE, Model, describe_model, load_model, sav
 from flgpr.chain.recipe import DetectorTable
 from flgpr.cli import app
 from flgpr.detect.scorers.checks import Checked
-from flgpr.io import Bundle, sample_lane, seal, sha256, unseal, write_bundle
+from flgpr.store import Bundle, sample_lane, seal, sha256, unseal, write_bundle
 
 COLUMNS = ["a", "b"]
 ONE_CLASS = {"one-class-rvm": "mines", "mixture": "mines", "one-class-svm": "mines", "isolation-forest": "clutter",

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 from flgpr import tasks
 from flgpr.chain.recipe import load_recipe, recipe_names
 from flgpr.cli import app
-from flgpr.io import Scan, describe_for_live, open_run, read_lane
 from flgpr.live.detector import LiveDetector, LiveSettings
+from flgpr.store import Scan, describe_for_live, open_run, read_lane
 from flgpr.tasks.results import BESIDE_DEMO
 from reference.slow_scoring import frame_counts
 from systems.lanes import LENGTH, SMALL

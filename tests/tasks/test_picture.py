@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 from flgpr import tasks
 from flgpr.cli import app
 from flgpr.imaging import aperture_blocks, aperture_image
-from flgpr.io import open_run, sample_lane, save_run
 from flgpr.model import SPEED_OF_LIGHT, make_run, vehicle_to_lane
 from flgpr.model.phase import path_phase
+from flgpr.store import open_run, sample_lane, save_run
 
 TONES = 0.6e9 + 20e6 * np.arange(61)
 TARGET = np.array([0.3, 4.0, 0.0])

@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 from flgpr import tasks
 from flgpr.cli import app
-from flgpr.io import open_run, save_run
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.store import open_run, save_run
 from io_gpr import REFLECTORS, SPEED, section, write_dt1, write_dzt, write_segy
 
 TRUE = (SPEED_OF_LIGHT / SPEED) ** 2

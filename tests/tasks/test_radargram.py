@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from flgpr import tasks
 from flgpr.cli import app
-from flgpr.io import read_gpr
+from flgpr.formats import read_gpr
 from flgpr.report.radargram import radargram_figure
 from io_gpr import (
     INTERVAL,

@@ -10,9 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.cli import app
-from flgpr.io import open_run, read_lane, read_table
 from flgpr.model import Sensor, load_sensor
 from flgpr.simulate import Scene, simulate
+from flgpr.store import open_run, read_lane, read_table
 from flgpr.tasks.simulation import preview_figure, simulate_to_store
 
 

@@ -11,7 +11,7 @@ from raw_lane import make_raw_lane
 
 from flgpr import tasks
 from flgpr.calibrate import channel_health, disturbed_tones
-from flgpr.io import open_run, save_run
+from flgpr.store import open_run, save_run
 from flgpr.tasks import raw as raw_module
 from io_gpr import INTERVAL, SAMPLES, ZERO, section, write_dt1
 

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.cli import app
-from flgpr.io import read_verdicts
+from flgpr.store import read_verdicts
 from flgpr.tasks import analyst_agreement
 from flgpr.viewer import Viewer
 from small_results import small_result

@@ -11,7 +11,7 @@ import numpy as np
 
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.stages import FeatureStage, Named
-from flgpr.io import sha256
+from flgpr.store import sha256
 
 IMAGING = {"image", "background", "clutter", "motion"}
 """Tables of a recipe that images and their backgrounds depend on."""

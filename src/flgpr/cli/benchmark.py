@@ -49,13 +49,13 @@ def run_command(
     quiet: Quiet = False,
 ) -> None:
     """Make the lanes, train on those of training, freeze, detect on those of test, score; resumes where it stopped."""
-    from flgpr import benchmark, tasks
+    from flgpr import proving_ground, tasks
 
     with plain_errors(quiet):
         with progress(quiet) as track:
             how = tasks.RunOptions(workers, scheduler, track=track)
-            benchmark.run_benchmark(entries or [], output, quick, how, ground, tier)
-        text = benchmark.write_table([output], output)
+            proving_ground.run_benchmark(entries or [], output, quick, how, ground, tier)
+        text = proving_ground.write_table([output], output)
     if not quiet:
         typer.echo(text)
         typer.echo(f"page: {(output / 'index.html').resolve()}")
@@ -71,14 +71,14 @@ def oracle_command(
     quiet: Quiet = False,
 ) -> None:
     """Tell what a detector would find that knows every mine's echo; opens the truth, which is logged."""
-    from flgpr import benchmark, tasks
+    from flgpr import proving_ground, tasks
 
     with plain_errors(quiet):
         with progress(quiet) as track:
-            benchmark.run_oracle(
+            proving_ground.run_oracle(
                 folder, recipe, tasks.RunOptions(workers, scheduler, track=track), tier
             )
-        text = benchmark.write_table([folder], folder)
+        text = proving_ground.write_table([folder], folder)
     if not quiet:
         typer.echo(text)
 
@@ -93,10 +93,10 @@ def table_command(
     ] = None,
 ) -> None:
     """Set entries side by side; alarms that were not scored yet are, and the look at the truth is logged."""
-    from flgpr import benchmark
+    from flgpr import proving_ground
 
     with plain_errors():
-        typer.echo(benchmark.write_table(folders, output or folders[0]))
+        typer.echo(proving_ground.write_table(folders, output or folders[0]))
 
 
 @benchmark_app.command("list")
@@ -108,8 +108,8 @@ def list_command(
     ground: Chosen = None,
 ) -> None:
     """Name the packaged entries, the lanes and the splits; with a folder of lanes, tell whether they are the same."""
-    from flgpr import benchmark
+    from flgpr import proving_ground
 
     with plain_errors():
-        for line in benchmark.listing(quick, lanes, ground):
+        for line in proving_ground.listing(quick, lanes, ground):
             typer.echo(line)

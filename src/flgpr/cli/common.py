@@ -56,7 +56,7 @@ class _Notes(logging.Handler):
         self._said: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Take a message of ``flgpr.io.notes.tell_note``."""
+        """Take a message of ``flgpr.store.notes.tell_note``."""
         text = record.getMessage()
         if not self._quiet and text not in self._said:
             typer.echo(f"note: {text}", err=True)
@@ -71,7 +71,7 @@ class _Teller(logging.Handler):
         self._quiet = quiet
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Take a message of :func:`flgpr.io.outputs.tell_finished`."""
+        """Take a message of :func:`flgpr.store.outputs.tell_finished`."""
         _there_already.add(str(vars(record).get("output")))
         if not self._quiet:
             typer.echo(record.getMessage(), err=True)

@@ -13,9 +13,8 @@ import typer
 from flgpr import tasks
 from flgpr.door import Folder
 
-_AIRBORNE = (
-    100.0  # m above the ground, from where on coverage ahead of a vehicle is not what is asked for
-)
+# m above the ground, from where on coverage ahead of a vehicle is not what is asked for
+_AIRBORNE = 100.0
 
 
 def score_summary(folder: Path, scored: list[Any]) -> dict[str, Any]:

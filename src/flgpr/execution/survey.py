@@ -17,9 +17,9 @@ from flgpr.door import read_named
 from flgpr.execution.driver import Note, detect_lane, holds_result, is_done, results_at, unnoted
 from flgpr.execution.job import LaneJob, make_job
 from flgpr.execution.workers import Cluster, Executor, InProcess, Processes
-from flgpr.io import MAX_MEMORY, open_run, read_lane, write_whole
-from flgpr.io.outputs import OVERWRITE, tell_finished
 from flgpr.results.result import check_free, read_result
+from flgpr.store import MAX_MEMORY, open_run, read_lane, write_whole
+from flgpr.store.outputs import OVERWRITE, tell_finished
 
 PathLike = str | Path
 

@@ -22,7 +22,7 @@ import numba
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from flgpr.chain.engine import run_pieces
-from flgpr.io.extras import optional
+from flgpr.store.extras import optional
 
 Report = dict[str, Any]
 Work = Callable[..., Report]

@@ -9,8 +9,6 @@ from flgpr.design.array import expected_in_words as expected_in_words
 from flgpr.design.signal_to_clutter import Viewing as Viewing
 from flgpr.design.signal_to_clutter import ground_model as ground_model
 from flgpr.execution.survey import RunOptions as RunOptions
-from flgpr.io.drafting import explain_files as explain_files
-from flgpr.io.explain import explain_file as explain_file
 from flgpr.kernels.ahead import compiled_beside as compiled_beside
 from flgpr.live.detector import LiveSettings as LiveSettings
 from flgpr.live.feeding import feed as feed
@@ -23,9 +21,6 @@ from flgpr.report import design_report as design_report
 from flgpr.results.result import Result as Result
 from flgpr.results.result import read_result as read_result
 from flgpr.results.sections import SECTIONS as SECTIONS
-from flgpr.scoring import PASSPHRASE_RULE as PASSPHRASE_RULE
-from flgpr.scoring import WitnessedRegister as WitnessedRegister
-from flgpr.scoring import check_passphrase as check_passphrase
 from flgpr.tasks.anchoring import anchor_from_points as anchor_from_points
 from flgpr.tasks.anchoring import check_request as check_request
 from flgpr.tasks.anchoring import tie_lane as tie_lane
@@ -97,3 +92,6 @@ from flgpr.tasks.slices import Slices as Slices
 from flgpr.tasks.slices import make_slices as make_slices
 from flgpr.tasks.survey_lines import import_lines as import_lines
 from flgpr.tasks.training import train_runs as train_runs
+from flgpr.trials import PASSPHRASE_RULE as PASSPHRASE_RULE
+from flgpr.trials import WitnessedRegister as WitnessedRegister
+from flgpr.trials import check_passphrase as check_passphrase

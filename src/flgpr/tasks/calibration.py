@@ -21,11 +21,11 @@ from flgpr.calibrate import (
     with_track,
 )
 from flgpr.imaging import ImagingOperator
-from flgpr.io import open_run, save_run
-from flgpr.io.files import existing
-from flgpr.io.tables import read_text_table
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
+from flgpr.store import open_run, save_run
+from flgpr.store.files import existing
+from flgpr.store.tables import read_text_table
 from flgpr.tasks.exchange import track_of
 
 PathLike = str | Path
@@ -43,9 +43,8 @@ class ClockSearch:
     ]  #: least and greatest offset of the track's clock from the radar's, s
     step: float = 0.05  #: first step, s; it is halved four times around the best
     height: float = 0.0  #: z of the area, m
-    spacing: float | None = (
-        None  #: of the pixels, m; None takes a quarter of the shortest wavelength
-    )
+    #: of the pixels, m; None takes a quarter of the shortest wavelength
+    spacing: float | None = None
     rates: tuple[float, ...] = (1.0,)  #: clock rates to try
 
 

@@ -12,8 +12,8 @@ from flgpr.chain.recipe_for_run import area_of, recipe_for
 from flgpr.execution.driver import Note, detect_lane, results_at, unnoted
 from flgpr.execution.job import make_job
 from flgpr.execution.survey import DEFAULTS, RunOptions, detect_survey, lane_names
-from flgpr.io import MAX_MEMORY, open_run, read_lane
 from flgpr.results.result import Result, read_result
+from flgpr.store import MAX_MEMORY, open_run, read_lane
 
 PathLike = str | Path
 

@@ -14,33 +14,23 @@ import xarray as xr
 
 from flgpr.chain.detection import Detection
 from flgpr.door import read_named
-from flgpr.io import (
-    MAX_MEMORY,
-    GprSection,
-    anchor_from_fixes,
-    georeferenced,
-    gpr_run,
-    nmea_places,
-    open_run,
-    qgis,
-    read_gpr,
-    save_run,
-    sha256,
-    write_table,
-)
-from flgpr.io.anchor import Anchor, own_anchor, read_anchor, transform_lonlat
-from flgpr.io.cphd import read_cphd, write_cphd
-from flgpr.io.dialects import TableReading, parse_columns_option
-from flgpr.io.files import existing
-from flgpr.io.mapped import Imported, import_mapped
-from flgpr.io.outputs import whole_output, write_new
-from flgpr.io.run_store import is_stored
-from flgpr.io.tables import json_value, parse_table, read_table, table_text
-from flgpr.io.tracks import read_nmea, read_survey, read_track
+from flgpr.formats import GprSection, gpr_run, nmea_places, read_gpr
+from flgpr.formats.cphd import read_cphd, write_cphd
+from flgpr.formats.mapped import Imported, import_mapped
+from flgpr.formats.tracks import read_nmea, read_survey, read_track
+from flgpr.geo import anchor_from_fixes, qgis
+from flgpr.geo import export as georeferenced
+from flgpr.geo.anchor import Anchor, own_anchor, read_anchor, transform_lonlat
 from flgpr.model.motion import judge_run
 from flgpr.model.track import reference_track
 from flgpr.results.result import Result, read_result
 from flgpr.results.score import read_scored_truth
+from flgpr.store import MAX_MEMORY, open_run, save_run, sha256, write_table
+from flgpr.store.dialects import TableReading, parse_columns_option
+from flgpr.store.files import existing
+from flgpr.store.outputs import whole_output, write_new
+from flgpr.store.run_store import is_stored
+from flgpr.store.tables import json_value, parse_table, read_table, table_text
 
 if TYPE_CHECKING:
     from xml.etree import ElementTree
@@ -84,12 +74,13 @@ def import_with_mapping(
     """Import data files by a mapping (TOML) and store the run; a stopped import goes on with the scan it was at.
 
     It gives run, track and notes; a track is also written beside the run as ``NAME-track.csv``. ``data`` stand in place
-    of the mapping's files. Poses may come from ``survey``, CSV as :func:`flgpr.io.read_survey` takes it, or from
+    of the mapping's files. Poses may come from ``survey``, CSV as :func:`flgpr.formats.read_survey` takes it, or from
     ``track``, CSV or an NMEA log, which needs the ``anchor`` (TOML): then ``clock_offset`` is the track's clock less
     the radar's, s, ``latency`` how late its stamps are, s, and ``lever_arm`` the antenna's place in the vehicle frame,
-    m. A take of motion capture is read before, by :func:`flgpr.io.read_track`. ``max_memory`` is the largest array that
-    is read, bytes. With ``anchor_from_track`` fixes by longitude and latitude need no ``anchor``: they make their own
-    (:func:`flgpr.io.anchor_from_fixes`), which the run knows as its place.
+    m. A take of motion capture is read before, by :func:`flgpr.formats.read_track`. ``max_memory``
+    is the largest array that is read, bytes. With ``anchor_from_track`` fixes by longitude and
+    latitude need no ``anchor``: they make their own (:func:`flgpr.geo.anchor_from_fixes`),
+    which the run knows as its place.
     """
     _check_home(Path(output))
     tie: PathLike | Anchor | None = anchor
@@ -143,11 +134,12 @@ def import_gpr(
     anchor_from_track: bool = False,
     **options: Any,
 ) -> xr.Dataset:
-    """Import the recording of a commercial radar (:func:`flgpr.io.read_gpr`) and store the run.
+    """Import the recording of a commercial radar (:func:`flgpr.formats.read_gpr`) and store the run.
 
-    ``options`` are those of :func:`flgpr.io.gpr_run`: ``step``, ``time_zero``, ``window``, ``band``, ``separation``,
-    ``across``, ``height``, ``polarization``. With ``anchor_from_track`` the receiver's fixes of the line put its traces
-    in a lane of their own (:func:`flgpr.io.anchor_from_fixes`). A store that holds another run is refused.
+    ``options`` are those of :func:`flgpr.formats.gpr_run`: ``step``, ``time_zero``, ``window``,
+    ``band``, ``separation``, ``across``, ``height``, ``polarization``. With
+    ``anchor_from_track`` the receiver's fixes of the line put its traces in a lane of their own
+    (:func:`flgpr.geo.anchor_from_fixes`). A store that holds another run is refused.
     """
     _check_home(Path(output))
     section = read_gpr(path, max_memory)
@@ -404,7 +396,7 @@ def track_of(
     axes: Sequence[str] | None = None,
     max_gap: float = 1.0,
 ) -> pd.DataFrame:
-    """Read a track from CSV, as :func:`flgpr.io.read_track` does, or from an NMEA log with the anchor that it needs."""
+    """Return a track from CSV (:func:`flgpr.formats.read_track`) or from an NMEA log and its anchor."""
     if existing(path, "track").suffix.lower() == ".csv":
         return read_track(path, "column", body, axes, max_gap)
     tie = _anchor(anchor)

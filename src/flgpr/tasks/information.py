@@ -15,8 +15,6 @@ from flgpr.chain.recipe import Recipe, lane_of, load_recipe, recipe_names
 from flgpr.chain.recipe_for_run import fit_faults
 from flgpr.door import Folder
 from flgpr.imaging import count_looks
-from flgpr.io import open_run
-from flgpr.io.outputs import whole_output
 from flgpr.model import (
     SPEED_OF_LIGHT,
     Grid,
@@ -28,12 +26,13 @@ from flgpr.model import (
 )
 from flgpr.model.motion import judge_run, plausible_run
 from flgpr.results.description import describe_run, plausible_poses
+from flgpr.store import open_run
+from flgpr.store.outputs import whole_output
 
 PathLike = str | Path
 _WIDEST = 10.0  # m
-_LEAST_HEIGHT = (
-    0.5  # m, for ground that is looked at by antennas that say they do not stand above it
-)
+# m, for ground that is looked at by antennas that say they do not stand above it
+_LEAST_HEIGHT = 0.5
 
 
 def run_info(

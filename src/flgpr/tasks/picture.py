@@ -16,13 +16,14 @@ from scipy.ndimage import maximum_filter
 
 from flgpr.calibrate import brightest_points, sharpness
 from flgpr.chain.progress import Track, silent
+from flgpr.formats import LINE_STARTS
+from flgpr.geo.anchor import read_anchor
+from flgpr.geo.export import write_geotiff
 from flgpr.imaging import aperture_blocks, aperture_image
-from flgpr.io import LINE_STARTS, open_run
-from flgpr.io.anchor import read_anchor
-from flgpr.io.extras import optional
-from flgpr.io.georeferenced import write_geotiff
-from flgpr.io.outputs import whole_output
 from flgpr.model import SPEED_OF_LIGHT, complete_scans, way_weights
+from flgpr.store import open_run
+from flgpr.store.extras import optional
+from flgpr.store.outputs import whole_output
 from flgpr.tasks.information import seen_ground
 
 PathLike = str | Path

@@ -12,27 +12,20 @@ import numpy as np
 import pandas as pd
 
 from flgpr.door import read_named
-from flgpr.io import read_anchor
-from flgpr.io.anchor import Anchor, transform_lonlat
-from flgpr.io.extras import optional
-from flgpr.io.files import check_new, existing, faults_of
-from flgpr.io.outputs import other_output, tell_finished, write_new
-from flgpr.io.tables import parse_table, read_columns, table_text
+from flgpr.geo import read_anchor
+from flgpr.geo.anchor import Anchor, transform_lonlat
 from flgpr.model import check_truth
 from flgpr.report import sheet_html
-from flgpr.scoring import (
-    Rules,
-    SamplePlan,
-    as_lanes,
-    content_hash,
-    emplacement_plan,
-    read_register,
-    sample_size,
-)
-from flgpr.scoring.ledger import before_opening, enter
+from flgpr.scoring import Rules, as_lanes
+from flgpr.store.extras import optional
+from flgpr.store.files import check_new, existing, faults_of
+from flgpr.store.outputs import other_output, tell_finished, write_new
+from flgpr.store.tables import parse_table, read_columns, table_text
 from flgpr.tasks.exchange import export_table
 from flgpr.tasks.registering import BOOK, own_book, recipe_hash
 from flgpr.tasks.scoring import borders, read_lanes
+from flgpr.trials import SamplePlan, content_hash, emplacement_plan, read_register, sample_size
+from flgpr.trials.ledger import before_opening, enter
 
 PathLike = str | Path
 _FILLED_IN = ("emplaced", "emplaced_x_m", "emplaced_y_m", "emplaced_depth_m", "remark")
@@ -50,7 +43,7 @@ def plan_mines(
     power: float = 0.8,
     joint: bool = False,
 ) -> tuple[SamplePlan, list[str]]:
-    """Plan how many mines and how much ground a claim takes, also in words; see :func:`flgpr.scoring.sample_size`."""
+    """Plan how many mines and how much ground a claim takes, also in words; see :func:`flgpr.trials.sample_size`."""
     plan = sample_size(
         pd_claim, far, confidence, true_pd=true_pd, true_far=true_far, power=power, joint=joint
     )
@@ -102,7 +95,7 @@ def plan_lane(
 
     It gives the table and what was registered. ``lane`` is as for :func:`flgpr.tasks.scoring.read_lanes`, ``targets``
     CSV with ``kind``, ``depth`` (m) and ``count``, a row per sort; ``spacing`` and ``edge``, m, as for
-    :func:`flgpr.scoring.emplacement_plan`. Who can guess the ``seed`` has the plan; None draws one, which the table's
+    :func:`flgpr.trials.emplacement_plan`. Who can guess the ``seed`` has the plan; None draws one, which the table's
     ``attrs`` tell. The files are those of :func:`plan_files`: the plan itself, a truth table; a page to print for the
     crew, and a sheet that is filled in for :func:`survey_plan`; and, if an ``anchor`` (TOML) ties it to the Earth,
     the points as GeoPackage and GPX. The register ``book`` is ``<output>.register.jsonl`` by default; scoring will

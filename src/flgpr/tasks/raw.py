@@ -17,9 +17,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from flgpr.calibrate import channel_health, disturbed_tones, health_summary
 from flgpr.door import parse_json
-from flgpr.io import MAX_MEMORY, is_gpr, open_run, preview_run
+from flgpr.formats import is_gpr, preview_run
 from flgpr.model import complete_scans
 from flgpr.model.faults import first_fault
+from flgpr.store import MAX_MEMORY, open_run
 from flgpr.tasks.information import geometry_doubts
 from flgpr.tasks.picture import View, focus
 from flgpr.tasks.preparing import Background, Step, Subtract, check_steps
@@ -29,9 +30,8 @@ MOST_BINS = 800
 _MOST_STEPS = 16
 _COPIES = 5  # of what is read, while a step and the transform are at work
 _MOST_SUMMED = 1.2e10  # scans x tones x delays of one picture: some seconds
-_UPDATES = (
-    4e9  # scans x pairs x pixels of one image, where its pixels are ours to choose: some seconds
-)
+# scans x pairs x pixels of one image, where its pixels are ours to choose: some seconds
+_UPDATES = 4e9
 _PIXELS = 20_000, 200_000  # of an image, least and most
 _MOST_RUNNING = 5e8  # samples that medians over a window of scans sort
 

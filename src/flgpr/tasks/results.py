@@ -18,14 +18,14 @@ from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.chain.recipe_for_run import area_of
 from flgpr.chain.sections import noted_section
-from flgpr.io import open_run, read_manifest, sample_lane
-from flgpr.io.outputs import OVERWRITE, other_output, tell_finished
 from flgpr.model import Lane
 from flgpr.results.description import describe_run
 from flgpr.results.errors import ResultError
 from flgpr.results.result import Result, check_free, read_result, write_result
 from flgpr.results.sections import SECTIONS
 from flgpr.scoring import Score
+from flgpr.store import open_run, read_manifest, sample_lane
+from flgpr.store.outputs import OVERWRITE, other_output, tell_finished
 from flgpr.tasks.scoring import score_result
 
 PathLike = str | Path

@@ -18,24 +18,11 @@ from matplotlib.patches import Circle, Rectangle
 from flgpr import __version__
 from flgpr.chain.progress import Track, silent
 from flgpr.door import Folder
-from flgpr.io import (
-    GprmaxRun,
-    RunWriter,
-    canonical_json,
-    import_fullwave,
-    lane_text,
-    save_run,
-    sha256,
-    write_geojson,
-    write_table,
-    write_whole,
-)
-from flgpr.io.gprmax import GprmaxTold, import_gprmax_files
-from flgpr.io.outputs import held_folder, other_output, tell_finished, whole_output
-from flgpr.io.run_store import RunExistsError, is_stored
+from flgpr.formats import GprmaxRun, import_fullwave
+from flgpr.formats.gprmax import GprmaxTold, import_gprmax_files
 from flgpr.model import Sensor, load_sensor
 from flgpr.simulate import Decks, Scene, Simulator, World, draw_world, load_scene, make_decks
-from flgpr.simulate.signature import (
+from flgpr.simulate.bodies.signature import (
     FREQUENCY,
     PERMITTIVITY,
     Body,
@@ -47,6 +34,18 @@ from flgpr.simulate.signature import (
     save_table,
 )
 from flgpr.simulate.simulator import check_effort, warn_of_aliases
+from flgpr.store import (
+    RunWriter,
+    canonical_json,
+    lane_text,
+    save_run,
+    sha256,
+    write_geojson,
+    write_table,
+    write_whole,
+)
+from flgpr.store.outputs import held_folder, other_output, tell_finished, whole_output
+from flgpr.store.run_store import RunExistsError, is_stored
 
 PathLike = str | Path
 _BESIDE = ("truth.csv", "truth.json", "objects.csv", "objects.json", "lane.toml")
@@ -434,7 +433,9 @@ def _write_preview(scene: Scene, seed: int, path: PathLike, force: bool) -> Path
 
 
 def import_fullwave_lane(archive: PathLike, output: PathLike) -> list[Path]:
-    """Import a full-wave archive (:func:`flgpr.io.import_fullwave`) into a new run store, and give what was written.
+    """Import a full-wave archive into a new run store; return the paths that were written.
+
+    :func:`flgpr.formats.import_fullwave` reads the archive.
 
     ``NAME-truth.csv`` and ``NAME-objects.csv`` are written beside it if the archive tells of them.
     """

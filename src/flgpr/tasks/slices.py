@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 
 from flgpr.chain.progress import Track, silent
-from flgpr.io import open_run
-from flgpr.io.outputs import whole_output
+from flgpr.store import open_run
+from flgpr.store.outputs import whole_output
 from flgpr.tasks.picture import View, focus
 
 PathLike = str | Path

@@ -8,18 +8,11 @@ from typing import Any
 
 import xarray as xr
 
-from flgpr.io import (
-    MAX_MEMORY,
-    LineLayout,
-    anchor_from_fixes,
-    place_by_marks,
-    read_gpr,
-    read_line_ends,
-    save_run,
-    survey_run,
-)
-from flgpr.io.anchor import Anchor, read_anchor
+from flgpr.formats import LineLayout, place_by_marks, read_gpr, read_line_ends, survey_run
+from flgpr.geo import anchor_from_fixes
+from flgpr.geo.anchor import Anchor, read_anchor
 from flgpr.model.motion import judge_run
+from flgpr.store import MAX_MEMORY, save_run
 
 PathLike = str | Path
 
@@ -37,12 +30,14 @@ def import_lines(
     lines: PathLike | None = None,
     **options: Any,
 ) -> xr.Dataset:
-    """Import lines of commercial radars (:func:`flgpr.io.read_gpr`) as one run, all channels of each, and store it.
+    """Import lines of commercial radars as one run, all channels of each, and store it.
+
+    :func:`flgpr.formats.read_gpr` reads the lines.
 
     Where they lie is told by the receiver's fixes with an ``anchor`` (TOML) or ``anchor_from_track`` (of the first
     line), by ``line_spacing``, m, of parallel lines, perhaps in ``zigzag``, or by a table ``lines`` (CSV,
-    :func:`flgpr.io.read_line_ends`). With ``mark_spacing``, m, distances come from the marks. ``options`` are those of
-    :func:`flgpr.io.survey_run`. A store that holds another run is refused.
+    :func:`flgpr.formats.read_line_ends`). With ``mark_spacing``, m, distances come from the marks.
+    ``options`` are those of :func:`flgpr.formats.survey_run`. A store that holds another run is refused.
     """
     target = Path(output)
     if not target.parent.is_dir():

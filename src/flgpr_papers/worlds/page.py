@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.io import sha256
+from flgpr.store import sha256
 from flgpr_papers.kit.page import study_html
 from flgpr_papers.kit.settings import PAPERS
 from flgpr_papers.kit.worlds import AXES, DECLARED, design_worlds
@@ -45,7 +45,7 @@ def page_html(folder: Path, pictures: Mapping[str, bytes], quick: bool) -> str:
 def declared_hashes() -> dict[str, str]:
     """Return the SHA-256 of every declared file: axes and lanes, the fraction, mixes of mines, the two sites."""
     papers = resources.files("flgpr_papers")
-    sites = resources.files("flgpr.simulate") / "sites"
+    sites = resources.files("flgpr.simulate.scene") / "sites"
     files = [
         papers / "worlds" / "worlds.toml",
         papers / "worlds" / "worlds.csv",
