@@ -11,7 +11,7 @@ import pandas as pd
 import xarray as xr
 
 from flgpr.chain.alarm_features import AlarmFeatures, check_confidence
-from flgpr.chain.cleaned import CleanedRun, LaneScan
+from flgpr.chain.cleaned import CleanedRun
 from flgpr.chain.engine import PlannedPass, group_of
 from flgpr.chain.evidence import MOST_GATHERED, EvidenceSums
 from flgpr.chain.images import RunImages
@@ -132,10 +132,6 @@ class LaneSetup:
         if index not in self._images:
             self._images[index] = self.images.image(index)
         return self._images[index]
-
-    def scan(self, index: int) -> LaneScan:
-        """Return the scan at an index among the complete ones, as passes see it."""
-        return LaneScan(self, index)
 
     @cached_property
     def cleaned(self) -> CleanedRun:

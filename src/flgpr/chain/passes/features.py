@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from flgpr.chain.alarm_features import AlarmSums
 from flgpr.chain.cache_key import features_key
-from flgpr.chain.cleaned import LaneScan
 from flgpr.chain.engine import Arrays
+from flgpr.chain.lane_scan import LaneScan
 from flgpr.chain.lane_setup import LaneSetup, table_arrays
 from flgpr.chain.passes.traversal import Pass
 

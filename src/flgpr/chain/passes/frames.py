@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.cleaned import LaneScan
 from flgpr.chain.engine import Arrays, joined_parts
+from flgpr.chain.lane_scan import LaneScan
 from flgpr.chain.lane_setup import LaneSetup, table_arrays
 from flgpr.chain.passes.traversal import Pass
 from flgpr.chain.stages import FloatArray

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.chain.cache_key import view_key
-from flgpr.chain.cleaned import LaneScan
 from flgpr.chain.engine import Arrays
+from flgpr.chain.lane_scan import LaneScan
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.passes.traversal import Pass
 from flgpr.chain.recipe import RunViewTable

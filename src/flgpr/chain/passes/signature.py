@@ -8,8 +8,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from flgpr.chain.cache_key import background_key
-from flgpr.chain.cleaned import LaneScan
 from flgpr.chain.engine import Arrays
+from flgpr.chain.lane_scan import LaneScan
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.passes.traversal import Pass
 from flgpr.clutter import BackgroundEstimator

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 from numpy.typing import NDArray
 
-from flgpr.chain.cleaned import LaneScan
 from flgpr.chain.engine import Arrays, PlannedPass, bundle_groups, group_of
+from flgpr.chain.lane_scan import LaneScan
 from flgpr.chain.lane_setup import LaneSetup
 
 
@@ -62,7 +62,7 @@ class Traversal:
 
     def add(self, index: int) -> None:
         """Add the scan at an index among the complete ones to every pass."""
-        scan = self._lane.scan(index)
+        scan = LaneScan(self._lane, index)
         for each in self._passes.values():
             each.add(scan)
 
