@@ -138,7 +138,7 @@ def test_the_engine_knows_no_pass_and_a_pass_no_other_way_through():
         if any(name.startswith("flgpr.chain.passes") for name in imported(path))
     }
     others = {name for name in users if not name.startswith("chain/passes/")}
-    assert others == {"chain/method.py", "chain/detection.py", "live/detector.py"}
+    assert others == {"chain/method.py", "chain/detection.py"}
 
 
 def test_the_system_does_not_rest_on_the_studies():

@@ -380,8 +380,8 @@ def test_a_learnt_column_ranks_and_no_detector_is_trained_for_it(run, tmp_path):
 
 def test_a_column_of_scans_ranks_live(run):
     detector = LiveDetector(describe_for_live(run), recipe("tracked", TRACKED), LANE)
-    assert detector.reads.single == "tracked"
-    assert list(detector.reads.stages) == ["features.tracking"]
+    assert detector.steps.single == "tracked"
+    assert list(detector.steps.stages) == ["features.tracking"]
 
 
 def test_a_confidence_that_nothing_makes_is_refused(run):

@@ -204,7 +204,7 @@ def test_a_classifier_gives_the_confidence_that_batch_gives(run, recipe, scans):
         names, normalizer, FisherDiscriminant().fit(normalizer.transform(values), label)
     )
     detector = start(run, recipe, model=model)
-    assert detector.reads.subbands == ["F1"]
+    assert detector.steps.subbands == ["F1"]
     play(detector, scans)
     live = seen(detector.table(), scans)
     whole = seen(detect(run, recipe, LANE, model=model).alarms, scans)
@@ -286,7 +286,7 @@ def sharp_played(run, scans, sharp):
 def test_named_features_and_an_estimator_run_live(run, scans, sharp, sharp_played):
     recipe, model = sharp
     detector, _ = sharp_played
-    assert detector.reads.subbands == list(recipe.image.subbands)  # a stage sees the whole image
+    assert detector.steps.subbands == list(recipe.image.subbands)  # a stage sees the whole image
     live, whole = (
         seen(t, scans) for t in (detector.table(), detect(run, recipe, LANE, model=model).alarms)
     )
@@ -301,14 +301,14 @@ def test_a_named_feature_is_the_mean_over_the_scans_so_far(run, scans, sharp):
     detector = start(run, sharp[0], model=sharp[1])
     for scan in scans[:30]:
         detector.add(scan)
-    (stage,) = detector.reads.stages.values()
+    (stage,) = detector.steps.stages.values()
     alarms = pd.DataFrame([vars(one) for one in detector.alarms.values()])
-    sums = AlarmSums(detector.reads, alarms)
+    sums = AlarmSums(detector.steps, alarms)
     each = []
     for one in detector.history:
         sums.add(one)
         local = [lane_to_scan([x, y, 0.0], one.pose)[:2] for x, y in alarms[["x", "y"]].to_numpy()]
-        each.append(stage.of_image(detector.reads.labelled(one), np.array(local))["sharp_VV"])
+        each.append(stage.of_image(detector.steps.labelled(one), np.array(local))["sharp_VV"])
     some = np.isfinite(each).any(axis=0)
     assert some.sum() > 3
     np.testing.assert_allclose(
@@ -321,10 +321,10 @@ def test_a_named_feature_is_the_mean_over_the_scans_so_far(run, scans, sharp):
 def test_only_what_decides_is_gathered(run, sharp):
     """Without a model no stage is asked, and one whose columns the model does not read is not either."""
     recipe = sharp[0]
-    assert not start(run, recipe).reads.stages
-    assert start(run, recipe).reads.subbands == ["F1"]
+    assert not start(run, recipe).steps.stages
+    assert start(run, recipe).steps.subbands == ["F1"]
     other = Classifier(("C_HH_F1",), HistogramNormalizer(), FisherDiscriminant())
-    assert not start(run, recipe, model=other).reads.stages
+    assert not start(run, recipe, model=other).steps.stages
 
 
 class OfTheView(FeatureStage):
@@ -428,10 +428,10 @@ def test_a_snapshot_of_something_else_or_damaged_is_refused(run, recipe, scans, 
 
 
 def test_only_the_sub_bands_that_decide_are_imaged(run, recipe):
-    assert start(run, recipe).reads.subbands == ["F1"]
+    assert start(run, recipe).steps.subbands == ["F1"]
     names = ("C_HH_F1", "P_H_F2")
     model = Classifier(names, HistogramNormalizer(), FisherDiscriminant())
-    assert start(run, recipe, model=model).reads.subbands == ["F1", "F2"]
+    assert start(run, recipe, model=model).steps.subbands == ["F1", "F2"]
     with pytest.raises(ValueError, match=r"paper\.P_H_F1"):
         start(
             run,

@@ -1,10 +1,8 @@
-"""Run-view and features gathered scan by scan, alike for a stored run, its sections, and scans as they come."""
+"""Features of alarms gathered scan by scan, alike for a stored run, its sections, and scans as they come."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -13,13 +11,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.engine import Arrays, bundle_groups, group_of
-from flgpr.chain.model import Detector
-from flgpr.chain.recipe import RANKS, ContrastTable, PrescreenTable, Recipe
-from flgpr.chain.stages import ComplexArray, FeatureStage, FloatArray
-from flgpr.clutter import Background
+from flgpr.chain.stages import ComplexArray, FeatureStage
+from flgpr.chain.steps import CleanedScan, Steps
 from flgpr.features import POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
-from flgpr.imaging.scan import blank_image
-from flgpr.model import Grid, ground_points, lane_to_scan
+from flgpr.model import ground_points, lane_to_scan
 
 SWAPPED = "swapped."
 OTHER_GAIN = {"shared": "paper.", "own": "shared."}
@@ -30,27 +25,6 @@ OTHER_GAIN = {"shared": "paper.", "own": "shared."}
 OTHER_PSI: dict[str, Literal["circular", "linear"]] = {"circular": "linear", "linear": "circular"}
 """The other mean of ψ; before P_psi, behind what names the gain, it marks the variants' columns of it."""
 _PSI_OF_GAIN: dict[str, Literal["circular", "linear"]] = {"shared": "circular", "own": "linear"}
-
-
-def check_confidence(recipe: Recipe, columns: Iterable[str]) -> None:
-    """Refuse a recipe whose confidence is none of the columns that its stages make."""
-    known = [*RANKS, *columns]
-    if recipe.confidence not in known:
-        raise ValueError(f"confidence must be one of {', '.join(known)}, got {recipe.confidence!r}")
-
-
-@dataclass(frozen=True)
-class CleanedScan:
-    """A scan's images (polarization, subband, y, x) in units of their background, as far ahead as counts.
-
-    The polarizations of ``coherent`` share one gain, those of ``own`` have their own; None where nothing reads them.
-    """
-
-    number: int
-    pose: FloatArray
-    magnitude: NDArray[np.float32]
-    coherent: ComplexArray | None = None
-    own: ComplexArray | None = None
 
 
 class StageSums:
@@ -74,7 +48,7 @@ class StageSums:
         self._count += np.isfinite(values)
 
     def state(self) -> Arrays:
-        """Give sums and counts by row of the alarms."""
+        """Return sums and counts by row of the alarms."""
         return {"row": np.arange(len(self._points)), "total": self._total, "count": self._count}
 
     def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
@@ -89,80 +63,6 @@ class StageSums:
         return pd.DataFrame(means, columns=list(self.stage.columns))
 
 
-@dataclass(frozen=True)
-class AlarmFeatures:
-    """What a recipe reads of alarms in images of some channels, whose pixels that count are ``grid``.
-
-    The ten features of every sub-band and their variants, or without the table features the contrast, and the columns
-    of named stages.
-    """
-
-    recipe: Recipe
-    polarizations: Sequence[str]
-    subbands: Sequence[str]
-    grid: Grid
-    stages: Mapping[str, FeatureStage]
-    #: sub-bands whose polarimetric features are read; None reads all
-    polarimetric: tuple[str, ...] | None = None
-
-    def channel(self, table: ContrastTable | PrescreenTable) -> tuple[int, int]:
-        """Tell where the polarization and sub-band of a table stand in the images."""
-        return list(self.polarizations).index(table.polarization), list(self.subbands).index(
-            table.subband
-        )
-
-    def clean(
-        self,
-        number: int,
-        pose: FloatArray,
-        image: ComplexArray,
-        gain: FloatArray,
-        background: Background,
-        own: bool = False,
-    ) -> CleanedScan:
-        """Clean a scan's image as far as its features need it, and ``own`` if asked for: the rows of the grid."""
-        table = self.recipe.features
-        rows = self.grid.ny
-        shared = table is not None and (table.gain == "shared" or table.variants)
-        own = (
-            own
-            or bool(self.stages)
-            or (table is not None and (table.gain == "own" or table.variants))
-        )
-        return CleanedScan(
-            number,
-            pose,
-            background.magnitude(image, gain, rows),
-            background.coherent(image, gain, rows) if shared else None,
-            background.own_coherent(image, gain, rows) if own else None,
-        )
-
-    def labelled(self, scan: CleanedScan) -> xr.DataArray:
-        """Give the image whose channels have their own gain with its names, axes, number and pose."""
-        image = self._blank.copy(deep=False, data=scan.own)
-        image.attrs = {"scan": scan.number, "pose": scan.pose.tolist()}
-        return image
-
-    @cached_property
-    def _blank(self) -> xr.DataArray:
-        return blank_image(list(self.polarizations), list(self.subbands), self.grid.y, self.grid.x)
-
-    @property
-    def single(self) -> str:
-        """Name of the column that is the confidence where nothing was trained."""
-        table = self.recipe.contrast
-        if self.recipe.confidence != "contrast" or self.recipe.features is None:
-            return self.recipe.confidence
-        return f"C_{table.polarization}_{table.subband}"
-
-    def confidence(
-        self, features: pd.DataFrame, magnitude: pd.Series[float], detector: Detector | None
-    ) -> Any:
-        """Score alarms by their features and magnitude; NaN where one that is read is missing."""
-        read = features.assign(magnitude=magnitude)
-        return read[self.single] if detector is None else detector.confidence(read)
-
-
 class AlarmSums:
     """Features of alarms (x, y in the lane frame, m), gathered scan by scan.
 
@@ -170,20 +70,20 @@ class AlarmSums:
     """
 
     def __init__(
-        self, how: AlarmFeatures, alarms: pd.DataFrame, rows: NDArray[np.intp] | None = None
+        self, steps: Steps, alarms: pd.DataFrame, rows: NDArray[np.intp] | None = None
     ) -> None:
-        self._how = how
+        self._steps = steps
         self.rows = np.arange(len(alarms)) if rows is None else rows
-        recipe = how.recipe
-        table = how.recipe.features
-        patch = how.recipe.contrast.patch()
+        recipe = steps.recipe
+        table = steps.recipe.features
+        patch = steps.recipe.contrast.patch()
         self._contrast: ContrastSums | None = None
         self._ten: dict[str, FeatureSums] = {}  # by prefix
         if table is None:
-            self._contrast = ContrastSums(alarms, how.grid, recipe.run_view.y_max, patch)
+            self._contrast = ContrastSums(alarms, steps.grid, recipe.run_view.y_max, patch)
         else:
             main = FeatureSettings(
-                patch, table.inner, recipe.run_view.y_max, table.psi, how.polarimetric
+                patch, table.inner, recipe.run_view.y_max, table.psi, steps.polarimetric
             )
             settings = {"": main}
             self._gain: dict[str, str] = {"": table.gain, SWAPPED: table.gain}
@@ -196,10 +96,10 @@ class AlarmSums:
                     patch, main.inner, main.y_max, _PSI_OF_GAIN[other]
                 )
             self._ten = {
-                prefix: FeatureSums(alarms, how.polarizations, how.subbands, how.grid, one)
+                prefix: FeatureSums(alarms, steps.polarizations, steps.subbands, steps.grid, one)
                 for prefix, one in settings.items()
             }
-        self._stages = {name: StageSums(one, alarms) for name, one in how.stages.items()}
+        self._stages = {name: StageSums(one, alarms) for name, one in steps.stages.items()}
 
     @property
     def _parts(self) -> dict[str, FeatureSums | ContrastSums | StageSums]:
@@ -217,15 +117,15 @@ class AlarmSums:
         for one in scans:
             if self._contrast is not None:
                 self._contrast.add(
-                    one.magnitude[self._how.channel(self._how.recipe.contrast)], one.pose
+                    one.magnitude[self._steps.channel(self._steps.recipe.contrast)], one.pose
                 )
             if self._stages:
-                image = self._how.labelled(one)
+                image = self._steps.labelled(one)
                 for stage in self._stages.values():
                     stage.add(image)
 
     def state(self) -> Arrays:
-        """Give what was gathered."""
+        """Return what was gathered."""
         states = {name: one.state() for name, one in self._parts.items()}
         return bundle_groups(
             {name: one | {"row": self.rows[one["row"]]} for name, one in states.items()}
@@ -249,11 +149,11 @@ class AlarmSums:
             columns = ten.table()
             if prefix in OTHER_GAIN.values():
                 columns = columns[
-                    [f"{p}_{band}" for band in self._how.subbands for p in POLARIMETRIC]
+                    [f"{p}_{band}" for band in self._steps.subbands for p in POLARIMETRIC]
                 ]
             if len(self._ten) > 1 and prefix != SWAPPED:
                 other = OTHER_PSI[ten.settings.psi]
-                names = [f"{other}.P_psi_{band}" for band in self._how.subbands]
+                names = [f"{other}.P_psi_{band}" for band in self._steps.subbands]
                 columns = columns.join(pd.DataFrame(ten.psi(other), columns.index, names))
             tables.append(
                 (columns.drop(columns="scans") if prefix == SWAPPED else columns).add_prefix(prefix)

@@ -62,7 +62,7 @@ def rank_alarms(lane: LaneSetup) -> RankedAlarms:
     alarms = lane.alarms()
     view_columns = [name for name in alarms.columns if name not in ("x", "y", "magnitude")]
     table = pd.concat([array_table(features), alarms[view_columns]], axis=1)
-    alarms["confidence"] = lane.reader.confidence(table, alarms["magnitude"], lane.model.detector)
+    alarms["confidence"] = lane.steps.confidence(table, alarms["magnitude"])
     alarms["scans"] = table["scans"]
     ranked = rank(alarms, table)
     if lane.recipe.features is None:
@@ -122,7 +122,7 @@ def _contributions(lane: LaneSetup, ranked: RankedAlarms, evidence: Evidence) ->
     detector = lane.model.detector
     confidence = ranked.alarms["confidence"]
     if detector is None:
-        return pd.DataFrame({lane.reader.single: confidence.to_numpy()})
+        return pd.DataFrame({lane.steps.single: confidence.to_numpy()})
     linear = isinstance(detector, TrainedEstimator) and detector.linear_in_magnitude
     if linear and evidence.adds:
         low, high = detector.confidence(pd.DataFrame({"magnitude": [0.0, 1.0]}))
@@ -137,5 +137,5 @@ def _notes(lane: LaneSetup) -> dict[str, Any]:
     if detector is not None:
         notes["confidence"] = " + ".join(detector.features)
     elif lane.recipe.features is not None:
-        notes["confidence"] = lane.reader.single
+        notes["confidence"] = lane.steps.single
     return notes | lane.stage_notes()

@@ -25,7 +25,10 @@ LAYOUT = 2
 
 
 def find_estimator(name: str) -> Any:
-    """Give the class of an allowed estimator; without the library PyOD, where it is of that, a ModuleNotFoundError."""
+    """Return the class of an allowed estimator.
+
+    One of PyOD is a ModuleNotFoundError without that library.
+    """
     module, _, kind = ALLOWED[name].rpartition(".")
     try:
         return getattr(import_module(module), kind)
@@ -75,13 +78,13 @@ class TrainedEstimator:
         return (1 if self.unlike else -1) * self.scorer.threshold
 
     def contributions(self, features: pd.DataFrame) -> pd.DataFrame:
-        """Give the confidences under the estimator's name: what is not linear has no shares of single features."""
+        """Return the confidences under the estimator's name: what is not linear has no shares of single features."""
         return pd.DataFrame(
             {self.name: self.confidence(features) if len(features) else np.zeros(0)}
         )
 
     def about(self) -> dict[str, Any]:
-        """Tell what JSON can hold of it."""
+        """Return what JSON can hold of it."""
         return {
             "estimator": self.name,
             "layout": LAYOUT,
@@ -91,7 +94,7 @@ class TrainedEstimator:
         }
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Give its arrays."""
+        """Return its arrays."""
         return {"centre": self.centre, "scale": self.scale, **self.scorer.arrays()}
 
     @classmethod

@@ -220,7 +220,7 @@ class EvidenceSums:
         return [{scan for _, scan in sorted(some)[:MOST_SCANS]} for some in seeing]
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Give every look that is kept, and the coherency of the alarms in sight, to be taken in by another."""
+        """Return every look that is kept, and the coherency of the alarms in sight, to be taken in by another."""
         looks = [(number, look) for number, some in enumerate(self._looks) for look in some]
         seen = np.flatnonzero(self._seen)
         polarization, subband = self._channels
@@ -273,7 +273,7 @@ class EvidenceSums:
         )
 
     def _caused(self) -> list[NDArray[np.float64]]:
-        """Give every alarm's looks, nearest first, with their shares of the weight."""
+        """Return every alarm's looks, nearest first, with their shares of the weight."""
         columns = 3 + sum(map(len, self._names))
         alarm = np.concatenate([one for one, _ in self._causes] or [np.zeros(0, np.intp)])
         rows = np.concatenate([rows for _, rows in self._causes] or [np.zeros((0, columns))])

@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.alarm_features import CleanedScan
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.stages import ComplexArray, FloatArray
+from flgpr.chain.steps import CleanedScan
 
 
 class LaneScan:
@@ -70,7 +70,7 @@ class LaneScan:
     def cleaned(self) -> CleanedScan:
         """The images in units of their background, as far as features and explanations read them."""
         lane = self._lane
-        return lane.reader.clean(
+        return lane.steps.clean(
             self.number,
             self.pose,
             self.image.values,

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from flgpr.chain.alarm_features import AlarmFeatures, check_confidence
 from flgpr.chain.cleaned import CleanedRun
 from flgpr.chain.engine import PlannedPass, group_of
 from flgpr.chain.evidence import MOST_GATHERED, EvidenceSums
@@ -20,6 +19,7 @@ from flgpr.chain.model import Detector, Model, as_model, unlearnt
 from flgpr.chain.recipe import Recipe, as_imaged
 from flgpr.chain.sections import Section, kept_rows, lane_threshold
 from flgpr.chain.stages import FeatureStage, FloatArray, MapStage, ScreenStage, Stage
+from flgpr.chain.steps import Steps, check_confidence
 from flgpr.model import Lane
 from flgpr.screen import RunViewSums, view_array
 
@@ -67,7 +67,7 @@ class LaneSetup:
         self.mapper = self._first_stage(MapStage)
         self.screener = self._first_stage(ScreenStage)
         self.columns = [stage for stage in self.stages.values() if isinstance(stage, FeatureStage)]
-        self.reader = self._reader()
+        self.steps = self._steps()
         self.grid = self.setup.view
         if not self.untrained:
             check_confidence(recipe, self._column_names())
@@ -98,15 +98,22 @@ class LaneSetup:
                 return stage
         return None
 
-    def _reader(self) -> AlarmFeatures:
-        """Make what reads the features of alarms in cleaned images."""
+    def _steps(self) -> Steps:
+        """Make the steps that the recipe takes with images, a run-view and alarms."""
         stages = {
             name: stage
             for name, stage in self.stages.items()
             if isinstance(stage, FeatureStage) and stage.columns
         }
         subbands = list(self.recipe.image.subbands)
-        return AlarmFeatures(self.recipe, self.polarizations, subbands, self.images.grid, stages)
+        return Steps(
+            self.recipe,
+            self.polarizations,
+            subbands,
+            self.images.grid,
+            stages,
+            detector=self.model.detector,
+        )
 
     @property
     def polarizations(self) -> list[str]:

@@ -38,7 +38,7 @@ def parse_size(text: str) -> int:
 
 
 def sizes_of(run: xr.Dataset) -> dict[str, int]:
-    """Give the lengths of a run's dimensions by name."""
+    """Return the lengths of a run's dimensions by name."""
     return {str(name): length for name, length in run.sizes.items()}
 
 
@@ -145,7 +145,10 @@ def threads_within(
     sections: Sequence[Section],
     limit: int = MAX_MEMORY,
 ) -> int:
-    """Tell how many threads may work on scans of a lane at once, in sections of :func:`plan_sections`; at least one."""
+    """Return how many threads may work on scans of a lane at once, at least one.
+
+    The lane is taken in sections of :func:`plan_sections`.
+    """
     rows = (
         max(section.stop - section.start for section in sections) + 2 * margin(recipe)
         if sections[1:]

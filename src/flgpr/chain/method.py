@@ -1,8 +1,8 @@
 """The method on one page: what a recipe does with the scans of a lane, pass by pass.
 
 A recipe of Wang et al. 2007 takes the way of the paper; what other recipes do otherwise stands in their stages. One run
-in memory, worker processes, sections of a long lane and training all run this list of passes, and live detection takes
-the same steps with causal estimates (:mod:`flgpr.live.detector`).
+in memory, worker processes, sections of a long lane and training all run this list of passes. Live detection takes the
+same steps (:mod:`flgpr.chain.steps`), with a background and a run-view of the scans so far.
 """
 
 from __future__ import annotations

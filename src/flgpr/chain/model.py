@@ -132,7 +132,7 @@ def load_model(folder: str | Path, digest: str | None = None) -> Model:
 
 
 def describe_model(folder: str | Path) -> dict[str, Any]:
-    """Tell what a model holds by its head alone: none of its arrays is read, and nothing is made of them.
+    """Return what a model holds by its head alone: none of its arrays is read, and nothing is made of them.
 
     Returns
     -------

@@ -336,7 +336,7 @@ class Recipe(Table):
         return Grid(whole.x_min, whole.y_min, whole.nx, rows, whole.dx, whole.dy)
 
     def frame_area(self) -> Lane:
-        """Give the detection area of a frame, in its scan frame: as wide and as far as the run-view."""
+        """Return the detection area of a frame, in its scan frame: as wide and as far as the run-view."""
         return Lane(*self.run_view.x, self.image.y[0], min(self.run_view.y_max, self.image.y[1]))
 
     def _check_frames(self) -> None:
@@ -390,7 +390,7 @@ class Recipe(Table):
         return [name for name, one in self.named().items() if one.stage_class.learns]
 
     def not_live_because(self) -> list[str]:
-        """Tell why it cannot run while scans come in, entry by entry; empty if it can."""
+        """Return why it cannot run while scans come in, entry by entry; empty if it can."""
         why = {
             name: one.stage_class.not_live_because
             for name, one in self.named().items()

@@ -155,7 +155,7 @@ class BlockCheckpoint:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[bool]:
-    """Tell whether nobody else holds the lock of a file; nobody else does while the context lasts."""
+    """Return whether nobody else holds the lock of a file; nobody else does while the context lasts."""
     with open(path, "ab", opener=open_own) as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

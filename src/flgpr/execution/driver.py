@@ -305,18 +305,18 @@ def _alarms_of(home: Path) -> pd.DataFrame:
 
 
 def _lasting(job: LaneJob) -> dict[str, Any]:
-    """Tell what a result must have been made of to stand for a job, whatever the program and the machine."""
+    """Return what a result must have been made of to stand for a job, whatever the program and the machine."""
     return {name: job.identity()[name] for name in ("run", "recipe", "lane", "model", "others")}
 
 
 def results_at(folder: str | Path) -> list[Path]:
-    """Tell which result folders a lane has: the folder itself, or those of its sections in their order."""
+    """Return which result folders a lane has: the folder itself, or those of its sections in their order."""
     folder = Path(folder)
     return read_sections(folder).homes if Folder(folder).has(SECTIONS) else [folder]
 
 
 def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
-    """Tell whether the output of a job is whole, and take away what a kill left beside it.
+    """Return whether the output of a job is whole, and take away what a kill left beside it.
 
     Nothing there, or a result of this job that lacks its report, is none yet; any other result is a FileExistsError.
     """
@@ -340,7 +340,7 @@ def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
 
 
 def _is_cut(folder: Path, sections: Sequence[Section]) -> bool:
-    """Tell whether a lane was taken in these sections."""
+    """Return whether a lane was taken in these sections."""
     if len(sections) == 1:
         return not (folder / SECTIONS).is_file()
     wanted = dict(
@@ -362,7 +362,7 @@ def _of_this_version(folder: Path) -> bool:
 
 
 def is_done(job: LaneJob) -> bool:
-    """Tell whether the result of a job is there and whole: of the same run, recipe, lane, model and rows."""
+    """Return whether the result of a job is there and whole: of the same run, recipe, lane, model and rows."""
     return not job.work.exists() and _is_whole(job)
 
 

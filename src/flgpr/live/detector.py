@@ -21,14 +21,14 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.alarm_features import AlarmFeatures, AlarmSums, CleanedScan, check_confidence
+from flgpr.chain.alarm_features import AlarmSums
 from flgpr.chain.engine import Arrays
 from flgpr.chain.images import imager_of
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
-from flgpr.chain.passes.run_view import look_sums
 from flgpr.chain.recipe import RANKS, Recipe, course_lane
 from flgpr.chain.recipe_for_run import alias_faults, check_channels
 from flgpr.chain.stages import FeatureStage, MapStage, Setup, Stage
+from flgpr.chain.steps import CleanedScan, Steps, check_confidence
 from flgpr.clutter import CausalBackground
 from flgpr.clutter.streaming import LEAST_SPAN, LEAST_WARM_UP
 from flgpr.features import FEATURES, POLARIMETRIC
@@ -38,7 +38,6 @@ from flgpr.model.plausible import PoseGate, Sighting, Step, Verdict
 from flgpr.screen import (
     counts,
     density_threshold,
-    local_maxima,
     look_weight,
     seen_along,
     view_array,
@@ -154,8 +153,8 @@ class LiveDetector:
             else {}
         )
         self.mapper = next((one for one in made.values() if isinstance(one, MapStage)), None)
-        self.reads = _reads(description, recipe, self.model, made)
-        self.grid = self.reads.grid
+        self.steps = _steps_of(description, recipe, self.model, made)
+        self.grid = self.steps.grid
         image, (median, _), (mean, _) = recipe.image, *recipe.smoothing[:2]
         reach = (
             self.grid.ny + median // 2 + mean // 2
@@ -285,7 +284,7 @@ class LiveDetector:
         where = self.newest[1]
         if background is None:
             return LiveUpdate("warm-up", [])
-        cleaned = self.reads.clean(
+        cleaned = self.steps.clean(
             scan.number, pose, image, gain, background, own=self.mapper is not None
         )
         history = sorted([*self.history, cleaned], key=lambda one: one.number)[-_MOST_SCANS:]
@@ -323,7 +322,7 @@ class LiveDetector:
         table = table.assign(alarm_id=names, scans=table["scans"].astype(int))
         return table.sort_values("confidence", ascending=False, kind="stable", ignore_index=True)
 
-    def looked(self, alarm: LiveAlarm) -> tuple[float, float]:
+    def mean_of_looks(self, alarm: LiveAlarm) -> tuple[float, float]:
         """Give the mean of the looks at an alarm's place, ground that is not final, and the sum of their weights."""
         grid = self._view_grid(int(self.view["row"]))
         table = self.recipe.run_view
@@ -334,7 +333,7 @@ class LiveDetector:
         weight = float(self.view["weight"][at])
         return float(self.view["sum"][at]) / weight if weight else math.nan, weight
 
-    def coming(self, alarm: LiveAlarm) -> list[tuple[float, float]]:
+    def expected_looks(self, alarm: LiveAlarm) -> list[tuple[float, float]]:
         """List the looks to come at an alarm: the way until each, m, and its weight.
 
         The vehicle is taken to drive straight on in its median step so far; none comes where that is not known, or not
@@ -396,7 +395,7 @@ class LiveDetector:
         if self._operator is None or self._operator[0] != key:
             tx = vehicle_to_scan(one.tx_position, pose)
             rx = vehicle_to_scan(one.rx_position, pose)
-            bands = [table.subbands[name] for name in self.reads.subbands]
+            bands = [table.subbands[name] for name in self.steps.subbands]
             operator = ImagingOperator(
                 one.frequency,
                 tx,
@@ -426,13 +425,13 @@ class LiveDetector:
         """Take a scan into the run-view of the ground that is not final, and a margin of the final ground before it."""
         first, rows = self._window(pose)
         grid = self._view_grid(first, rows)
-        sums = look_sums(self.recipe.run_view, grid)
+        sums = self.steps.view_sums(grid)
         if self.view:
             sums.merge(self.view | {"row": self.view["row"] - first})
         if self.mapper is not None:
-            values = self.mapper.map(self.reads.labelled(scan))
+            values = self.mapper.map(self.steps.labelled(scan))
         else:
-            values = scan.magnitude[self.reads.channel(self.recipe.prescreen)]
+            values = scan.magnitude[self.steps.channel(self.recipe.prescreen)]
         sums.add(values, self.grid, scan.pose)
         self.view = sums.state() | {"row": np.array(first)}
         return first, view_array(*sums.result(), grid, {})
@@ -456,7 +455,7 @@ class LiveDetector:
         self, view: xr.DataArray, pose: FloatArray, before: AlarmSums | None
     ) -> list[LiveAlarm]:
         """Bring the open alarms up to date with the run-view, and close the ground that is passed."""
-        found = local_maxima(view, self.recipe.prescreen.radius)
+        found = self.steps.maxima(view)
         column = np.rint(
             (found["x"] - view["x"].values[0]) / self.recipe.run_view.spacing
         ).to_numpy(int)
@@ -513,19 +512,19 @@ class LiveDetector:
             .reset_index(drop=True)
         )
         pixel = pixel[order]
-        sums = AlarmSums(self.reads, places, pixel)
+        sums = AlarmSums(self.steps, places, pixel)
         new = np.ones(len(pixel), bool)
         with _one_thread():
             if before is not None:
                 sums.merge(before.state())
                 new = ~np.isin(pixel, before.rows)
             if new.any() and len(self.history) > 1:
-                earlier = AlarmSums(self.reads, places[new], pixel[new])
+                earlier = AlarmSums(self.steps, places[new], pixel[new])
                 earlier.add(*self.history[:-1])
                 sums.merge(earlier.state())
             sums.add(self.history[-1])
         features = sums.table().iloc[np.argsort(order)].reset_index(drop=True)
-        confidence = self.reads.confidence(features, alarms["magnitude"], self.model.detector)
+        confidence = self.steps.confidence(features, alarms["magnitude"])
         self._sums = sums
         return {"confidence": confidence, "scans": features["scans"]}
 
@@ -632,9 +631,9 @@ def _one_thread() -> Iterator[None]:
         numba.set_num_threads(before)
 
 
-def _reads(
+def _steps_of(
     description: RunDescription, recipe: Recipe, model: Model, made: Mapping[str, Stage]
-) -> AlarmFeatures:
+) -> Steps:
     """Take of a recipe's features what decides on alarms: what the model's detector reads, without one the contrast."""
     single = () if recipe.confidence in RANKS else (recipe.confidence,)
     names = model.detector.features if model.detector is not None else single
@@ -672,7 +671,9 @@ def _reads(
         band for band in subbands if any(f"{one}_{band}" in names for one in POLARIMETRIC)
     )
     reduced = recipe.model_copy(update={"features": features})
-    return AlarmFeatures(reduced, labels, subbands, recipe.near_grid(), stages, polarimetric)
+    return Steps(
+        reduced, labels, subbands, recipe.near_grid(), stages, polarimetric, model.detector
+    )
 
 
 def _made(

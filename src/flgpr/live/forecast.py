@@ -127,12 +127,12 @@ def told(
     odds = alarm.confidence
     if alarm.state in ("withdrawn", "final"):
         return {"p": round(_probability(odds), 4)}
-    coming = detector.coming(alarm)
+    coming = detector.expected_looks(alarm)
     looks = [weight for _, weight in coming]
     left = sum(margin is None or way <= margin for way, _ in coming)
     event: dict[str, Any] = {"p": round(_probability(odds), 4), "looks_left": left}
     if looks:
-        _, seen = detector.looked(alarm)
+        _, seen = detector.mean_of_looks(alarm)
         mean, deviation = forecast.after(odds, seen, looks[:1])
         event["next_p"] = _interval(mean, deviation)
         across = math.erfc(abs(mean - threshold) / deviation / math.sqrt(2)) / 2
@@ -158,7 +158,7 @@ def follow(detector: LiveDetector, run: xr.Dataset) -> Iterator[Followed]:
         for alarm, seen, looks in open_:
             if alarm.y <= detector.closed:
                 continue
-            value, weight = detector.looked(alarm)
+            value, weight = detector.mean_of_looks(alarm)
             new = weight - seen - sum(looks)
             if new > 1e-9 * weight:
                 looks.append(new)
@@ -166,7 +166,9 @@ def follow(detector: LiveDetector, run: xr.Dataset) -> Iterator[Followed]:
                 later = same.confidence if same is not None else _confidence(detector, value)
                 yield Followed(alarm.confidence, seen, sum(looks), sum(w * w for w in looks), later)
             going.append((alarm, seen, looks))
-        open_ = going + [(one, detector.looked(one)[1], []) for one in detector.alarms.values()]
+        open_ = going + [
+            (one, detector.mean_of_looks(one)[1], []) for one in detector.alarms.values()
+        ]
 
 
 def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.chain.alarm_features import CleanedScan
+from flgpr.chain.steps import CleanedScan
 from flgpr.live.detector import LiveAlarm, LiveDetector
 from flgpr.live.intake import Intake
 from flgpr.store import MAX_MEMORY, Bundle, BundleError, Scan, write_bundle

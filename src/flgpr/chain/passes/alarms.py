@@ -8,7 +8,7 @@ import pandas as pd
 from flgpr.chain.engine import Arrays, bundle_groups
 from flgpr.chain.lane_setup import table_arrays
 from flgpr.chain.passes.traversal import Pass
-from flgpr.screen import local_maxima, select
+from flgpr.screen import select
 
 
 class Maxima(Pass):
@@ -31,7 +31,7 @@ class Maxima(Pass):
         view = lane.view(all_rows=True)
         channel = select(view, screen.polarization, screen.subband)
         if lane.screener is None:
-            maxima = local_maxima(channel, screen.radius)
+            maxima = lane.steps.maxima(channel)
         else:
             maxima = lane.screener.alarms(view).select_dtypes("number")
         maxima = self._in_section(maxima)

@@ -30,7 +30,7 @@ class Explain(Pass):
 
     def add(self, scan: LaneScan) -> None:
         """Cut a scan's images up about the alarms that it sees from near."""
-        self._sums.add(self.lane.reader.labelled(scan.cleaned), scan.data)
+        self._sums.add(self.lane.steps.labelled(scan.cleaned), scan.data)
 
     def state(self, exact: bool) -> Arrays:  # noqa: ARG002
         """Return the looks so far."""

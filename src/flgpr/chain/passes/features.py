@@ -32,7 +32,7 @@ class Features(Pass):
         super().__init__(lane, block)
         alarms = lane.alarms()
         rows = np.arange(len(alarms)) if block is None else alarms_near(lane, alarms, block)
-        self._sums = AlarmSums(lane.reader, alarms.iloc[rows], rows)
+        self._sums = AlarmSums(lane.steps, alarms.iloc[rows], rows)
 
     def add(self, scan: LaneScan) -> None:
         """Add a scan's values at the alarms that it sees."""

@@ -13,9 +13,7 @@ from flgpr.chain.engine import Arrays
 from flgpr.chain.lane_scan import LaneScan
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.passes.traversal import Pass
-from flgpr.chain.recipe import RunViewTable
-from flgpr.model import Grid
-from flgpr.screen import MeanViewSums, RangeViewSums, RunViewSums
+from flgpr.screen import RunViewSums
 
 
 class RunView(Pass):
@@ -33,7 +31,7 @@ class RunView(Pass):
     def __init__(self, lane: LaneSetup, block: range | None) -> None:
         super().__init__(lane, block)
         self._grid = lane.images.grid
-        self._sums = look_sums(lane.recipe.run_view, lane.grid, lane.rows_of(block))
+        self._sums = lane.steps.view_sums(lane.grid, lane.rows_of(block))
 
     def add(self, scan: LaneScan) -> None:
         """Lay a scan's image on the lane."""
@@ -83,14 +81,3 @@ class PlainRunView(Pass):
         """Return ``view`` and ``looks``, as of :class:`RunView`."""
         values, looks = self._sums.result()
         return {"view": values, "looks": looks}
-
-
-def look_sums(
-    table: RunViewTable, grid: Grid, rows: slice | None = None
-) -> RunViewSums | MeanViewSums | RangeViewSums:
-    """Make the sums of the recipe's look, on rows of a grid of the lane frame."""
-    if table.look == "ranges":
-        return RangeViewSums(grid, table.y_max, rows, table.ranges, table.within)
-    if table.look == "mean":
-        return MeanViewSums(grid, table.y_max, rows, table.falloff)
-    return RunViewSums(grid, table.y_max, rows)

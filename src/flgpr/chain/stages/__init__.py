@@ -116,7 +116,7 @@ class Stage:
 
     @classmethod
     def margin(cls, settings: Any) -> float:  # noqa: ARG003
-        """Tell how far along the lane from an alarm it depends on the run-view, m."""
+        """Return how far along the lane from an alarm it depends on the run-view, m."""
         return 0.0
 
     @classmethod
@@ -134,7 +134,10 @@ class Stage:
 
     @classmethod
     def targets_used_for_training(cls, settings: Any, examples: list[Any]) -> list[Any]:  # noqa: ARG003
-        """Give the rows of each training lane's truth that made it what it is: no detector is trained on them again."""
+        """Return the rows of each training lane's truth that made it what it is.
+
+        No detector is trained on them again.
+        """
         return []
 
 
@@ -159,7 +162,7 @@ class ClutterStage(Stage):
         raise NotImplementedError
 
     def data(self, index: int, count: int) -> ComplexArray:
-        """Give cleaned data (scan, polarization, pair, frequency) of the last ``count`` scans up to an index."""
+        """Return cleaned data (scan, polarization, pair, frequency) of the last ``count`` scans up to an index."""
         first = max(index - count + 1, 0)
         return np.stack([self.clean(p, self.before(p, 1)[0]) for p in range(first, index + 1)])
 
@@ -182,7 +185,7 @@ class MapStage(Stage):
         self,
         image: xr.DataArray,  # noqa: ARG002
     ) -> tuple[Mapping[str, NDArray[Any]], Mapping[str, NDArray[Any]]]:
-        """Give by name the maps (y, x) that add up to the map but for a constant, and others that explain it alone."""
+        """Return by name the maps (y, x) that add up to the map but for a constant, and others that explain it."""
         return {}, {}
 
     def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
@@ -197,7 +200,7 @@ class ScreenStage(Stage):
 
     @classmethod
     def margin(cls, settings: Any) -> float:
-        """Tell how far beyond a section's border alarms depend on the run-view, m."""
+        """Return how far beyond a section's border alarms depend on the run-view, m."""
         raise NotImplementedError
 
     def alarms(self, view: xr.DataArray) -> pd.DataFrame:

@@ -80,7 +80,7 @@ class Rx(FeatureStage):
 
     @classmethod
     def margin(cls, settings: Any) -> float:
-        """Tell how far the ring reaches."""
+        """Return how far the ring reaches."""
         return float(settings.outer[1])
 
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
@@ -149,7 +149,7 @@ class Matched(FeatureStage):
 
     @classmethod
     def margin(cls, settings: Any) -> float:
-        """Tell how far from an alarm its pixel may lie."""
+        """Return how far from an alarm its pixel may lie."""
         return float(settings.reach)
 
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
@@ -188,7 +188,7 @@ class Matched(FeatureStage):
     def targets_used_for_training(
         cls, settings: Any, examples: list[TrainingView]
     ) -> list[pd.DataFrame]:
-        """Give the mines that make the signature."""
+        """Return the mines that make the signature."""
         return [
             some[some["kind"].isin(settings.kinds)]
             for some in subset(examples, settings.share, settings.kinds)

@@ -91,7 +91,7 @@ class ClusterScreen(ScreenStage):
 
     @classmethod
     def margin(cls, settings: Any) -> float:
-        """Tell how far regions and what decides on them reach, at most.
+        """Return how far regions and what decides on them reach, at most.
 
         An ellipse is no larger than a template, its rectangle twice as large, and it lies off by less than a template.
         """
@@ -111,7 +111,7 @@ class ClusterScreen(ScreenStage):
     def channels(
         self, view: xr.DataArray
     ) -> list[tuple[xr.DataArray, tuple[Ellipse, ClusterThresholds]]]:
-        """Give every image (y, x) of the polarizations that are asked for, with its ellipse and thresholds."""
+        """Return every image (y, x) of the polarizations that are asked for, with its ellipse and thresholds."""
         wanted = self.settings.polarizations or tuple(view["polarization"].values)
         return [
             (view.isel(polarization=p, subband=r), self._limits(p, r))
@@ -149,7 +149,7 @@ class ClusterScreen(ScreenStage):
     def targets_used_for_training(
         cls, settings: Any, examples: list[TrainingView]
     ) -> list[pd.DataFrame]:
-        """Give the subset's mines."""
+        """Return the subset's mines."""
         return subset(examples, settings.share)
 
 
@@ -183,5 +183,5 @@ class TemplateFeatures(FeatureStage):
     def targets_used_for_training(
         cls, settings: Any, examples: list[TrainingView]
     ) -> list[pd.DataFrame]:
-        """Give the subset's mines."""
+        """Return the subset's mines."""
         return subset(examples, settings.share)

@@ -60,7 +60,7 @@ class CutSettings(Table):
 
 
 def learnt_of(forms: Sequence[LinearQuadraticForm], clutter: NDArray[Any]) -> Arrays:
-    """Give what a map by forms has learnt: the forms, and mean and deviation of their largest on clutter samples."""
+    """Return what a map by forms has learnt: the forms, and mean and deviation of their largest on clutter samples."""
     value = np.max([form(clutter) for form in forms], axis=0)
     learnt = {f"{name}-{k}": getattr(form, name) for k, form in enumerate(forms) for name in _FORM}
     learnt["constant"] = np.array([form.constant for form in forms])

@@ -310,7 +310,7 @@ class MaskedSuppression(ClutterStage):
         ).data
 
     def notes(self) -> dict[str, Any]:
-        """Tell in how many apertures the best iteration stood in for the average; nothing if in none."""
+        """Return in how many apertures the best iteration stood in for the average; nothing if in none."""
         numbers = range(len(list(blocks_of(len(self.setup.imager)))))
         fallen = sum(
             int(self.setup.results[block_name(BLOCKS, number)]["fallen"].sum())
@@ -346,7 +346,7 @@ class MaskedSuppression(ClutterStage):
         return np.asarray((away >= self.settings.roadside[0]) & (away <= self.settings.roadside[1]))
 
     def data(self, index: int, count: int) -> ComplexArray:
-        """Give data of the last scans up to an index, cleaned together, but not before the first aperture is whole."""
+        """Return the last scans' data up to an index, cleaned together, but not before the first aperture is whole."""
         kept = self._block(index)
         row = int(np.flatnonzero(kept["index"] == index)[0])
         full = self.before(index, count).copy()
@@ -354,7 +354,7 @@ class MaskedSuppression(ClutterStage):
         return full
 
     def _block(self, index: int) -> Arrays:
-        """Give what was kept of the block that holds an index; the one asked for last is held."""
+        """Return what was kept of the block that holds an index; the one asked for last is held."""
         number = next(
             k for k, block in enumerate(blocks_of(len(self.setup.imager))) if index in block
         )

@@ -62,7 +62,7 @@ class ChipNetwork(FeatureStage):
 
     @classmethod
     def margin(cls, settings: Any) -> float:
-        """Tell how far a chip reaches."""
+        """Return how far a chip reaches."""
         return float(settings.size[1])
 
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
