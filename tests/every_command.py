@@ -23,6 +23,7 @@ from flgpr.tasks import simulation
 from io_geodesy import LANE, on_the_ellipsoid
 from io_gprmax import lane_and_sensor, write_output
 from robust import digests
+from scans_mapping import TIME, line_mapping
 from small_lane import LANE_TOML, small_recipe, small_run
 from systems.lanes import SENSOR
 
@@ -374,23 +375,7 @@ def _make_anchors(home):
     )
 
 
-MAPPED = """
-title = "made up"
-polarization = ["HH"]
-files.data = "mapped.npz"
-[signal]
-variable = "s"
-dims = ["scan", "frequency"]
-[frequency]
-span = [1.0, 1.2]
-unit = "GHz"
-[antenna_position]
-values = [[0, 0, 0]]
-unit = "m"
-[time]
-variable = "t"
-unit = "s"
-"""
+MAPPED = line_mapping("mapped.npz", TIME)
 
 
 def _make_mapped(home):

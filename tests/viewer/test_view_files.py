@@ -12,7 +12,6 @@ from flgpr.chain.evidence import (
     MOST_SCANS,
     EvidenceSums,
     decibels,
-    entropy_alpha_points,
     focused_trace,
     range_kernel,
 )
@@ -182,20 +181,6 @@ def test_with_poses_known_only_what_will_be_kept_is_cut_up(approach):
         np.testing.assert_array_equal(one, other)
     assert found.polarimetric["entropy"][0] > 0.1
     pd.testing.assert_frame_equal(found.polarimetric, expected.polarimetric)
-
-
-def test_entropy_and_alpha_of_canonical_scatterers():
-    trihedral = [1, 0, 0]
-    dihedral = [0, 1, 0]
-    dipole = [1 / np.sqrt(2), 1 / np.sqrt(2), 0]
-    pure = [np.outer(v, v).astype(complex) for v in (trihedral, dihedral, dipole)]
-    mixed = np.diag([1.0, 1.0, 0.0]).astype(complex)
-    table = entropy_alpha_points(
-        np.array([*pure, np.eye(3), mixed, np.zeros((3, 3))], dtype=complex)
-    )
-    np.testing.assert_allclose(table["entropy"][:5], [0, 0, 0, 1, np.log(2) / np.log(3)], atol=1e-6)
-    np.testing.assert_allclose(np.degrees(table["alpha"][:5]), [0, 90, 45, 60, 45], atol=1e-4)
-    assert table.iloc[5].isna().all()
 
 
 def test_decibels_keep_half_precision_and_gaps():

@@ -223,7 +223,11 @@ def plan_survey_command(
 
 def reproduce(
     paper: Annotated[
-        str, Argument(help=f"One of {', '.join(PAPERS)}, all, or worlds: a map of what decides.")
+        str,
+        Argument(
+            help=f"One of {', '.join(PAPERS)}, all, worlds: a map of what decides, or reasons: "
+            "experiments on why statements do not hold."
+        ),
     ],
     output: Annotated[Path | None, Option("-o", "--output", help="Folder to work in.")] = None,
     quick: Annotated[
@@ -232,7 +236,8 @@ def reproduce(
     part: Annotated[
         list[str] | None,
         Option(
-            help="Of worlds: detection, ablation, geometry or statements, or figures of what is there; several may be."
+            help="Of worlds: detection, ablation, geometry or statements, or figures of what is there; of reasons: a "
+            "paper. Several may be."
         ),
     ] = None,
     workers: Annotated[
@@ -249,22 +254,28 @@ def reproduce(
 ) -> None:
     """Run a paper's experiment again on simulated lanes and write its page; goes on where it was stopped."""
     with plain_errors(quiet), progress(quiet) as track:
-        if paper not in (*PAPERS, "all", "worlds"):
+        if paper not in (*PAPERS, "all", "worlds", "reasons"):
             raise ValueError(
-                f"paper must be one of {', '.join(PAPERS)}, all or worlds, got {paper!r}"
+                f"paper must be one of {', '.join(PAPERS)}, all, worlds or reasons, got {paper!r}"
             )
-        folder = output or Path("reproduced" if paper == "all" else f"{paper}-result")
+        of_all = "reproduced" if paper in ("all", "reasons") else f"{paper}-result"
+        folder = output or Path(of_all)
         papers = import_module(
             "flgpr_papers"
         )  # the studies rest on everything else, and nothing rests on them
         if paper == "worlds" and world != "own":
             raise ValueError(f"worlds has worlds of its own: world must be left out, got {world!r}")
-        if part and paper != "worlds":
-            raise ValueError(f"part must be left out for {paper}: only worlds has parts")
+        if part and paper not in ("worlds", "reasons"):
+            raise ValueError(
+                f"part must be left out for {paper}: only worlds and reasons have parts"
+            )
         if paper == "worlds":
             how = tasks.RunOptions(workers, scheduler, track=track)
             page = papers.map_worlds(folder, *([part] if part else []), quick=quick, how=how)
+        elif paper == "reasons":
+            page = papers.explain(folder, part or (), quick, world, track)
         else:
             page = papers.reproduce(paper, folder, quick, track, workers or 1, world)
     if not quiet:
-        typer.echo(f"page: {page.resolve()}")
+        word = "table" if paper == "reasons" else "page"
+        typer.echo(f"{word}: {page.resolve()}")

@@ -17,9 +17,9 @@ from flgpr.calibrate import (
     estimate_joint,
     estimate_range_bias,
     remove_range_bias,
-    subtract_mean_scan,
     with_track,
 )
+from flgpr.clutter import subtract_mean_scan
 from flgpr.imaging import ImagingOperator
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray

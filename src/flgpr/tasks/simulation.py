@@ -19,7 +19,7 @@ from flgpr import __version__
 from flgpr.chain.progress import Track, silent
 from flgpr.door import Folder
 from flgpr.formats import GprmaxRun, import_fullwave
-from flgpr.formats.gprmax import GprmaxTold, import_gprmax_files
+from flgpr.formats.gprmax_files import GprmaxTold, import_gprmax_files
 from flgpr.model import Sensor, load_sensor
 from flgpr.simulate import Decks, Scene, Simulator, World, draw_world, load_scene, make_decks
 from flgpr.simulate.bodies.signature import (
@@ -44,6 +44,7 @@ from flgpr.store import (
     write_table,
     write_whole,
 )
+from flgpr.store.notes import tell_note
 from flgpr.store.outputs import held_folder, other_output, tell_finished, whole_output
 from flgpr.store.run_store import RunExistsError, is_stored
 
@@ -306,7 +307,10 @@ def import_gprmax_models(
 ) -> list[Path]:
     """Read results of anybody's gprMax models into a new run, a file per scan; the rest is as in ``GprmaxTold``."""
     known = GprmaxTold(band, transmit, ground, horizontal, vertical, waveform)
-    return [save_run(import_gprmax_files(paths, known), output, resume=True)]
+    run = import_gprmax_files(paths, known)
+    for note in run.attrs["import_notes"]:
+        tell_note(note)
+    return [save_run(run, output, resume=True)]
 
 
 def simulate_lane(

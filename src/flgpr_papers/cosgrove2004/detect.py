@@ -237,9 +237,15 @@ def _quantile(values: NDArray[np.float32], share: float) -> float:
     return float(low + part * (high - low))
 
 
-def eigenvalue_ratios(recipe: StudyRecipe, training: Training) -> FloatArray:
-    """Return the largest six eigenvalues of Â over the first (Sec. IV-A); NaN in directions that no example reaches."""
-    detector = DeflectionDetector(ddof=recipe.detector.ddof).fit(training.white)
+def eigenvalue_ratios(
+    recipe: StudyRecipe, training: Training, cuts: ComplexArray | None = None
+) -> FloatArray:
+    """Return the largest six eigenvalues of Â over the first (Sec. IV-A); NaN in directions that no example reaches.
+
+    ``cuts`` (n_samples, n_features) are whitened target cuts, those of the training without any.
+    """
+    examples = training.white if cuts is None else cuts
+    detector = DeflectionDetector(ddof=recipe.detector.ddof).fit(examples)
     sigma = detector.eigenvalues_.copy()
     reached = sigma.size - int(detector.n_unseen_)
     sigma[reached:] = np.nan

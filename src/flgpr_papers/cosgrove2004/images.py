@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -25,6 +26,7 @@ from flgpr.model import (
 )
 from flgpr.scoring import refraction_shift
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
+from flgpr.simulate.scene.scene import Target
 from flgpr.simulate.simulator import system_response
 from flgpr_papers.cosgrove2004.recipe import Site, StudyRecipe
 from flgpr_papers.kit.worlds import changed, turned
@@ -106,6 +108,70 @@ def lane_looks(
     return looks
 
 
+@dataclass(frozen=True)
+class LaneChange:
+    """What is otherwise on a lane than in the study, to see what it does."""
+
+    #: entries of the scene's parts that are replaced, ``{"surface": {"correlation": 0.0}}``
+    parts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    mine: Mapping[str, Any] = field(
+        default_factory=dict
+    )  #: entries of every mine that are replaced
+    #: False takes the mines out, with the holes over them; looks are taken where they lay
+    mines: bool = True
+
+
+def open_looks(
+    recipe: StudyRecipe, name: str, seed: int, share: float, change: LaneChange
+) -> list[Look]:
+    """Image the mines of an open lane as :func:`lane_looks` does, with something changed on the lane."""
+    number = _seed(recipe, name, seed)
+    scene, trains, depths = _scene(recipe, recipe.sites[name], number, share)
+    mines = [one.model_dump(exclude_unset=True) | dict(change.mine) for one in scene.targets]
+    no_roadside = {"bushes": 0.0, "posts": 0.0}
+    parts = {part: dict(entries) for part, entries in change.parts.items()}
+    parts["clutter"] = no_roadside | parts.get("clutter", {})
+    ground = changed(scene, targets=mines, **parts)
+    looks = []
+    for direction in (0, 1):
+        order = slice(None, None, 1 - 2 * direction)
+        placed = _from_other_end(ground, number) if direction else ground
+        simulated = placed
+        if not change.mines:
+            bare = changed(ground, targets=[])
+            simulated = _from_other_end(bare, number) if direction else bare
+        simulator = Simulator(simulated, study_sensor(recipe), number + direction)
+        found = _images(
+            recipe, simulator, simulator.scans(), recipe.image.self_signature, placed.targets
+        )
+        looks += [
+            Look(image, place, float(depth), bool(trained), shift, rocks)
+            for (image, place, shift, rocks), depth, trained in zip(
+                found, depths[order], trains[order], strict=True
+            )
+        ]
+    return looks
+
+
+def reflector_looks(recipe: StudyRecipe, name: str) -> list[Look]:
+    """Image corner reflectors in place of a site's mines, without surface, other objects and errors of the radar.
+
+    A corner reflector returns the same in HH and in VV.
+    """
+    scene, trains, depths = _scene(recipe, recipe.sites[name], _SIGNATURES, _SIGNATURE_SHARE)
+    reflectors = [
+        {"kind": "fiducial", "x": one.x, "y": one.y, "rcs_db": 0.0} for one in scene.targets
+    ]
+    bare = changed(scene, targets=[], clutter=BARE, **ALONE).model_dump(exclude_unset=True)
+    placed = Scene.model_validate(bare | {"objects": reflectors})
+    simulator = Simulator(placed, study_sensor(recipe), _SIGNATURES, errors=False)
+    found = _images(recipe, simulator, simulator.scans(), "none", scene.targets)
+    return [
+        Look(image, place, float(depth), bool(trained), shift, rocks)
+        for (image, place, shift, rocks), depth, trained in zip(found, depths, trains, strict=True)
+    ]
+
+
 def signature_looks(recipe: StudyRecipe, name: str) -> list[Look]:
     """Image mines of every depth of a site, in no lane, without surface, other objects and errors of the radar."""
     scene, trains, depths = _scene(recipe, recipe.sites[name], _SIGNATURES, _SIGNATURE_SHARE)
@@ -168,11 +234,8 @@ def _direction(
     ground = changed(scene, clutter={"bushes": 0.0, "posts": 0.0})
     roadside = changed(scene, clutter={"rocks": 0.0, "patches": 0.0}, targets=[], **ALONE)
     if back:  # what the seed before put there, from the other end
-        ground = turned(ground, seed - 1)
+        ground = _from_other_end(ground, seed - 1)
         roadside = turned(roadside, seed - 1)
-        ground = ground.model_copy(
-            update={"targets": ground.targets[::-1]}
-        )  # in the order of the stops
     simulator = Simulator(ground, sensor, seed)
     beside = Simulator(roadside, sensor, seed, errors=False)
     signal = np.stack(list(simulator.scans()))
@@ -184,13 +247,23 @@ def _direction(
     }
 
 
+def _from_other_end(scene: Scene, seed: int) -> Scene:
+    """Turn a lane with all that the seed put there by half a turn, its mines in the order of the stops."""
+    other = turned(scene, seed)
+    return other.model_copy(update={"targets": other.targets[::-1]})
+
+
 def _images(
     recipe: StudyRecipe,
     simulator: Simulator,
     signal: ArrayLike | Iterable[NDArray[np.complex64]],
     signature: str,
+    targets: Sequence[Target] | None = None,
 ) -> list[tuple[xr.DataArray, FloatArray, float, FloatArray]]:
-    """Image of every stop with its mine's place, the shift by refraction and the rocks' places, in the scan frame."""
+    """Image of every stop with its mine's place, the shift by refraction and the rocks' places, in the scan frame.
+
+    ``targets`` are the mines, one a stop, where the simulated lane has none.
+    """
     data = signal if isinstance(signal, np.ndarray) else np.stack(list(signal))  # type: ignore[arg-type]
     tx, rx = simulator.sensor.pairs()
     pose = simulator.reported_pose()
@@ -203,7 +276,8 @@ def _images(
     middle = np.array([np.mean(recipe.image.band)])
     permittivity = float(simulator.scene.soil.media(middle)[-1][0].real)
     found = []
-    for image, target in zip(images, simulator.scene.targets, strict=True):
+    places = simulator.scene.targets if targets is None else targets
+    for image, target in zip(images, places, strict=True):
         taken = np.asarray(image.attrs["pose"])
         place = lane_to_scan(np.array([target.x, target.y, 0.0]), taken)[:2]
         shift = float(refraction_shift(target.depth, permittivity, taken[2], recipe.radar.range))

@@ -42,6 +42,7 @@ from flgpr_papers.kit.cache import kept, key_of
 from flgpr_papers.kit.findings import OPEN, Finding, measured, write_findings
 from flgpr_papers.kit.page import draw
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
+from flgpr_papers.kit.threads import one_blas_thread
 from flgpr_papers.kit.worlds import World
 
 ComplexArray = NDArray[np.complex128]
@@ -49,6 +50,7 @@ PAGE = "index.html"
 Cases = Mapping[str, Mapping[str, Sequence[Case]]]
 
 
+@one_blas_thread
 def reproduce(
     output: str | Path,
     quick: bool = False,
@@ -167,6 +169,7 @@ def parts(quick: bool) -> list[str]:
     return [str(seed) for seed in _seeds(study_recipe(quick))]
 
 
+@one_blas_thread
 def make_part(folder: Path, seed: str, quick: bool, world: str = OWN) -> None:
     """Work on a seed."""
     _seed_cases(study_recipe(quick, world), folder, int(seed))

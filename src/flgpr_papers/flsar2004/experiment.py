@@ -190,7 +190,7 @@ def sizes(material: Material) -> Results:
     return results
 
 
-def _pick(
+def pick_examples(
     examples: Examples,
     kinds: tuple[str, ...],
     depth: tuple[float, float] = (-1.0, 1.0),
@@ -205,7 +205,7 @@ def _pick(
     return table.iloc[rows].reset_index(drop=True), X[rows][:, parts[columns]]
 
 
-def _open_area(examples: Examples, settings: Settings) -> float:
+def open_area(examples: Examples, settings: Settings) -> float:
     """Area of the clutter tiles, m²: what was searched beside the mines."""
     count = int((examples[0]["kind"] == "clutter").sum())
     return count * settings.features.region[0] * settings.features.region[1]
@@ -258,7 +258,7 @@ def screened(material: Material) -> Results:
             examples = screened_examples(settings, site, template, regions)
             if label == "both":
                 passed[site.name] = (examples[0], _offered(site))
-            chosen = _pick(examples, ("metal",), (SURFACE, SHALLOW), label)
+            chosen = pick_examples(examples, ("metal",), (SURFACE, SHALLOW), label)
             mine = chosen[0]["kind"] == "metal"
             mines = int(mine.sum())
             clutter = int((~mine).sum())
@@ -363,8 +363,8 @@ def sparsity(material: Material) -> Results:
     """Fig. 6: metal mines down to 5 cm, VV, temperate, no prescreener; RVM against SVM, RBF against polynomials."""
     settings = material.settings
     results = Results()
-    chosen = _pick(material.examples[1], ("metal",), (-1.0, SHALLOW), "VV")
-    searched = _open_area(chosen, settings)
+    chosen = pick_examples(material.examples[1], ("metal",), (-1.0, SHALLOW), "VV")
+    searched = open_area(chosen, settings)
     options = settings.classify
     count = settings.classify.bootstrap
     machines: dict[str, Classifier] = {
@@ -384,12 +384,12 @@ def sparsity(material: Material) -> Results:
     results.curves["machines"] = {label: roc(one, searched) for label, one in scores.items()}
     for label, one in scores.items():
         results.tell_areas(f"fig6 {label}", one, searched, count)
-    few = _thin(chosen, options.examples, settings.seed)
+    few = thin_examples(chosen, options.examples, settings.seed)
     compared = {name: machine for name, machine in machines.items() if "polynomial" not in name}
     del compared["sum of the correlations"]
     loo = {name: leave_one_out(*few, machine, options.folds) for name, machine in compared.items()}
     results.curves["fig6 as many examples"] = {
-        label: roc(loo[label], _open_area(few, settings)) for label in ("RVM", "SVM")
+        label: roc(loo[label], open_area(few, settings)) for label in ("RVM", "SVM")
     }
     results.notes["vectors, leave-one-out"] = {
         "examples": len(few[0]),
@@ -409,7 +409,7 @@ def sparsity(material: Material) -> Results:
     return results
 
 
-def _thin(examples: Examples, most: tuple[int, int], seed: int) -> Examples:
+def thin_examples(examples: Examples, most: tuple[int, int], seed: int) -> Examples:
     """Draw as many mines and clutter examples as the paper had, or as there are."""
     table, X = examples
     rng = np.random.default_rng(seed)
@@ -430,10 +430,10 @@ def unscreened(material: Material) -> Results:
     options = settings.classify
     count = settings.classify.bootstrap
     binary: dict[str, HeldOut] = {}
-    searched = _open_area(examples, settings)
+    searched = open_area(examples, settings)
     measure = Measure(searched)
     for kind in ("metal", "plastic"):
-        chosen = _pick(examples, (kind,))
+        chosen = pick_examples(examples, (kind,))
         binary[kind] = leave_one_out(*chosen, rvm(options), options.folds)
         plain = leave_one_out(*chosen, sum_of_correlations, options.folds)
         novel = {
@@ -463,7 +463,7 @@ def unscreened(material: Material) -> Results:
         results.judge("plain-sum", difference(binary[kind], plain, measure, count), kind=kind)
     results.judge("plastic", measure.interval(binary["plastic"], count))
     results.judge("comparable", difference(binary["metal"], binary["plastic"], measure, count))
-    _depths(searched, _pick(examples, ("plastic",)), binary["plastic"], results)
+    _depths(searched, pick_examples(examples, ("plastic",)), binary["plastic"], results)
     return results
 
 
@@ -503,12 +503,13 @@ def between_sites(material: Material) -> Results:
         way = f"{sites[first].name} to {sites[second].name}"
         claimed = first == 0  # the paper trains at the arid site and speaks of no other way
         seen = open_examples(settings, sites[second], material.templates[first])
-        searched = _open_area(seen, settings)
+        searched = open_area(seen, settings)
         measure = Measure(searched)
         novel: dict[str, dict[str, HeldOut]] = {}
         for kind in ("metal", "plastic"):
             train, test = (
-                _pick(one, (kind,), (SURFACE, 1.0)) for one in (material.examples[first], seen)
+                pick_examples(one, (kind,), (SURFACE, 1.0))
+                for one in (material.examples[first], seen)
             )
             novel[kind] = {
                 name: across(train, test, one_class(options, name)) for name in NOVELTY_RIVALS
@@ -564,10 +565,12 @@ def variants(material: Material) -> Results:
             scores: dict[str, HeldOut] = {}
             for name, variant in VARIANTS.items():
                 made = make_templates(settings, site, variant)
-                chosen = _pick(open_examples(settings, site, made, variant.magnitude), (kind,))
+                chosen = pick_examples(
+                    open_examples(settings, site, made, variant.magnitude), (kind,)
+                )
                 scores[name] = held_out(*chosen, rvm(options), options.folds)
             main = next(name for name, variant in VARIANTS.items() if variant == MAIN)
-            measure = Measure(_open_area(chosen, settings))
+            measure = Measure(open_area(chosen, settings))
             told[f"{site.name}, {kind}"] = {
                 name: {
                     "area": measure.interval(one, count),

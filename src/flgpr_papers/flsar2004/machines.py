@@ -51,9 +51,12 @@ class TunedClassifier:
         return self.choose(X, y)(X, y)
 
 
-def rvm(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
-    """Relevance vector machine with the paper's Laplacian prior (par. 30) on the very kernel of the SVM (par. 48)."""
-    return _rvm_on_the_kernel_of_the_svm(settings, kernel, prior="laplacian-map")
+def rvm(settings: Classify, kernel: str = "rbf", rate: float = 1.0) -> TunedClassifier:
+    """Relevance vector machine with the paper's Laplacian prior (par. 30) on the very kernel of the SVM (par. 48).
+
+    ``rate`` is λ² of the prior ``exp(-λ |w|)``, of which the paper says nothing.
+    """
+    return _rvm_on_the_kernel_of_the_svm(settings, kernel, prior="laplacian-map", rate=rate)
 
 
 def rvm_by_evidence(settings: Classify, kernel: str = "rbf") -> TunedClassifier:

@@ -21,11 +21,13 @@ from flgpr_papers.kit.cache import kept, key_of
 from flgpr_papers.kit.findings import Finding, finding_of, write_findings
 from flgpr_papers.kit.page import draw
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
+from flgpr_papers.kit.threads import one_blas_thread
 from flgpr_papers.kit.worlds import World
 
 PAGE = "flsar2004.html"
 
 
+@one_blas_thread
 def reproduce(
     output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN
 ) -> Path:

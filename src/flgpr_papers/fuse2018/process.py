@@ -274,14 +274,16 @@ def box_of(grid: Grid, x: float, y: float, side: float) -> BoolArray:
     return rows[:, None] & columns[None, :]
 
 
-def _halo(grid: Grid, place: FloatArray, radius: float) -> BoolArray:
+def halo_of(grid: Grid, place: FloatArray, radius: float) -> BoolArray:
     """Mark the pixels within a radius of a place, m."""
     return np.asarray(np.hypot(grid.x - place[0], grid.y[:, None] - place[1]) <= radius)
 
 
-def _targets(frames: Frames, cleaned: Cleaned, recipe: FuseRecipe) -> list[tuple[Any, FloatArray]]:
-    """Rows of the mines in the detection area, and their places in the scan frame."""
-    places = zip(frames.truth.itertuples(), local(frames.truth, cleaned.pose), strict=True)
+def targets_in_area(
+    frames: Frames, pose: FloatArray, recipe: FuseRecipe
+) -> list[tuple[Any, FloatArray]]:
+    """Rows of the mines in the detection area of a frame with a pose, and their places in its scan frame."""
+    places = zip(frames.truth.itertuples(), local(frames.truth, pose), strict=True)
     return [(row, place) for row, place in places if recipe.area.contains(*place)]
 
 
@@ -325,8 +327,8 @@ def _record_mines(
     records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
 ) -> None:
     strength = np.abs(cleaned.aperture.vv)
-    for row, place in _targets(frames, cleaned, recipe):
-        halo = _halo(cleaned.stage.grid, place, recipe.score.halo / 2)
+    for row, place in targets_in_area(frames, cleaned.pose, recipe):
+        halo = halo_of(cleaned.stage.grid, place, recipe.score.halo / 2)
         at = np.unravel_index(int(np.where(halo, strength, -1).argmax()), halo.shape)
         records.mines += [
             {"frame": cleaned.index, "target": row.target_id, "variant": name, "depth": row.depth}
@@ -340,7 +342,7 @@ def _record_own(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: 
     stage = cleaned.stage
     one = cleaned.aperture
     mask = cleaned.masks["pixel"]
-    targets = _targets(frames, cleaned, recipe)
+    targets = targets_in_area(frames, cleaned.pose, recipe)
     if frames.mines is None or not targets or not mask.any():
         return
     alone = frames.mines[stage.setup.imager.scans[: cleaned.index + 1][-len(one.data) :]]
@@ -355,7 +357,7 @@ def _record_own(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: 
     whole = one.stack_on(stage.points)
     level = {name: np.abs(whole.adjoint(data)[0, 0]) for name, data in made.items()}
     for row, place in targets:
-        halo = _halo(stage.grid, place, recipe.score.halo / 2)
+        halo = halo_of(stage.grid, place, recipe.score.halo / 2)
         at = np.unravel_index(int(np.where(halo, level["original"], -1).argmax()), halo.shape)
         records.own += [
             {
@@ -386,8 +388,8 @@ def _record_bands(
     objects = roadside_objects(frames, cleaned.pose, recipe)
     boxes = [box_of(stage.grid, x, y, recipe.boxes.side) for x, y in objects[["x", "y"]].to_numpy()]
     places = [("clutter", name, box) for name, box in zip(objects["object_id"], boxes, strict=True)]
-    for row, place in _targets(frames, cleaned, recipe):
-        places.append(("mine", row.target_id, _halo(stage.grid, place, recipe.score.halo / 2)))
+    for row, place in targets_in_area(frames, cleaned.pose, recipe):
+        places.append(("mine", row.target_id, halo_of(stage.grid, place, recipe.score.halo / 2)))
     for what, name, pixels in places:
         power = images["vv"][pixels] ** 2
         records.bands.append(

@@ -26,12 +26,14 @@ from flgpr_papers.fuse2018.results import (
 from flgpr_papers.kit.cache import read_arrays, write_arrays
 from flgpr_papers.kit.findings import Finding, write_findings
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
+from flgpr_papers.kit.threads import one_blas_thread
 from flgpr_papers.kit.worlds import World
 
 PAGE = "fuse2018.html"
 LANES = ("A", "B")
 
 
+@one_blas_thread
 def reproduce(
     output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN
 ) -> Path:

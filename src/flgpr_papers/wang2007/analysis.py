@@ -329,12 +329,12 @@ def clutter_levels(
             for polarization in one.view["polarization"].values:
                 for subband in one.view["subband"].values:
                     values = one.view.sel(polarization=polarization, subband=subband).values[chosen]
-                    row[f"{polarization} {subband}"] = _stands_out(values)
+                    row[f"{polarization} {subband}"] = stands_out(values)
             rows.append(row)
     return pd.DataFrame(rows)
 
 
-def _stands_out(magnitude: NDArray[Any]) -> float:
+def stands_out(magnitude: NDArray[Any]) -> float:
     """Return the 99 % quantile over the median, dB; NaN for fewer than 100 pixels that were seen."""
     seen = magnitude[np.isfinite(magnitude)]
     if seen.size < 100:

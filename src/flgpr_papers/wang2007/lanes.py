@@ -18,6 +18,8 @@ from flgpr_papers.kit.study_worlds import AS_FOUND, OWN, study_world
 
 LaneScenes = dict[str, tuple[Scene, int]]
 """Scene and seed of each lane by its name."""
+F1_BAND = (0.75e9, 1.35e9)
+"""Sub-band F1 (Sec. II), Hz."""
 TRACK = {"step": (1.0, 3.0), "wander": 0.1, "attitude": 0.004, "bounce": 0.005}
 DEPARTURE = {
     "start": 150.0,

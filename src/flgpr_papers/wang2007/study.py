@@ -31,11 +31,13 @@ from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.findings import Finding, write_findings
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
+from flgpr_papers.kit.threads import one_blas_thread
 from flgpr_papers.kit.worlds import World
 from flgpr_papers.wang2007.analysis import LaneResult
 from flgpr_papers.wang2007.costs import MEDIAN_STEP, Lanes, cost_table
 from flgpr_papers.wang2007.findings import all_findings
 from flgpr_papers.wang2007.lanes import (
+    F1_BAND,
     LaneScenes,
     blind_scenes,
     calibration_scenes,
@@ -45,9 +47,9 @@ from flgpr_papers.wang2007.lanes import (
 from flgpr_papers.wang2007.page import page_html
 
 PAGE = "wang2007.html"
-_F1_BAND = (0.75e9, 1.35e9)  # Hz, F1 (Sec. II)
 
 
+@one_blas_thread
 def reproduce(
     output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN
 ) -> Path:
@@ -82,6 +84,7 @@ def parts(quick: bool) -> list[str]:
     return [name for lanes in reversed(_lanes(quick)) for name in lanes]
 
 
+@one_blas_thread
 def make_part(
     folder: Path, name: str, quick: bool, world: str = OWN, track: Track = silent
 ) -> LaneResult:
@@ -95,9 +98,7 @@ def make_part(
         text = packaged_text("wang2007")
         result = lane_result(folder, scene, seed, sensor(), text, track, examples=name == "c1")
     else:
-        result = lane_result(
-            folder, scene, seed, sensor(_F1_BAND), _text_of_f1(), track, wide=False
-        )
+        result = lane_result(folder, scene, seed, sensor(F1_BAND), _text_of_f1(), track, wide=False)
     coarse_part(folder, name, quick, world, track)
     return result
 
@@ -108,7 +109,7 @@ def coarse_part(
     """Work on the stored run of a lane with the coarse median of the recipe wang2007, in F1 alone."""
     calibration, blind = _lanes(quick, world)
     scene, seed = (calibration | blind)[name]
-    radar = sensor() if name in calibration else sensor(_F1_BAND)
+    radar = sensor() if name in calibration else sensor(F1_BAND)
     text = _text_of_f1().replace("median_step = 1\n", f"median_step = {MEDIAN_STEP}\n")
     return lane_result(folder, scene, seed, radar, text, track, wide=False, suffix="-coarse")
 
