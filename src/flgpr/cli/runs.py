@@ -125,9 +125,7 @@ def detect(
     max_memory: Annotated[
         str, Option(help="Memory of each process; larger lanes are taken in sections.")
     ] = "2GB",
-    section: Annotated[
-        float | None, Option(help="Longest section of a lane, m, for recipes without variants.")
-    ] = None,
+    section: Annotated[float | None, Option(help="Longest section of a lane, m.")] = None,
     beside: With = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,

@@ -80,7 +80,7 @@ def detect_long(
     """Detect on a stored run of any length, and give the result folder, or those of its sections in their order.
 
     Arguments are those of :func:`detect_run`. A lane that would take more memory, or is longer than ``section`` (m;
-    infinity for one piece or not at all), is taken in sections unless the recipe has variants: ``output`` then holds a
+    infinity for one piece or not at all), is taken in sections: ``output`` then holds a
     result folder per section and a table of all alarms, see :mod:`flgpr.execution.driver`. ``how`` tells who does it.
     Without ``overwrite`` a whole result of the same inputs and version is left as it is, and any other there is a
     FileExistsError.
