@@ -228,7 +228,7 @@ def test_training_needs_one_truth_per_run(tmp_path):
     with pytest.raises(ValueError, match="one truth per run"):
         tasks.train_runs([tmp_path], [], "wang2007", tmp_path / "m")
     with pytest.raises(ValueError, match="features"):
-        tasks.train_runs([tmp_path], [tmp_path], "demo", tmp_path / "m")
+        tasks.train_runs([tmp_path], [tmp_path], "demo-mean-self-signature", tmp_path / "m")
 
 
 def cleaned_run(run, recipe) -> CleanedRun:
