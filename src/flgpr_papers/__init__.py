@@ -1,4 +1,7 @@
-"""The papers' experiments, run again on simulated lanes: a room and a page per paper, and the ``kit`` they share."""
+"""The papers' experiments, run again on simulated lanes.
+
+A room and a page per paper, and the ``kit`` they share.
+"""
 
 from flgpr_papers.kit.settings import PAPERS
 from flgpr_papers.overview import reproduce

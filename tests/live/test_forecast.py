@@ -19,12 +19,12 @@ from flgpr.live.forecast import (
     NAME,
     Followed,
     Forecast,
-    _scans,
+    _stored_scans,
     follow,
+    forecast_event,
     forecast_of,
     foresees,
     learn,
-    told,
 )
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.vehicle import Vehicle
@@ -109,7 +109,7 @@ def test_the_numbers_are_learnt_of_what_alarms_became():
 def test_looks_to_come_weigh_as_they_then_do(run, model):
     detector = started(run, model, looks=1)
     checked = 0
-    for scan in (one for one in _scans(run) if one.number < 30):
+    for scan in (one for one in _stored_scans(run) if one.number < 30):
         before = {
             one.alarm_id: (one, detector.expected_looks(one)) for one in detector.alarms.values()
         }
@@ -130,7 +130,7 @@ def test_looks_to_come_weigh_as_they_then_do(run, model):
 
 def test_an_alarm_stands_at_the_mean_of_its_looks(run, model):
     detector = started(run, model)
-    for scan in _scans(run):
+    for scan in _stored_scans(run):
         detector.add(scan)
         for alarm in detector.alarms.values():
             assert detector.mean_of_looks(alarm)[0] == pytest.approx(alarm.magnitude, rel=1e-5)
@@ -141,7 +141,7 @@ def test_what_is_followed_is_what_alarms_became(run, model):
     assert len(followed) > 100
     detector = started(run, model, looks=2)
     odds = set()
-    for scan in _scans(run):
+    for scan in _stored_scans(run):
         detector.add(scan)
         odds |= {one.confidence for one in detector.alarms.values()}
     assert {one.odds for one in followed} <= odds
@@ -154,30 +154,32 @@ def test_what_is_followed_is_what_alarms_became(run, model):
 
 def test_to_wait_needs_room_and_a_doubt(run, model):
     detector = started(run, model, looks=1)
-    for scan in _scans(run):
+    for scan in _stored_scans(run):
         detector.add(scan)
         if scan.number == 20:
             break
     alarm = next(one for one in detector.alarms.values() if len(detector.expected_looks(one)) >= 3)
     step = detector.expected_looks(alarm)[0][0]
-    sure = told(KNOWN, detector, replace(alarm, confidence=20.0), 9.0, 0.0, 0.1)
-    doubt = told(KNOWN, detector, replace(alarm, confidence=0.2), 9.0, 0.0, 0.1)
+    sure = forecast_event(KNOWN, detector, replace(alarm, confidence=20.0), 9.0, 0.0, 0.1)
+    doubt = forecast_event(KNOWN, detector, replace(alarm, confidence=0.2), 9.0, 0.0, 0.1)
     assert (sure["wait"], doubt["wait"]) == (False, True)
     assert sure["change"] < 0.05 < 0.3 < doubt["change"]
-    near = told(KNOWN, detector, replace(alarm, confidence=0.2), 0.9 * step, 0.0, 0.1)
+    near = forecast_event(KNOWN, detector, replace(alarm, confidence=0.2), 0.9 * step, 0.0, 0.1)
     assert (near["wait"], near["looks_left"], "last_p" in near) == (False, 0, False)
     assert near["next_p"] == doubt["next_p"]
-    assert told(KNOWN, detector, alarm, 2.5 * step, 0.0, 0.1)["looks_left"] == 2
-    assert "wait" not in told(KNOWN, detector, alarm, None, 0.0, 0.1)
+    assert forecast_event(KNOWN, detector, alarm, 2.5 * step, 0.0, 0.1)["looks_left"] == 2
+    assert "wait" not in forecast_event(KNOWN, detector, alarm, None, 0.0, 0.1)
     low, high = doubt["last_p"]
     assert low < doubt["next_p"][0]
     assert high - low > 0
-    assert not told(KNOWN, detector, replace(alarm, confidence=0.2), 9.0, 8.0, 0.1)["wait"]
+    assert not forecast_event(KNOWN, detector, replace(alarm, confidence=0.2), 9.0, 8.0, 0.1)[
+        "wait"
+    ]
 
 
 def test_no_look_comes_to_who_stands_or_drives_back(run, model):
     detector = started(run, model, looks=1)
-    for scan in _scans(run):
+    for scan in _stored_scans(run):
         detector.add(scan)
         if scan.number == 20:
             break
@@ -189,7 +191,7 @@ def test_no_look_comes_to_who_stands_or_drives_back(run, model):
             replace(one, pose=newest + [0, step * k, 0, 0, 0, 0]) for k, one in enumerate(history)
         ]
         assert detector.expected_looks(alarm) == []
-        assert told(KNOWN, detector, alarm, 9.0, 0.0, 0.1)["wait"] is False
+        assert forecast_event(KNOWN, detector, alarm, 9.0, 0.0, 0.1)["wait"] is False
 
 
 def test_odds_beyond_all_bounds_end_no_training():

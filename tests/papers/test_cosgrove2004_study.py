@@ -49,6 +49,7 @@ from flgpr_papers.cosgrove2004.signature import (
     hump_count,
     look_measures,
     polarization_correlation,
+    visibility_db,
     visible_mines,
 )
 from flgpr_papers.kit.findings import NO_VERDICT
@@ -443,6 +444,9 @@ def test_visible_mines_stand_out_of_the_boxes_at_their_range():
         values, dims=("polarization", "y", "x"), coords={"polarization": ["HH"], "y": y, "x": x}
     )
     assert visible_mines(recipe, image) == [False, True, False]
+    first, second, third = visibility_db(recipe, image)
+    assert second > 0
+    assert max(first, third) <= 0
 
 
 def test_quick_study_writes_its_page_and_goes_on_where_it_stopped(recipe, tmp_path, monkeypatch):

@@ -18,7 +18,6 @@ from flgpr.chain.evidence import (
 from flgpr.features import PatchShape
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.results.result import read_result
-from flgpr.results.score import depth_classes, depth_labels
 from flgpr.results.view_files import TILE_ROWS, plain_json, pyramid
 from flgpr.store import open_run, sample_lane
 
@@ -269,19 +268,6 @@ def test_every_subset_of_the_score_adds_up(demo):
         assert (
             one["shared"]["threshold"][one["shared"]["point"]["row"]] == scored.point["threshold"]
         )
-
-
-def test_depth_classes_hold_every_target_once():
-    few = pd.DataFrame({"depth": [0.0, 0.05, 0.05, 0.1, np.nan]})
-    assert [label for label, _ in depth_classes(few)] == ["0 cm", "5 cm", "10 cm"]
-    assert depth_labels(few, depth_classes(few)) == ["0 cm", "5 cm", "5 cm", "10 cm", None]
-    many = pd.DataFrame({"depth": np.linspace(0, 0.2, 41)})
-    classes = depth_classes(many)
-    labels = depth_labels(many, classes)
-    assert len(classes) == 4
-    assert None not in labels
-    assert sorted(labels.count(label) for label, _ in classes) == [10, 10, 10, 11]
-    assert depth_classes(few.iloc[:0]) == []
 
 
 def test_plain_json_leaves_nothing_that_json_lacks():

@@ -1,7 +1,8 @@
-"""Why statements of Cosgrove et al. 2004 do not hold here: lanes of dry sand with one thing changed.
+"""Why statements of Cosgrove et al. 2004 do not hold here.
 
-The lanes are small twins of the study's open ones: all training mines, a third of the test mines, the study's seeds.
-Those of one seed differ in nothing but what is changed. What each explanation predicts was written before they ran.
+Lanes of dry sand with one thing changed. The lanes are small twins of the study's open ones: all
+training mines, a third of the test mines, the study's seeds. Those of one seed differ in nothing
+but what is changed. What each explanation predicts was written before they ran.
 """
 
 from __future__ import annotations
@@ -30,14 +31,20 @@ from flgpr_papers.cosgrove2004.detect import (
 )
 from flgpr_papers.cosgrove2004.findings import PAPER_LOOKS, PAPER_PD, PAPER_RATIOS, interval
 from flgpr_papers.cosgrove2004.images import (
+    WIDE_MINES,
     LaneChange,
     Look,
     open_looks,
     reflector_looks,
     signature_looks,
+    wide_image,
 )
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe, study_recipe
-from flgpr_papers.cosgrove2004.signature import fourth_moment_ratio, polarization_correlation
+from flgpr_papers.cosgrove2004.signature import (
+    fourth_moment_ratio,
+    polarization_correlation,
+    visibility_db,
+)
 from flgpr_papers.kit.cache import kept, key_of
 from flgpr_papers.kit.findings import Bounds, Interval, share_error
 from flgpr_papers.kit.reasons import ABOVE_ZERO, BELOW_ZERO, Trial
@@ -122,18 +129,25 @@ def trials(
     recipe = small_twin(study_recipe(quick, world))
     seeds = range(1, 1 + min(SEEDS, recipe.study.seeds))
     jobs = [(name, seed) for name in CHANGES for seed in seeds]
-    found: dict[str, list[dict[str, Any]]] = {name: [] for name in CHANGES}
+    records: dict[str, list[dict[str, Any]]] = {name: [] for name in CHANGES}
     for name, seed in track(jobs, "changed lanes", len(jobs)):
         path = folder / "reasons" / f"{name.replace(' ', '-')}-{seed}-{_key(recipe, name)}.json"
         record = kept(path, lambda name=name, seed=seed: lane_record(recipe, CHANGES[name], seed))  # type: ignore[misc]
-        found[name].append(record)
+        records[name].append(record)
     path = folder / "reasons" / f"alone-{_key(recipe, 'nothing')}.json"
     alone = kept(path, lambda: alone_record(recipe))
-    return [*eigenvalue_trials(found), *correlation_trials(found, alone), *moment_trials(found)]
+    path = folder / "reasons" / f"visible-{_key(recipe, 'nothing')}.json"
+    levels = kept(path, lambda: visibility_record(recipe))
+    return [
+        *eigenvalue_trials(records),
+        *correlation_trials(records, alone),
+        *moment_trials(records),
+        *visibility_trials(levels),
+    ]
 
 
 def small_twin(recipe: StudyRecipe) -> StudyRecipe:
-    """Give the study's lane of dry sand all its training mines, but few test mines."""
+    """Return the study's lane of dry sand with all its training mines and few test mines."""
     site = recipe.sites[SITE]
     few = site.model_copy(update={"test": dict.fromkeys(site.test, TEST_MINES)})
     return recipe.model_copy(update={"sites": {**recipe.sites, SITE: few}})
@@ -149,9 +163,10 @@ def lane_record(recipe: StudyRecipe, change: LaneChange, seed: int) -> dict[str,
     Returns
     -------
     dict
-        ``ratios`` and ``surveyed_ratios``, eigenvalues of Â over the first, of cuts at the brightest place and of
-        cuts where survey and refraction place the mines; ``pd`` of the deflection detector at the study's P_FA;
-        the measures of :func:`correlation_record` and :func:`moment_record`.
+        ``ratios`` and ``surveyed_ratios``, eigenvalues of Â over the first, of cuts at the
+        brightest place and of cuts where survey and refraction place the mines; ``pd`` of the
+        deflection detector at the study's P_FA; the measures of :func:`correlation_record` and
+        :func:`moment_record`.
     """
     looks = open_looks(recipe, SITE, seed, recipe.study.share, change)
     trains = [look for look in looks if look.trains]
@@ -173,9 +188,9 @@ def correlation_record(recipe: StudyRecipe, looks: Sequence[Look]) -> dict[str, 
     Returns
     -------
     dict
-        ``mine`` and ``clutter``, the mean correlation along a cut; ``mine_by_shift``, the same with VV shifted by
-        ``SHIFTS``; ``mine_over_looks`` and ``clutter_over_looks``, :func:`correlation_over_looks`, of mines cut where
-        survey and refraction place them.
+        ``mine`` and ``clutter``, the mean correlation along a cut; ``mine_by_shift``, the same with
+        VV shifted by ``SHIFTS``; ``mine_over_looks`` and ``clutter_over_looks``,
+        :func:`correlation_over_looks`, of mines cut where survey and refraction place them.
     """
     shape = recipe.cut.length, 1
     names = recipe.cut.polarizations
@@ -199,10 +214,12 @@ def correlation_record(recipe: StudyRecipe, looks: Sequence[Look]) -> dict[str, 
 
 
 def correlation_over_looks(cuts: NDArray[Any]) -> float:
-    """Correlate HH and VV of cuts (n, 2 m) over looks, pixel by pixel, and average by the pixels' energy.
+    """Correlate HH and VV of cuts (n, 2 m) over looks, pixel by pixel.
 
-    ``Σ_i |Σ_n h_ni v_ni*| / Σ_i sqrt(Σ_n |h_ni|² Σ_n |v_ni|²)`` is 1 where VV follows from HH by a factor that is the
-    same in all looks and may differ from pixel to pixel.
+    The mean is weighted by the pixels' energy.
+
+    ``Σ_i |Σ_n h_ni v_ni*| / Σ_i sqrt(Σ_n |h_ni|² Σ_n |v_ni|²)`` is 1 where VV follows from HH by a
+    factor that is the same in all looks and may differ from pixel to pixel.
     """
     hh, vv = np.split(cuts, 2, axis=1)
     together = np.abs(np.sum(hh * vv.conj(), axis=0))
@@ -211,7 +228,10 @@ def correlation_over_looks(cuts: NDArray[Any]) -> float:
 
 
 def _mean_correlation(cuts: NDArray[Any], shift: int = 0) -> float:
-    """Return the mean correlation of HH with VV that is shifted by so many samples, over what both have."""
+    """Return the mean correlation of HH with VV shifted by so many samples.
+
+    It is over the samples that both have.
+    """
     hh, vv = np.split(cuts, 2, axis=1)
     first = hh[:, max(shift, 0) : hh.shape[1] + min(shift, 0)]
     second = vv[:, max(-shift, 0) : vv.shape[1] + min(-shift, 0)]
@@ -227,15 +247,16 @@ def moment_record(
     Returns
     -------
     dict
-        ``fourth_moment`` as the study measures it, the mean over all directions; ``share_filled``, the share of the
-        directions whose mean power is at least ``FILLED`` of white noise's; ``filled``, the fourth moment in these;
-        ``levelled``, the same of cuts that were brought to one level of every look and every distance.
+        ``fourth_moment`` as the study measures it, the mean over all directions; ``share_filled``,
+        the share of the directions whose mean power is at least ``FILLED`` of white noise's;
+        ``filled``, the fourth moment in these; ``levelled``, the same of cuts that were brought to
+        one level of every look and every distance.
     """
     cuts, look, row = [], [], []
-    for number, one in enumerate(looks):
-        clutter = samples_at(one.image, one.place[None], recipe.cuts).clutter
+    for number, mine_look in enumerate(looks):
+        clutter = samples_at(mine_look.image, mine_look.place[None], recipe.cuts).clutter
         cuts.append(whitener.transform(clutter))
-        row.append(_cut_rows(recipe, one))
+        row.append(_cut_rows(recipe, mine_look))
         look.append(np.full(len(clutter), number))
     white = np.concatenate(cuts)
     filled = white[:, np.mean(np.abs(white) ** 2, axis=0) >= FILLED]
@@ -272,13 +293,15 @@ def _at_one_level(white: ComplexArray, group: NDArray[np.int64]) -> ComplexArray
 
 
 def alone_record(recipe: StudyRecipe) -> dict[str, list[float]]:
-    """Correlate HH and VV of the study's mines and of corner reflectors alone, one of every depth and more.
+    """Correlate HH and VV of the study's mines and of corner reflectors alone.
+
+    There is one of every depth and more.
 
     Returns
     -------
     dict
-        ``mine`` and ``reflector``, the correlation of each; ``mine_by_shift``, the mines' mean with VV shifted by
-        ``SHIFTS``.
+        ``mine`` and ``reflector``, the correlation of each; ``mine_by_shift``, the mines' mean with
+        VV shifted by ``SHIFTS``.
     """
     mines = [target_cut(recipe, look)[0] for look in signature_looks(recipe, SITE)]
     reflectors = [target_cut(recipe, look)[0] for look in reflector_looks(recipe, SITE)]
@@ -287,6 +310,12 @@ def alone_record(recipe: StudyRecipe) -> dict[str, list[float]]:
         "reflector": [polarization_correlation(cut) for cut in reflectors],
         "mine_by_shift": [_mean_correlation(np.array(mines), shift) for shift in SHIFTS],
     }
+
+
+def visibility_record(recipe: StudyRecipe) -> list[list[float]]:
+    """Return how far every mine of Fig. 2 stands over the strongest clutter at its range, dB, seed by seed."""
+    seeds = range(1, 1 + recipe.study.seeds)
+    return [visibility_db(recipe, wide_image(recipe, seed)) for seed in seeds]
 
 
 def deflection_pd(recipe: StudyRecipe, training: Training, test: Sequence[Look]) -> float:
@@ -298,113 +327,131 @@ def deflection_pd(recipe: StudyRecipe, training: Training, test: Sequence[Look])
     return float(pd_at(curve, recipe.score.pfa))
 
 
-def eigenvalue_trials(found: Records) -> list[Trial]:
-    """Ask what makes eigenvalues 2, 5 and 6 of dry sand (Sec. IV-A), and Pd, other than the paper's."""
-    sample = _sample(found)
-    made = []
+def eigenvalue_trials(records: Records) -> list[Trial]:
+    """Ask why eigenvalues 2, 5 and 6 of dry sand (Sec. IV-A) and Pd differ from the paper's."""
+    sample = _sample(records)
+    trial_list = []
     second = "Eigenvalue 2 is 0.089 of the first (dry sand)"
     unlike = "mines that differ in tilt, place, hole and way through the surface make it large"
     rule = 0.0, 2 * PAPER_RATIOS[1]
     for name in ("nothing", *_ONE_BY_ONE):
-        made.append(Trial(second, "", name, "σ2/σ1", _ratio(found, name, 2), sample))
-    made.append(Trial(second, unlike, _ALIKE, "σ2/σ1", _ratio(found, _ALIKE, 2), sample, rule))
-    place = "a training cut at the brightest place lies now on one hump and now on the other"
-    surveyed = _ratio(found, "nothing", 2, "surveyed_ratios")
-    made.append(Trial(second, place, _BY_SURVEY, "σ2/σ1", surveyed, sample, rule))
+        trial_list.append(Trial(second, "", name, "σ2/σ1", _ratio(records, name, 2), sample))
+    trial_list.append(
+        Trial(second, unlike, _ALIKE, "σ2/σ1", _ratio(records, _ALIKE, 2), sample, rule)
+    )
+    explanation_of_place = (
+        "a training cut at the brightest place lies now on one hump and now on the other"
+    )
+    surveyed = _ratio(records, "nothing", 2, "surveyed_ratios")
+    trial_list.append(
+        Trial(second, explanation_of_place, _BY_SURVEY, "σ2/σ1", surveyed, sample, rule)
+    )
     weak = "the surface's echo is 4 to 5 dB weaker here than on the paper's lane"
     for number in (5, 6):
         paper = PAPER_RATIOS[number - 1]
         statement = f"Eigenvalue {number} is {paper} of the first (dry sand)"
         for name in ("nothing", _STRONGER, _MUCH_STRONGER):
-            ratio = _ratio(found, name, number)
+            ratio = _ratio(records, name, number)
             explanation = weak if name == _STRONGER else ""
-            wanted = (0.5 * paper, 2 * paper) if explanation else None
-            made.append(Trial(statement, explanation, name, f"σ{number}/σ1", ratio, sample, wanted))
+            rule_of_paper = (0.5 * paper, 2 * paper) if explanation else None
+            trial_list.append(
+                Trial(statement, explanation, name, f"σ{number}/σ1", ratio, sample, rule_of_paper)
+            )
     for name in ("nothing", _STRONGER, _MUCH_STRONGER):
-        pd = interval([one["pd"] for one in found[name]], bounds=(0.0, 1.0))
+        pd = interval([record["pd"] for record in records[name]], bounds=(0.0, 1.0))
         explanation = weak if name == _STRONGER else ""
         half = 1.96 * share_error(PAPER_PD, PAPER_LOOKS)
-        wanted = (PAPER_PD - half, PAPER_PD + half) if explanation else None
-        made.append(
-            Trial(_BEST, explanation, name, "Pd at 0.01 per m², M' = 3", pd, sample, wanted)
+        rule_of_paper = (PAPER_PD - half, PAPER_PD + half) if explanation else None
+        trial_list.append(
+            Trial(_BEST, explanation, name, "Pd at 0.01 per m², M' = 3", pd, sample, rule_of_paper)
         )
-    return made
+    return trial_list
 
 
-def correlation_trials(found: Records, alone: Mapping[str, Sequence[float]]) -> list[Trial]:
-    """Ask whether clutter, radar, mine or measure makes mines less correlated in HH and VV than clutter (III-C)."""
-    sample = _sample(found)
+def correlation_trials(records: Records, alone: Mapping[str, Sequence[float]]) -> list[Trial]:
+    """Ask why mines are less correlated in HH and VV than clutter (III-C).
+
+    Clutter, radar, mine and measure are changed.
+    """
+    sample = _sample(records)
     statement = "A mine is better correlated between HH and VV than clutter"
     quantity = "correlation along the cut: mines less clutter"
-    plain = [one["mine"] - one["clutter"] for one in found["nothing"]]
-    made = [Trial(statement, "", "nothing", quantity, interval(plain), sample)]
+    unchanged = [record["mine"] - record["clutter"] for record in records["nothing"]]
+    trial_list = [Trial(statement, "", "nothing", quantity, interval(unchanged), sample)]
     assumed = "the clutter's correlation of 0.8, which is assumed, is too high"
-    gap = [one["mine"] - one["clutter"] for one in found[_UNCORRELATED]]
-    made.append(
+    gap = [record["mine"] - record["clutter"] for record in records[_UNCORRELATED]]
+    trial_list.append(
         Trial(statement, assumed, _UNCORRELATED, quantity, interval(gap), sample, ABOVE_ZERO)
     )
     for name in ("nothing", _UNCORRELATED):
-        clutter = interval([one["clutter"] for one in found[name]])
-        made.append(
+        clutter = interval([record["clutter"] for record in records[name]])
+        trial_list.append(
             Trial(statement, "", name, "correlation of clutter along a cut", clutter, sample)
         )
     looks = f"{len(alone['mine'])} mines"
     chain = "radar and imaging part HH and VV"
     reflector = interval(alone["reflector"], bounds=(0.0, 1.0))
-    words = "corner reflectors alone, the same echo in HH and VV"
-    made.append(Trial(statement, chain, words, "correlation", reflector, looks, (0.0, 0.9)))
-    level = float(np.mean([one["clutter"] for one in found["nothing"]]))
-    mine = interval([value - level for value in alone["mine"]])
-    own = "the mine's own echoes in HH and VV differ along the cut more than the clutter's"
-    words = "mines alone, without clutter"
-    made.append(Trial(statement, own, words, quantity, mine, looks, BELOW_ZERO))
+    change = "corner reflectors alone, the same echo in HH and VV"
+    trial_list.append(Trial(statement, chain, change, "correlation", reflector, looks, (0.0, 0.9)))
+    level = float(np.mean([record["clutter"] for record in records["nothing"]]))
+    mine_interval = interval([value - level for value in alone["mine"]])
+    reason = "the mine's own echoes in HH and VV differ along the cut more than the clutter's"
+    change = "mines alone, without clutter"
+    trial_list.append(Trial(statement, reason, change, quantity, mine_interval, looks, BELOW_ZERO))
     best = int(np.argmax(alone["mine_by_shift"]))
-    shifted = [one["mine_by_shift"][best] - one["clutter"] for one in found["nothing"]]
+    shifted = [record["mine_by_shift"][best] - record["clutter"] for record in records["nothing"]]
     apart = "the humps of HH and VV stand a few centimetres apart"
-    words = f"VV of the mines shifted by {2 * SHIFTS[best]:+d} cm, as is best for mines alone"
-    made.append(Trial(statement, apart, words, quantity, interval(shifted), sample, ABOVE_ZERO))
+    change = f"VV of the mines shifted by {2 * SHIFTS[best]:+d} cm, as is best for mines alone"
+    trial_list.append(
+        Trial(statement, apart, change, quantity, interval(shifted), sample, ABOVE_ZERO)
+    )
     over = "the measure: what the paper means is a correlation over looks, and not along a cut"
-    gap = [one["mine_over_looks"] - one["clutter_over_looks"] for one in found["nothing"]]
+    gap = [
+        record["mine_over_looks"] - record["clutter_over_looks"] for record in records["nothing"]
+    ]
     quantity = "correlation over looks, pixel by pixel: mines less clutter"
-    words = "measured over looks"
-    made.append(Trial(statement, over, words, quantity, interval(gap), sample, ABOVE_ZERO))
-    return made
+    change = "measured over looks"
+    trial_list.append(Trial(statement, over, change, quantity, interval(gap), sample, ABOVE_ZERO))
+    return trial_list
 
 
-def moment_trials(found: Records) -> list[Trial]:
-    """Ask what makes clutter not Gaussian after whitening (II-A): mines, things strewn, a patchy surface."""
-    sample = _sample(found)
+def moment_trials(records: Records) -> list[Trial]:
+    """Ask what makes clutter not Gaussian after whitening (II-A).
+
+    Mines, things strewn, a patchy surface.
+    """
+    sample = _sample(records)
     statement = "Clutter may be modelled as complex Gaussian after whitening"
     quantity = "E|z|⁴/(E|z|²)² of whitened clutter"
     few = "stones, wet patches, empty holes, sidelobes of mines and a patchy surface make the tail"
-    made = []
+    trial_list = []
     for name in ("nothing", _NO_MINES, _NOTHING, _EVEN_ECHO):
-        made.append(Trial(statement, "", name, quantity, _moment(found, name), sample))
-    made.append(
+        trial_list.append(Trial(statement, "", name, quantity, _moment(records, name), sample))
+    trial_list.append(
         Trial(
             statement,
             few,
             _NONE_OF_THEM,
             quantity,
-            _moment(found, _NONE_OF_THEM),
+            _moment(records, _NONE_OF_THEM),
             sample,
             _GAUSSIAN,
         )
     )
-    held = interval([one["share_filled"] for one in found["nothing"]], bounds=(0.0, 1.0))
+    share = interval([record["share_filled"] for record in records["nothing"]], bounds=(0.0, 1.0))
     filled = f"share of whitened directions with at least {FILLED:g} of white noise's power"
-    made.append(Trial(statement, "", "nothing", filled, held, sample))
+    trial_list.append(Trial(statement, "", "nothing", filled, share, sample))
     empty = (
         "directions in which cuts of five samples per resolution cell hold no clutter make it large"
     )
     quantity = f"the same in directions with at least {FILLED:g} of white noise's power"
-    made.append(
+    trial_list.append(
         Trial(
             statement,
             empty,
             "nothing",
             quantity,
-            _moment(found, "nothing", "filled"),
+            _moment(records, "nothing", "filled"),
             sample,
             (0.0, 4.0),
         )
@@ -412,19 +459,35 @@ def moment_trials(found: Records) -> list[Trial]:
     level = "what is left is the clutter's level, which differs with distance and from look to look"
     quantity = "the same, cuts brought to one level of every look and distance"
     for name in ("nothing", _NO_MINES, _NOTHING, _EVEN_ECHO):
-        made.append(Trial(statement, "", name, quantity, _moment(found, name, "levelled"), sample))
-    value = _moment(found, _NONE_OF_THEM, "levelled")
-    made.append(Trial(statement, level, _NONE_OF_THEM, quantity, value, sample, _GAUSSIAN))
-    return made
+        trial_list.append(
+            Trial(statement, "", name, quantity, _moment(records, name, "levelled"), sample)
+        )
+    value = _moment(records, _NONE_OF_THEM, "levelled")
+    trial_list.append(Trial(statement, level, _NONE_OF_THEM, quantity, value, sample, _GAUSSIAN))
+    return trial_list
 
 
-def _moment(found: Records, name: str, measure: str = "fourth_moment") -> Interval:
-    return interval([one[measure] for one in found[name]])
+def visibility_trials(levels: Sequence[Sequence[float]]) -> list[Trial]:
+    """Tell how far the mines of Fig. 2 stand out, beside the study's rule that asks for a quantile of clutter."""
+    statement = "Three mines are readily visible at 15, 20 and 25 m (HH)"
+    quantity = "peak over that of the strongest clutter box at its range, HH"
+    sample = f"{len(levels)} seeds"
+    trial_list = []
+    for number, (_, y) in enumerate(WIDE_MINES):
+        level = interval([one[number] for one in levels])
+        trial_list.append(
+            Trial(statement, "", f"the mine at {y:g} m", quantity, level, sample, unit="dB")
+        )
+    return trial_list
 
 
-def _ratio(found: Records, name: str, number: int, measure: str = "ratios") -> Interval:
-    return interval([one[measure][number - 1] for one in found[name]])
+def _moment(records: Records, name: str, measure: str = "fourth_moment") -> Interval:
+    return interval([record[measure] for record in records[name]])
 
 
-def _sample(found: Records) -> str:
-    return f"{len(found['nothing'])} seeds"
+def _ratio(records: Records, name: str, number: int, measure: str = "ratios") -> Interval:
+    return interval([record[measure][number - 1] for record in records[name]])
+
+
+def _sample(records: Records) -> str:
+    return f"{len(records['nothing'])} seeds"

@@ -1,7 +1,8 @@
-"""Why statements of flsar2004 do not hold here: the study's lane images, with one step done otherwise.
+"""Why statements of flsar2004 do not hold here.
 
-What each explanation predicts was written before its numbers were seen, but for the width of the kernel: the share of
-relevance vectors at four widths had been seen on a fifth of the examples.
+The study's lane images, with one step done otherwise. What each explanation predicts was written
+before its numbers were seen, but for the width of the kernel: the share of relevance vectors at
+four widths had been seen on a fifth of the examples.
 """
 
 from __future__ import annotations
@@ -89,7 +90,9 @@ COMPLEX = Variant(0, False)
 def trials(
     folder: Path, quick: bool = False, world: str = OWN, track: Track = silent
 ) -> list[Trial]:
-    """Run the experiments, or read those that are kept in ``folder/reasons``; lane images are the study's.
+    """Run the experiments, or read those that are kept in ``folder/reasons``.
+
+    Lane images are the study's.
 
     Parameters
     ----------
@@ -112,16 +115,16 @@ def trials(
     material = prepare(settings, [join(settings, passes) for passes in drives])
     key = key_of(
         settings.model_dump(mode="json"),
-        [one.key for passes in drives for one in passes],
+        [entry.key for passes in drives for entry in passes],
         [WIDTHS, RATES, SUBSETS],
         flgpr.__version__,
     )
-    found: list[Trial] = []
+    trial_list: list[Trial] = []
     for name, experiment in track(EXPERIMENTS.items(), "experiments", len(EXPERIMENTS)):
         path = folder / "reasons" / f"{name}-{key}.json"
-        rows = kept(path, lambda run=experiment: [asdict(one) for one in run(material)])  # type: ignore[misc]
-        found += [_trial(row) for row in rows]
-    return found
+        rows = kept(path, lambda run=experiment: [asdict(entry) for entry in run(material)])  # type: ignore[misc]
+        trial_list += [_trial(row) for row in rows]
+    return trial_list
 
 
 def _trial(row: Mapping[str, Any]) -> Trial:
@@ -132,18 +135,21 @@ def _trial(row: Mapping[str, Any]) -> Trial:
 
 
 def template_trials(material: Material) -> list[Trial]:
-    """Ask why the first component is less like the mean template than in par. 24, at the arid site."""
+    """Ask why the first component is less like the mean template than in par. 24.
+
+    This is at the arid site.
+    """
     statement = "component close to the mean template"
     quantity = "cosine of first component and mean template, arid"
     chips, mines = signatures(material.settings, material.sites[0], False)
     draws = material.settings.classify.bootstrap
-    made = []
+    trial_list = []
 
     def add(changed: str, images: NDArray[Any], own: bool, component_own: bool, why: str) -> None:
         value = cosine_interval(images, own, component_own, draws)
         sample = f"{len(images)} looks"
         rule = ALIKE if why else None
-        made.append(Trial(statement, why, changed, quantity, value, sample, rule))
+        trial_list.append(Trial(statement, why, changed, quantity, value, sample, rule))
 
     add("nothing", chips, True, False, "")
     weighed = "the brightest mines make the mean, every mine counts alike in the components"
@@ -152,34 +158,39 @@ def template_trials(material: Material) -> list[Trial]:
     surface = "the mines that lie on the surface are those brightest ones"
     buried = (mines["depth"] > SURFACE).to_numpy()
     add("surface mines left out", chips[buried], True, False, surface)
-    return made
+    return trial_list
 
 
 def cosine_interval(
     chips: NDArray[Any], mean_as_they_are: bool, components_as_they_are: bool, draws: int
 ) -> Interval:
-    """Return the cosine of first component and mean template, averaged over images, and its bootstrap interval.
+    """Return the mean cosine of first component and mean template, and its interval.
+
+    It is the mean over images, with a bootstrap interval.
 
     Parameters
     ----------
     chips : (mine, polarization, range, y, x) ndarray
         Magnitudes.
     mean_as_they_are, components_as_they_are : bool
-        Whether mean and components are of the images as they are, in place of images of unit energy.
+        Whether mean and components are of the images as they are, in place of images of unit
+        energy.
     draws : int
         Bootstrap draws of mines, of which at most 100 are taken.
     """
 
     def cosine(images: NDArray[Any]) -> float:
-        found = []
+        cosines = []
         for p, r in np.ndindex(*images.shape[1:3]):
-            one = images[:, p, r]
+            values = images[:, p, r]
             component = (
-                first_component(one) if components_as_they_are else principal_templates(one)[0][0]
+                first_component(values)
+                if components_as_they_are
+                else principal_templates(values)[0][0]
             )
-            mean = mean_template(one, normalize_each=not mean_as_they_are)
-            found.append(abs(float((component * mean).sum())))
-        return float(np.mean(found))
+            mean = mean_template(values, normalize_each=not mean_as_they_are)
+            cosines.append(abs(float((component * mean).sum())))
+        return float(np.mean(cosines))
 
     rng = np.random.default_rng(3)
     values = [
@@ -190,17 +201,17 @@ def cosine_interval(
 
 
 def first_component(images: NDArray[Any]) -> NDArray[Any]:
-    """Return the first principal component (y, x) of images (n, y, x) as they are, of unit energy."""
+    """Return the first principal component (y, x) of images (n, y, x), of unit energy."""
     basis = np.linalg.svd(images.reshape(len(images), -1), full_matrices=False)[2]
     return np.asarray(basis[0].reshape(images.shape[1:]))
 
 
 def prescreener_trials(material: Material) -> list[Trial]:
     """Ask why the standard deviation removes no false alarms (par. 16)."""
-    found: list[Trial] = []
+    trial_list: list[Trial] = []
     for site in material.sites:
-        found += _site_prescreener_trials(material.settings, site)
-    return found
+        trial_list += _site_prescreener_trials(material.settings, site)
+    return trial_list
 
 
 def _site_prescreener_trials(settings: Settings, site: Site) -> list[Trial]:
@@ -209,18 +220,18 @@ def _site_prescreener_trials(settings: Settings, site: Site) -> list[Trial]:
     metal = site.mines[site.mines["subset"] & (site.mines["kind"] == "metal")]
     by_strength = subset_by_strength(settings, site)
     surface = metal.loc[metal["depth"] <= SURFACE, "target"].unique()
-    made = []
+    trial_list = []
 
     def add(changed: str, targets: Sequence[str], why: str) -> None:
         value, clusters = removed_share(settings, site, targets)
         rule = REMOVES if why else None
         sample = f"{clusters} clusters"
-        made.append(Trial(statement, why, changed, quantity, value, sample, rule))
+        trial_list.append(Trial(statement, why, changed, quantity, value, sample, rule))
 
     add("nothing", by_strength, "")
-    one = "a single mine of the subset, the brightest, sets a limit under which all clutter lies"
+    reason = "a single mine of the subset, the brightest, sets a limit under which all clutter lies"
     if len(by_strength) > 1:
-        add(f"brightest of {len(by_strength)} metal mines left out", by_strength[1:], one)
+        add(f"brightest of {len(by_strength)} metal mines left out", by_strength[1:], reason)
     if len(surface) and len(surface) < len(by_strength):
         buried = [name for name in by_strength if name not in set(surface)]
         on_it = "the mines on the surface set that limit"
@@ -228,12 +239,14 @@ def _site_prescreener_trials(settings: Settings, site: Site) -> list[Trial]:
     value, clusters = removed_share(settings, site, by_strength, relative=True)
     scale = "a deviation in units of the image grows with brightness, and mines are brighter than clutter"
     changed = "deviation over the mean amplitude of the cluster"
-    made.append(Trial(statement, scale, changed, quantity, value, f"{clusters} clusters", REMOVES))
+    trial_list.append(
+        Trial(statement, scale, changed, quantity, value, f"{clusters} clusters", REMOVES)
+    )
     shares = other_subsets(settings, site)
     middle = float(np.median(shares)), float(min(shares)), float(max(shares))
     drawn = "this draw of the subset is an unlucky one"
     changed = f"{SUBSETS} other draws of the subset"
-    made.append(
+    trial_list.append(
         Trial(
             statement,
             drawn,
@@ -244,11 +257,14 @@ def _site_prescreener_trials(settings: Settings, site: Site) -> list[Trial]:
             REMOVES,
         )
     )
-    return made
+    return trial_list
 
 
 def subset_by_strength(settings: Settings, site: Site) -> list[str]:
-    """Name the metal mines of the subset from bright to faint, by their mean peak over all images and looks."""
+    """Return the metal mines of the subset from bright to faint.
+
+    They are sorted by their mean peak over all images and looks.
+    """
     chips, mines = signatures(settings, site, True)
     metal = (mines["kind"] == "metal").to_numpy()
     peak = chips.max(axis=(3, 4)).mean(axis=(1, 2))[metal]
@@ -259,7 +275,9 @@ def subset_by_strength(settings: Settings, site: Site) -> list[str]:
 def removed_share(
     settings: Settings, site: Site, targets: Sequence[str], relative: bool = False
 ) -> tuple[Interval, int]:
-    """Return the share of clutter that the second prescreener removes, with thresholds of some mines alone.
+    """Return the share of clutter that the second prescreener removes.
+
+    Its thresholds are those of some mines alone.
 
     Parameters
     ----------
@@ -286,7 +304,9 @@ def removed_share(
 
 
 def relative_deviation(settings: Settings, site: Site, screen: Any) -> tuple[int, int]:
-    """Count the clutter's clusters past amplitude and size, and those past a limit on deviation over mean, too.
+    """Count the clutter's clusters past amplitude and size.
+
+    Also those past a limit on deviation over mean, too.
 
     The limit is the largest of the mines that make the thresholds, as that of the deviation itself.
     """
@@ -296,21 +316,21 @@ def relative_deviation(settings: Settings, site: Site, screen: Any) -> tuple[int
     for channel, (_, limits) in screen.channels(site.view):
         clusters = find_clusters(channel, limits.amplitude, screen.settings.radius)
         spread = (clusters["std"] / clusters["mean"]).to_numpy()
-        place = clusters[["x", "y"]].to_numpy(dtype=np.float64)
-        apart = np.linalg.norm(place[:, None] - chosen, axis=2)
+        positions = clusters[["x", "y"]].to_numpy(dtype=np.float64)
+        apart = np.linalg.norm(positions[:, None] - chosen, axis=2)
         # Clusters come from strong to weak: the first within reach is a mine's own.
-        own = [
-            int(near[0])
-            for near in (np.flatnonzero(one <= screen.settings.reach) for one in apart.T)
-            if near.size
-        ]
-        limit = float(spread[own].max())
-        in_lane = np.logical_or.reduce([lane.contains(*place.T) for lane in site.lanes])
-        away = (
-            np.linalg.norm(place[:, None] - everywhere, axis=2).min(axis=1)
+        neighbours = []
+        for distances in apart.T:
+            within_reach = np.flatnonzero(distances <= screen.settings.reach)
+            if within_reach.size:
+                neighbours.append(int(within_reach[0]))
+        limit = float(spread[neighbours].max())
+        in_lane = np.logical_or.reduce([lane.contains(*positions.T) for lane in site.lanes])
+        surroundings = (
+            np.linalg.norm(positions[:, None] - everywhere, axis=2).min(axis=1)
             > settings.prescreen.halo
         )
-        clutter = in_lane & away & (clusters["size"] >= limits.size).to_numpy()
+        clutter = in_lane & surroundings & (clusters["size"] >= limits.size).to_numpy()
         counts += [clutter.sum(), (clutter & (spread <= limit)).sum()]
     return int(counts[0]), int(counts[1])
 
@@ -330,7 +350,10 @@ def other_subsets(settings: Settings, site: Site) -> list[float]:
 
 
 def sparsity_trials(material: Material) -> list[Trial]:
-    """Ask why the RVM keeps fewer vectors than in par. 48, on the leave-one-out of as many examples."""
+    """Ask why the RVM keeps fewer vectors than in par. 48.
+
+    The examples are left out one by one, as many as there.
+    """
     settings = material.settings
     options = settings.classify
     chosen = pick_examples(material.examples[1], ("metal",), (-1.0, SHALLOW), "VV")
@@ -341,25 +364,25 @@ def sparsity_trials(material: Material) -> list[Trial]:
     ratio = "RVM sparser by as much"
     wide = "the kernels that the SVM's cross-validation takes are wide"
     strong = "the Laplacian prior's rate of 1, of which the paper says nothing, is a strong one"
-    made = []
+    trial_list = []
 
     def add(changed: str, machines: tuple[Classifier, Classifier], why: str) -> None:
         relevance, support = (leave_one_out(*few, one, options.folds) for one in machines)
         kept_vectors = spread_of_folds(relevance.kept)
         rule = RELEVANCE if why else None
-        made.append(
+        trial_list.append(
             Trial(
                 share, why, changed, "relevance vectors over examples", kept_vectors, sample, rule
             )
         )
         over = ratio_interval(relevance.kept, support.kept)
         rule = SPARSER if why else None
-        made.append(
+        trial_list.append(
             Trial(ratio, why, changed, "relevance over support vectors", over, sample, rule)
         )
         for label, scores in (("RVM", relevance), ("SVM", support)):
             found = measure.interval(scores, options.bootstrap)
-            made.append(
+            trial_list.append(
                 Trial(share, "", changed, f"mean Pd up to 0.07 per m², {label}", found, sample)
             )
 
@@ -371,23 +394,25 @@ def sparsity_trials(material: Material) -> list[Trial]:
     for rate in RATES:
         changed = f"Laplacian prior of rate {rate:g}"
         add(changed, (rvm(options, rate=rate), svm(options)), strong if rate == min(RATES) else "")
-    return made
+    return trial_list
 
 
 def between_site_trials(material: Material) -> list[Trial]:
-    """Ask why training at the arid site finds none of the temperate site's plastic mines (par. 55)."""
+    """Ask why training at the arid site finds no plastic mines at the temperate one (par. 55)."""
     settings = material.settings
     arid, temperate = material.sites
     statement = "training carries over, arid to temperate, plastic"
     quantity = "mean Pd up to 0.07 per m², buried plastic of the temperate site, one-class RVM"
     detector = one_class(settings.classify, NOVELTY_RIVALS[0])
     folds = settings.classify.folds
-    made = []
+    trial_list = []
 
     def add(changed: str, scores: HeldOut, area: float, why: str, words: str = quantity) -> None:
         value = clip(Measure(area).interval(scores, settings.classify.bootstrap), SHARE)
         count = f"{len(np.unique(scores.target))} mines"
-        made.append(Trial(statement, why, changed, words, value, count, CARRIES if why else None))
+        trial_list.append(
+            Trial(statement, why, changed, words, value, count, CARRIES if why else None)
+        )
 
     def buried(site: Site, maker: Site, variant: Variant, kind: str = "plastic") -> Examples:
         templates = make_templates(settings, maker, variant)
@@ -400,7 +425,7 @@ def between_site_trials(material: Material) -> list[Trial]:
     for name, variant in ((_name_of(MAIN), MAIN), (_name_of(COMPLEX), COMPLEX)):
         magnitudes = variant == MAIN
         test = buried(temperate, arid, variant)
-        own = buried(temperate, temperate, variant)
+        pair_of_site = buried(temperate, temperate, variant)
         train = buried(arid, arid, variant)
         area = open_area(test, settings)
         add(
@@ -409,20 +434,28 @@ def between_site_trials(material: Material) -> list[Trial]:
             area,
             "" if magnitudes else lost,
         )
-        here = held_out(own[0], own[1], detector, folds, novelty=True)
-        add(f"{name}, trained at the temperate site", here, area, unseen if magnitudes else "")
+        own_scores = held_out(pair_of_site[0], pair_of_site[1], detector, folds, novelty=True)
+        add(
+            f"{name}, trained at the temperate site", own_scores, area, unseen if magnitudes else ""
+        )
         metal = buried(arid, arid, variant, "metal")
         add(f"{name}, trained on metal of the arid site", across(metal, test, detector), area, "")
         words = quantity.replace("one-class", "binary")
-        both = across(train, test, rvm(settings.classify))
-        add(f"{name}, trained at the arid site", both, area, none if magnitudes else "", words)
-        both = held_out(own[0], own[1], rvm(settings.classify), folds)
-        add(f"{name}, trained at the temperate site", both, area, "", words)
-    return made
+        both_scores = across(train, test, rvm(settings.classify))
+        add(
+            f"{name}, trained at the arid site",
+            both_scores,
+            area,
+            none if magnitudes else "",
+            words,
+        )
+        both_scores = held_out(pair_of_site[0], pair_of_site[1], rvm(settings.classify), folds)
+        add(f"{name}, trained at the temperate site", both_scores, area, "", words)
+    return trial_list
 
 
 def _name_of(variant: Variant) -> str:
-    return next(name for name, one in VARIANTS.items() if one == variant)
+    return next(name for name, variant_entry in VARIANTS.items() if variant_entry == variant)
 
 
 EXPERIMENTS: dict[str, Callable[[Material], list[Trial]]] = {

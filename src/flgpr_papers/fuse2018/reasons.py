@@ -1,8 +1,9 @@
-"""Why mines lose more than Fuse et al. 2018 say: the study's own lanes, their mask or array changed.
+"""Why mines lose more than Fuse et al. 2018 say.
 
-What an iteration does to a mine's own data is linear once mask and amplitudes are fixed. So the loss can come from the
-mask, the amplitudes and how well the array tells places apart, and from nothing else. What each explanation predicts
-was written before a changed mask was tried.
+The study's own lanes, their mask or array changed. What an iteration does to a mine's own data is
+linear once mask and amplitudes are fixed. So the loss can come from the mask, the amplitudes and
+how well the array tells places apart, and from nothing else. What each explanation predicts was
+written before a changed mask was tried.
 """
 
 from __future__ import annotations
@@ -56,7 +57,9 @@ Change = Callable[[Aperture, BoolArray, MaskedSuppression], tuple[Aperture, Bool
 def trials(
     folder: Path, quick: bool = False, world: str = OWN, track: Track = silent
 ) -> list[Trial]:
-    """Run the experiments, or read those that are kept in ``folder/reasons``; lanes and results are the study's.
+    """Run the experiments, or read those that are kept in ``folder/reasons``.
+
+    Lanes and results are the study's.
 
     Parameters
     ----------
@@ -177,8 +180,8 @@ def lane_losses(
     Returns
     -------
     list of dict
-        A row per aperture, mine and change: ``frame``, ``target``, ``changed``, ``change_db`` of what the mine alone
-        gives at its peak, and whether the mask holds that peak (``masked``).
+        A row per aperture, mine and change: ``frame``, ``target``, ``changed``, ``change_db`` of
+        what the mine alone gives at its peak, and whether the mask holds that peak (``masked``).
     """
     forms = stage_forms(frames, calibration)
     stage = forms["iteration"]
@@ -188,10 +191,10 @@ def lane_losses(
         targets = targets_in_area(frames, stage.setup.pose(index), recipe)
         if not targets:
             continue
-        one = stage.aperture(index)
-        mask = stage.mask(one)
+        aperture_of_frame = stage.aperture(index)
+        mask = stage.mask(aperture_of_frame)
         for name, change in CHANGES.items():
-            aperture, chosen = change(one, mask, stage)
+            aperture, chosen = change(aperture_of_frame, mask, stage)
             if chosen.any():
                 courses = stage.courses(aperture, chosen)
                 cleaned = Cleaned(index, forms, aperture, {"pixel": chosen}, courses, {}, {}, [])
@@ -205,17 +208,17 @@ def lane_losses(
 def _losses(
     cleaned: Cleaned, frames: Frames, targets: Sequence[Any], recipe: FuseRecipe
 ) -> list[dict[str, Any]]:
-    """Tell what becomes of every mine's own peak."""
+    """Return what becomes of every mine's own peak."""
     stage = cleaned.stage
     aperture = cleaned.aperture
     mines = cast("NDArray[np.complex64]", frames.mines)
     alone = mines[stage.setup.imager.scans[: cleaned.index + 1][-len(aperture.data) :]]
-    whole = aperture.stack_on(stage.points)
-    before = np.abs(whole.adjoint(alone)[0, 0])
-    after = np.abs(whole.adjoint(suppressed_alone(cleaned, alone))[0, 0])
+    stack = aperture.stack_on(stage.points)
+    before = np.abs(stack.adjoint(alone)[0, 0])
+    after = np.abs(stack.adjoint(suppressed_alone(cleaned, alone))[0, 0])
     rows = []
-    for row, place in targets:
-        halo = halo_of(stage.grid, place, recipe.score.halo / 2)
+    for row, position in targets:
+        halo = halo_of(stage.grid, position, recipe.score.halo / 2)
         at = np.unravel_index(int(np.where(halo, before, -1).argmax()), halo.shape)
         change = 20 * np.log10(after[at] / before[at])
         masked = bool(cleaned.masks["pixel"][at])
@@ -224,7 +227,9 @@ def _losses(
 
 
 def loss_trials(rows: pd.DataFrame, spared: Interval, recipe: FuseRecipe) -> list[Trial]:
-    """Ask what takes 2 dB of a mine's own peak: the mask on it, or the mask beside it through the array.
+    """Ask what takes 2 dB of a mine's own peak.
+
+    The mask on it, or the mask beside it through the array.
 
     Parameters
     ----------
@@ -236,16 +241,16 @@ def loss_trials(rows: pd.DataFrame, spared: Interval, recipe: FuseRecipe) -> lis
         Settings of the study.
     """
     quantity = "change of what a mine alone gives at its peak"
-    mine = rows["lane"] + rows["target"].astype(str)
-    rows = rows.assign(mine=mine, look=mine + "-" + rows["frame"].astype(str))
-    plain = rows[rows["changed"] == "nothing"]
+    target_key = rows["lane"] + rows["target"].astype(str)
+    rows = rows.assign(mine=target_key, look=target_key + "-" + rows["frame"].astype(str))
+    unchanged = rows[rows["changed"] == "nothing"]
     draws = recipe.boxes.draws
-    made = [_trial(quantity, "nothing", _mean(plain, draws), plain)]
+    trial_list = [_trial(quantity, "nothing", _mean(unchanged, draws), unchanged)]
     on_it = "the mask lies on the mine's peak"
-    free = plain[~plain["masked"].astype(bool)]
-    words = "looks whose peak the mask does not hold"
-    made.append(_trial(quantity, words, _mean(free, draws), free, on_it, WITHIN))
-    beside = "the array does not tell the mine from masked places far beside it"
+    free = unchanged[~unchanged["masked"].astype(bool)]
+    text = "looks whose peak the mask does not hold"
+    trial_list.append(_trial(quantity, text, _mean(free, draws), free, on_it, WITHIN))
+    explanation_beside = "the array does not tell the mine from masked places far beside it"
     expected: dict[str, Bounds | None] = {
         _FLIPPED: (-0.75, 0.75),
         _NARROW: ABOVE_ZERO,
@@ -254,14 +259,14 @@ def loss_trials(rows: pd.DataFrame, spared: Interval, recipe: FuseRecipe) -> lis
     }
     for name, rule in expected.items():
         other = rows[rows["changed"] == name]
-        made.append(_trial(quantity, name, _mean(other, draws), other))
-        both = plain.merge(other, on="look", suffixes=("", "_other"))
-        gap = clustered(both["change_db_other"] - both["change_db"], both["mine"], draws)
-        words = f"{quantity}, less that with nothing changed"
-        made.append(_trial(words, name, gap, both, beside if rule else "", rule))
-    words = "least squares, the road fitted too and not subtracted"
-    made.append(_trial(quantity, words, spared, None, beside, WITHIN))
-    return made
+        trial_list.append(_trial(quantity, name, _mean(other, draws), other))
+        paired = unchanged.merge(other, on="look", suffixes=("", "_other"))
+        gap = clustered(paired["change_db_other"] - paired["change_db"], paired["mine"], draws)
+        text = f"{quantity}, less that with nothing changed"
+        trial_list.append(_trial(text, name, gap, paired, explanation_beside if rule else "", rule))
+    text = "least squares, the road fitted too and not subtracted"
+    trial_list.append(_trial(quantity, text, spared, None, explanation_beside, WITHIN))
+    return trial_list
 
 
 def _mean(rows: pd.DataFrame, draws: int) -> Interval:

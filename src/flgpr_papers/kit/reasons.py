@@ -1,9 +1,10 @@
-"""Experiments on why a statement of a paper does not hold on simulated lanes, and what each explanation predicts.
+"""Experiments on why a statement of a paper does not hold on simulated lanes.
 
-An experiment adds or takes away one cause, in the simulated world or in the processing, beside the study: its lanes,
-settings and rules stay as they are. The explanation says beforehand between which values a number has to lie. It
-*holds* if the number's interval of 95 % lies within them, is *refuted* if it lies outside, and else *cannot say*.
-A number without a prediction stands for comparison.
+An experiment adds or takes away one cause, in the simulated world or in the processing, beside the
+study: its lanes, settings and rules stay as they are. The explanation says beforehand between which
+values a number has to lie. It *holds* if the number's interval of 95 % lies within them, is
+*refuted* if it lies outside, and else *cannot say*. A number without a prediction stands for
+comparison.
 """
 
 from __future__ import annotations
@@ -67,7 +68,8 @@ class Trial:
         asked = self.predicted is not None or bool(self.verdict)
         if asked != bool(self.explanation):
             raise ValueError(
-                f"predicted must be given with an explanation and only with one, got {self.predicted} and"
+                f"predicted must be given with an explanation and only with one, got "
+                f"{self.predicted} and"
                 f" {self.explanation!r} for {self.changed!r}"
             )
 
@@ -113,8 +115,8 @@ class Trial:
     @property
     def row(self) -> tuple[str, ...]:
         """Cells of a table, by ``COLUMNS``."""
-        words = (self.statement, self.explanation, self.changed, self.quantity)
-        return (*words, self.ours, self.prediction, self.outcome, self.sample)
+        texts = (self.statement, self.explanation, self.changed, self.quantity)
+        return (*texts, self.ours, self.prediction, self.outcome, self.sample)
 
 
 def road_trials(found: Sequence[Finding], prepared: Sequence[Finding]) -> list[Trial]:
@@ -157,7 +159,7 @@ def road_trials(found: Sequence[Finding], prepared: Sequence[Finding]) -> list[T
 def trials_csv(trials: Sequence[Trial]) -> str:
     """Tabulate experiments: ``COLUMNS``, a row each."""
     stream = io.StringIO()
-    csv.writer(stream, lineterminator="\n").writerows([COLUMNS, *(one.row for one in trials)])
+    csv.writer(stream, lineterminator="\n").writerows([COLUMNS, *(trial.row for trial in trials)])
     return stream.getvalue()
 
 

@@ -1,7 +1,8 @@
-"""Why statements of Wang et al. 2007 do not hold here: small twins of its lanes with one thing changed.
+"""Why statements of Wang et al. 2007 do not hold here.
 
-Twins have the study's site, radar and drive. Those of one seed differ in nothing but what is changed. What each
-explanation predicts was written before they ran.
+Small twins of its lanes with one thing changed. Twins have the study's site, radar and drive. Those
+of one seed differ in nothing but what is changed. What each explanation predicts was written before
+they ran.
 """
 
 from __future__ import annotations
@@ -53,13 +54,23 @@ NEAR, FAR, HALF = 8.0, 16.0, 3.0
 CLEAR = 1.5
 """Distance from every target at which clutter is measured, m."""
 _CLUTTER_DRAWS = (
-    ("metal", -0.15, 2), ("plastic", -0.15, 1), ("metal", 0.05, 1), ("metal", 0.10, 1), ("plastic", 0.05, 2),
-    ("plastic", 0.10, 1), ("simulant", 0.05, 2),
-)  # fmt: skip
+    ("metal", -0.15, 2),
+    ("plastic", -0.15, 1),
+    ("metal", 0.05, 1),
+    ("metal", 0.10, 1),
+    ("plastic", 0.05, 2),
+    ("plastic", 0.10, 1),
+    ("simulant", 0.05, 2),
+)
 _MINE_DRAWS = (
-    ("metal", -0.15, 3), ("plastic", -0.15, 2), ("metal", 0.05, 1), ("metal", 0.10, 2), ("metal", 0.15, 1),
-    ("plastic", 0.05, 6), ("plastic", 0.10, 6),
-)  # fmt: skip
+    ("metal", -0.15, 3),
+    ("plastic", -0.15, 2),
+    ("metal", 0.05, 1),
+    ("metal", 0.10, 2),
+    ("metal", 0.15, 1),
+    ("plastic", 0.05, 6),
+    ("plastic", 0.10, 6),
+)
 _TARGETS = "targets taken out"
 _STREWN = "nothing in or on the soil"
 _BESIDE = "nothing beside the lane"
@@ -128,47 +139,56 @@ def trials(
     jobs = [("clutter", name, seed) for name in CLUTTER_CHANGES for seed in seeds]
     if world == OWN:
         jobs += [("mines", name, seed) for name in MINE_CHANGES for seed in seeds]
-    found: dict[tuple[str, str], list[Record]] = {}
-    for part, name, seed in track(jobs, "changed lanes", len(jobs)):
-        make, scene = _job(part, name, quick, world)
+    records: dict[tuple[str, str], list[Record]] = {}
+    for kind, name, seed in track(jobs, "changed lanes", len(jobs)):
+        make, scene = _job(kind, name, quick, world)
         key = key_of(scene.model_dump(mode="json"), seed, SCAN_EVERY, flgpr.__version__)
-        path = folder / "reasons" / f"{part}-{key}.json"
+        path = folder / "reasons" / f"{kind}-{key}.json"
         record = kept(path, lambda make=make, scene=scene, seed=seed: make(scene, seed))  # type: ignore[misc]
-        found.setdefault((part, name), []).append(record)
-    clutter = {name: found["clutter", name] for name in CLUTTER_CHANGES}
-    made = clutter_trials(clutter)
+        records.setdefault((kind, name), []).append(record)
+    clutter = {name: records["clutter", name] for name in CLUTTER_CHANGES}
+    made_trials = clutter_trials(clutter)
     if world == OWN:
-        made += mine_trials({name: found["mines", name] for name in MINE_CHANGES})
-    return made
+        made_trials += mine_trials({name: records["mines", name] for name in MINE_CHANGES})
+    return made_trials
 
 
-def _job(part: str, name: str, quick: bool, world: str) -> tuple[Any, Scene]:
-    if part == "clutter":
+def _job(kind: str, name: str, quick: bool, world: str) -> tuple[Any, Scene]:
+    if kind == "clutter":
         return clutter_record, clutter_scene(name, quick, world)
     return mine_record, mine_scene(name, quick)
 
 
 def clutter_scene(name: str, quick: bool = False, world: str = OWN) -> Scene:
-    """Describe a lane of the study's site with few targets, with a change of ``CLUTTER_CHANGES``."""
-    targets, parts = CLUTTER_CHANGES[name]
+    """Describe a lane of the study's site with few targets.
+
+    It has a change of ``CLUTTER_CHANGES``.
+    """
+    targets, tables = CLUTTER_CHANGES[name]
     mixes = study_world("wang2007", world).mixes
     draws = []
     for kind, depth, count in _CLUTTER_DRAWS:
         draws += _draws(kind, depth, count, mixes.get(kind))
-    return _scene(draws if targets else [], parts, CLUTTER_LENGTH, quick, world)
+    return _scene(draws if targets else [], tables, CLUTTER_LENGTH, quick, world)
 
 
 def mine_scene(name: str, quick: bool = False) -> Scene:
-    """Describe a prepared lane with the paper's kinds of mines, with a change of ``MINE_CHANGES``."""
-    plastic, parts = MINE_CHANGES[name]
+    """Describe a prepared lane with the paper's kinds of mines.
+
+    It has a change of ``MINE_CHANGES``.
+    """
+    plastic, tables = MINE_CHANGES[name]
     draws = []
     for kind, depth, count in _MINE_DRAWS:
         draws += _draws(kind, depth, count, plastic if kind == "plastic" else kind)
-    return _scene(draws, parts, MINE_LENGTH, quick, OWN)
+    return _scene(draws, tables, MINE_LENGTH, quick, OWN)
 
 
 def _draws(kind: str, depth: float, count: int, made_of: str | None) -> list[dict[str, Any]]:
-    """Lay mines of a mix, of a body or of the generic body; on the ground they have the depth of their height."""
+    """Lay mines of a mix, of a body or of the generic body.
+
+    On the ground they have the depth of their height.
+    """
     if made_of is None:
         return [{"kind": kind, "depth": depth, "count": count}]
     draws: list[dict[str, Any]] = [{"kind": kind, "body": made_of, "depth": depth, "count": count}]
@@ -176,8 +196,8 @@ def _draws(kind: str, depth: float, count: int, made_of: str | None) -> list[dic
         draws = mix_draws(made_of, depth, count)
     on_the_ground = depth < 0
     return [
-        one | {"depth": -body_size(one["body"])["height"]} if on_the_ground else one
-        for one in draws
+        draw | {"depth": -body_size(draw["body"])["height"]} if on_the_ground else draw
+        for draw in draws
     ]
 
 
@@ -199,7 +219,7 @@ def _scene(
             "surface": {"density": 20.0 if quick else 100.0},
         }
     )
-    entries: dict[str, Any] = {part: dict(values) for part, values in parts.items()}
+    entries: dict[str, Any] = {name: dict(values) for name, values in parts.items()}
     return changed(scene, **entries)
 
 
@@ -209,8 +229,8 @@ def clutter_record(scene: Scene, seed: int) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``view``, a row per stretch of 10 m of the run-view, and ``scans``, a row per scan image that was measured: the
-        99 % quantile over the median, dB, by channel ("HH F1").
+        ``view``, a row per stretch of 10 m of the run-view, and ``scans``, a row per scan image
+        that was measured: the 99 % quantile over the median, dB, by channel ("HH F1").
     """
     radar = sensor().model_copy(update={"polarization": ("HH", "VV")})
     run, truth = simulate(scene, radar, seed)
@@ -218,8 +238,8 @@ def clutter_record(scene: Scene, seed: int) -> dict[str, Any]:
     setup = LaneSetup(run, recipe, scene.lane, explains=False)
     engine_of(setup).run(silent, ("signature", "gain"))
     view, scans = _run_view(setup.cleaned, run, recipe, scene, truth)
-    one = LaneResult("twin", scene.lane, truth, pd.DataFrame(), pd.DataFrame(), view, None)
-    levels = clutter_levels([one], CLEAR).drop(columns="lane")
+    result = LaneResult("twin", scene.lane, truth, pd.DataFrame(), pd.DataFrame(), view, None)
+    levels = clutter_levels([result], CLEAR).drop(columns="lane")
     return {"view": levels.to_dict("records"), "scans": scans}
 
 
@@ -249,7 +269,7 @@ def _scan_row(
     channels: Mapping[str, Sequence[str]],
     truth: pd.DataFrame,
 ) -> dict[str, float]:
-    """Tell how far clutter stands out in a scan image, on the ground that the paper's Fig. 8 shows."""
+    """Return how far clutter stands out in a scan image, on the ground of the paper's Fig. 8."""
     x, y = np.meshgrid(image["x"].values, image["y"].values)
     chosen = (np.abs(x) <= HALF) & (y >= NEAR) & (y <= FAR)
     places = np.column_stack([truth["x"], truth["y"], np.zeros(len(truth))])
@@ -268,8 +288,8 @@ def mine_record(scene: Scene, seed: int) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``targets``, a row per mine: ``kind``, ``depth`` (m), and the false alarms per m² at which it is found by
-        ``contrast`` (C_HH) and by ``prescreener`` (HH F1), None where it is not.
+        ``targets``, a row per mine: ``kind``, ``depth`` (m), and the false alarms per m² at which
+        it is found by ``contrast`` (C_HH) and by ``prescreener`` (HH F1), None where it is not.
     """
     run, truth = simulate(scene, sensor(F1_BAND), seed)
     recipe = recipe_of_f1()
@@ -285,14 +305,14 @@ def mine_record(scene: Scene, seed: int) -> dict[str, Any]:
 def recipe_of_f1() -> Recipe:
     """Take the packaged recipe wang2007 with the sub-band F1 alone."""
     lines = recipe_text("wang2007").splitlines()
-    return parse_recipe("\n".join(one for one in lines if not one.startswith(BANDS_LEFT_OUT)))
+    return parse_recipe("\n".join(line for line in lines if not line.startswith(BANDS_LEFT_OUT)))
 
 
 BANDS_LEFT_OUT = tuple(f"{band} " for band in BANDS if band != "F1")
 """How the lines of the other sub-bands begin in a recipe."""
 
 
-def clutter_trials(found: Mapping[str, Sequence[Record]]) -> list[Trial]:
+def clutter_trials(records: Mapping[str, Sequence[Record]]) -> list[Trial]:
     """Ask what makes clutter in HH stand out less in F2 than in F1 (Fig. 8)."""
     statement = "Sub-band F1 has the lowest level of clutter, in VV and HH"
     measure = "99 % quantile over median, HH F2 less HH F1, run-view by stretches of 10 m"
@@ -301,26 +321,32 @@ def clutter_trials(found: Mapping[str, Sequence[Record]]) -> list[Trial]:
         _STREWN: "stones, lenses, holes and uneven soil stand out more in F1",
         _BESIDE: "posts and bushes beside the lane stand out more in F1",
     }
-    made = [_gap_trial(statement, "", "nothing", measure, found, "view")]
+    trial_list = [_gap_trial(statement, "", "nothing", measure, records, "view")]
     for name, explanation in why.items():
-        made.append(_gap_trial(statement, explanation, name, measure, found, "view", ABOVE_ZERO))
+        trial_list.append(
+            _gap_trial(statement, explanation, name, measure, records, "view", ABOVE_ZERO)
+        )
     echo = "the surface's own speckle stands out less the higher the sub-band"
     for name in (_SURFACE, _EVEN_SURFACE):
         rule = BELOW_ZERO if name == _EVEN_SURFACE else None
         explanation = echo if rule else ""
-        made.append(_gap_trial(statement, explanation, name, measure, found, "view", rule))
+        trial_list.append(_gap_trial(statement, explanation, name, measure, records, "view", rule))
         for band in ("F3", "F4"):
-            words = measure.replace("HH F2", f"HH {band}")
-            made.append(_gap_trial(statement, "", name, words, found, "view", None, band))
+            quantity = measure.replace("HH F2", f"HH {band}")
+            trial_list.append(
+                _gap_trial(statement, "", name, quantity, records, "view", None, band)
+            )
     view = (
         "the run-view, which takes the second largest of several looks; the paper shows scan images"
     )
-    words = "99 % quantile over median, HH F2 less HH F1, scan images from 8 to 16 m"
-    made.append(_gap_trial(statement, view, "nothing", words, found, "scans", ABOVE_ZERO))
+    quantity = "99 % quantile over median, HH F2 less HH F1, scan images from 8 to 16 m"
+    trial_list.append(
+        _gap_trial(statement, view, "nothing", quantity, records, "scans", ABOVE_ZERO)
+    )
     for band in ("F3", "F4"):
-        other = words.replace("HH F2", f"HH {band}")
-        made.append(_gap_trial(statement, "", "nothing", other, found, "scans", None, band))
-    return made
+        other = quantity.replace("HH F2", f"HH {band}")
+        trial_list.append(_gap_trial(statement, "", "nothing", other, records, "scans", None, band))
+    return trial_list
 
 
 def _gap_trial(
@@ -328,15 +354,15 @@ def _gap_trial(
     explanation: str,
     name: str,
     measure: str,
-    found: Mapping[str, Sequence[Record]],
+    records: Mapping[str, Sequence[Record]],
     where: str,
     predicted: Bounds | None = None,
     band: str = "F2",
 ) -> Trial:
-    table = pd.concat([pd.DataFrame(one[where]) for one in found[name]])
+    table = pd.concat([pd.DataFrame(record[where]) for record in records[name]])
     gap = (table[f"HH {band}"] - table["HH F1"]).dropna().to_numpy(dtype=np.float64)
-    words = "stretches" if where == "view" else "scan images"
-    sample = f"{gap.size} {words} of {len(found[name])} lanes"
+    unit_of_sample = "stretches" if where == "view" else "scan images"
+    sample = f"{gap.size} {unit_of_sample} of {len(records[name])} lanes"
     return Trial(
         statement, explanation, name, measure, mean_interval(gap), sample, predicted, unit="dB"
     )
@@ -351,8 +377,8 @@ def mean_interval(values: FloatArray) -> Interval:
     return mean, mean - half, mean + half
 
 
-def mine_trials(found: Mapping[str, Sequence[Record]]) -> list[Trial]:
-    """Ask whether mines or road keep plastic from being found as often as in the paper (Sec. III)."""
+def mine_trials(records: Mapping[str, Sequence[Record]]) -> list[Trial]:
+    """Ask why plastic is not found as often as in the paper (Sec. III): mines or road."""
     plastic = "Of the buried plastic mines C_HH finds 90% at 0.07 per m² (calibration)"
     reached = "HH F1 reaches 100 % at FAR <= 0.15 per m²"
     why = {
@@ -360,9 +386,9 @@ def mine_trials(found: Mapping[str, Sequence[Record]]) -> list[Trial]:
         _SMOOTH: "the surface, which could be as smooth as 1 mm",
         _BEST: "road and soil, which could be at the best ends of their ranges",
     }
-    made = []
+    trial_list = []
     for name in MINE_CHANGES:
-        targets = pd.concat([pd.DataFrame(one["targets"]) for one in found[name]])
+        targets = pd.concat([pd.DataFrame(record["targets"]) for record in records[name]])
         buried = targets[(targets["kind"] == "plastic") & (targets["depth"] > 0)]
         explanation = why.get(name, "")
         for statement, chosen, by, far, rule, words in (
@@ -398,5 +424,5 @@ def mine_trials(found: Mapping[str, Sequence[Record]]) -> list[Trial]:
             sample = f"{number} of {len(chosen)} mines"
             asked = explanation if rule else ""
             predicted = rule if asked else None
-            made.append(Trial(statement, asked, name, words, value, sample, predicted))
-    return made
+            trial_list.append(Trial(statement, asked, name, words, value, sample, predicted))
+    return trial_list

@@ -17,14 +17,10 @@ from flgpr.detect import FisherDiscriminant, HistogramNormalizer
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.intake import Intake
 from flgpr.live.state import (
-    SnapshotError,
-    read_snapshot,
-    restore_snapshot,
     take_snapshot,
-    write_snapshot,
 )
 from flgpr.model import lane_to_scan
-from flgpr.store import Scan, canonical_json, describe_for_live
+from flgpr.store import Scan, describe_for_live
 from live_lane import LANE, SCANS, STEP, TARGETS, make_lane_run, small_recipe
 
 SETTLED = 8.0  # m: the first sixteen scans or so have taught the background
@@ -368,63 +364,6 @@ def test_the_magnitude_can_be_the_confidence(run, scans):
     table = detector.table()
     assert len(table) > 5
     np.testing.assert_array_equal(table["confidence"], table["magnitude"])
-
-
-@pytest.mark.parametrize("how", ["contrast", "estimator"])
-def test_a_snapshot_goes_on_bit_by_bit(run, recipe, scans, request, tmp_path, how):
-    recipe, model = (recipe, None) if how == "contrast" else request.getfixturevalue("sharp")
-    whole, expected = request.getfixturevalue("played" if how == "contrast" else "sharp_played")
-    first = start(run, recipe, model=model)
-    intake = Intake(describe_for_live(run))
-    for scan in scans[:23]:
-        first.add(scan)
-    write_snapshot(tmp_path / "s.npz", take_snapshot(first, intake, {"scan-000022.scan"}, "mark"))
-    second = start(run, recipe, model=model)
-    assert restore_snapshot(read_snapshot(tmp_path / "s.npz"), second, intake, "mark") == {
-        "scan-000022.scan"
-    }
-    for scan, update in zip(scans[23:], expected[23:], strict=True):
-        mine = second.add(scan)
-        assert mine.alarms == update.alarms
-        np.testing.assert_array_equal(mine.view, update.view)
-    second.finish()
-    pd.testing.assert_frame_equal(second.table(), whole.table())
-
-
-def test_passed_alarms_are_a_few_bytes_each(run, played, monkeypatch):
-    """After hours on the road a snapshot is still written at once: their words do not grow with them."""
-    detector = played[0]
-    intake = Intake(describe_for_live(run))
-    words, arrays = take_snapshot(detector, intake, set(), "")
-    known = len(detector.table())
-    size = sum(array.nbytes for array in arrays.values())
-    monkeypatch.setattr(detector, "passed", detector.passed * 1000)
-    more, grown = take_snapshot(detector, intake, set(), "")
-    assert len(canonical_json(more)) == len(canonical_json(words))
-    assert sum(array.nbytes for array in grown.values()) == size + 999 * known * 48
-    table = detector.table()
-    assert len(table) == 1000 * known > 10_000
-    assert table["alarm_id"].nunique() == known
-
-
-def test_a_snapshot_of_something_else_or_damaged_is_refused(run, recipe, scans, tmp_path):
-    detector = start(run, recipe)
-    intake = Intake(describe_for_live(run))
-    for scan in scans[:6]:
-        detector.add(scan)
-    path = tmp_path / "s.npz"
-    assert read_snapshot(path) is None
-    write_snapshot(path, take_snapshot(detector, intake, set(), "mark"))
-    with pytest.raises(SnapshotError, match="another run"):
-        restore_snapshot(read_snapshot(path), start(run, recipe), intake, "other")
-    data = path.read_bytes()
-    for at in np.linspace(0, len(data) - 1, 60).astype(int):
-        path.write_bytes(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
-        with pytest.raises(SnapshotError, match="--fresh"):
-            read_snapshot(path)
-    path.write_bytes(data[: len(data) // 2])
-    with pytest.raises(SnapshotError, match="--fresh"):
-        read_snapshot(path)
 
 
 def test_only_the_sub_bands_that_decide_are_imaged(run, recipe):
