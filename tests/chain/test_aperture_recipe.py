@@ -88,7 +88,7 @@ def test_without_summing_the_scans_the_reflectors_are_arcs():
     """The experiment that could prove the aperture needless."""
     run = rail()
     lone = fit_recipe(run).replace('frames = "all"', "frames = 1")
-    alarms = detect(run, parse_recipe(lone), lane_of(run, parse_recipe(fit_recipe(run))))[0].alarms
+    alarms = detect(run, parse_recipe(lone), lane_of(run, parse_recipe(fit_recipe(run)))).alarms
     near = [
         np.linalg.norm(alarms[["x", "y"]].to_numpy()[:2] - mark[:2], axis=1).min() for mark in MARKS
     ]
