@@ -29,7 +29,7 @@ import pandas as pd
 from scipy.spatial import cKDTree
 
 from flgpr.chain.classifier import Classifier
-from flgpr.chain.detect import detect
+from flgpr.chain.method import detect
 from flgpr.chain.model import load_model, save_model
 from flgpr.chain.recipe import load_recipe
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer
@@ -186,7 +186,7 @@ def main() -> None:
             )
             if options.agreement:
                 classifier = None if chosen is None else load_model(chosen).detector
-                batch = detect(dataset, load_recipe("wang2007"), lane, model=classifier)[0].alarms
+                batch = detect(dataset, load_recipe("wang2007"), lane, model=classifier).alarms
                 print(f"  {agreement(told['alarms_table'], batch)}", flush=True)
 
 

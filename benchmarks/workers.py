@@ -36,8 +36,8 @@ import numpy as np
 import scaling
 from flgpr import tasks
 from flgpr.chain.recipe import recipe_text
-from flgpr.execution.cluster import Cluster
-from flgpr.execution.lane_work import LaneJob, code_versions, do_part
+from flgpr.execution.job import LaneJob, code_versions, do_block
+from flgpr.execution.workers import Cluster
 from wang2007 import STEP, write_noise_run
 
 
@@ -157,7 +157,7 @@ def scheduler_load(pieces: int) -> None:
                 process.kill()
                 process.wait()
     cost = (after.user + after.system - before.user - before.system) / done
-    size = len(serialize_bytes((do_part, job, "signature", 3)))
+    size = len(serialize_bytes((do_block, job, "signature", 3)))
     print(
         f"{done} pieces, each {1e3 * cost:.2f} ms of the scheduler's processor, {1e3 * wall / done:.2f} ms on the clock"
     )

@@ -50,6 +50,10 @@ ALLOWED = {
     "__init__": {"chain", "results", "tasks", "notebook"} | BELOW,
 }
 FACES = sorted(path.parent for path in ROOT.rglob("__init__.pyi") if path.parent.name != "io")
+STILL_CIRCLES = {
+    frozenset({"flgpr.imaging.cuda", "flgpr.imaging.engines"}),
+    frozenset({"flgpr.tasks.bench", "flgpr.tasks.bench_peers"}),
+}
 HEAVY = {
     "numba",
     "scipy",
@@ -97,6 +101,44 @@ def test_module_imports_only_what_its_folder_may(path):
     assert folder in ALLOWED, f"{folder} has no row in the table"
     rooms = {name.split(".")[1] for name in imported(path) if name.startswith("flgpr.")}
     assert rooms - {folder, "lazy", "door", "archive", "__version__"} <= ALLOWED[folder]
+
+
+def circles() -> set[frozenset[str]]:
+    """Modules that import one another in a circle, an import for the eyes of type checkers alone among them."""
+    names = {}
+    for path in modules():
+        if path.suffix == ".py" and path.name != "__init__.py":
+            names[".".join(path.relative_to(ROOT.parent).with_suffix("").parts)] = path
+    uses = {name: imported(path) & names.keys() - {name} for name, path in names.items()}
+    reach = {name: set(used) for name, used in uses.items()}
+    grown = True
+    while grown:
+        grown = False
+        for seen in reach.values():
+            more = set().union(*(reach[one] for one in seen)) - seen
+            grown = grown or bool(more)
+            seen |= more
+    return {
+        frozenset(other for other in seen if name in reach[other])
+        for name, seen in reach.items()
+        if name in seen
+    }
+
+
+def test_no_module_imports_itself_by_a_detour():
+    assert circles() == STILL_CIRCLES
+
+
+def test_the_engine_knows_no_pass_and_a_pass_no_other_way_through():
+    """The engine is handed passes; what they do stands under chain/passes, which only the method puts together."""
+    assert not {name for name in imported(ROOT / "chain" / "engine.py") if "passes" in name}
+    users = {
+        str(path.relative_to(ROOT))
+        for path in modules()
+        if any(name.startswith("flgpr.chain.passes") for name in imported(path))
+    }
+    others = {name for name in users if not name.startswith("chain/passes/")}
+    assert others == {"chain/method.py", "chain/detection.py"}
 
 
 def test_the_system_does_not_rest_on_the_studies():

@@ -24,14 +24,15 @@ for name, size in run.sizes.items():
 print("polarizations:", *run["polarization"].values)
 
 # %%
-# Detection takes a run and a recipe. It never sees the truth.
+# Detection takes a run and a recipe. It never sees the truth. Here the recipe `demo` and three beside it are run on the
+# packaged lane, and then scored.
 
-result = tasks.detect_run(lane / "run.zarr", "demo", home / "result")
+result, _ = tasks.demo(home / "result")
 alarms = result.detections[0].alarms
 alarms.head()
 
 # %%
-# The recipe's variants ran beside it. Here is the run-view, the largest responses of all scans laid out on the lane, in
+# Three recipes ran beside it. Here is the run-view, the largest responses of all scans laid out on the lane, in
 # dB over its median: as the recipe has it, and with the modelled response of the roadside post subtracted.
 
 truth = read_table(lane / "truth.csv", "truth")

@@ -84,7 +84,7 @@ shared = tasks.detect_runs(
     areas,
     report=False,
     lanes_at_once=2,
-    how=tasks.How(scheduler=address),
+    how=tasks.RunOptions(scheduler=address),
 )
 for helper in reversed(helpers):
     helper.terminate()

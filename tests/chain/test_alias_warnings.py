@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr import tasks
-from flgpr.chain.fitting import alias_faults, check_fit, fit_faults, fit_recipe
 from flgpr.chain.recipe import load_recipe, parse_recipe
+from flgpr.chain.recipe_for_run import alias_faults, check_fit, fit_faults, fit_recipe
 from flgpr.cli import app
 from flgpr.live.detector import LiveDetector
 from flgpr.model import Sensor, load_sensor, make_run, sensor_presets

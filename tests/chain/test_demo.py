@@ -7,11 +7,12 @@ import pandas as pd
 import pytest
 
 from flgpr import tasks
-from flgpr.chain.detect import detect
-from flgpr.chain.recipe import load_recipe, recipe_text
+from flgpr.chain.method import detect
+from flgpr.chain.recipe import load_recipe, parse_recipe, recipe_text
 from flgpr.results.result import ResultError, read_result
 from flgpr.scoring import roc
 from flgpr.store import open_run, read_table, sample_lane, save_run, seal, sha256, unseal
+from flgpr.tasks.results import BESIDE_DEMO
 
 
 @pytest.fixture(scope="module")
@@ -92,16 +93,43 @@ def test_json_and_csv_hold_the_same_alarms_and_no_map_takes_metres_for_degrees(d
     assert table["confidence"].is_monotonic_decreasing
 
 
-def test_the_same_input_gives_the_same_bytes(demo, untold):
+def test_the_same_input_gives_the_same_bytes(demo, untold, tmp_path):
     """And the same identity, which is the digest of all that is compared and of where the run lies."""
+    again, _ = tasks.demo(tmp_path / "again")
+    assert again.manifest["identity"] == demo[0].manifest["identity"]
+    alone = untold.manifest["files"]
+    shared = {"alarms.csv", "alarms.json", "features.csv", "run_view.npz", "recipe.toml"}
+    assert shared < alone.keys()
+    assert {name: alone[name] for name in shared} == {
+        name: demo[0].manifest["files"][name] for name in shared
+    }
 
-    def content(result):
-        run = {name: value for name, value in result.manifest["run"].items() if name != "path"}
-        outside = ("run", "identity", "added", "added_sizes", "sha256")
-        return run, {name: value for name, value in result.manifest.items() if name not in outside}
 
-    assert content(untold) == content(demo[0])
-    assert len(untold.manifest["files"]) > 5
+def test_the_recipes_beside_the_demo_find_alone_what_they_find_in_it(demo):
+    run = open_run(sample_lane() / "run.zarr")
+    result, _ = demo
+    assert [one.name for one in result.detections] == ["main", *BESIDE_DEMO]
+    for beside in result.detections[1:]:
+        alone = detect(run, load_recipe(f"demo-{beside.name}"))
+        assert beside.recipe_text == recipe_text(f"demo-{beside.name}")
+        np.testing.assert_array_equal(alone.view.values, beside.view.values)
+        np.testing.assert_allclose(alone.alarms["x"], beside.alarms["x"])
+        np.testing.assert_allclose(alone.alarms["confidence"], beside.alarms["confidence"])
+
+
+def test_a_recipe_with_variants_is_told_what_became_of_them():
+    text = recipe_text("demo") + '\n[[variants]]\nname = "other"\n'
+    with pytest.raises(ValueError, match="what was a variant is a recipe of its own"):
+        parse_recipe(text)
+
+
+def test_the_demo_stays_or_is_refused_where_it_may_not_overwrite(demo, tmp_path):
+    folder = shutil.copytree(demo[0].folder, tmp_path / "result")
+    again, _ = tasks.demo(folder, overwrite=False)
+    assert again.manifest["identity"] == demo[0].manifest["identity"]
+    tasks.detect_run(sample_lane() / "run.zarr", "demo", tmp_path / "other", report=False)
+    with pytest.raises(FileExistsError, match="overwrite"):
+        tasks.demo(tmp_path / "other", overwrite=False)
 
 
 def test_replay_finds_the_same_and_notices_another_run(demo, tmp_path):

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 import flgpr_papers
 from flgpr.cli import app
-from flgpr.execution.executors import Here
-from flgpr.execution.survey import How
+from flgpr.execution.survey import RunOptions
+from flgpr.execution.workers import InProcess
 from flgpr.scoring import clopper_pearson
 from flgpr_papers import worlds as maps
 from flgpr_papers.kit.findings import AGREES, DISAGREES, UNDECIDED, Finding, row_of
@@ -241,8 +241,8 @@ def test_what_is_there_is_not_run_again(made, monkeypatch):
     monkeypatch.setattr(
         "flgpr_papers.worlds.lanes.run_job", lambda *_: pytest.fail("a lane is run again")
     )
-    statements.run(folder, Here())
-    detection.run(folder, Here())
+    statements.run(folder, InProcess())
+    detection.run(folder, InProcess())
     assert done == [(paper, world.number)]
     path.write_bytes(record)
 
@@ -288,7 +288,10 @@ def test_a_cluster_does_what_is_left(tmp_path, monkeypatch):
         n_workers=1, processes=False, dashboard_address="127.0.0.1:0", host="tcp://127.0.0.1"
     ) as cluster:
         page = maps.map_worlds(
-            tmp_path, ["statements"], quick=True, how=How(scheduler=cluster.scheduler_address)
+            tmp_path,
+            ["statements"],
+            quick=True,
+            how=RunOptions(scheduler=cluster.scheduler_address),
         )
     assert page == tmp_path / "index.html"
     assert "quick run" in page.read_text(encoding="utf-8")

@@ -133,7 +133,7 @@ def test_a_second_run_gives_the_same_table_to_the_digit(field, tmp_path):
     anew = shutil.ignore_patterns("gravel-test-1*", SEALED, PRINTS)
     shutil.copytree(field / "out" / "lanes", tmp_path / "again" / "lanes", ignore=anew)
     again = run_benchmark(
-        entries, tmp_path / "again", how=tasks.How(workers=2), ground=field / "ground.toml"
+        entries, tmp_path / "again", how=tasks.RunOptions(workers=2), ground=field / "ground.toml"
     )
     write_table([again], again)
     for name in ("scores.csv", f"lanes/{PRINTS}"):

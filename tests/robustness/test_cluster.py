@@ -98,15 +98,15 @@ def test_the_messages_do_not_grow_with_the_images(lane):
     """What goes through the scheduler per piece: the job, the stage and a number one way, a report the other."""
     from distributed.protocol import serialize_bytes
 
-    from flgpr.execution.lane_work import do_part
+    from flgpr.execution.job import do_block
     from robust import small_job
 
     job = small_job(lane, lane.home / "other")
-    assert len(serialize_bytes((do_part, job, "signature", 3))) < 8000
+    assert len(serialize_bytes((do_block, job, "signature", 3))) < 8000
 
 
 def test_no_scheduler_is_said_plainly(lane, tmp_path, monkeypatch):
-    monkeypatch.setattr("flgpr.execution.cluster._PATIENCE", "0.5s")
+    monkeypatch.setattr("flgpr.execution.workers._PATIENCE", "0.5s")
     with pytest.raises(ValueError, match="scheduler must be the address"):
         tasks.detect_run(
             *lane.arguments, tmp_path / "result", lane.area, scheduler="tcp://127.0.0.1:9"

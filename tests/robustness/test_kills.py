@@ -19,8 +19,9 @@ import bag
 import io_gpr
 from every_command import make_inputs, make_signatures_cheap
 from flgpr import tasks
-from flgpr.execution import checkpoint, lane_work
-from flgpr.execution.lane_run import results_at
+from flgpr.execution import checkpoint
+from flgpr.execution import job as job_module
+from flgpr.execution.driver import results_at
 from flgpr.results.result import ResultError, read_result
 from flgpr.store import open_run
 from flgpr.store.journal import JOURNAL
@@ -70,7 +71,7 @@ class Killer:
         self.home = home
         self.work = work
         self.context = multiprocessing.get_context("forkserver")
-        self.context.set_forkserver_preload(["flgpr.execution.ready", "every_command", *LATE])
+        self.context.set_forkserver_preload(["flgpr.execution.preload", "every_command", *LATE])
         self.kills = 0
         ours, theirs = self.context.Pipe()
         child = self.start(None, theirs, home / "probe")
@@ -175,7 +176,7 @@ class Detection:
     def __call__(self, output):
         run, recipe, area = self.arguments
         checkpoint.KEEP_EVERY = self.every
-        lane_work.FOLD_BYTES = 1
+        job_module.FOLD_BYTES = 1
         tasks.detect_long(run, recipe, output, area, report=False, section=self.section)
 
 

@@ -16,7 +16,8 @@ from typer.testing import CliRunner
 
 from flgpr import tasks
 from flgpr.chain.classifier import TrainingSet
-from flgpr.chain.estimators import ALLOWED, train_estimator
+from flgpr.chain.estimator_classes import ALLOWED
+from flgpr.chain.estimators import train_estimator
 from flgpr.chain.model import MODEL_FILE, Model, describe_model, load_model, save_model
 from flgpr.chain.recipe import DetectorTable
 from flgpr.cli import app

@@ -18,10 +18,10 @@ from flgpr.chain.memory import memory_needed, plan_sections, threads_within
 from flgpr.chain.recipe import load_recipe
 from flgpr.chain.sections import Section, divide, section_lane
 from flgpr.cli import app
-from flgpr.execution import lane_run
+from flgpr.execution import driver
 from flgpr.execution.checkpoint import finish
-from flgpr.execution.executors import Here
-from flgpr.execution.lane_run import detect_lane, results_at
+from flgpr.execution.driver import detect_lane, results_at
+from flgpr.execution.workers import InProcess
 from flgpr.model import Lane
 from flgpr.results.result import ResultError, join_sections, read_result
 from flgpr.tasks.scoring import score_alarms
@@ -108,7 +108,12 @@ def test_the_parts_of_the_lane_meet_and_hold_their_alarms(lane, folder):
 def test_sections_do_not_depend_on_who_works(lane, folder, tmp_path):
     other = tmp_path / "result"
     tasks.detect_long(
-        *lane.arguments, other, lane.area, report=False, section=2.0, how=tasks.How(workers=2)
+        *lane.arguments,
+        other,
+        lane.area,
+        report=False,
+        section=2.0,
+        how=tasks.RunOptions(workers=2),
     )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
     for one, two in zip(results_at(folder), results_at(other), strict=True):
@@ -136,13 +141,13 @@ def test_sections_go_on_where_they_were_stopped_the_last_step_too(
             raise _Stop
         finish(folder)
 
-    with Here() as executor:
+    with InProcess() as executor:
         for _ in range(2):
             with pytest.raises(_Stop):
                 detect_lane(job, executor, note=note, longest=2.0)
             assert not (tmp_path / "result").exists()
         with monkeypatch.context() as patch:
-            patch.setattr(lane_run, "finish", stop)
+            patch.setattr(driver, "finish", stop)
             with pytest.raises(_Stop):
                 detect_lane(job, executor, note=note, longest=2.0)
         assert len(done) == len(set(done)) > 20
@@ -161,7 +166,7 @@ def test_another_division_begins_anew(lane, tmp_path):
         if report["stage"] == "finish":
             raise _Stop
 
-    with Here() as executor:
+    with InProcess() as executor:
         with pytest.raises(_Stop):
             detect_lane(job, executor, note=stop, longest=2.0)
         detect_lane(job, executor, longest=4.0)
@@ -206,7 +211,7 @@ def test_a_survey_with_sections_leaves_out_what_is_done(lane, tmp_path):
         "lanes": [lane.area],
         "report": False,
         "section": 4.0,
-        "how": tasks.How(note=done.append),
+        "how": tasks.RunOptions(note=done.append),
     }
     first = tasks.detect_runs([lane.run], lane.recipe, tmp_path / "out", **options)
     assert [home.name for home in first] == ["section-01", "section-02"]

@@ -206,7 +206,7 @@ def test_a_run_too_long_for_a_recipe_that_keeps_images_is_refused(tmp_path):
             [sample_lane() / "run.zarr"],
             "demo",
             tmp_path / "several",
-            how=tasks.How(max_memory=10**8),
+            how=tasks.RunOptions(max_memory=10**8),
         )
     assert list(tmp_path.iterdir()) == []
 

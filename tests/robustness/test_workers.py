@@ -14,12 +14,13 @@ import pandas as pd
 import pytest
 
 from flgpr import tasks
-from flgpr.chain import passes
-from flgpr.chain.lane_chain import LaneChain
-from flgpr.execution import checkpoint, lane_work
+from flgpr.chain import engine
+from flgpr.chain.engine import Engine
+from flgpr.execution import checkpoint
+from flgpr.execution import job as job_module
 from flgpr.execution.checkpoint import WorkError, begin
-from flgpr.execution.executors import Here, LostWorkersError, Processes
-from flgpr.execution.lane_run import detect_lane, passes_of_lane
+from flgpr.execution.driver import detect_lane, passes_of_lane
+from flgpr.execution.workers import InProcess, LostWorkersError, Processes
 from flgpr.imaging import ScanImager
 from flgpr.store import sample_lane, save_run
 from robust import content, digests, small_job
@@ -38,13 +39,13 @@ def test_worker_count_does_not_change_a_byte(lane, workers, tmp_path):
 def test_thread_count_does_not_change_a_byte(lane, threads, tmp_path, monkeypatch):
     monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
     at_work = set()
-    part = LaneChain.part
+    part = Engine.gather_block
 
     def watched(*arguments):
         at_work.add(threading.current_thread().name)
         return part(*arguments)
 
-    monkeypatch.setattr(LaneChain, "part", watched)
+    monkeypatch.setattr(Engine, "gather_block", watched)
     reports = []
     result = tasks.detect_run(
         *lane.arguments, tmp_path / "result", lane.area, report=False, note=reports.append
@@ -83,25 +84,26 @@ def test_lanes_of_a_survey_are_worked_on_where_an_interrupt_arrives(lane, tmp_pa
         tasks.detect_runs([lane.run], lane.recipe, tmp_path / "out", [lane.area])
 
 
-def test_a_recipe_with_variants_has_the_same_bytes_whoever_works_and_after_a_stop(tmp_path):
-    """The roadside subtracted, two more self-signatures, no features: three scans in a single block."""
+@pytest.mark.parametrize("recipe", ["demo", "demo-roadside-suppressed"])
+def test_the_demo_has_the_same_bytes_whoever_works_and_after_a_stop(recipe, tmp_path):
+    """The roadside fitted and kept by blocks, no features: three scans in a single block."""
     run = sample_lane() / "run.zarr"
-    plain = tasks.detect_run(run, "demo", tmp_path / "plain", report=False)
-    both = tasks.detect_run(run, "demo", tmp_path / "both", report=False, workers=2)
+    plain = tasks.detect_run(run, recipe, tmp_path / "plain", report=False)
+    both = tasks.detect_run(run, recipe, tmp_path / "both", report=False, workers=2)
     assert content(both.folder) == content(plain.folder)
     done = []
 
     def stop(report):
         done.append(report["stage"])
-        if len(done) == 20:
+        if len(done) == 7:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        tasks.detect_run(run, "demo", tmp_path / "stopped", report=False, note=stop)
+        tasks.detect_run(run, recipe, tmp_path / "stopped", report=False, note=stop)
     before = done.copy()
     tasks.detect_run(
         run,
-        "demo",
+        recipe,
         tmp_path / "stopped",
         report=False,
         note=lambda report: done.append(report["stage"]),
@@ -111,11 +113,11 @@ def test_a_recipe_with_variants_has_the_same_bytes_whoever_works_and_after_a_sto
 
 
 def test_detection_in_memory_finds_the_same(lane):
-    from flgpr.chain.detect import detect
+    from flgpr.chain.method import detect
     from flgpr.chain.recipe import load_recipe
     from flgpr.store import open_run
 
-    found = detect(open_run(lane.run), load_recipe(lane.recipe), lane.lane)[0]
+    found = detect(open_run(lane.run), load_recipe(lane.recipe), lane.lane)
     pd.testing.assert_frame_equal(
         found.alarms, lane.result.detections[0].alarms, check_dtype=False, rtol=1e-12
     )
@@ -205,7 +207,7 @@ def test_a_survey_is_one_command_and_goes_on_where_it_stopped(lane, tmp_path):
     options = {
         "lanes": [lane.area, lane.area],
         "report": False,
-        "how": tasks.How(workers=2, note=done.append),
+        "how": tasks.RunOptions(workers=2, note=done.append),
     }
     first = tasks.detect_runs(*where, **options)
     assert content(first[0]) == lane.content
@@ -279,7 +281,7 @@ def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(
     columns = ("C_HH_F1", "M_VV_F1")
     where = [lane.run, lane.run], [truth, truth], lane.recipe
     options = {"lanes": [lane.area, lane.area]}
-    tasks.train_runs(*where, tmp_path / "plain", columns, **options, how=tasks.How(2))
+    tasks.train_runs(*where, tmp_path / "plain", columns, **options, how=tasks.RunOptions(2))
 
     calls = []
 
@@ -294,7 +296,9 @@ def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(
         tasks.train_runs(*where, tmp_path / "model", columns, **options)
     assert [path.name for path in tmp_path.glob("model*")] == ["model-1-1.work"]
     monkeypatch.undo()
-    monkeypatch.setattr(LaneChain, "part", _only_of(tmp_path / "model-2-1.work", LaneChain.part))
+    monkeypatch.setattr(
+        Engine, "gather_block", _only_of(tmp_path / "model-2-1.work", Engine.gather_block)
+    )
     tasks.train_runs(*where, tmp_path / "model", columns, **options)
     assert digests(tmp_path / "model") == digests(tmp_path / "plain")
     assert [path.name for path in tmp_path.glob("model*")] == ["model"]
@@ -304,7 +308,7 @@ def _only_of(folder, part):
     """Let blocks be worked on for one work folder only."""
 
     def checked(chain, *arguments):
-        assert chain.known.folder == folder
+        assert chain.results.folder == folder
         return part(chain, *arguments)
 
     return checked
@@ -336,7 +340,7 @@ def test_a_stop_within_a_block_costs_the_scan_in_flight(lane, tmp_path, monkeypa
 
     monkeypatch.setattr(ScanImager, "image", counted)
     job = small_job(lane, tmp_path / "result")
-    with Here() as executor:
+    with InProcess() as executor:
         for _ in stops:
             with pytest.raises(KeyboardInterrupt):
                 detect_lane(job, executor)
@@ -348,13 +352,13 @@ def test_a_stop_within_a_block_costs_the_scan_in_flight(lane, tmp_path, monkeypa
 
 def fold_often(job, stage, number):
     """Do a part in a process that folds parts as soon as there are any."""
-    lane_work.FOLD_BYTES = 1
-    return lane_work.do_part(job, stage, number)
+    job_module.FOLD_BYTES = 1
+    return job_module.do_block(job, stage, number)
 
 
 class Folding(Processes):
     def run(self, work, arguments, threads=1):
-        return super().run(fold_often if work is lane_work.do_part else work, arguments, threads)
+        return super().run(fold_often if work is job_module.do_block else work, arguments, threads)
 
 
 def test_parts_that_are_folded_as_they_come_do_not_change_a_byte(lane, tmp_path):
@@ -368,7 +372,7 @@ def test_parts_that_are_folded_as_they_come_do_not_change_a_byte(lane, tmp_path)
 def test_the_work_folder_of_many_blocks_holds_few_parts(lane, threads, tmp_path, monkeypatch):
     """Nine blocks, folded once they are twice as large as what is folded already: more than once, one by one."""
     monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
-    monkeypatch.setattr(passes, "BLOCK", 4)
+    monkeypatch.setattr(engine, "BLOCK", 4)
     held = {"signature": [], "gain": [], "view": []}
     folds = []
     put = checkpoint.Checkpoint.__setitem__
@@ -382,9 +386,9 @@ def test_the_work_folder_of_many_blocks_holds_few_parts(lane, threads, tmp_path,
             folder = tmp_path / "folded.work"
             held[report["stage"]].append(len(list(folder.glob(f"{report['stage']}-0*.arrays"))))
 
-    with Here() as executor:
+    with InProcess() as executor:
         detect_lane(small_job(lane, tmp_path / "plain"), executor)
-        monkeypatch.setattr(lane_work, "FOLD_BYTES", 1)
+        monkeypatch.setattr(job_module, "FOLD_BYTES", 1)
         monkeypatch.setattr(checkpoint.Checkpoint, "__setitem__", keep)
         detect_lane(small_job(lane, tmp_path / "folded"), executor, note=note)
     assert content(tmp_path / "folded") == content(tmp_path / "plain")
@@ -398,7 +402,7 @@ def test_what_is_folded_already_is_not_done_again_unless_it_is_damaged(
     lane, damaged, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(numba, "get_num_threads", lambda: 1)
-    monkeypatch.setattr(lane_work, "FOLD_BYTES", 1)
+    monkeypatch.setattr(job_module, "FOLD_BYTES", 1)
     done = []
     job = small_job(lane, tmp_path / "result")
     so_far = tmp_path / "result.work" / "signature-so-far.arrays"
@@ -407,7 +411,7 @@ def test_what_is_folded_already_is_not_done_again_unless_it_is_damaged(
         if report["block"] == 1:
             raise KeyboardInterrupt
 
-    with Here() as executor:
+    with InProcess() as executor:
         with pytest.raises(KeyboardInterrupt):
             detect_lane(job, executor, note=stop)
         if damaged:

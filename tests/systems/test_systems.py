@@ -13,10 +13,12 @@ from flgpr.chain.recipe import load_recipe, recipe_names
 from flgpr.cli import app
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.store import Scan, describe_for_live, open_run, read_lane
+from flgpr.tasks.results import BESIDE_DEMO
 from reference.slow_scoring import frame_counts
 from systems.lanes import LENGTH, SMALL
 
 SYSTEMS = sorted(SMALL)
+DEMO = [f"demo-{name}" for name in BESIDE_DEMO]
 LIVE = {"wang2007", "wang2007-printed", "fused"}
 MOST = 1e-5
 
@@ -67,7 +69,7 @@ class System:
 
 
 def test_these_are_the_packaged_systems():
-    assert set(recipe_names()) == {*SYSTEMS, "demo", "miniature"}
+    assert set(recipe_names()) == {*SYSTEMS, "demo", *DEMO, "miniature"}
 
 
 def test_train_learns_what_the_recipe_names_and_detect_finds_mines(system):
@@ -107,7 +109,7 @@ def test_two_workers_that_are_stopped_and_one_that_goes_on_give_the_same_bytes(s
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        system.detect("shared", how=tasks.How(note=note, workers=2))
+        system.detect("shared", how=tasks.RunOptions(note=note, workers=2))
     assert (system.folder / "shared.work").is_dir()
     system.detect("shared")
     assert system.digests("shared") == system.digests("result")
@@ -150,14 +152,14 @@ def test_the_viewer_explains_the_alarms(system):
 
 def test_live_runs_it_or_says_why_not(system):
     recipe = load_recipe(system.lanes / f"{system.name}.toml")
-    assert (not recipe.waits()) == (system.name in LIVE)
+    assert (not recipe.not_live_because()) == (system.name in LIVE)
     if system.name in LIVE:
         return
     options = tasks.LiveOptions(recipe=system.lanes / f"{system.name}.toml", output=system.folder / "live",
                                 incoming=system.lanes)  # fmt: skip
     with pytest.raises(ValueError, match=f"recipe '{system.name}' cannot run live: .*: ") as told:
         tasks.LiveRun(options)
-    assert all(reason in str(told.value) for reason in recipe.waits())
+    assert all(reason in str(told.value) for reason in recipe.not_live_because())
     assert not (system.folder / "live").exists()
 
 

@@ -6,7 +6,7 @@ import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
-from flgpr.chain.lane_chain import Detection
+from flgpr.chain.detection import Detection
 from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.cli import app
 from flgpr.geo.anchor import read_anchor

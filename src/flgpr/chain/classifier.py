@@ -59,7 +59,7 @@ class Classifier:
         return table.assign(threshold=-self.discriminant.threshold_)
 
     def about(self) -> dict[str, Any]:
-        """Tell what JSON can hold of it."""
+        """Return what JSON can hold of it."""
         return {
             "estimator": "fisher",
             "features": list(self.features),
@@ -67,7 +67,7 @@ class Classifier:
         }
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Give its arrays."""
+        """Return its arrays."""
         knots = {f"knots-{i}": one for i, one in enumerate(self.normalizer.knots_)}
         return {"direction": self.discriminant.direction_} | knots
 

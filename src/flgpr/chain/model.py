@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 import flgpr
 from flgpr.chain.classifier import Classifier
+from flgpr.chain.engine import Arrays
 from flgpr.chain.estimators import TrainedEstimator
-from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import Recipe
 from flgpr.door import Folder
 from flgpr.store import Bundle, check_free_folder, sha256, write_bundle
@@ -132,7 +132,7 @@ def load_model(folder: str | Path, digest: str | None = None) -> Model:
 
 
 def describe_model(folder: str | Path) -> dict[str, Any]:
-    """Tell what a model holds by its head alone: none of its arrays is read, and nothing is made of them.
+    """Return what a model holds by its head alone: none of its arrays is read, and nothing is made of them.
 
     Returns
     -------

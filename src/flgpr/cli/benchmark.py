@@ -53,7 +53,7 @@ def run_command(
 
     with plain_errors(quiet):
         with progress(quiet) as track:
-            how = tasks.How(workers, scheduler, track=track)
+            how = tasks.RunOptions(workers, scheduler, track=track)
             proving_ground.run_benchmark(entries or [], output, quick, how, ground, tier)
         text = proving_ground.write_table([output], output)
     if not quiet:
@@ -76,7 +76,7 @@ def oracle_command(
     with plain_errors(quiet):
         with progress(quiet) as track:
             proving_ground.run_oracle(
-                folder, recipe, tasks.How(workers, scheduler, track=track), tier
+                folder, recipe, tasks.RunOptions(workers, scheduler, track=track), tier
             )
         text = proving_ground.write_table([folder], folder)
     if not quiet:

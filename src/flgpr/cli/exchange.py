@@ -280,7 +280,9 @@ def export(
     time: Annotated[
         str | None, Option(help="Time of the observation (ISO 8601), kept with every point.")
     ] = None,
-    detection: Annotated[str, Option(help="Detection of a result: main or a variant.")] = "main",
+    detection: Annotated[
+        str, Option(help="Detection of a result: main or that of a recipe beside it.")
+    ] = "main",
     score: Annotated[
         Path | None, Option(help="Folder of the result's score, whose truth goes on qgis's map.")
     ] = None,

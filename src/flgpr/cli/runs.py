@@ -125,9 +125,7 @@ def detect(
     max_memory: Annotated[
         str, Option(help="Memory of each process; larger lanes are taken in sections.")
     ] = "2GB",
-    section: Annotated[
-        float | None, Option(help="Longest section of a lane, m, for recipes without variants.")
-    ] = None,
+    section: Annotated[float | None, Option(help="Longest section of a lane, m.")] = None,
     beside: With = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -141,7 +139,7 @@ def detect(
     if recipe is None and not (quiet or as_json):
         typer.echo(f"no --recipe: detecting with the one that `flgpr recipe for {runs[0]}` prints")
     with plain_errors(quiet), tasks.compiled_beside(), progress(quiet or as_json) as track:
-        how = tasks.How(workers, scheduler, tasks.parse_size(max_memory), track)
+        how = tasks.RunOptions(workers, scheduler, tasks.parse_size(max_memory), track)
         others = _others(beside, len(runs))
         if len(runs) > 1:
             options: dict[str, Any] = {
@@ -211,7 +209,7 @@ def train(
 ) -> None:
     """Train a recipe on runs with truth; a training that was stopped resumes."""
     with plain_errors(quiet), tasks.compiled_beside(), progress(quiet) as track:
-        how = tasks.How(workers, scheduler, tasks.parse_size(max_memory), track)
+        how = tasks.RunOptions(workers, scheduler, tasks.parse_size(max_memory), track)
         others = _others(beside, len(runs))
         more: dict[str, Any] = {"others": others, "how": how, "overwrite": overwrite}
         tasks.train_runs(runs, truth, recipe, output, feature or (), lane, **more)

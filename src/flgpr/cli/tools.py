@@ -270,7 +270,7 @@ def reproduce(
                 f"part must be left out for {paper}: only worlds and reasons have parts"
             )
         if paper == "worlds":
-            how = tasks.How(workers, scheduler, track=track)
+            how = tasks.RunOptions(workers, scheduler, track=track)
             page = papers.map_worlds(folder, *([part] if part else []), quick=quick, how=how)
         elif paper == "reasons":
             page = papers.explain(folder, part or (), quick, world, track)

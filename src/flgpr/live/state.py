@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.chain.gathering import CleanedScan
+from flgpr.chain.steps import CleanedScan
 from flgpr.live.detector import LiveDetector
 from flgpr.live.intake import Intake
 from flgpr.live.updates import LiveAlarm

@@ -19,9 +19,9 @@ import pandas as pd
 
 from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.door import Folder
-from flgpr.execution.executors import Report
-from flgpr.execution.lane_work import code_versions
-from flgpr.execution.survey import PLAINLY, How
+from flgpr.execution.job import code_versions
+from flgpr.execution.survey import DEFAULTS, RunOptions
+from flgpr.execution.workers import Report
 from flgpr.proving_ground.ground import Ground, GroundLane, load_ground
 from flgpr.store import open_run, read_manifest, sha256, write_table, write_whole
 from flgpr.store.tables import parse_columns, read_table_in
@@ -111,7 +111,9 @@ def passphrase(ground: Ground) -> str:
     return f"the truth of {ground.title}"
 
 
-def make_lanes(ground: Ground, home: Path, how: How, tiers: Sequence[Ground] | None = None) -> None:
+def make_lanes(
+    ground: Ground, home: Path, how: RunOptions, tiers: Sequence[Ground] | None = None
+) -> None:
     """Simulate the lanes that are not there yet, of all tiers or of some.
 
     The truth of all test lanes is sealed, that of the others lies beside. Fingerprints are taken of all lanes that are
@@ -194,7 +196,9 @@ def read_costs(folder: Path) -> Costs:
 class Course:
     """An entry on its way over the ground: ``home`` has the lanes, ``folder`` takes what the entry makes."""
 
-    def __init__(self, ground: Ground, entry: Entry, home: Path, folder: Path, how: How) -> None:
+    def __init__(
+        self, ground: Ground, entry: Entry, home: Path, folder: Path, how: RunOptions
+    ) -> None:
         self.ground = ground
         self.home = home
         self.folder = folder
@@ -272,7 +276,7 @@ class Course:
         ]
 
     @contextmanager
-    def _spending(self, folder: Path) -> Iterator[tuple[How, Costs]]:
+    def _spending(self, folder: Path) -> Iterator[tuple[RunOptions, Costs]]:
         """Give what counts processor time and memory by lane, and the counts, which a folder keeps after a stop."""
         path = folder / COSTS
         spent = read_costs(folder)
@@ -289,7 +293,7 @@ class Course:
             write_whole(path, json.dumps(spent, indent=1) + "\n")
 
 
-def run_entry(ground: Ground, entry: Entry, home: Path, folder: Path, how: How) -> None:
+def run_entry(ground: Ground, entry: Entry, home: Path, folder: Path, how: RunOptions) -> None:
     """Train an entry, freeze it and write its alarms, or take over alarm lists made elsewhere."""
     if Folder(folder).has(ABOUT) and Folder(folder).json(ABOUT).get("made_of") != made_of(entry):
         shutil.rmtree(folder)  # what another recipe or program found
@@ -346,7 +350,7 @@ def run_benchmark(
     entries: Sequence[str | Path],
     output: str | Path,
     quick: bool = False,
-    how: How = PLAINLY,
+    how: RunOptions = DEFAULTS,
     ground: str | Path | None = None,
     tier: str | None = None,
 ) -> Path:
@@ -365,7 +369,7 @@ def run_benchmark(
         where there are tiers.
     quick : bool
         The quick form, which shows that everything runs.
-    how : How, optional
+    how : RunOptions, optional
         Who does the work.
     ground : str or path, optional
         Name of a packaged proving ground, by default the newest, or TOML file of one's own, as
@@ -405,7 +409,7 @@ def run_benchmark(
     write_whole(folder / "ground.toml", chosen.text)
     write_whole(folder / MARK, json.dumps({"ground": chosen.title, "quick": quick}) + "\n")
     make_lanes(chosen, folder / "lanes", how, tiers)
-    how = replace(how, kept=folder / "kept")
+    how = replace(how, pass_cache=folder / "kept")
     jobs = list(itertools.product(tiers, found))
     for part, entry in how.track(jobs, "entries", len(jobs)):
         own_folder = entry_folder(folder, entry.name, part)

@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from flgpr.chain.fitting import area_of, recipe_for
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import parse_recipe, recipe_text
-from flgpr.execution.lane_run import Note, detect_lane, results_at, unnoted
-from flgpr.execution.lane_work import make_job
-from flgpr.execution.survey import PLAINLY, How, detect_survey, lane_names
+from flgpr.chain.recipe_for_run import area_of, recipe_for
+from flgpr.execution.driver import Note, detect_lane, results_at, unnoted
+from flgpr.execution.job import make_job
+from flgpr.execution.survey import DEFAULTS, RunOptions, detect_survey, lane_names
 from flgpr.results.result import Result, read_result
 from flgpr.store import MAX_MEMORY, open_run, read_lane
 
@@ -43,7 +43,7 @@ def detect_run(
         Run store, and result folder to make.
     recipe : str or path or None
         Packaged recipe or TOML file; None makes one for the run, see
-        :func:`flgpr.chain.fitting.fit_recipe`.
+        :func:`flgpr.chain.recipe_for_run.fit_recipe`.
     lane : path, optional
         TOML with x_min, x_max, y_min, y_max (m) in place of the recipe's lane.
     report : bool
@@ -51,7 +51,7 @@ def detect_run(
     model : path, optional
         What training made, for recipes that learn.
     workers, scheduler, track, note
-        As in :class:`flgpr.execution.survey.How`; the result is the same, bit for bit.
+        As in :class:`flgpr.execution.survey.RunOptions`; the result is the same, bit for bit.
     max_memory : int
         Memory of each process, bytes; a lane that would take more is refused, see
         :func:`detect_long`.
@@ -59,7 +59,7 @@ def detect_run(
         Runs taken together with this one, such as a second band, by the names that the recipe gives
         them.
     """
-    how = How(workers, scheduler, max_memory, track, note)
+    how = RunOptions(workers, scheduler, max_memory, track, note)
     return read_result(
         detect_long(run, recipe, output, lane, model, math.inf, others, report, how)[0]
     )
@@ -74,14 +74,14 @@ def detect_long(
     section: float | None = None,
     others: Mapping[str, PathLike] | None = None,
     report: bool = True,
-    how: How = PLAINLY,
+    how: RunOptions = DEFAULTS,
     overwrite: bool = True,
 ) -> list[Path]:
     """Detect on a stored run of any length, and give the result folder, or those of its sections in their order.
 
     Arguments are those of :func:`detect_run`. A lane that would take more memory, or is longer than ``section`` (m;
-    infinity for one piece or not at all), is taken in sections unless the recipe has variants: ``output`` then holds a
-    result folder per section and a table of all alarms, see :mod:`flgpr.execution.lane_run`. ``how`` tells who does it.
+    infinity for one piece or not at all), is taken in sections: ``output`` then holds a
+    result folder per section and a table of all alarms, see :mod:`flgpr.execution.driver`. ``how`` tells who does it.
     Without ``overwrite`` a whole result of the same inputs and version is left as it is, and any other there is a
     FileExistsError.
     """
@@ -90,7 +90,9 @@ def detect_long(
     area = area_of(
         open_run(run, how.max_memory), parsed, read_lane(lane) if lane is not None else None
     )
-    job = make_job(run, text, area, output, report, model, how.max_memory, others, kept=how.kept)
+    job = make_job(
+        run, text, area, output, report, model, how.max_memory, others, pass_cache=how.pass_cache
+    )
     with how.executor() as executor:
         return detect_lane(job, executor, how.track, how.note, section, overwrite)
 
@@ -105,7 +107,7 @@ def detect_runs(
     others: Sequence[Mapping[str, PathLike]] | None = None,
     report: bool = True,
     lanes_at_once: int | None = None,
-    how: How = PLAINLY,
+    how: RunOptions = DEFAULTS,
     overwrite: bool = True,
 ) -> list[Path]:
     """Detect on many stored runs and give their result folders in order; goes on where it was stopped.

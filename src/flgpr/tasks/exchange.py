@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from flgpr.chain.lane_chain import Detection
+from flgpr.chain.detection import Detection
 from flgpr.door import read_named
 from flgpr.formats import GprSection, gpr_run, nmea_places, read_gpr
 from flgpr.formats.cphd import read_cphd, write_cphd

@@ -11,8 +11,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.calibrate import channel_health, health_summary
-from flgpr.chain.fitting import fit_faults
 from flgpr.chain.recipe import Recipe, lane_of, load_recipe, recipe_names
+from flgpr.chain.recipe_for_run import fit_faults
 from flgpr.door import Folder
 from flgpr.imaging import count_looks
 from flgpr.model import (

@@ -15,7 +15,7 @@ import pandas as pd
 import flgpr
 from flgpr.chain.progress import Track, silent
 from flgpr.door import MOST_JSON, Folder, parse_json, parse_toml, read_named
-from flgpr.execution.lane_run import results_at
+from flgpr.execution.driver import results_at
 from flgpr.model import Lane
 from flgpr.report import blind_html, comparison_html, score_files
 from flgpr.results.result import Result, add_files, are_settled, join_sections, read_result

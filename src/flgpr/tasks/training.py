@@ -17,12 +17,13 @@ import pandas as pd
 
 from flgpr.chain.alarm_steps import count_alarm_steps
 from flgpr.chain.classifier import CLASSIFIER_B, make_training_set, train
+from flgpr.chain.detection import rank_alarms
+from flgpr.chain.engine import Arrays
 from flgpr.chain.estimators import train_estimator
-from flgpr.chain.fitting import area_of
-from flgpr.chain.lane_chain import LaneChain
+from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.model import MODEL_FILE, Model, check_free_model, load_model, save_model
-from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import RANKS, DetectorTable, Recipe, parse_recipe, recipe_text
+from flgpr.chain.recipe_for_run import area_of
 from flgpr.chain.stages import TrainingView
 from flgpr.chain.too_few import (
     TooFewExamplesError,
@@ -32,10 +33,10 @@ from flgpr.chain.too_few import (
     share_changes,
 )
 from flgpr.door import read_named
-from flgpr.execution.executors import Executor
-from flgpr.execution.lane_run import passes_of_lane
-from flgpr.execution.lane_work import code_versions, make_job, report
-from flgpr.execution.survey import PLAINLY, How
+from flgpr.execution.driver import passes_of_lane
+from flgpr.execution.job import code_versions, make_job, report
+from flgpr.execution.survey import DEFAULTS, RunOptions
+from flgpr.execution.workers import Executor
 from flgpr.live import forecast
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.model import Lane
@@ -63,7 +64,7 @@ def train_runs(
     lanes: Sequence[PathLike] | None = None,
     label_radius: float = 1.0,
     others: Sequence[Mapping[str, PathLike]] | None = None,
-    how: How = PLAINLY,
+    how: RunOptions = DEFAULTS,
     overwrite: bool = True,
 ) -> Model:
     """Train a recipe on stored runs and write its model.
@@ -86,7 +87,7 @@ def train_runs(
         Per run, TOML of its lane in place of the recipe's, and the runs taken together with it.
     label_radius : float
         Alarms this near to a target are its hits, m.
-    how : How, optional
+    how : RunOptions, optional
         Who does the work.
     overwrite : bool
         Replace a model that is there. Without it a model of the same inputs and versions is left as
@@ -162,12 +163,12 @@ def _holds_model(folder: Path, notes: Mapping[str, Any]) -> bool:
     return True
 
 
-def _clear_beside(output: Path, how: How) -> None:
+def _clear_beside(output: Path, how: RunOptions) -> None:
     """Delete what a training kept beside its model, which is written."""
     for work in output.parent.glob(f"{glob.escape(output.name)}-*-*.work*"):
         if re.fullmatch(r"-\d+-\d+\.work(\.done)?", work.name.removeprefix(output.name)):
             shutil.rmtree(work, ignore_errors=True)
-    shared = [] if how.kept is not None else [_beside(output, "images")]
+    shared = [] if how.pass_cache is not None else [_beside(output, "images")]
     for left in (_beside(output, "training"), replaced_by(output), *shared):
         shutil.rmtree(left, ignore_errors=True)
 
@@ -197,7 +198,7 @@ class _Course:
         lanes: Sequence[_Lane],
         output: Path,
         executor: Executor,
-        how: How,
+        how: RunOptions,
     ) -> None:
         self.recipe = recipe
         self.text = text
@@ -210,10 +211,10 @@ class _Course:
         self._step = 0
 
     @property
-    def _kept(self) -> PathLike | None:
+    def _pass_cache(self) -> PathLike | None:
         """Folder of images that the steps share, if there are several."""
         several = bool(self.recipe.learning())
-        return self._how.kept or (_beside(self.output, "images") if several else None)
+        return self._how.pass_cache or (_beside(self.output, "images") if several else None)
 
     @property
     def _learnt(self) -> Path:
@@ -224,17 +225,13 @@ class _Course:
         """Fit all learning stages, each with what those before it have learnt."""
         named = self.recipe.named()
         for name in self.recipe.learning():
-            of = named[name].of
-            if of.kind in ("screen", "features"):
-                self._views = self._views or [
-                    TrainingView(chain.training_view, lane.targets, lane.area)
-                    for chain, lane in self._chains(truth=True)
-                ]
+            if named[name].stage_class.kind in ("screen", "features"):
+                self._views = self._views or self._training_views()
                 examples: list[Any] = self._views
             else:
-                examples = [
-                    dict(chain.known[f"learn.{name}"]) for chain, _ in self._chains(truth=True)
-                ]
+                examples = []
+                for setup, _ in self._lane_setups(truth=True):
+                    examples.append(dict(setup.results[f"learn.{name}"]))
             with self._counted(name):
                 arrays, notes = self._fit(name, examples)
             self.model = replace(
@@ -243,15 +240,23 @@ class _Course:
                 notes=self.model.notes | {name: notes},
             )
 
+    def _training_views(self) -> list[TrainingView]:
+        """Return the run-views of all lanes, with their targets."""
+        views = []
+        for setup, lane in self._lane_setups(truth=True):
+            views.append(TrainingView(setup.view(), lane.targets, lane.area))
+        return views
+
     def _fit(self, name: str, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
         """Fit a stage; where the examples do not suffice, tell how many targets each step left."""
         stage = self.recipe.named()[name]
         try:
-            return stage.of.fit(stage.settings, examples)
+            return stage.stage_class.fit(stage.settings, examples)
         except ValueError as error:
             counts = [count_targets([lane.targets for lane in self.lanes])]
-            if stage.of.kind in ("screen", "features"):
-                counts += count_in_views(self._views, stage.of.spent(stage.settings, self._views))
+            if stage.stage_class.kind in ("screen", "features"):
+                used = stage.stage_class.targets_used_for_training(stage.settings, self._views)
+                counts += count_in_views(self._views, used)
             if isinstance(error, TooFewExamplesError):
                 raise error.of_stage(name, counts) from None
             changes = share_changes(stage.settings, name)
@@ -261,11 +266,11 @@ class _Course:
         """Train the detector on the alarms of all lanes."""
         alarms = []
         raised = 0
-        for number, (chain, lane) in enumerate(self._chains(truth=False), 1):
-            alarms.append(
-                (f"{number}:{Path(lane.run).stem}", *chain.ranked_alarms(), lane.targets, lane.area)
-            )
-            raised += len(chain.raised())
+        for number, (setup, lane) in enumerate(self._lane_setups(truth=False), 1):
+            name = f"{number}:{Path(lane.run).stem}"
+            ranked = rank_alarms(setup)
+            alarms.append((name, ranked.alarms, ranked.features, lane.targets, lane.area))
+            raised += len(setup.alarms())
         table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
         wanted = _matching(list(features) or list(table.features), list(alarms[0][2].columns))
         with self._counted("detector"):
@@ -313,27 +318,27 @@ class _Course:
     def _spent(self) -> dict[str, list[pd.DataFrame]]:
         """Give, by stage, the rows of every lane's truth that made what it has learnt."""
         parts = {
-            name: stage.of.spent(stage.settings, self._views)
+            name: stage.stage_class.targets_used_for_training(stage.settings, self._views)
             for name, stage in self.recipe.named().items()
             if name in self.recipe.learning()
         }
         return {name: rows for name, rows in parts.items() if rows}
 
-    def _chains(self, truth: bool) -> Iterator[tuple[LaneChain, _Lane]]:
-        """Go through the lanes as far as the model allows, and yield each one's chain and lane."""
+    def _lane_setups(self, truth: bool) -> Iterator[tuple[LaneSetup, _Lane]]:
+        """Go through the lanes as far as the model allows, and yield what their passes gave."""
         self._step += 1
         model = save_model(self.model, self._learnt) if self.model.stages else None
         for number, lane in enumerate(self.lanes, 1):
             beside = self.output.with_name(f"{self.output.name}-{number}-{self._step}")
             job = make_job(
                 lane.run, self.text, lane.area, beside, False, model, self._how.max_memory, lane.others,
-                lane.truth if truth else None, self._kept,
+                lane.truth if truth else None, self._pass_cache,
             )  # fmt: skip
             name = f"{Path(lane.run).stem}: "
             with passes_of_lane(
                 job, self._executor, self._how.track, self._how.note, name
-            ) as chain:
-                yield chain, lane
+            ) as setup:
+                yield setup, lane
 
 
 def _matching(wanted: list[str], columns: list[str]) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.passes import Arrays
+from flgpr.chain.engine import Arrays
 from flgpr.chain.progress import Track
 from flgpr.chain.stages.masks import Aperture, MaskedSuppression, OperatorOn
 from flgpr.clutter import (

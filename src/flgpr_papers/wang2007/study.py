@@ -14,7 +14,10 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.lane_chain import CleanedRun, LaneChain
+from flgpr.chain.cleaned import CleanedRun
+from flgpr.chain.detection import detection_of
+from flgpr.chain.lane_setup import LaneSetup
+from flgpr.chain.method import engine_of
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.clutter import Background
@@ -157,10 +160,10 @@ def lane_result(
     is_complete = (extras.is_file() or not wide) and (pictures.is_file() or not examples)
     if not (is_complete and _is_done(result_folder, store, text)):
         run = open_run(store)
-        chain = LaneChain(run, recipe, lane, explains=False, whole=True)
-        chain.go(track, ("signature", "gain", "view", "alarms", "features"))
-        cleaned = chain.cleaned
-        detection = chain.detection()
+        setup = LaneSetup(run, recipe, lane, explains=False, whole_background=True)
+        engine_of(setup).run(track, ("signature", "gain", "view", "alarms", "features"))
+        cleaned = setup.cleaned
+        detection = detection_of(setup)
         extras.parent.mkdir(parents=True, exist_ok=True)
         if examples:
             save_examples(pictures, cleaned, run, recipe, truth, detection.alarms)

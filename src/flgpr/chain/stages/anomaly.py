@@ -11,7 +11,7 @@ import pandas as pd
 import xarray as xr
 from pydantic import Field, model_validator
 
-from flgpr.chain.passes import Arrays
+from flgpr.chain.engine import Arrays
 from flgpr.chain.stages import FeatureStage, FloatArray, Positive, Table, TrainingView
 from flgpr.chain.stages.clusters import subset
 from flgpr.chain.too_few import Tally, TooFewExamplesError, clear_change, kinds_change
@@ -80,7 +80,7 @@ class Rx(FeatureStage):
 
     @classmethod
     def margin(cls, settings: Any) -> float:
-        """Tell how far the ring reaches."""
+        """Return how far the ring reaches."""
         return float(settings.outer[1])
 
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
@@ -149,7 +149,7 @@ class Matched(FeatureStage):
 
     @classmethod
     def margin(cls, settings: Any) -> float:
-        """Tell how far from an alarm its pixel may lie."""
+        """Return how far from an alarm its pixel may lie."""
         return float(settings.reach)
 
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
@@ -164,7 +164,7 @@ class Matched(FeatureStage):
     @classmethod
     def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, dict[str, Any]]:
         """Take the mean of the mines' brightest pixels, and mean and covariance of the clutter."""
-        pairs = zip(examples, cls.spent(settings, examples), strict=True)
+        pairs = zip(examples, cls.targets_used_for_training(settings, examples), strict=True)
         bright = np.concatenate(
             [_brightest(e.view, m[["x", "y"]].to_numpy(), settings.reach) for e, m in pairs]
         )
@@ -185,8 +185,10 @@ class Matched(FeatureStage):
         return learnt, {"mines_for_signature": len(bright), "clutter_pixels": len(clutter)}
 
     @classmethod
-    def spent(cls, settings: Any, examples: list[TrainingView]) -> list[pd.DataFrame]:
-        """Give the mines that make the signature."""
+    def targets_used_for_training(
+        cls, settings: Any, examples: list[TrainingView]
+    ) -> list[pd.DataFrame]:
+        """Return the mines that make the signature."""
         return [
             some[some["kind"].isin(settings.kinds)]
             for some in subset(examples, settings.share, settings.kinds)

@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field
 
-from flgpr.chain.passes import Arrays
+from flgpr.chain.engine import Arrays
 from flgpr.chain.stages import FeatureStage, FloatArray, Positive, ScreenStage, Table, TrainingView
 from flgpr.features import cut_regions, mean_template, template_features
 from flgpr.screen import (
@@ -85,13 +85,13 @@ class ClusterScreen(ScreenStage):
     """Amplitude with clustering, standard deviation and energy in an ellipse, one after the other (Sec. 3.1)."""
 
     learns = True
-    waits = "a region is looked at from all ranges before it is judged"
+    not_live_because = "a region is looked at from all ranges before it is judged"
     looser: ClassVar[Mapping[str, Any]] = {"rule": "or", "pass_share": 1.0}
     Settings: ClassVar[type[Table]] = ClusterSettings
 
     @classmethod
     def margin(cls, settings: Any) -> float:
-        """Tell how far regions and what decides on them reach, at most.
+        """Return how far regions and what decides on them reach, at most.
 
         An ellipse is no larger than a template, its rectangle twice as large, and it lies off by less than a template.
         """
@@ -111,7 +111,7 @@ class ClusterScreen(ScreenStage):
     def channels(
         self, view: xr.DataArray
     ) -> list[tuple[xr.DataArray, tuple[Ellipse, ClusterThresholds]]]:
-        """Give every image (y, x) of the polarizations that are asked for, with its ellipse and thresholds."""
+        """Return every image (y, x) of the polarizations that are asked for, with its ellipse and thresholds."""
         wanted = self.settings.polarizations or tuple(view["polarization"].values)
         return [
             (view.isel(polarization=p, subband=r), self._limits(p, r))
@@ -146,8 +146,10 @@ class ClusterScreen(ScreenStage):
         return learnt, {"mines_for_thresholds": sum(len(one) for one in mines)}
 
     @classmethod
-    def spent(cls, settings: Any, examples: list[TrainingView]) -> list[pd.DataFrame]:
-        """Give the subset's mines."""
+    def targets_used_for_training(
+        cls, settings: Any, examples: list[TrainingView]
+    ) -> list[pd.DataFrame]:
+        """Return the subset's mines."""
         return subset(examples, settings.share)
 
 
@@ -155,7 +157,7 @@ class TemplateFeatures(FeatureStage):
     """The largest correlation with the template of every polarization and range (par. 22)."""
 
     learns = True
-    waits = ClusterScreen.waits
+    not_live_because = ClusterScreen.not_live_because
     Settings: ClassVar[type[Table]] = TemplateSettings
 
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
@@ -178,6 +180,8 @@ class TemplateFeatures(FeatureStage):
         }
 
     @classmethod
-    def spent(cls, settings: Any, examples: list[TrainingView]) -> list[pd.DataFrame]:
-        """Give the subset's mines."""
+    def targets_used_for_training(
+        cls, settings: Any, examples: list[TrainingView]
+    ) -> list[pd.DataFrame]:
+        """Return the subset's mines."""
         return subset(examples, settings.share)

@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from flgpr.chain.passes import Accumulator, Arrays, gathered
+from flgpr.chain.engine import Accumulator, Arrays, append_accumulator
 from flgpr.chain.stages import FloatArray, MapStage, Positive, Table
 from flgpr.chain.too_few import Change, Tally, TooFewExamplesError, clear_change
 from flgpr.clutter import ClutterWhitener
@@ -60,7 +60,7 @@ class CutSettings(Table):
 
 
 def learnt_of(forms: Sequence[LinearQuadraticForm], clutter: NDArray[Any]) -> Arrays:
-    """Give what a map by forms has learnt: the forms, and mean and deviation of their largest on clutter samples."""
+    """Return what a map by forms has learnt: the forms, and mean and deviation of their largest on clutter samples."""
     value = np.max([form(clutter) for form in forms], axis=0)
     learnt = {f"{name}-{k}": getattr(form, name) for k, form in enumerate(forms) for name in _FORM}
     learnt["constant"] = np.array([form.constant for form in forms])
@@ -95,7 +95,7 @@ class FormMap(MapStage):
     """
 
     learns = True
-    waits = "its self-signature is that of the whole run"
+    not_live_because = "its self-signature is that of the whole run"
     Settings: ClassVar[type[Table]] = CutSettings
 
     @property
@@ -133,7 +133,7 @@ class FormMap(MapStage):
                 samples_at(image(index).isel(subband=0, drop=True), mines, self.settings)._asdict()
             )
 
-        return gathered(parts, add)
+        return append_accumulator(parts, add)
 
     @classmethod
     def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:

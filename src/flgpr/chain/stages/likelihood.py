@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from scipy.ndimage import gaussian_filter, uniform_filter
 from scipy.special import logsumexp
 
-from flgpr.chain.passes import Accumulator, Arrays, added
+from flgpr.chain.engine import Accumulator, Arrays, sum_accumulator
 from flgpr.chain.stages import ComplexArray, FloatArray, MapStage, Positive, Setup, Table
 from flgpr.chain.too_few import Tally, TooFewExamplesError, clear_change
 from flgpr.imaging import ScanImager
@@ -118,7 +118,7 @@ class LikelihoodMap(MapStage):
         ] = {}
 
     def map(self, image: xr.DataArray) -> NDArray[np.float32]:
-        """Give the log-likelihood ratio with the contrast and ``offset`` added."""
+        """Return the log-likelihood ratio with the contrast and ``offset`` added."""
         table = self.settings
         learnt = self.learnt
         chips = self._chips(image.values)
@@ -139,7 +139,7 @@ class LikelihoodMap(MapStage):
         return np.asarray(np.maximum(total, _LEAST), dtype=np.float32)
 
     def parts(self, image: xr.DataArray) -> tuple[Arrays, Arrays]:
-        """Give what the likelihood and each polarization's contrast add; alone, what sub-bands and a stone would say.
+        """Return what the likelihood and each polarization's contrast add; alone, what sub-bands and a stone would say.
 
         That is each sub-band's log-likelihood ratio, and the log odds of a mine over a stone, were both as frequent.
         Parts add up to the map without ``offset``, but where that was cut off at the least value.
@@ -187,7 +187,7 @@ class LikelihoodMap(MapStage):
     def _band(
         self, metre: int, number: int, bands: int
     ) -> tuple[NDArray[np.intp], ComplexArray, ComplexArray, FloatArray]:
-        """Give a sub-band's places in a chip, what whitens it there, and its signatures' vectors and shares."""
+        """Return a sub-band's places in a chip, what whitens it there, and its signatures' vectors and shares."""
         if (metre, number) not in self._bands:
             whitener = self.learnt["whitener"][metre]
             vectors = self.learnt["signature"][metre]
@@ -233,7 +233,7 @@ class LikelihoodMap(MapStage):
                 sums["covariance"][m] += some.T @ some.conj()
                 sums["count"][m] += len(some)
 
-        return added(sums, add, lambda: sums | self._bodies(sensor))
+        return sum_accumulator(sums, add, lambda: sums | self._bodies(sensor))
 
     @classmethod
     def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
@@ -299,9 +299,9 @@ class LikelihoodMap(MapStage):
         return cut.reshape(*cut.shape[:2], -1)
 
     def _bodies(self, sensor: Sensor) -> Arrays:
-        """Give chips (body, value) of simulated bodies over this lane's background, and their metres into the image."""
+        """Return chips (body, value) of simulated bodies over this lane's background, and how far ahead each lies."""
         setup = self.setup
-        known = self.setup.known["gain"]
+        known = self.setup.results["gain"]
         grid = self.setup.images
         table = self.settings
         bands = tuple(setup.imager.subbands.items())

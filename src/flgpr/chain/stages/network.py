@@ -12,7 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pydantic import Field
 
-from flgpr.chain.passes import Arrays
+from flgpr.chain.engine import Arrays
 from flgpr.chain.stages import FeatureStage, FloatArray, Positive, Table, TrainingView
 from flgpr.chain.too_few import Tally, TooFewExamplesError, clear_change, kinds_change
 from flgpr.features import cut_regions
@@ -62,7 +62,7 @@ class ChipNetwork(FeatureStage):
 
     @classmethod
     def margin(cls, settings: Any) -> float:
-        """Tell how far a chip reaches."""
+        """Return how far a chip reaches."""
         return float(settings.size[1])
 
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:

@@ -19,12 +19,15 @@ from multiprocessing.connection import wait
 from typing import Any
 
 import numba
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from flgpr.chain.passes import dealt
+from flgpr.chain.engine import run_pieces
+from flgpr.store.extras import optional
 
 Report = dict[str, Any]
 Work = Callable[..., Report]
 _TRIALS = 3
+_PATIENCE = "20s"  # for a scheduler that does not answer
 _SLOW = ("dask.array", "sklearn")
 """What the work may need and takes longest to import: forked with it where this process has come to need it."""
 
@@ -49,7 +52,7 @@ class Executor(AbstractContextManager["Executor"]):
         """
 
 
-class Here(Executor):
+class InProcess(Executor):
     """Does everything in this process."""
 
     parallel = False
@@ -61,7 +64,7 @@ class Here(Executor):
         self, work: Work, arguments: Sequence[tuple[Any, ...]], threads: int = 1
     ) -> Generator[Report]:
         """Deal the work to threads, and yield in its order."""
-        yield from dealt(work, arguments, threads)
+        yield from run_pieces(work, arguments, threads)
 
 
 class Processes(Executor):
@@ -121,17 +124,16 @@ class Processes(Executor):
             if self._pool is None or self._pool is broken:
                 context = multiprocessing.get_context("forkserver")
                 slow = (name for name in _SLOW if name in sys.modules)
-                context.set_forkserver_preload([*slow, "flgpr.execution.ready"])
+                context.set_forkserver_preload([*slow, "flgpr.execution.preload"])
                 threads = max(1, (os.cpu_count() or 1) // self.count)
                 self._pool = ProcessPoolExecutor(self.count, context, _begin_worker, (threads,))
             return self._pool
 
 
 def _begin_worker(threads: int) -> None:
-    from flgpr.execution.ready import libraries
-
+    """Begin a process with its share of threads; it ends with the process that asked for it."""
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
-    libraries.limit(limits=threads)
+    threadpool_limits(threads)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -140,3 +142,56 @@ def _end_with_parent() -> None:
     if parent is not None:
         wait([parent.sentinel])
         os._exit(1)
+
+
+class Cluster(Executor):
+    """Hands the work to the workers of an existing Dask cluster, by the scheduler's address (``tcp://host:8786``).
+
+    Only small values go through it: arrays stay in the work folder, which all see. A lost worker costs what it was at.
+    Run, model and output must have the same path on every worker, and the workers
+    the same versions as this process.
+    """
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self._distributed = optional("distributed", "cluster")
+        self._client: Any = None
+
+    def __enter__(self) -> Cluster:
+        try:
+            self._client = self._distributed.Client(
+                self.address, timeout=_PATIENCE, set_as_default=False
+            )
+        except (OSError, ValueError) as error:
+            raise ValueError(
+                f"scheduler must be the address of a Dask scheduler, got {self.address} ({error})"
+            ) from None
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+    def run(
+        self,
+        work: Work,
+        arguments: Sequence[tuple[Any, ...]],
+        threads: int = 1,  # noqa: ARG002
+    ) -> Generator[Report]:
+        """Submit a task for each set of arguments and yield what is done first; workers lost time and again end it."""
+        futures = [self._client.submit(work, *some, pure=False) for some in arguments]
+        try:
+            done = self._distributed.as_completed(
+                futures, loop=self._client.loop, with_results=True
+            )
+            for future, report in done:
+                future.release()
+                yield report
+        except self._distributed.KilledWorker as error:
+            raise LostWorkersError(
+                f"workers must live to do their work, several died at one piece ({error})"
+            ) from None
+        finally:
+            for future in futures:
+                future.release()

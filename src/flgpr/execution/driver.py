@@ -19,25 +19,26 @@ import numpy as np
 import pandas as pd
 
 import flgpr
-from flgpr.chain.lane_chain import LaneChain, array_table
+from flgpr.chain.engine import Engine, PlannedPass, block_name, group_of
+from flgpr.chain.lane_setup import LaneSetup, array_table
 from flgpr.chain.memory import plan_sections, sizes_of, threads_within
+from flgpr.chain.method import engine_of
 from flgpr.chain.model import MODEL_FILE
-from flgpr.chain.passes import Pass, group_of, part_name
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.sections import Section, lane_threshold
 from flgpr.door import Folder
 from flgpr.execution.checkpoint import Checkpoint, begin, finish
-from flgpr.execution.executors import Executor, Report
-from flgpr.execution.lane_work import (
+from flgpr.execution.job import (
     LaneJob,
+    cached_pass,
+    do_block,
     do_finish,
-    do_fold,
-    do_part,
-    folded,
-    kept_pass,
-    open_chain,
+    do_merge,
+    merged_blocks,
+    open_lane,
 )
+from flgpr.execution.workers import Executor, Report
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
 from flgpr.results.result import MODEL, check_free, read_result, read_result_manifest
@@ -72,7 +73,7 @@ def detect_lane(
     FileExistsError.
     """
     folder = check_free(job.output)
-    first = open_chain(job)  # refuses what does not fit before anything is written
+    first = open_lane(job)  # refuses what does not fit before anything is written
     sections = plan_sections(
         sizes_of(first.setup.run), first.recipe, first.lane, job.max_memory, longest
     )
@@ -80,20 +81,25 @@ def detect_lane(
         tell_finished(folder, OVERWRITE)
         return results_at(folder)
 
-    def plan(wanted: Callable[[Pass], bool], section: Section | None = None) -> Plan:
-        opened = first.run, first.recipe, first.lane, first.model
-        chain = LaneChain(
-            *opened, section=section, others=first.setup.others
-        )  # not kept: it holds memory
-        return _planned(chain, wanted)
+    def plan(wanted: Callable[[PlannedPass], bool], section: Section | None = None) -> Plan:
+        # Made anew and let go of again, as it holds memory.
+        lane = LaneSetup(
+            first.run,
+            first.recipe,
+            first.lane,
+            first.model,
+            section=section,
+            others=first.setup.others,
+        )
+        return _planned(engine_of(lane), wanted)
 
     folder.parent.mkdir(parents=True, exist_ok=True)
-    drive = _Drive(executor, track, note, _threads(first, sections, job))
+    driver = _Driver(executor, track, note, _threads(first, sections, job))
     if len(sections) > 1:
-        return _in_sections(job, sections, plan, drive)
+        return _in_sections(job, sections, plan, driver)
     with begin(job.work, job.identity(), job.largest) as work:
-        drive.passes(job, work, plan(lambda _: True))
-        drive.finish(job)
+        driver.run_passes(job, work, plan(lambda _: True))
+        driver.finish(job)
         finish(job.work)
     return [folder]
 
@@ -101,41 +107,42 @@ def detect_lane(
 @contextmanager
 def passes_of_lane(
     job: LaneJob, executor: Executor, track: Track = silent, note: Note = unnoted, name: str = ""
-) -> Iterator[LaneChain]:
-    """Do the passes of a stored training lane, but for what explains alarms, and give the chain with their results.
+) -> Iterator[LaneSetup]:
+    """Do the passes of a stored training lane, but for what explains alarms, and yield the lane with their results.
 
-    With a truth it ends where the first stage that has not learnt yet has its examples. ``OUTPUT.work`` is kept.
+    With a truth they end where the first stage that has not learnt yet has its examples. ``OUTPUT.work`` is kept.
     """
     job = replace(job, explains=False)
-    chain = open_chain(job)
+    lane = open_lane(job)
     sections = plan_sections(
-        sizes_of(chain.setup.run), chain.recipe, chain.lane, job.max_memory, math.inf
+        sizes_of(lane.setup.run), lane.recipe, lane.lane, job.max_memory, math.inf
     )
-    drive = _Drive(executor, track, note, _threads(chain, sections, job))
+    driver = _Driver(executor, track, note, _threads(lane, sections, job))
     with begin(job.work, job.identity(), job.largest) as work:
-        chain = open_chain(job, work)
-        drive.passes(job, work, _planned(chain, lambda _: True), name)
-        yield chain
+        lane = open_lane(job, work)
+        driver.run_passes(job, work, _planned(engine_of(lane), lambda _: True), name)
+        yield lane
 
 
-def _threads(chain: LaneChain, sections: Sequence[Section], job: LaneJob) -> int:
-    """Tell how many threads of a process may take blocks of a lane."""
-    if not chain.concurrent:
+def _threads(lane: LaneSetup, sections: Sequence[Section], job: LaneJob) -> int:
+    """Return how many threads of a process may take blocks of a lane."""
+    if not lane.concurrent:
         return 1
     return threads_within(
-        sizes_of(chain.setup.run), chain.recipe, chain.lane, sections, job.max_memory
+        sizes_of(lane.setup.run), lane.recipe, lane.lane, sections, job.max_memory
     )
 
 
-def _planned(chain: LaneChain, wanted: Callable[[Pass], bool]) -> Plan:
-    return {
-        one.name: (one.title, chain.numbers(one.name))
-        for one in chain.passes.values()
-        if wanted(one)
-    }
+def _planned(engine: Engine, wanted: Callable[[PlannedPass], bool]) -> Plan:
+    """List the title and the blocks of the passes that are wanted."""
+    plan: Plan = {}
+    for name, planned in engine.passes.items():
+        if wanted(planned):
+            plan[name] = (planned.title, engine.block_numbers(name))
+    return plan
 
 
-class _Drive:
+class _Driver:
     """Hands the pieces of a lane out and waits for them."""
 
     def __init__(self, executor: Executor, track: Track, note: Note, threads: int) -> None:
@@ -144,60 +151,73 @@ class _Drive:
         self.note = note
         self.threads = threads
 
-    def passes(self, job: LaneJob, work: Checkpoint, plan: Plan, name: str = "") -> None:
-        for stage, (title, every) in plan.items():
-            if stage in work:
+    def run_passes(self, job: LaneJob, work: Checkpoint, plan: Plan, name: str = "") -> None:
+        """Do the passes of a plan that the work folder lacks, one after the other."""
+        for pass_name, (title, numbers) in plan.items():
+            if pass_name in work:
                 continue
-            shared = kept_pass(job, stage)
-            if shared is not None and self._taken(job, work, stage, shared):
+            cached = cached_pass(job, pass_name)
+            if cached is not None and self._take(job, work, pass_name, cached):
                 continue
-            begun = folded(work, stage)
-            missing = [
-                number
-                for number in every
-                if number >= begun and part_name(stage, number) not in work
-            ]
-            spent = []
-            pieces = [(job, stage, number) for number in missing]
-            with closing(self.executor.run(do_part, pieces, self.threads)) as parts:
-                for report in self.track(parts, name + title, len(missing)) if missing else ():
-                    self.note(report)
-                    spent.append(report)
-            for report in self.executor.run(do_fold, [(job, stage, tuple(every))]):
-                self.note(report)
-                spent.append(report)
-            if shared is not None:
-                self._keep(job, work, stage, shared, spent)
+            reports = self._gather(job, work, pass_name, numbers, name + title)
+            reports += self._merge(job, pass_name, numbers)
+            if cached is not None:
+                self._leave(job, work, pass_name, cached, reports)
 
-    def _taken(self, job: LaneJob, work: Checkpoint, stage: str, shared: str) -> bool:
-        """Take a pass from what jobs of the same images share, and report what it cost the first of them."""
-        if not work.take(Checkpoint(Path(job.kept), job.largest), shared, stage):
+    def _gather(
+        self, job: LaneJob, work: Checkpoint, name: str, numbers: Sequence[int], label: str
+    ) -> list[Report]:
+        """Do the blocks of a pass that the work folder lacks."""
+        begun = merged_blocks(work, name)
+        pieces = []
+        for number in numbers:
+            if number >= begun and block_name(name, number) not in work:
+                pieces.append((job, name, number))
+        reports = []
+        with closing(self.executor.run(do_block, pieces, self.threads)) as done:
+            for report in self.track(done, label, len(pieces)) if pieces else ():
+                self.note(report)
+                reports.append(report)
+        return reports
+
+    def _merge(self, job: LaneJob, name: str, numbers: Sequence[int]) -> list[Report]:
+        """Merge the blocks of a pass to its result."""
+        reports = []
+        for report in self.executor.run(do_merge, [(job, name, tuple(numbers))]):
+            self.note(report)
+            reports.append(report)
+        return reports
+
+    def _take(self, job: LaneJob, work: Checkpoint, name: str, cached: str) -> bool:
+        """Take a pass from those that jobs share, and report what it cost the first of them."""
+        if not work.take(Checkpoint(Path(job.pass_cache), job.largest), cached, name):
             return False
-        self.note(Folder(job.kept).json(f"{shared}.json") | {"lane": Path(job.output).name})
+        report = Folder(job.pass_cache).json(f"{cached}.json")
+        self.note(report | {"lane": Path(job.output).name})
         return True
 
-    def _keep(
-        self, job: LaneJob, work: Checkpoint, stage: str, shared: str, spent: Sequence[Report]
+    def _leave(
+        self, job: LaneJob, work: Checkpoint, name: str, cached: str, reports: Sequence[Report]
     ) -> None:
-        """Leave a pass to jobs of the same images."""
-        Path(job.kept).mkdir(parents=True, exist_ok=True)
-        sums = {name: sum(one[name] for one in spent) for name in ("seconds", "processor_seconds")}
-        largest = max(one["peak_bytes"] for one in spent)
-        write_whole(
-            Path(job.kept) / f"{shared}.json",
-            json.dumps(spent[-1] | sums | {"peak_bytes": largest}),
-        )
-        Checkpoint(Path(job.kept), job.largest).take(work, stage, shared)
+        """Leave a pass to jobs of other recipes."""
+        folder = Path(job.pass_cache)
+        folder.mkdir(parents=True, exist_ok=True)
+        cost = dict(reports[-1])
+        for entry in ("seconds", "processor_seconds"):
+            cost[entry] = sum(report[entry] for report in reports)
+        cost["peak_bytes"] = max(report["peak_bytes"] for report in reports)
+        write_whole(folder / f"{cached}.json", json.dumps(cost))
+        Checkpoint(folder, job.largest).take(work, name, cached)
 
     def finish(self, job: LaneJob, name: str = "") -> None:
-        for report in self.track(
-            self.executor.run(do_finish, [(job,)]), f"{name}writing the result", 1
-        ):
+        """Write the result folder."""
+        done = self.executor.run(do_finish, [(job,)])
+        for report in self.track(done, f"{name}writing the result", 1):
             self.note(report)
 
 
 def _in_sections(
-    job: LaneJob, sections: Sequence[Section], plan: Callable[..., Plan], drive: _Drive
+    job: LaneJob, sections: Sequence[Section], plan: Callable[..., Plan], driver: _Driver
 ) -> list[Path]:
     """Take a lane in sections: first what all share, then every run-view, then, with one threshold, the rest."""
     gathering = Path(job.output).with_name(Path(job.output).name + ".sections")
@@ -205,37 +225,36 @@ def _in_sections(
     cut = {"rows": [[section.start, section.stop] for section in sections]}
     folders = [Path(job.output) / name for name in names]
     with begin(job.work, job.identity() | cut, job.largest) as shared:
-        if (
+        stopped_after_last_step = (
             "threshold" in shared
             and not gathering.exists()
             and _is_whole(job)
             and results_at(job.output) == folders
-        ):
-            finish(job.work)  # it was stopped after its last step but this
+        )
+        if stopped_after_last_step:
+            finish(job.work)
             return folders
         _prepare(gathering, names if len(shared) else ())
-        drive.passes(job, shared, plan(lambda one: one.whole))
-        parts = {
-            name: replace(job, output=str(gathering / name), section=section, shared=str(job.work))
-            for name, section in zip(names, sections, strict=True)
-        }
+        driver.run_passes(job, shared, plan(lambda planned: planned.all_scans))
+        parts = {}
+        for name, section in zip(names, sections, strict=True):
+            output = str(gathering / name)
+            parts[name] = replace(job, output=output, section=section, shared=str(job.work))
         if "threshold" not in shared:
             for name, part in parts.items():
                 with begin(part.work, part.identity(), job.largest) as work:
-                    drive.passes(
-                        part,
-                        work,
-                        plan(lambda p: p.name in ("view", "alarms"), part.section),
-                        f"{name}: ",
-                    )
-            shared["threshold"] = {"threshold": np.array(_threshold(job, list(parts.values())))}
+                    until_alarms = plan(lambda p: p.name in ("view", "alarms"), part.section)
+                    driver.run_passes(part, work, until_alarms, f"{name}: ")
+            threshold = _threshold(job, list(parts.values()))
+            shared["threshold"] = {"threshold": np.array(threshold)}
         threshold = float(shared["threshold"]["threshold"])
         for (name, part), section in zip(parts.items(), sections, strict=True):
             part = replace(part, section=replace(section, threshold=threshold))
             if not is_done(part):
                 with begin(part.work, part.identity(), job.largest) as work:
-                    drive.passes(part, work, plan(lambda p: not p.whole, part.section), f"{name}: ")
-                    drive.finish(part, f"{name}: ")
+                    rest = plan(lambda planned: not planned.all_scans, part.section)
+                    driver.run_passes(part, work, rest, f"{name}: ")
+                    driver.finish(part, f"{name}: ")
                     finish(part.work)
         _bring_together(job, gathering, names)
         finish(job.work)
@@ -286,18 +305,18 @@ def _alarms_of(home: Path) -> pd.DataFrame:
 
 
 def _lasting(job: LaneJob) -> dict[str, Any]:
-    """Tell what a result must have been made of to stand for a job, whatever the program and the machine."""
+    """Return what a result must have been made of to stand for a job, whatever the program and the machine."""
     return {name: job.identity()[name] for name in ("run", "recipe", "lane", "model", "others")}
 
 
 def results_at(folder: str | Path) -> list[Path]:
-    """Tell which result folders a lane has: the folder itself, or those of its sections in their order."""
+    """Return which result folders a lane has: the folder itself, or those of its sections in their order."""
     folder = Path(folder)
     return read_sections(folder).homes if Folder(folder).has(SECTIONS) else [folder]
 
 
 def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
-    """Tell whether the output of a job is whole, and take away what a kill left beside it.
+    """Return whether the output of a job is whole, and take away what a kill left beside it.
 
     Nothing there, or a result of this job that lacks its report, is none yet; any other result is a FileExistsError.
     """
@@ -321,7 +340,7 @@ def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
 
 
 def _is_cut(folder: Path, sections: Sequence[Section]) -> bool:
-    """Tell whether a lane was taken in these sections."""
+    """Return whether a lane was taken in these sections."""
     if len(sections) == 1:
         return not (folder / SECTIONS).is_file()
     wanted = dict(
@@ -343,7 +362,7 @@ def _of_this_version(folder: Path) -> bool:
 
 
 def is_done(job: LaneJob) -> bool:
-    """Tell whether the result of a job is there and whole: of the same run, recipe, lane, model and rows."""
+    """Return whether the result of a job is there and whole: of the same run, recipe, lane, model and rows."""
     return not job.work.exists() and _is_whole(job)
 
 

@@ -8,19 +8,19 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.chain.lane_chain import array_table, table_arrays
-from flgpr.chain.passes import (
+from flgpr.chain.engine import (
     BLOCK,
     Accumulator,
-    Chain,
-    Pass,
-    added,
+    Engine,
+    PlannedPass,
     blocks_of,
-    bundled,
-    dealt,
+    bundle_groups,
     group_of,
-    mine,
+    run_pieces,
+    sum_accumulator,
+    worker_state,
 )
+from flgpr.chain.lane_setup import array_table, table_arrays
 from flgpr.clutter import BackgroundEstimator
 from flgpr.model import Grid
 from flgpr.screen import RunViewSums
@@ -99,18 +99,21 @@ def test_sums_without_a_scan_are_refused():
 
 def test_tables_go_through_arrays_unchanged():
     table = pd.DataFrame({"x": [1.5, np.nan], "scans": [3, 4]})
-    both = bundled({"a": table_arrays(table), "ab": {"x": np.zeros(3)}}) | {"x": np.ones(2)}
+    both = bundle_groups({"a": table_arrays(table), "ab": {"x": np.zeros(3)}}) | {"x": np.ones(2)}
     assert array_table(group_of(both, "a")).equals(table)
 
 
 class Counted:
-    """A chain of two passes: the sum of the scans' numbers, then how many lie above their mean."""
+    """An engine of two passes: the sum of the scans' numbers, then how many lie above their mean."""
 
     def __init__(self, scans):
         self.added = []
-        self.known = {}
-        passes = (Pass("sum", "adding", self._sum), Pass("above", "comparing", self._above))
-        self.chain = Chain(passes, scans, self.known)
+        self.results = {}
+        passes = (
+            PlannedPass("sum", "adding", self._sum),
+            PlannedPass("above", "comparing", self._above),
+        )
+        self.engine = Engine(passes, scans, self.results)
 
     def _gathered(self, count):
         state = {"n": np.array(0.0), "scans": np.array(0)}
@@ -128,17 +131,17 @@ class Counted:
         return self._gathered(float)
 
     def _above(self, block):
-        total = self.known["sum"]
+        total = self.results["sum"]
         return self._gathered(lambda place: place > total["n"] / total["scans"])
 
 
-class Slow(Chain):
+class Slow(Engine):
     """Sums of numbers of all magnitudes, which show another order; the first block takes longest."""
 
     numbers_ = np.random.default_rng(1).standard_normal(200) * 10.0 ** np.arange(200)
 
     def __init__(self, concurrent):
-        super().__init__([Pass("sum", "sum", self._start)], self.numbers_.size, {})
+        super().__init__([PlannedPass("sum", "sum", self._start)], self.numbers_.size, {})
         self.workers = set()
         self.concurrent = concurrent
 
@@ -150,7 +153,7 @@ class Slow(Chain):
             time.sleep(0.01 if index < 16 else 0.001)
             total[:] += self.numbers_[index]
 
-        return added({"total": total}, add)
+        return sum_accumulator({"total": total}, add)
 
 
 @pytest.fixture(params=[2, 4])
@@ -163,9 +166,9 @@ def threads(request, monkeypatch):
 def test_threads_that_take_blocks_give_the_bits_of_one(threads):
     chain = Slow(False)
     several = Slow(True)
-    chain.go()
-    several.go()
-    assert several.known["sum"]["total"] == chain.known["sum"]["total"]
+    chain.run()
+    several.run()
+    assert several.results["sum"]["total"] == chain.results["sum"]["total"]
     assert chain.workers == {"MainThread"}
     assert len(several.workers) == threads + 1  # the thirteenth block is left for this one
 
@@ -174,7 +177,9 @@ def test_threads_that_take_blocks_give_the_bits_of_one(threads):
 def test_what_would_leave_most_threads_without_a_piece_is_shared(pieces, left, monkeypatch):
     monkeypatch.setattr(numba, "get_num_threads", lambda: 4)
     names = list(
-        dealt(lambda _: threading.current_thread().name, [(number,) for number in range(pieces)], 4)
+        run_pieces(
+            lambda _: threading.current_thread().name, [(number,) for number in range(pieces)], 4
+        )
     )
     assert [name == "MainThread" for name in names] == [False] * (pieces - left) + [True] * left
 
@@ -189,36 +194,38 @@ def test_an_error_ends_the_pieces_at_work_at_their_next_scan(threads):
             def add(index):
                 if index == block.start == self.blocks[1].start:
                     begun.set()
-                    assert mine.stop.wait(20)
+                    assert worker_state.stop.wait(20)
                 if block.start == 0:
                     assert begun.wait(20)
                     raise ValueError(f"scan {index} is broken")
                 gone.append(index)
 
-            return added({}, add)
+            return sum_accumulator({}, add)
 
     chain = Broken(True)
     with pytest.raises(ValueError, match="scan 0 is broken"):
-        chain.go()
+        chain.run()
     second = chain.blocks[1]
     assert [index for index in gone if index in second] == [second.start]
     assert not [one for one in threading.enumerate() if one.name.startswith("flgpr-block")]
-    assert not mine.stop.is_set()
+    assert not worker_state.stop.is_set()
 
 
-def test_a_chain_does_its_passes_in_order_once_and_a_block_goes_on_where_it_was_kept():
+def test_an_engine_does_its_passes_in_order_once_and_a_block_goes_on_where_it_was_kept():
     one = Counted(40)
-    one.chain.go()
-    assert (one.known["sum"]["n"], one.known["above"]["n"]) == (780, 20)
+    one.engine.run()
+    assert (one.results["sum"]["n"], one.results["above"]["n"]) == (780, 20)
     assert one.added == 2 * list(range(40))
-    one.chain.go()
+    one.engine.run()
     assert len(one.added) == 80  # what is known is not done again
     other = Counted(40)
-    parts = [other.chain.part("sum", number) for number in other.chain.numbers("sum")]
+    parts = [
+        other.engine.gather_block("sum", number) for number in other.engine.block_numbers("sum")
+    ]
 
     def resumed(block, gathered):
         gathered.merge({"n": np.array(float(block.start)), "scans": np.array(1)})
         yield from range(block.start + 1, block.stop)
 
-    parts[1] = other.chain.part("sum", 1, resumed)
-    assert other.chain.merged("sum", parts).result()["n"] == 780
+    parts[1] = other.engine.gather_block("sum", 1, resumed)
+    assert other.engine.merge_blocks("sum", parts).result()["n"] == 780

@@ -23,14 +23,16 @@ import numpy as np
 import pandas as pd
 
 import flgpr
-from flgpr.chain.lane_chain import LaneChain
+from flgpr.chain.detection import detection_of
+from flgpr.chain.engine import BLOCK, Arrays, Engine, block_name, worker_state
+from flgpr.chain.lane_setup import LaneSetup
+from flgpr.chain.method import engine_of
 from flgpr.chain.model import Model, load_model, read_model
-from flgpr.chain.passes import BLOCK, Arrays, mine, part_name
 from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.sections import Section, section_lane, section_note
 from flgpr.door import read_named
-from flgpr.execution.checkpoint import Checkpoint, Kept
-from flgpr.execution.executors import Report
+from flgpr.execution.checkpoint import BlockCheckpoint, Checkpoint
+from flgpr.execution.workers import Report
 from flgpr.model import Lane
 from flgpr.report import report_html
 from flgpr.results.description import describe_run
@@ -39,10 +41,11 @@ from flgpr.store import MAX_MEMORY, canonical_json, open_run, read_manifest, sha
 from flgpr.store.tables import parse_table
 
 FOLD_BYTES = 1 << 28
-"""Parts of this size are folded together as they come: those of a long run would fill the disk."""
+"""States of this size are merged as they come: those of a long run would fill the disk."""
 _LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas")
 _OPENING = threading.Lock()
 _ONE_AT_A_TIME = threading.Lock()
+_PASS_CACHE_LAYOUT = 2  # changes when the arrays that passes share do
 
 
 @dataclass(frozen=True)
@@ -67,8 +70,9 @@ class LaneJob:
     ] = ()  #: name, store and digest of every run taken together with it
     truth: tuple[str, str] = ("", "")  #: file and digest of a training lane's targets
     explains: bool = True
-    #: folder of passes that jobs of the same images share, see :meth:`flgpr.chain.lane_chain.LaneChain.basis`
-    kept: str = ""
+    pass_cache: str = (
+        ""  #: folder of passes that jobs of other recipes share, see :func:`cached_pass`
+    )
 
     @property
     def work(self) -> Path:
@@ -109,9 +113,15 @@ def make_job(
     max_memory: int = MAX_MEMORY,
     others: Mapping[str, str | Path] | None = None,
     truth: str | Path | None = None,
-    kept: str | Path | None = None,
+    pass_cache: str | Path | None = None,
 ) -> LaneJob:
     """Describe a detection; a run or model that is not valid is refused."""
+    beside = []
+    for name, path in (others or {}).items():
+        beside.append((name, str(Path(path).resolve()), read_manifest(path)["sha256"]))
+    targets = ("", "")
+    if truth is not None:
+        targets = (str(Path(truth).resolve()), sha256(read_named(truth)))
     return LaneJob(
         str(Path(run).resolve()),
         recipe,
@@ -124,14 +134,9 @@ def make_job(
         code_versions(),
         processor(),
         max_memory,
-        others=tuple(
-            (n, str(Path(p).resolve()), read_manifest(p)["sha256"])
-            for n, p in (others or {}).items()
-        ),
-        truth=("", "")
-        if truth is None
-        else (str(Path(truth).resolve()), sha256(read_named(truth))),
-        kept="" if kept is None else str(Path(kept).resolve()),
+        others=tuple(beside),
+        truth=targets,
+        pass_cache="" if pass_cache is None else str(Path(pass_cache).resolve()),
     )
 
 
@@ -155,119 +160,126 @@ def processor() -> str:
     return f"{platform.machine()} {llvmlite.binding.get_host_cpu_name()}"
 
 
-def kept_pass(job: LaneJob, stage: str) -> str | None:
-    """Name under which jobs of the same images share the result of a pass; None if they do not."""
-    if not job.kept:
+def cached_pass(job: LaneJob, name: str) -> str | None:
+    """Return the name under which jobs of other recipes share the result of a pass; None if they do not."""
+    if not job.pass_cache:
         return None
-    told = _open(job)[0].basis(stage)
-    about = {
-        name: job.identity()[name] for name in ("run", "lane", "code", "cpu", "block", "others")
-    }
-    return None if told is None else sha256(canonical_json([about, told]))[:32]
+    _, engine, _ = _open(job)
+    depends_on = engine.passes[name].cache_key()
+    if depends_on is None:
+        return None
+    identity = job.identity()
+    about = {key: identity[key] for key in ("run", "lane", "code", "cpu", "block", "others")}
+    about["layout"] = _PASS_CACHE_LAYOUT
+    return sha256(canonical_json([about, name, depends_on]))[:32]
 
 
-def do_part(job: LaneJob, stage: str, number: int) -> Report:
-    """Do one block of a stage and leave it in the work folder; a process without it, or of other versions, refuses."""
+def do_block(job: LaneJob, name: str, number: int) -> Report:
+    """Do one block of a pass and leave its state in the work folder.
+
+    A process that does not see the work folder, or has other versions than the driver, refuses.
+    """
     begun = _now()
-    with (
-        _ONE_AT_A_TIME if mine.threads == 1 else nullcontext()
-    ):  # but for threads that blocks are dealt to
-        chain, work = _open(job)
-        name = part_name(stage, number)
-        if name not in work and number >= folded(work, stage):
-            kept = Kept(work, name)
-            work[name] = chain.part(stage, number, kept)
-            kept.drop()
-        size = work.size(name)
-        _fold_ahead(chain, work, stage)
-        return report(Path(job.output).name, stage, number, begun, size)
+    # Threads of one process take blocks at once only where the driver deals them out to threads.
+    alone = worker_state.threads == 1
+    with _ONE_AT_A_TIME if alone else nullcontext():
+        _, engine, work = _open(job)
+        block = block_name(name, number)
+        if block not in work and number >= merged_blocks(work, name):
+            checkpoint = BlockCheckpoint(work, block)
+            work[block] = engine.gather_block(name, number, checkpoint)
+            checkpoint.drop()
+        size = work.size(block)
+        _merge_ahead(engine, work, name)
+        return report(Path(job.output).name, name, number, begun, size)
 
 
-def folded(work: Checkpoint, stage: str) -> int:
-    """Tell how many blocks of a stage, the first ones, are folded before the others are done."""
-    return int(work.bundle(_so_far(stage))["next"]) if _so_far(stage) in work else 0
+def merged_blocks(work: Checkpoint, name: str) -> int:
+    """Return how many blocks of a pass, the first ones, are merged before the others are done."""
+    so_far = _so_far(name)
+    return int(work.bundle(so_far)["next"]) if so_far in work else 0
 
 
-def _so_far(stage: str) -> str:
-    return f"{stage}-so-far"
+def _so_far(name: str) -> str:
+    return f"{name}-so-far"
 
 
-def _fold_ahead(chain: LaneChain, work: Checkpoint, stage: str) -> None:
-    """Fold the first blocks of a stage that are done, if they are large together, with the bits of one fold of all.
+def _merge_ahead(engine: Engine, work: Checkpoint, name: str) -> None:
+    """Merge the first blocks of a pass that are done, if they are large together, to the bits of one merge of all.
 
     Only where all blocks are gone through. Sums are then no larger than those of one block; what grows with scans is
-    folded when there is twice as much of it, so that it is not written over and over.
+    merged when there is twice as much of it, so that it is not written over and over.
     """
-    if not chain.passes[stage].whole or chain.passes[stage].stored:
+    planned = engine.passes[name]
+    if not planned.all_scans or planned.keep_blocks:
         return
-    with work.folding() as alone:
+    with work.merging() as alone:
         if not alone:
             return
-        begun = folded(work, stage)
-        so_far = _so_far(stage)
-        ready = list(
-            takewhile(lambda number: part_name(stage, number) in work, chain.numbers(stage)[begun:])
-        )
-        size = sum(work.size(part_name(stage, number)) for number in ready)
+        begun = merged_blocks(work, name)
+        so_far = _so_far(name)
+        following = engine.block_numbers(name)[begun:]
+        ready = list(takewhile(lambda number: block_name(name, number) in work, following))
+        size = sum(work.size(block_name(name, number)) for number in ready)
         if not ready or size < max(FOLD_BYTES, 2 * work.size(so_far)):
             return
-        gathered = chain.merged(stage, _parts(work, stage, ready))
-        work[so_far] = {**gathered.state(True), "next": np.array(begun + len(ready))}
+        gatherer = engine.merge_blocks(name, _states(work, name, ready))
+        work[so_far] = {**gatherer.state(True), "next": np.array(begun + len(ready))}
         for number in ready:
-            del work[part_name(stage, number)]
+            del work[block_name(name, number)]
 
 
-def do_fold(job: LaneJob, stage: str, numbers: Sequence[int]) -> Report:
-    """Fold the blocks of a stage, in their order, and leave its result in the work folder; reported as block -1."""
+def do_merge(job: LaneJob, name: str, numbers: Sequence[int]) -> Report:
+    """Merge the blocks of a pass, in their order, and leave its result in the work folder; reported as block -1."""
     begun = _now()
     with _ONE_AT_A_TIME:
-        chain, work = _open(job)
-        stored = chain.passes[stage].stored
-        if stage not in work:
-            work[stage] = (
-                {} if stored else chain.merged(stage, _parts(work, stage, numbers)).result()
-            )
-        if not stored:
-            work.drop_parts(stage)
-        return report(Path(job.output).name, stage, -1, begun, work.size(stage))
+        _, engine, work = _open(job)
+        keep_blocks = engine.passes[name].keep_blocks
+        if name not in work:
+            result: Arrays = {}
+            if not keep_blocks:
+                result = engine.merge_blocks(name, _states(work, name, numbers)).result()
+            work[name] = result
+        if not keep_blocks:
+            work.drop_blocks(name)
+        return report(Path(job.output).name, name, -1, begun, work.size(name))
 
 
 def do_finish(job: LaneJob) -> Report:
-    """Write the result folder from a work folder in which every stage is folded; report the number of ``alarms``."""
+    """Write the result folder from a work folder that holds every pass; report the number of ``alarms``."""
     begun = _now()
     with _ONE_AT_A_TIME:
-        chain, _ = _open(job)
-        detections = chain.detections()
-        described = describe_run(chain.run, job.run, chain.recipe.motion)
+        lane, _, _ = _open(job)
+        detection = detection_of(lane)
+        described = describe_run(lane.run, job.run, lane.recipe.motion)
         if job.others:
-            described["others"] = {
-                name: {"path": path, "store_sha256": digest} for name, path, digest in job.others
-            }
-        lane = section_lane(chain.recipe, chain.lane, chain.section)
-        cut = chain.section if job.section else None
-        told = None if cut is None else section_note(chain.lane, cut)
+            described["others"] = {}
+            for name, path, digest in job.others:
+                described["others"][name] = {"path": path, "store_sha256": digest}
+        borders = section_lane(lane.recipe, lane.lane, lane.section)
+        section = section_note(lane.lane, lane.section) if job.section else None
         folder = write_result(
-            job.output, detections, job.recipe, lane, described, chain.model, told
+            job.output, [detection], job.recipe, borders, described, lane.model, section
         )
         if job.report:
             add_files(folder, {"report.html": report_html(read_result(folder))})
         _opened.cache_clear()  # lets the run-views go
-        return report(Path(job.output).name, "finish", -1, begun, 0) | {
-            "alarms": len(detections[0].alarms)
-        }
+        done = report(Path(job.output).name, "finish", -1, begun, 0)
+        return done | {"alarms": len(detection.alarms)}
 
 
-def _parts(work: Checkpoint, stage: str, numbers: Sequence[int]) -> Iterator[Arrays]:
-    """Give what was gathered of some blocks; of those that are folded already, once, all of them together."""
-    begun = folded(work, stage)
+def _states(work: Checkpoint, name: str, numbers: Sequence[int]) -> Iterator[Arrays]:
+    """Yield the states of some blocks; of those that are merged already, once, that of all of them together."""
+    begun = merged_blocks(work, name)
     if begun:
-        yield {name: array for name, array in work.bundle(_so_far(stage)).items() if name != "next"}
+        bundle = work.bundle(_so_far(name))
+        yield {key: array for key, array in bundle.items() if key != "next"}
     for number in numbers:
         if number >= begun:
-            yield dict(work.bundle(part_name(stage, number)))
+            yield dict(work.bundle(block_name(name, number)))
 
 
-def _open(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
+def _open(job: LaneJob) -> tuple[LaneSetup, Engine, Checkpoint]:
     if job.code != code_versions():
         theirs = dict(job.code)
         ours = dict(code_versions())
@@ -286,15 +298,17 @@ def _open(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
 
 
 @lru_cache(maxsize=2)
-def _opened(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
+def _opened(job: LaneJob) -> tuple[LaneSetup, Engine, Checkpoint]:
     work = Checkpoint(job.work, job.largest)
-    return open_chain(
-        job, ChainMap(work, Checkpoint(Path(job.shared), job.largest)) if job.shared else work
-    ), work
+    results: MutableMapping[str, Any] = work
+    if job.shared:
+        results = ChainMap(work, Checkpoint(Path(job.shared), job.largest))
+    lane = open_lane(job, results)
+    return lane, engine_of(lane), work
 
 
-def open_chain(job: LaneJob, known: MutableMapping[str, Any] | None = None) -> LaneChain:
-    """Open what a job names, as the driver saw it, and make its chain."""
+def open_lane(job: LaneJob, results: MutableMapping[str, Any] | None = None) -> LaneSetup:
+    """Open what a job names, as the driver saw it."""
     for name, path, digest in (("run", job.run, job.store_sha256), *job.others):
         if read_manifest(path)["sha256"] != digest:
             raise ValueError(
@@ -302,12 +316,12 @@ def open_chain(job: LaneJob, known: MutableMapping[str, Any] | None = None) -> L
             )
     model = None if job.model is None else _model_of(job, job.model)
     others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
-    return LaneChain(
+    return LaneSetup(
         open_run(job.run, job.max_memory),
         parse_recipe(job.recipe),
         Lane(*job.lane),
         model,
-        known,
+        results,
         job.section,
         others,
         _truth_of(job) if job.truth[0] else None,
@@ -338,15 +352,16 @@ def _now() -> tuple[float, float]:
 
 
 def report(lane: str, stage: str, number: int, begun: tuple[float, float], size: int) -> Report:
-    """Report a piece of work that began when the clocks of wall and processor told ``begun``, and its bytes."""
+    """Report a piece of work that began at ``begun`` by the clocks of wall and processor, and its bytes."""
     wall, processor_time = _now()
+    # The processor time is that of the process, and each of its threads sees all of it.
+    own_share = (processor_time - begun[1]) / worker_state.threads
     return {
         "lane": lane,
         "stage": stage,
         "block": number,
         "seconds": wall - begun[0],
-        "processor_seconds": (processor_time - begun[1])
-        / mine.threads,  # of the process: each of its threads saw all
+        "processor_seconds": own_share,
         "bytes": size,
         "peak_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
         "worker": f"{socket.gethostname()}:{os.getpid()}",

@@ -5,9 +5,9 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr import tasks
-from flgpr.chain.detect import detect
-from flgpr.chain.fitting import check_fit, fit_recipe
+from flgpr.chain.method import detect
 from flgpr.chain.recipe import load_recipe, parse_recipe
+from flgpr.chain.recipe_for_run import check_fit, fit_recipe
 from flgpr.cli import app
 from flgpr.model import Sensor, load_sensor, make_run
 from flgpr.simulate import Scene, simulate
@@ -76,7 +76,7 @@ def test_metal_on_the_ground_is_the_first_alarm_of_very_different_arrays(
     recipe = parse_recipe(text)
     assert (recipe.prescreen.polarization, recipe.features is not None) == (polarization, features)
     assert recipe.image.y[0] == pytest.approx(1.2 * sensor.height, abs=0.1)
-    first = detect(run, recipe)[0].alarms.iloc[0]
+    first = detect(run, recipe).alarms.iloc[0]
     assert np.hypot(first["x"] - 0.4, first["y"] - target) < 0.5
     assert fit_recipe(run) == text
 

@@ -131,7 +131,7 @@ def _setup_of(run: xr.Dataset, aperture: bool = False) -> _Setup:
 
 
 def _goes_across(run: xr.Dataset) -> bool:
-    """Tell whether a radar moves past what it looks at, much farther than its array is wide."""
+    """Return whether a radar moves past what it looks at, much farther than its array is wide."""
     pose = run["pose"].values[complete_scans(run)]
     if not len(pose):
         return False
@@ -157,7 +157,7 @@ def check_fit(run: xr.Dataset, recipe: Recipe) -> None:
 
 
 def fit_faults(run: xr.Dataset, recipe: Recipe) -> tuple[list[str], list[str]]:
-    """Tell what of a recipe does not fit a run, entry by entry, and what is doubtful; see :func:`check_fit`."""
+    """Return what of a recipe does not fit a run, entry by entry, and what is doubtful; see :func:`check_fit`."""
     setup = _setup_of(as_imaged(run, recipe))
     image = recipe.image
     faults = _channel_faults(recipe, setup.polarizations, setup.tones)
@@ -177,7 +177,7 @@ def fit_faults(run: xr.Dataset, recipe: Recipe) -> tuple[list[str], list[str]]:
 def alias_faults(
     recipe: Recipe, frequency: FloatArray, tx: FloatArray, rx: FloatArray, behind: float = 0.0
 ) -> tuple[str, str]:
-    """Tell of a recipe's image whether it shows an echo twice, a fault, or echoes from before it, a doubt; "" if not.
+    """Return why a recipe's image shows an echo twice, a fault, or echoes from before it, a doubt; "" if it does not.
 
     Antennas (pair, 3) are in the scan frame, m; the earliest scan that an image sums lies so far ``behind`` its own.
     Every sub-band counts by the tones (Hz) that it takes.
@@ -271,7 +271,7 @@ def fit_recipe(run: xr.Dataset) -> str:
     Examples
     --------
     >>> from flgpr.io import open_run, sample_lane
-    >>> from flgpr.chain.fitting import fit_recipe
+    >>> from flgpr.chain.recipe_for_run import fit_recipe
     >>> from flgpr.chain.recipe import parse_recipe
     >>> recipe = parse_recipe(fit_recipe(open_run(sample_lane() / "run.zarr")))
     >>> recipe.image.y, recipe.prescreen.polarization, list(recipe.image.subbands)
@@ -354,7 +354,7 @@ def _divide(tones: FloatArray, least: float) -> dict[str, Band]:
 
 
 def _clear(setup: _Setup, bands: Sequence[Band], half: float, least: float, wanted: float) -> float:
-    """Give the distance wanted ahead of the antennas, or the farthest whose paths the steps of the tones tell apart."""
+    """Return the distance wanted ahead, or the farthest whose paths the steps of the tones tell apart."""
     inside = [setup.tones[(setup.tones >= low) & (setup.tones <= high)] for low, high in bands]
     cell = SPEED_OF_LIGHT / min(float(np.ptp(tones)) for tones in inside)
     longest = (min(unambiguous_path(tones) for tones in inside) - cell) / 2
