@@ -211,7 +211,7 @@ def one_class(settings: Classify, kind: str = NOVELTY_RIVALS[0]) -> Classifier:
             gamma=median_width(mines),
             prior="laplacian-map",
             p0=settings.p0,
-            formulation=kind.removeprefix("rvm, "),
+            formulation=kind.removeprefix("rvm, "),  # type: ignore[arg-type]
             random_state=0,
         ).fit(mines)
         kept_share = len(relevance_machine.relevance_) / len(mines)
