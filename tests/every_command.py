@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 from typer.testing import CliRunner
 
+import flgpr
 import io_gpr
 from calibrate.echoes import echo
 from flgpr import tasks
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import open_run, sample_lane, save_run, write_table
 from flgpr.io.anchor import fit_anchor
 from flgpr.io.cphd import write_cphd
@@ -440,7 +441,7 @@ def _make_lane(home):
     (home / "other.toml").write_text(text.replace("radius = 0.4", "radius = 0.5"))
     (home / "lane.toml").write_text(LANE_TOML)
     (home / "truth.csv").write_text(TRUTH)
-    result = tasks.detect_run(
+    result = flgpr.detect(
         home / "lane.zarr", home / "small.toml", home / "result", home / "lane.toml"
     )
     alarms = result.detections[0].alarms

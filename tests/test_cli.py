@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr import tasks
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import open_run, sample_lane, save_run
 from flgpr.io.bundle import write_bundle
 

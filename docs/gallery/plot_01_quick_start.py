@@ -13,6 +13,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+import flgpr
 from flgpr import tasks
 from flgpr.io import open_run, read_table, sample_lane
 
@@ -26,7 +27,7 @@ print("polarizations:", *run["polarization"].values)
 # %%
 # Detection takes a run and a recipe. It never sees the truth.
 
-result = tasks.detect_run(lane / "run.zarr", "demo", home / "result")
+result = flgpr.detect(lane / "run.zarr", "demo", home / "result")
 alarms = result.detections[0].alarms
 alarms.head()
 

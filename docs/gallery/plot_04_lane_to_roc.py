@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+import flgpr
 from flgpr import tasks
 from flgpr.scoring import band, match, pd_mean, pd_mean_interval, roc_figure
 from flgpr.simulate import load_scene
@@ -61,7 +62,7 @@ print(*(path.name for path in files), sep="\n")
 # %%
 # 3. Detection, by the recipe of Wang et al. 2007. Lane borders are given; truth is not.
 
-result = tasks.detect_run(
+result = flgpr.detect(
     home / "lane.zarr", "wang2007", home / "result", lane=home / "lane-lane.toml"
 )
 alarms = result.detections[0].alarms

@@ -14,6 +14,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+import flgpr
 from flgpr import tasks
 from flgpr.chain.model import load_model
 from flgpr.io import read_lane, read_table
@@ -50,7 +51,7 @@ for name, seed in (("teach", 11), ("test", 12)):
 # command line: ``flgpr train teach.zarr --truth teach-truth.csv --lane teach-lane.toml --feature C_HH_F1 --feature
 # M_VV_F1 -o model``.
 
-trained_model = tasks.train_runs(
+trained_model = flgpr.train(
     [home / "teach.zarr"],
     [home / "teach-truth.csv"],
     "wang2007",
@@ -69,7 +70,7 @@ print(json.dumps(model.notes, indent=1)[:900])
 # %%
 # Detection with the model, on the lane it has not seen. The truth file is not among what it takes.
 
-result = tasks.detect_run(
+result = flgpr.detect(
     home / "test.zarr",
     "wang2007",
     home / "result",

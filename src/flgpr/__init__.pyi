@@ -1,4 +1,6 @@
 from flgpr.chain.recipe import Recipe, load_recipe
+from flgpr.commands.detect import detect
+from flgpr.commands.train import train
 from flgpr.imaging.operator import ImagingOperator
 from flgpr.imaging.scan import ScanImager
 from flgpr.io.run_store import open_run, save_run
@@ -13,10 +15,8 @@ from flgpr.results.result import Result, read_result
 from flgpr.scoring.lane_roc import roc
 from flgpr.simulate.scene import Scene, load_scene
 from flgpr.simulate.simulator import simulate
-from flgpr.tasks.detection import detect_run as detect
 from flgpr.tasks.results import replay
 from flgpr.tasks.scoring import score_result as score
-from flgpr.tasks.training import train_runs as train
 
 __version__: str
 

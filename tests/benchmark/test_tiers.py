@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from flgpr.benchmark import load_ground, run_benchmark, run_oracle, score_entries, write_table
 from flgpr.benchmark.figures import tiers_figure
 from flgpr.benchmark.running import ALARMS, PRINTS, SEALED, passphrase
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.scoring import open_truth, read_register
 from flgpr.simulate import draw_world
 from robust import digests

@@ -13,7 +13,7 @@ from flgpr import tasks
 from flgpr.benchmark.ground import load_ground
 from flgpr.chain.fitting import alias_faults, check_fit, fit_faults, fit_recipe
 from flgpr.chain.recipe import load_recipe, parse_recipe
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import Scan, describe_for_live, open_run, sample_lane, save_run
 from flgpr.live.detector import LiveDetector
 from flgpr.model import Sensor, load_sensor, make_run, sensor_presets

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import flgpr
 from calibrate.echoes import echo
 from flgpr.chain.detect import detect
 from flgpr.chain.fitting import fit_recipe
@@ -13,7 +14,7 @@ from flgpr.chain.recipe import lane_of, parse_recipe
 from flgpr.imaging import ScanImager, aperture_blocks, aperture_image
 from flgpr.io import save_run
 from flgpr.model import aperture, aperture_pose, aperture_run, lane_to_scan, make_run, way_weights
-from flgpr.tasks import detect_long, replay
+from flgpr.tasks import replay
 
 FREQUENCY = np.linspace(2.0e9, 3.0e9, 81)  # ranges repeat after 12 m
 MARKS = np.array([[2.0, -1.0, 0.0], [3.0, 1.2, 0.0]])
@@ -100,7 +101,7 @@ def test_stored_detection_is_that_in_memory_and_is_replayed(tmp_path):
     save_run(run, tmp_path / "rail.zarr")
     (tmp_path / "r.toml").write_text(fit_recipe(run))
     recipe = parse_recipe(fit_recipe(run))
-    [folder] = detect_long(tmp_path / "rail.zarr", tmp_path / "r.toml", tmp_path / "found")
+    folder = flgpr.detect(tmp_path / "rail.zarr", tmp_path / "r.toml", tmp_path / "found").folder
     stored = pd.read_csv(folder / "alarms.csv")
     there = detect(run, recipe)[0]
     np.testing.assert_allclose(stored[["x", "y"]], there.alarms[["x", "y"]])

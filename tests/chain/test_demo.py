@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import flgpr
 from flgpr import tasks
 from flgpr.chain.detect import detect
 from flgpr.chain.recipe import load_recipe, recipe_text
@@ -19,7 +20,7 @@ def untold(tmp_path_factory):
     """The demo's run alone, without truth beside it, detected with the demo's recipe."""
     folder = tmp_path_factory.mktemp("untold")
     shutil.copytree(sample_lane() / "run.zarr", folder / "run.zarr")
-    return tasks.detect_run(folder / "run.zarr", "demo", folder / "result")
+    return flgpr.detect(folder / "run.zarr", "demo", folder / "result")
 
 
 def outcome(scored, name):
@@ -143,7 +144,7 @@ def test_a_nan_sweep_masks_its_scan_and_is_counted(tmp_path):
     run["signal"][1, 2, 7, 50] = np.nan
     run["valid"][1, 2, 7] = False
     save_run(run, tmp_path / "run.zarr")
-    result = tasks.detect_run(tmp_path / "run.zarr", "demo", tmp_path / "result")
+    result = flgpr.detect(tmp_path / "run.zarr", "demo", tmp_path / "result")
     assert result.manifest["run"]["masked_scans"] == [1]
     assert result.manifest["run"]["missing_sweeps"] == 1
     assert result.detections[0].view["looks"].max() == 2

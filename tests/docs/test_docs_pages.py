@@ -11,7 +11,7 @@ import pytest
 import typer
 
 from flgpr.chain.recipe import recipe_names
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.model import sensor_presets
 from flgpr.simulate import sites
 from flgpr.tasks.exchange import FORMATS

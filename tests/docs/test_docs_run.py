@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 from bag import drive
 from flgpr import tasks
-from flgpr.cli import app
 from flgpr.clutter import Thresholds
+from flgpr.commands.app import app
 from flgpr.io import open_run, sample_lane
 from flgpr.model import SPEED_OF_LIGHT, Grid, load_sensor
 from flgpr.simulate import Scene

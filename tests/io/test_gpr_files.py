@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr import tasks
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import explain_file, fit_anchor, gpr_run, open_run, read_gpr
 from flgpr.io.gpr_files import NOT_READ
 from io_geodesy import LANE, on_the_ellipsoid

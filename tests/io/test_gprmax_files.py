@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from damage import in_forks
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import open_run
 from flgpr.io.gprmax import pulse
 from io_gprmax import SPEED, dipole_field

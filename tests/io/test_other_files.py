@@ -11,7 +11,7 @@ from scipy.sparse import eye_array
 from typer.testing import CliRunner
 
 from bag import drive
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import open_run
 from flgpr.io.arrays import open_arrays
 from flgpr.io.explain import explain_file, propose_mapping

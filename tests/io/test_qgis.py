@@ -13,7 +13,7 @@ import pytest
 from pyproj import CRS
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import own_anchor, qgis, read_anchor
 from flgpr.tasks import export_qgis, map_bytes
 from io_geodesy import distance

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from bag import EPOCH, MAPPING, drive
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io.arrays import open_arrays
 from flgpr.io.explain import explain_file
 from flgpr.io.mapped import import_mapped

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from damage import FUZZ
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import explain_file, fit_anchor, gpr_run, open_run, read_gpr
 from flgpr.io.gpr_antennas import antenna_frequency
 from flgpr.io.gpr_positions import cor_fixes, nmea_fixes, read_dzx, settle_fixes

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import anchor_from_fixes, nmea_places, open_run
 from io_gpr import gga, section, write_mala
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import read_anchor
 from flgpr.model import Lane
 from flgpr.report.trial_pages import lane_maps

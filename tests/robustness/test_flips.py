@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
+import flgpr
 from flgpr.chain.classifier import Classifier
 from flgpr.chain.model import MODEL_FILE, Model, load_model, save_model
 from flgpr.chain.stages.forms import learnt_of
@@ -170,7 +171,7 @@ def test_replay_uses_the_model_of_the_result(lane, tmp_path):
     from flgpr import tasks
 
     model = save_model(small_classifier(), tmp_path / "model")
-    result = tasks.detect_run(
+    result = flgpr.detect(
         *lane.arguments, tmp_path / "result", lane.area, model=model, report=False
     )
     shutil.rmtree(model)

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import bag
+import flgpr
 import io_gpr
 from every_command import make_inputs, make_signatures_cheap
 from flgpr import tasks
@@ -175,7 +176,7 @@ class Detection:
         run, recipe, area = self.arguments
         checkpoint.KEEP_EVERY = self.every
         lane_work.FOLD_BYTES = 1
-        tasks.detect_long(run, recipe, output, area, report=False, section=self.section)
+        flgpr.detect(run, recipe, output, area, report=False, section=self.section)
 
 
 class Import:

@@ -19,7 +19,7 @@ from flgpr.chain.classifier import TrainingSet
 from flgpr.chain.estimators import ALLOWED, train_estimator
 from flgpr.chain.model import MODEL_FILE, Model, describe_model, load_model, save_model
 from flgpr.chain.recipe import DetectorTable
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.detect.scorers.checks import Checked
 from flgpr.io import Bundle, sample_lane, seal, sha256, unseal, write_bundle
 

@@ -12,6 +12,7 @@ import pytest
 import zarr
 from zarr.codecs import BytesCodec, Crc32cCodec
 
+import flgpr
 from flgpr import tasks
 from flgpr.chain.memory import parse_size, plan_sections
 from flgpr.chain.recipe import load_recipe
@@ -200,20 +201,20 @@ def test_a_run_too_long_for_a_recipe_that_keeps_images_is_refused(tmp_path):
     with pytest.raises(ValueError, match="section needs a recipe without variants"):
         plan_sections(sizes, recipe, lane, longest=1.0)
     with pytest.raises(ValueError, match="max-memory"):
-        tasks.detect_run(sample_lane() / "run.zarr", "demo", tmp_path / "result", max_memory=10**8)
+        flgpr.detect(sample_lane() / "run.zarr", "demo", tmp_path / "result", max_memory=10**8)
     with pytest.raises(ValueError, match="max-memory"):
-        tasks.detect_runs(
-            [sample_lane() / "run.zarr"],
+        flgpr.detect(
+            [sample_lane() / "run.zarr", tmp_path / "other.zarr"],
             "demo",
             tmp_path / "several",
-            how=tasks.How(max_memory=10**8),
+            max_memory=10**8,
         )
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_detection_that_takes_too_much_memory_writes_nothing(lane, tmp_path):
     with pytest.raises(ValueError, match="max-memory"):
-        tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, max_memory=10**8)
+        flgpr.detect(*lane.arguments, tmp_path / "result", lane.area, max_memory=10**8)
     assert list(tmp_path.iterdir()) == []
 
 

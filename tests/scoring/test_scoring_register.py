@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import read_table
 from flgpr.scoring import content_hash, open_truth, read_register, register, require_registered
 from flgpr.tasks import (

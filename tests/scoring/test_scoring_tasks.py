@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import read_table
 from flgpr.model import Lane
 from flgpr.scoring import content_hash, head_of, pd_mean, read_register, register, roc

@@ -8,9 +8,10 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+import flgpr
 from flgpr import tasks
 from flgpr.chain.recipe import load_recipe, recipe_names
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import Scan, describe_for_live, open_run, read_lane
 from flgpr.live.detector import LiveDetector, LiveSettings
 from reference.slow_scoring import frame_counts
@@ -28,7 +29,7 @@ def system(request, lanes):
     others = {"x": lanes / "train-x.zarr"} if name == "fuse2018" else {}
     folder = lanes / name
     folder.mkdir()
-    model = tasks.train_runs(
+    model = flgpr.train(
         [lanes / "train.zarr"], [lanes / "train.csv"], lanes / f"{name}.toml", folder / "model",
         lanes=[lanes / "lane.toml"], others=[others],
     )  # fmt: skip
@@ -55,7 +56,7 @@ class System:
 
     def detect(self, output, **more):
         where = self.lanes / "test.zarr", self.lanes / f"{self.name}.toml", self.folder / output
-        return tasks.detect_long(*where, self.lanes / "lane.toml", **{**self.options, **more})
+        return flgpr.detect(*where, self.lanes / "lane.toml", **{**self.options, **more})
 
     def digests(self, output):
         home = self.folder / output
@@ -107,7 +108,7 @@ def test_two_workers_that_are_stopped_and_one_that_goes_on_give_the_same_bytes(s
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        system.detect("shared", how=tasks.How(note=note, workers=2))
+        system.detect("shared", note=note, workers=2)
     assert (system.folder / "shared.work").is_dir()
     system.detect("shared")
     assert system.digests("shared") == system.digests("result")
@@ -217,7 +218,7 @@ def test_what_each_look_says_adds_up_to_the_confidence(system):
 @pytest.mark.parametrize("name", sorted(set(SYSTEMS) - {"wang2007", "wang2007-printed"}))
 def test_without_a_model_it_says_how_to_get_one(lanes, name, tmp_path):
     with pytest.raises(ValueError, match=f"recipe '{name}' learns .* `flgpr train RUN"):
-        tasks.detect_run(
+        flgpr.detect(
             lanes / "test.zarr", lanes / f"{name}.toml", tmp_path / "result", lanes / "lane.toml"
         )
     assert not list(tmp_path.iterdir())
@@ -230,7 +231,7 @@ def test_every_frame_counts_its_area_where_the_recipe_says_so(lanes, system, tmp
     (tmp_path / "frames.toml").write_text(text, encoding="utf-8")
     where = lanes / "test.zarr", tmp_path / "frames.toml"
     for name, more in (("whole", {}), ("sections", {"section": 12.5})):
-        tasks.detect_long(*where, tmp_path / name, lanes / "lane.toml", **system.options, **more)
+        flgpr.detect(*where, tmp_path / name, lanes / "lane.toml", **system.options, **more)
     told = CliRunner().invoke(app, ["score", str(tmp_path / "whole"), "--truth", str(system.truth)])
     assert told.exit_code == 0, told.output
     result = tasks.read_result(tmp_path / "whole")
@@ -269,7 +270,7 @@ def test_every_frame_counts_its_area_where_the_recipe_says_so(lanes, system, tmp
 def test_without_a_lane_all_of_the_run_view_is_searched(lanes, system):
     """The small recipe's run-view is 4 m wide, the lane of other recipes 3 m."""
     where = lanes / "test.zarr", lanes / "fuse2018.toml", system.folder / "no-lane"
-    tasks.detect_long(*where, **system.options)
+    flgpr.detect(*where, **system.options)
     lane = tasks.read_result(system.folder / "no-lane").lane
     assert (lane.x_min, lane.x_max) == (-2.0, 2.0)
 

@@ -7,7 +7,7 @@ import pytest
 from pyproj import Geod, Transformer
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import open_run, read_anchor, save_run
 
 AZIMUTH = 30.0

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from calibrate.echoes import echo
 from flgpr.calibrate import remove_range_bias
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import open_run, save_run, write_table
 from flgpr.model import make_run
 from flgpr.model.track import make_track

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from flgpr.chain.lane_chain import Detection
 from flgpr.chain.recipe import parse_recipe, recipe_text
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import open_run, sample_lane, save_run
 from flgpr.io.anchor import read_anchor
 from flgpr.results.description import describe_run

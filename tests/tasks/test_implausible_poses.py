@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.chain.recipe import lane_of, parse_recipe
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import open_run, save_run
 from flgpr.results.result import read_result
 from live_lane import make_lane_run, small_recipe

@@ -8,7 +8,7 @@ import xarray as xr
 from typer.testing import CliRunner
 
 from flgpr import tasks
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.imaging import aperture_blocks, aperture_image
 from flgpr.io import open_run, sample_lane, save_run
 from flgpr.model import SPEED_OF_LIGHT, make_run, vehicle_to_lane

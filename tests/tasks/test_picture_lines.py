@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr import tasks
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import open_run, save_run
 from flgpr.model import SPEED_OF_LIGHT
 from io_gpr import REFLECTORS, SPEED, section, write_dt1, write_dzt, write_segy

@@ -8,7 +8,7 @@ from matplotlib.image import imread
 from typer.testing import CliRunner
 
 from flgpr import tasks
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import read_gpr
 from flgpr.report.radargram import radargram_figure
 from io_gpr import (

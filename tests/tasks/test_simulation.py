@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import open_run, read_lane, read_table
 from flgpr.model import Sensor, load_sensor
 from flgpr.simulate import Scene, simulate

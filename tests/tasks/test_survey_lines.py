@@ -8,7 +8,7 @@ import pytest
 from matplotlib.image import imread
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import gpr_run, open_run, place_by_marks, read_gpr
 from flgpr.model import SPEED_OF_LIGHT
 from io_gpr import SPEED, STEP, gga, section, write_dt1, write_dzt

@@ -17,7 +17,7 @@ from starlette.responses import Response
 from typer.testing import CliRunner
 
 from flgpr import view
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import sample_lane
 from flgpr.viewer import Viewer
 from flgpr.viewer.limits import FewRecords, Limits, fit_to_process

@@ -6,7 +6,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.io import read_verdicts
 from flgpr.tasks import analyst_agreement
 from flgpr.viewer import Viewer

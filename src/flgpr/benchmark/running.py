@@ -19,15 +19,14 @@ import pandas as pd
 
 from flgpr.benchmark.ground import Ground, GroundLane, load_ground
 from flgpr.chain.recipe import parse_recipe, recipe_text
+from flgpr.commands.train import train
 from flgpr.door import Folder
 from flgpr.execution.executors import Report
 from flgpr.execution.lane_work import code_versions
-from flgpr.execution.survey import PLAINLY, How
+from flgpr.execution.survey import PLAINLY, How, detect_survey
 from flgpr.io import open_run, read_manifest, sha256, write_table, write_whole
 from flgpr.io.tables import parse_columns, read_table_in
 from flgpr.scoring import seal_truth
-from flgpr.tasks.detection import detect_runs
-from flgpr.tasks.training import train_runs
 
 SEALED = "truth.sealed.json"
 PRINTS = "fingerprints.csv"
@@ -231,7 +230,9 @@ class Course:
         results = self.folder / "results"
         with self._spending(results) as (how, spent):
             runs, borders = self._files(tested)
-            detect_runs(runs, self.file, results, borders, model, report=False, how=how)
+            detect_survey(
+                runs, recipe_text(self.file), results, borders, model, report=False, how=how
+            )
         self.costs |= spent
         found = [
             read_table_in(results, f"{one.name}/alarms.csv", "alarms").assign(lane=one.name)
@@ -247,14 +248,14 @@ class Course:
         if not model.is_dir():
             with self._spending(model.with_name(f"{name}-costs")) as (how, spent):
                 runs, borders, truths = self._files(known, "-truth.csv")
-                train_runs(
+                train(
                     runs,
                     truths,
                     self.file,
                     model,
                     lanes=borders,
                     label_radius=self.ground.table.halo,
-                    how=how,
+                    **vars(how),
                 )
             self.costs[f"training {name}"] = {
                 "processor_seconds": sum(one["processor_seconds"] for one in spent.values()),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import Argument, Option
@@ -15,15 +15,13 @@ from flgpr.cli.common import (
     Output,
     Overwrite,
     Quiet,
-    Scheduler,
     plain_errors,
     progress,
-    tell_written,
 )
 from flgpr.cli.show import info_lines, model_lines, print_scores, score_summary
 
 if TYPE_CHECKING:
-    from flgpr.tasks import Result
+    pass
 
 app = typer.Typer()
 With = Annotated[
@@ -33,22 +31,6 @@ With = Annotated[
         help="NAME=RUN: a run taken together with it, such as a second band; once per name and run.",
     ),
 ]
-
-
-def _others(beside: list[str] | None, runs: int) -> list[dict[str, Path]]:
-    """Sort NAME=RUN by run: the first of a name belongs to the first run, and so on."""
-    named: dict[str, list[Path]] = {}
-    for one in beside or []:
-        name, equals, path = one.partition("=")
-        if not (name and equals and path):
-            raise ValueError(f"with must be NAME=RUN, got {one!r}")
-        named.setdefault(name, []).append(Path(path))
-    for name, paths in named.items():
-        if len(paths) != runs:
-            raise ValueError(
-                f"with must give {name} once per run, got {len(paths)} for {runs} runs"
-            )
-    return [{name: paths[number] for name, paths in named.items()} for number in range(runs)]
 
 
 @app.command()
@@ -104,118 +86,6 @@ def demo(
         typer.echo(f"report: {(result.folder / 'report.html').resolve()}")
     if view:
         viewer.serve(result.folder, announce=typer.echo, make_map=tasks.map_bytes)
-
-
-@app.command()
-def detect(
-    runs: Annotated[list[Path], Argument(help="Run stores; several make a survey.")],
-    output: Output,
-    recipe: Annotated[
-        str | None, Option(help="Packaged recipe or TOML file; else one is made for the run.")
-    ] = None,
-    lane: Annotated[
-        list[Path] | None, Option(help="TOML with x_min, x_max, y_min, y_max, m; once per run.")
-    ] = None,
-    model: Annotated[Path | None, Option(help="What `flgpr train` made for the recipe.")] = None,
-    workers: Annotated[int | None, Option(help="Processes; the result is the same.", min=1)] = None,
-    scheduler: Scheduler = None,
-    lanes_at_once: Annotated[
-        int | None, Option(help="Lanes at the same time; needs workers or a scheduler.", min=1)
-    ] = None,
-    max_memory: Annotated[
-        str, Option(help="Memory of each process; larger lanes are taken in sections.")
-    ] = "2GB",
-    section: Annotated[
-        float | None, Option(help="Longest section of a lane, m, for recipes without variants.")
-    ] = None,
-    beside: With = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
-    """Raise alarms on runs; truth is not needed and not read. A run that was stopped is gone on with.
-
-    One run gives the result folder OUTPUT, several give OUTPUT/NAME each and OUTPUT/survey.json. A lane in sections
-    has a result folder for each of them, section-01 and so on, and a table of all alarms.
-    """
-    if recipe is None and not (quiet or as_json):
-        typer.echo(f"no --recipe: detecting with the one that `flgpr recipe for {runs[0]}` prints")
-    with plain_errors(quiet), tasks.compiled_beside(), progress(quiet or as_json) as track:
-        how = tasks.How(workers, scheduler, tasks.parse_size(max_memory), track)
-        others = _others(beside, len(runs))
-        if len(runs) > 1:
-            options: dict[str, Any] = {
-                "lanes_at_once": lanes_at_once,
-                "how": how,
-                "overwrite": overwrite,
-            }
-            folders = tasks.detect_runs(
-                runs, recipe, output, lane, model, section, others, **options
-            )
-        elif lane is not None and len(lane) > 1:
-            raise ValueError(f"lane must be one per run, got {len(lane)} for 1 run")
-        else:
-            where = lane[0] if lane else None
-            chosen: dict[str, Any] = {"how": how, "overwrite": overwrite}
-            folders = tasks.detect_long(
-                runs[0], recipe, output, where, model, section, others[0], **chosen
-            )
-        summaries = [_detected(tasks.read_result(folder), quiet or as_json) for folder in folders]
-    if as_json:
-        typer.echo(json.dumps(summaries if len(runs) > 1 or len(folders) > 1 else summaries[0]))
-    elif not quiet and len(runs) == 1 and len(folders) > 1:
-        typer.echo(
-            f"the lane was taken in {len(folders)} sections; all alarms: {(output / 'alarms.csv').resolve()}"
-        )
-
-
-def _detected(result: Result, silently: bool) -> dict[str, Any]:
-    main = result.detections[0]
-    run = result.manifest["run"]
-    masked = run["masked_scans"]
-    motion = run.get("motion", {"scans": [], "notes": []})
-    if not silently:
-        if masked:
-            typer.echo(
-                f"{len(masked)} of {run['scans']} scans left out for missing sweeps: {masked}"
-            )
-        for note in motion["notes"]:
-            typer.echo(note)
-        typer.echo(
-            f"{len(main.alarms)} alarms; report: {(result.folder / 'report.html').resolve()}"
-        )
-    left_out = {"masked_scans": masked, "implausible_scans": motion["scans"]}
-    return {"alarms": len(main.alarms), **left_out, "result": str(result.folder)}
-
-
-@app.command()
-def train(
-    runs: Annotated[list[Path], Argument(help="Run stores, one lane each.")],
-    truth: Annotated[list[Path], Option(help="CSV of the targets of each run, in the same order.")],
-    output: Output,
-    recipe: Annotated[
-        str, Option(help="Recipe with features, or with stages that learn.")
-    ] = "wang2007",
-    lane: Annotated[list[Path] | None, Option(help="TOML of each lane, in the same order.")] = None,
-    feature: Annotated[
-        list[str] | None, Option(help="Feature in place of the recipe's; once per feature.")
-    ] = None,
-    beside: With = None,
-    workers: Annotated[int | None, Option(help="Processes; the model is the same.", min=1)] = None,
-    scheduler: Scheduler = None,
-    max_memory: Annotated[
-        str, Option(help="Memory of each process; a lane that takes more is refused.")
-    ] = "2GB",
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-) -> None:
-    """Train a recipe on runs with truth; a training that was stopped resumes."""
-    with plain_errors(quiet), tasks.compiled_beside(), progress(quiet) as track:
-        how = tasks.How(workers, scheduler, tasks.parse_size(max_memory), track)
-        others = _others(beside, len(runs))
-        more: dict[str, Any] = {"others": others, "how": how, "overwrite": overwrite}
-        tasks.train_runs(runs, truth, recipe, output, feature or (), lane, **more)
-    tell_written(quiet, output)
 
 
 @app.command()

@@ -306,6 +306,14 @@ def join_sections(folder: Path, homes: Sequence[Path], most: int = 2400) -> Resu
     return replace(first, folder=folder, lane=sections.lane(), detections=[whole])
 
 
+def read_lane_result(folder: str | Path) -> Result:
+    """Read the result of a lane; of one that was taken in sections they are joined."""
+    home = Path(folder)
+    if not Folder(home).has(SECTIONS):
+        return read_result(home)
+    return join_sections(home, read_sections(home).homes)
+
+
 def thinned(view: xr.DataArray, step: int) -> xr.DataArray:
     """Take the largest of so many neighbouring rows."""
     if step == 1:

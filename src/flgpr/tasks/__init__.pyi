@@ -37,9 +37,6 @@ from flgpr.tasks.calibration import calibrate_clock as calibrate_clock
 from flgpr.tasks.calibration import calibrate_joint as calibrate_joint
 from flgpr.tasks.calibration import calibrate_range_bias as calibrate_range_bias
 from flgpr.tasks.designing import signal_to_clutter_tables as signal_to_clutter_tables
-from flgpr.tasks.detection import detect_long as detect_long
-from flgpr.tasks.detection import detect_run as detect_run
-from flgpr.tasks.detection import detect_runs as detect_runs
 from flgpr.tasks.exchange import export_qgis as export_qgis
 from flgpr.tasks.exchange import export_result as export_result
 from flgpr.tasks.exchange import export_run as export_run
@@ -96,4 +93,3 @@ from flgpr.tasks.simulation import write_gprmax_lane as write_gprmax_lane
 from flgpr.tasks.slices import Slices as Slices
 from flgpr.tasks.slices import make_slices as make_slices
 from flgpr.tasks.survey_lines import import_lines as import_lines
-from flgpr.tasks.training import train_runs as train_runs

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from flgpr.chain.detect import detect
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.sections import noted_section
-from flgpr.execution.survey import How
+from flgpr.commands.detect import detect as detect_run
 from flgpr.io import open_run, read_manifest, sample_lane
 from flgpr.results.description import describe_run
 from flgpr.results.result import Result, read_result, write_result
 from flgpr.scoring import Score
-from flgpr.tasks.detection import detect_long
 from flgpr.tasks.scoring import score_result
 
 PathLike = str | Path
@@ -33,15 +32,14 @@ def demo(
     So is another result without ``overwrite``, and that of the packaged lane then stays.
     """
     lane = sample_lane()
-    how = How(track=track)
-    detect_long(
+    detect_run(
         lane / "run.zarr",
         "demo",
         output,
         section=math.inf,
-        report=False,
-        how=how,
         overwrite=overwrite,
+        report=False,
+        track=track,
     )
     return score_result(
         output, lane / "truth.csv", lane / "objects.csv", track=track, overwrite=overwrite

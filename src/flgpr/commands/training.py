@@ -1,4 +1,4 @@
-"""Training on stored runs: every stage of a recipe that learns, in their order, then its detector."""
+"""The course of a training: every stage of a recipe that learns, in order, then its detector."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from flgpr.chain.fitting import area_of
 from flgpr.chain.lane_chain import LaneChain
 from flgpr.chain.model import MODEL_FILE, Model, check_free_model, load_model, save_model
 from flgpr.chain.passes import Arrays
-from flgpr.chain.recipe import RANKS, DetectorTable, Recipe, parse_recipe, recipe_text
+from flgpr.chain.recipe import RANKS, DetectorTable, Recipe, parse_recipe
 from flgpr.chain.stages import TrainingView
 from flgpr.chain.too_few import (
     TooFewExamplesError,
@@ -35,7 +35,7 @@ from flgpr.door import read_named
 from flgpr.execution.executors import Executor
 from flgpr.execution.lane_run import passes_of_lane
 from flgpr.execution.lane_work import code_versions, make_job, report
-from flgpr.execution.survey import PLAINLY, How
+from flgpr.execution.survey import How
 from flgpr.io import (
     canonical_json,
     describe_for_live,
@@ -54,91 +54,71 @@ from flgpr.model import Lane
 PathLike = str | Path
 
 
-def train_runs(
+def learns_detector(recipe: Recipe, features: Sequence[str]) -> bool:
+    """Return whether training a recipe makes a detector, beside what its stages learn."""
+    # Without one of these a column of a stage ranks the alarms.
+    wanted = recipe.confidence in RANKS or recipe.detector is not None or bool(features)
+    has_columns = recipe.features is not None or bool(recipe.columns)
+    return wanted and (has_columns or recipe.detector is not None)
+
+
+def training_lanes(
+    recipe: Recipe,
     runs: Sequence[PathLike],
     truths: Sequence[PathLike],
-    recipe: PathLike,
-    output: PathLike,
-    features: Sequence[str] = (),
-    lanes: Sequence[PathLike] | None = None,
-    label_radius: float = 1.0,
-    others: Sequence[Mapping[str, PathLike]] | None = None,
-    how: How = PLAINLY,
-    overwrite: bool = True,
-) -> Model:
-    """Train a recipe on stored runs and write its model.
-
-    What is found in the runs is kept beside the output (``OUTPUT-1-1.work`` and so on) until the
-    model is written, so that a stopped training goes on. If an input is not valid or nothing in the
-    recipe learns, nothing is written.
-
-    Parameters
-    ----------
-    runs, truths : sequence of path
-        Run stores, one lane each, and CSV of each one's targets. Truth is read here and in scoring,
-        nowhere else.
-    recipe, output : path
-        Packaged recipe or TOML file, and folder to make.
-    features : sequence of str, optional
-        Columns the detector reads, which may end in ``*``; default those of the recipe's table
-        detector, else those of Wang et al. 2007's classifier B.
-    lanes, others : sequence, optional
-        Per run, TOML of its lane in place of the recipe's, and the runs taken together with it.
-    label_radius : float
-        Alarms this near to a target are its hits, m.
-    how : How, optional
-        Who does the work.
-    overwrite : bool
-        Replace a model that is there. Without it a model of the same inputs and versions is left as
-        it is, and any other is a FileExistsError.
-    """
-    if len(runs) != len(truths) or not runs or (lanes is not None and len(lanes) != len(runs)):
-        raise ValueError(
-            f"train needs one truth per run, got {len(runs)} runs and {len(truths)} truths"
-        )
-    text = recipe_text(recipe)
-    parsed = parse_recipe(text, str(recipe))
-    wanted = (
-        parsed.confidence in RANKS or parsed.detector is not None or bool(features)
-    )  # else a stage's column ranks
-    judges = wanted and (
-        parsed.features is not None or bool(parsed.columns) or parsed.detector is not None
-    )
-    if not judges and not parsed.learning():
-        raise ValueError(f"recipe must have features or a stage that learns to train, got {recipe}")
+    borders: Sequence[PathLike] | None,
+    others: Sequence[Mapping[str, PathLike]],
+    max_memory: int,
+) -> list[TrainingLane]:
+    """Return the lanes of a training; a run that the recipe does not fit is a ValueError."""
     tables = [read_table(truth, "truth") for truth in truths]
-    check_free_model(output).parent.mkdir(parents=True, exist_ok=True)
-    areas = []
+    lanes = []
     for number, run in enumerate(runs):
-        given = read_lane(lanes[number]) if lanes is not None else None
-        areas.append(area_of(open_run(run, how.max_memory), parsed, given))
-    beside = others or [{}] * len(runs)
-    lanes_of = [_Lane(*one) for one in zip(runs, truths, tables, areas, beside, strict=True)]
-    folder = Path(output)
-    digests = [read_manifest(run)["sha256"] for run in runs]
-    notes = {"recipe": parsed.name, "recipe_sha256": sha256(text.encode()), "runs": digests}
-    notes["made_of"] = _made_of(lanes_of, features, label_radius)
-    if not overwrite and _holds_model(folder, notes):
-        _clear_beside(folder, how)
-        tell_finished(folder, OVERWRITE)
-        return load_model(folder)
-    with (
-        whole_output(folder, replace=True) as made,
-        how.executor() as executor,
-    ):  # one training at a time
-        course = _Course(parsed, text, lanes_of, folder, executor, how)
+        given = None if borders is None else read_lane(borders[number])
+        area = area_of(open_run(run, max_memory), recipe, given)
+        lanes.append(TrainingLane(run, truths[number], tables[number], area, others[number]))
+    return lanes
+
+
+def train_on_lanes(
+    text: str,
+    lanes: Sequence[TrainingLane],
+    output: Path,
+    features: Sequence[str],
+    label_radius: float,
+    how: How,
+    overwrite: bool,
+) -> Model:
+    """Train the recipe of a text on lanes and write its model, or return the one that is there."""
+    recipe = parse_recipe(text)
+    check_free_model(output).parent.mkdir(parents=True, exist_ok=True)
+    notes = {
+        "recipe": recipe.name,
+        "recipe_sha256": sha256(text.encode()),
+        "runs": [read_manifest(lane.run)["sha256"] for lane in lanes],
+        "made_of": _inputs_digest(lanes, features, label_radius),
+    }
+    if not overwrite and _holds_model(output, notes):
+        _clear_work_folders(output, how)
+        tell_finished(output, OVERWRITE)
+        return load_model(output)
+    # The output is held open for one training at a time.
+    with whole_output(output, replace=True) as partial, how.executor() as executor:
+        course = _Course(recipe, text, lanes, output, executor, how)
         course.learn_stages()
-        if judges:
+        if learns_detector(recipe, features):
             course.train_detector(features, label_radius)
             course.learn_forecast()
-        save_model(course.model, made, notes)
-    _clear_beside(folder, how)
+        save_model(course.model, partial, notes)
+    _clear_work_folders(output, how)
     return course.model
 
 
-def _made_of(lanes: Sequence[_Lane], features: Sequence[str], label_radius: float) -> str:
-    """Tell what a model depends on, beside recipe and runs, apart from anything else."""
-    told = [
+def _inputs_digest(
+    lanes: Sequence[TrainingLane], features: Sequence[str], label_radius: float
+) -> str:
+    """Return a digest of what a model depends on beside the recipe and the runs."""
+    inputs = [
         {
             "truth": sha256(read_named(lane.truth)),
             "lane": asdict(lane.area),
@@ -146,7 +126,7 @@ def _made_of(lanes: Sequence[_Lane], features: Sequence[str], label_radius: floa
         }
         for lane in lanes
     ]
-    return sha256(canonical_json([told, list(features), label_radius, code_versions()]))
+    return sha256(canonical_json([inputs, list(features), label_radius, code_versions()]))
 
 
 def _holds_model(folder: Path, notes: Mapping[str, Any]) -> bool:
@@ -162,22 +142,22 @@ def _holds_model(folder: Path, notes: Mapping[str, Any]) -> bool:
     return True
 
 
-def _clear_beside(output: Path, how: How) -> None:
+def _clear_work_folders(output: Path, how: How) -> None:
     """Delete what a training kept beside its model, which is written."""
     for work in output.parent.glob(f"{glob.escape(output.name)}-*-*.work*"):
         if re.fullmatch(r"-\d+-\d+\.work(\.done)?", work.name.removeprefix(output.name)):
             shutil.rmtree(work, ignore_errors=True)
-    shared = [] if how.kept is not None else [_beside(output, "images")]
-    for left in (_beside(output, "training"), replaced_by(output), *shared):
+    shared = [] if how.kept is not None else [_work_folder(output, "images")]
+    for left in (_work_folder(output, "training"), replaced_by(output), *shared):
         shutil.rmtree(left, ignore_errors=True)
 
 
-def _beside(output: Path, kind: str) -> Path:
+def _work_folder(output: Path, kind: str) -> Path:
     return output.with_name(f"{output.name}.{kind}")
 
 
 @dataclass(frozen=True)
-class _Lane:
+class TrainingLane:
     """A training lane: its run, the file of its targets and what stands in it, its borders, the runs beside it."""
 
     run: PathLike
@@ -194,7 +174,7 @@ class _Course:
         self,
         recipe: Recipe,
         text: str,
-        lanes: Sequence[_Lane],
+        lanes: Sequence[TrainingLane],
         output: Path,
         executor: Executor,
         how: How,
@@ -213,12 +193,12 @@ class _Course:
     def _kept(self) -> PathLike | None:
         """Folder of images that the steps share, if there are several."""
         several = bool(self.recipe.learning())
-        return self._how.kept or (_beside(self.output, "images") if several else None)
+        return self._how.kept or (_work_folder(self.output, "images") if several else None)
 
     @property
     def _learnt(self) -> Path:
         """Folder of what the stages have learnt so far."""
-        return _beside(self.output, "training")
+        return _work_folder(self.output, "training")
 
     def learn_stages(self) -> None:
         """Fit all learning stages, each with what those before it have learnt."""
@@ -319,7 +299,7 @@ class _Course:
         }
         return {name: rows for name, rows in parts.items() if rows}
 
-    def _chains(self, truth: bool) -> Iterator[tuple[LaneChain, _Lane]]:
+    def _chains(self, truth: bool) -> Iterator[tuple[LaneChain, TrainingLane]]:
         """Go through the lanes as far as the model allows, and yield each one's chain and lane."""
         self._step += 1
         model = save_model(self.model, self._learnt) if self.model.stages else None
