@@ -19,7 +19,7 @@ import pytest
 import typer.main
 from PIL import Image
 
-from flgpr import tasks
+from flgpr.commands.demo import demo as run_demo
 from flgpr.model import make_run
 
 DATA = Path(__file__).parent / "data"
@@ -146,7 +146,7 @@ def demo(tmp_path_factory):
     """One demo run for all tests that need a result; none looks at its pictures."""
     with pytest.MonkeyPatch.context() as patch:
         _draw_nothing(patch)
-        return tasks.demo(tmp_path_factory.mktemp("demo") / "result")
+        return run_demo(tmp_path_factory.mktemp("demo") / "result")
 
 
 @pytest.fixture(scope="session")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr import tasks
 from flgpr.commands.app import app
+from flgpr.commands.run_report import run_info
 from flgpr.io import open_run, sample_lane, save_run
 from flgpr.io.bundle import write_bundle
 
@@ -99,7 +99,7 @@ def test_info_warns_of_an_array_that_no_vehicle_carries_or_that_lies_on_the_grou
     assert "72.00 m across" in words
     assert "antennas lie up to 72 m apart, more than 10 m" in words
     assert "m above the ground on average" in words
-    assert not tasks.run_info(RUN)["warnings"]
+    assert not run_info(RUN)["warnings"]
 
 
 def test_coverage_lies_where_the_vehicle_heads(tmp_path):
@@ -107,8 +107,8 @@ def test_coverage_lies_where_the_vehicle_heads(tmp_path):
     pose = run["pose"].values.copy()
     pose[:, [0, 1, 3]] = np.stack([pose[:, 1], 0 * pose[:, 1], 0 * pose[:, 1] + np.pi / 2], axis=1)
     save_run(run.assign(pose=(run["pose"].dims, pose)), tmp_path / "rail.zarr")
-    ahead = tasks.run_info(RUN)
-    across = tasks.run_info(tmp_path / "rail.zarr")
+    ahead = run_info(RUN)
+    across = run_info(tmp_path / "rail.zarr")
     assert across["lane"]["x"] == pytest.approx(ahead["lane"]["y"])
     assert across["lane"]["y"] == pytest.approx(ahead["lane"]["x"])
     assert across["looks"]["unseen_share"] < 0.1

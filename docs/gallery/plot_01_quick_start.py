@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import flgpr
-from flgpr import tasks
+from flgpr.commands.scoring import outcome_table, score_result
 from flgpr.io import open_run, read_table, sample_lane
 
 home = Path(tempfile.mkdtemp())
@@ -69,10 +69,10 @@ figure.colorbar(picture, ax=panels, shrink=0.6, label="dB over the median")
 # Scoring reads the truth, and says what became of each mine. ``n_false`` counts the false alarms with at least the
 # confidence of the mine's best alarm.
 
-_, scored = tasks.score_result(
+_, scored = score_result(
     home / "result", lane / "truth.csv", lane / "objects.csv"
 )
-tasks.outcome_table(scored).round(2)
+outcome_table(scored).round(2)
 
 # %%
 # ``report.html`` in the result folder holds all of it on one page, and ``flgpr view`` shows it in the browser. Three

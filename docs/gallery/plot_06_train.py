@@ -15,8 +15,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import flgpr
-from flgpr import tasks
 from flgpr.chain.model import load_model
+from flgpr.commands.simulate import simulate_lane
 from flgpr.io import read_lane, read_table
 from flgpr.scoring import label_alarms, match, pd_mean, roc
 
@@ -42,8 +42,11 @@ step = [2.0, 3.0]
 """
 )
 for name, seed in (("teach", 11), ("test", 12)):
-    tasks.simulate_lane(
-        home / "scene.toml", "sri-array", seed, home / f"{name}.zarr"
+    simulate_lane(
+        home / "scene.toml",
+        sensor="sri-array",
+        seed=seed,
+        output=home / f"{name}.zarr",
     )
 
 # %%

@@ -18,7 +18,7 @@ import time
 from pathlib import Path
 
 import flgpr
-from flgpr import tasks
+from flgpr.commands.simulate import simulate_lane
 from flgpr.results.result import read_result
 
 home = Path(tempfile.mkdtemp())
@@ -40,7 +40,7 @@ lanes = ("north", "south")
 for seed, name in enumerate(lanes):
     scene = home / "scene.toml"
     store = home / f"{name}.zarr"
-    tasks.simulate_lane(scene, "sri-array", seed, store)
+    simulate_lane(scene, sensor="sri-array", seed=seed, output=store)
 runs = [home / f"{name}.zarr" for name in lanes]
 areas = [home / f"{name}-lane.toml" for name in lanes]
 

@@ -1,5 +1,7 @@
 from flgpr.chain.recipe import Recipe, load_recipe
 from flgpr.commands.detect import detect
+from flgpr.commands.replay import replay
+from flgpr.commands.score import score
 from flgpr.commands.train import train
 from flgpr.imaging.operator import ImagingOperator
 from flgpr.imaging.scan import ScanImager
@@ -15,8 +17,6 @@ from flgpr.results.result import Result, read_result
 from flgpr.scoring.lane_roc import roc
 from flgpr.simulate.scene import Scene, load_scene
 from flgpr.simulate.simulator import simulate
-from flgpr.tasks.results import replay
-from flgpr.tasks.scoring import score_result as score
 
 __version__: str
 

@@ -7,9 +7,10 @@ import pandas as pd
 import pytest
 
 import flgpr
-from flgpr import tasks
 from flgpr.chain.detect import detect
 from flgpr.chain.recipe import load_recipe, recipe_text
+from flgpr.commands.demo import demo
+from flgpr.commands.replay import replay
 from flgpr.io import open_run, read_table, sample_lane, save_run, seal, sha256, unseal
 from flgpr.results.result import ResultError, read_result
 from flgpr.scoring import roc
@@ -106,7 +107,7 @@ def test_the_same_input_gives_the_same_bytes(demo, untold):
 
 
 def test_replay_finds_the_same_and_notices_another_run(demo, tmp_path):
-    assert tasks.replay(demo[0].folder) == {
+    assert replay(demo[0].folder) == {
         "identical": True,
         "agrees": True,
         "files": [],
@@ -115,7 +116,7 @@ def test_replay_finds_the_same_and_notices_another_run(demo, tmp_path):
     run = open_run(sample_lane() / "run.zarr").load()
     save_run(run.assign(signal=1.5 * run["signal"]), tmp_path / "louder.zarr")
     with pytest.raises(ValueError, match="must be the one the result was made of"):
-        tasks.replay(demo[0].folder, tmp_path / "louder.zarr")
+        replay(demo[0].folder, tmp_path / "louder.zarr")
 
 
 def test_replay_tells_a_result_that_differs(demo, tmp_path):
@@ -127,7 +128,7 @@ def test_replay_tells_a_result_that_differs(demo, tmp_path):
     manifest["files"]["recipe.toml"] = sha256(other.encode())
     manifest["sizes"]["recipe.toml"] = len(other.encode())
     (folder / "manifest.json").write_bytes(seal(manifest))
-    outcome = tasks.replay(folder)
+    outcome = replay(folder)
     assert not outcome["identical"]
     assert not outcome["agrees"]
     assert "run_view.npz" in outcome["files"]
@@ -164,7 +165,7 @@ def test_an_altered_result_is_refused(demo, tmp_path):
 def test_output_never_overwrites_other_files(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(FileExistsError, match="other files"):
-        tasks.demo(tmp_path)
+        demo(tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
 
 

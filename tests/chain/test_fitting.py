@@ -5,9 +5,8 @@ import pytest
 from typer.testing import CliRunner
 
 import flgpr
-from flgpr import tasks
 from flgpr.chain.detect import detect
-from flgpr.chain.fitting import check_fit, fit_recipe
+from flgpr.chain.fitting import check_fit, fit_recipe, recipe_for
 from flgpr.chain.recipe import load_recipe, parse_recipe
 from flgpr.commands.app import app
 from flgpr.io import save_run
@@ -250,7 +249,7 @@ def test_a_model_needs_the_recipe_it_was_trained_with(stored, tmp_path):
 @pytest.mark.filterwarnings("default")
 def test_a_warning_is_one_line(stored, tmp_path):
     file = tmp_path / "far.toml"
-    text = tasks.recipe_for(stored / "a.zarr")
+    text = recipe_for(stored / "a.zarr")
     near = parse_recipe(text).image.y[0]
     file.write_text(
         text.replace(f"y = [{near:.2f}, ", "y = [2.00, ").replace("y_max = ", "y_max = 3 # ")
@@ -287,7 +286,7 @@ def test_a_survey_takes_the_recipe_of_its_first_run(stored, tmp_path):
     runs = [stored / "a.zarr", stored / "b.zarr"]
     survey = flgpr.detect(runs, None, tmp_path / "survey", report=False)
     assert {(folder / "recipe.toml").read_text() for folder in survey.folders} == {
-        tasks.recipe_for(runs[0])
+        recipe_for(runs[0])
     }
     save_run(bare_run(scans=2), tmp_path / "c.zarr")
     with pytest.raises(ValueError, match="lanes must be given"):

@@ -12,9 +12,9 @@ import typer
 
 from flgpr.chain.recipe import recipe_names
 from flgpr.commands.app import app
+from flgpr.commands.export import FORMATS
 from flgpr.model import sensor_presets
 from flgpr.simulate import sites
-from flgpr.tasks.exchange import FORMATS
 from flgpr_papers import PAPERS
 from reading import EXAMPLES, FENCE, PAGES, ROOT, identify, program_lines, read, shell_fences
 

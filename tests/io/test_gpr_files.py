@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr import tasks
 from flgpr.commands.app import app
+from flgpr.commands.imports import import_gpr
 from flgpr.io import explain_file, fit_anchor, gpr_run, open_run, read_gpr
 from flgpr.io.gpr_files import NOT_READ
 from io_geodesy import LANE, on_the_ellipsoid
@@ -404,7 +404,7 @@ def test_units_of_the_command_line(tmp_path):
     assert run.attrs["first_sample_s"] == pytest.approx(-4e-9)
     assert 2e8 <= run["frequency"].values[0] < run["frequency"].values[-1] <= 8e8
     with pytest.raises(FileExistsError):
-        tasks.import_gpr(path, store)
+        import_gpr(path, store)
 
 
 def test_segyio_writes_what_is_read(tmp_path):

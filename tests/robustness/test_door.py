@@ -27,6 +27,7 @@ from damage import (
 from flgpr import door
 from flgpr.benchmark.running import read_costs, read_ground
 from flgpr.chain.model import describe_model, load_model, save_model
+from flgpr.commands.registering import find_entrant
 from flgpr.door import DoorError, Folder, Listed, parse_json, read_named
 from flgpr.execution.checkpoint import Checkpoint, begin
 from flgpr.io import (
@@ -47,7 +48,6 @@ from flgpr.live.state import FORMAT, SNAPSHOT_FILE, VERSION, read_snapshot
 from flgpr.results.result import add_files, read_result
 from flgpr.results.score import read_scored_truth
 from flgpr.results.sections import read_sections, write_sections
-from flgpr.tasks.registering import find_entrant
 from flgpr.viewer.scores import ScoreFiles
 from flgpr.viewer.session import LiveFile, ResultFiles, open_source
 from small_results import small_result

@@ -19,6 +19,7 @@ from test_flips import learnt_stage, small_classifier
 from damage import CASES, FUZZ, damaged, refusal
 from flgpr.chain.model import MODEL_FILE, load_model, save_model
 from flgpr.chain.recipe import load_recipe, recipe_text
+from flgpr.commands.scoring import read_lanes
 from flgpr.io import (
     Bundle,
     RunWriter,
@@ -41,7 +42,6 @@ from flgpr.model import load_sensor, make_run
 from flgpr.results.result import read_result
 from flgpr.scoring.ledger import read_register, register
 from flgpr.simulate import load_scene
-from flgpr.tasks.scoring import read_lanes
 from small_lane import LANE_TOML
 from small_results import small_result
 

@@ -14,18 +14,18 @@ import xarray as xr
 from typer.testing import CliRunner
 
 import flgpr
-from flgpr import tasks
 from flgpr.chain.memory import memory_needed, plan_sections, threads_within
 from flgpr.chain.recipe import load_recipe
 from flgpr.chain.sections import Section, divide, section_lane
 from flgpr.commands.app import app
+from flgpr.commands.replay import replay
+from flgpr.commands.scoring import score_alarms, score_result
 from flgpr.execution import lane_run
 from flgpr.execution.checkpoint import finish
 from flgpr.execution.executors import Here
 from flgpr.execution.lane_run import detect_lane, results_at
 from flgpr.model import Lane
 from flgpr.results.result import ResultError, join_sections, read_result
-from flgpr.tasks.scoring import score_alarms
 from flgpr.viewer.session import open_source
 from robust import content, digests, small_job
 
@@ -184,7 +184,7 @@ def test_the_viewer_shows_a_section_and_names_them(folder):
 
 
 def test_a_section_is_replayed(folder):
-    assert tasks.replay(results_at(folder)[1]) == {
+    assert replay(results_at(folder)[1]) == {
         "identical": True,
         "agrees": True,
         "files": [],
@@ -272,7 +272,7 @@ def test_the_command_line_takes_and_scores_sections(lane, tmp_path):
     assert json.loads(told.stdout)["targets"] == 3
     halo = lane.result.recipe.score.halo
     score_alarms(lane.result.folder / "alarms.csv", truth, lane.area, tmp_path / "list", halo=halo)
-    tasks.score_result(lane.result.folder, truth, output=tmp_path / "whole")
+    score_result(lane.result.folder, truth, output=tmp_path / "whole")
     sections, one, listed = (
         json.loads((home / "roc.json").read_text())
         for home in (output / "score", tmp_path / "whole", tmp_path / "list")

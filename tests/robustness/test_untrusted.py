@@ -13,9 +13,9 @@ import zarr
 from zarr.codecs import BytesCodec, Crc32cCodec
 
 import flgpr
-from flgpr import tasks
 from flgpr.chain.memory import parse_size, plan_sections
 from flgpr.chain.recipe import load_recipe
+from flgpr.commands.imports import import_fullwave
 from flgpr.io import RunStoreError, open_run, sample_lane, save_run, seal, sha256, unseal
 from flgpr.io.arrays import open_arrays
 from flgpr.io.files import canonical_json
@@ -263,5 +263,5 @@ def test_archives_cannot_write_anywhere(fullwave_archive, tmp_path):
         archive.open("../../evil.npy", "w") as member,
     ):
         np.lib.format.write_array(member, np.zeros(3))
-    tasks.import_fullwave_lane(tmp_path / "a.npz", tmp_path / "out" / "run.zarr")
+    import_fullwave(tmp_path / "a.npz", tmp_path / "out" / "run.zarr")
     assert not list(tmp_path.parent.rglob("evil*"))

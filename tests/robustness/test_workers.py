@@ -288,7 +288,7 @@ def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(
             raise KeyboardInterrupt
         return passes_of_lane(job, *rest, **names)
 
-    monkeypatch.setattr("flgpr.commands.training.passes_of_lane", stopped)
+    monkeypatch.setattr("flgpr.execution.training.passes_of_lane", stopped)
     with pytest.raises(KeyboardInterrupt):
         flgpr.train(*where, tmp_path / "model", columns, **options)
     assert [path.name for path in tmp_path.glob("model*")] == ["model-1-1.work"]

@@ -8,8 +8,8 @@ from sklearn.metrics import cohen_kappa_score
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
+from flgpr.commands.scoring import analyst_agreement
 from flgpr.scoring import agreement
-from flgpr.tasks import analyst_agreement
 
 NAMES = ["mine", "unsure", "clutter"]
 

@@ -11,11 +11,11 @@ import pytest
 from scipy.spatial import cKDTree
 
 import flgpr
-from flgpr import tasks
 from flgpr.chain.recipe import parse_recipe
 from flgpr.io import read_table
 from flgpr.live.detector import LiveSettings
 from flgpr.live.feeding import feed
+from flgpr.live.session import LiveOptions, LiveRun
 from systems.lanes import small_recipe
 
 PLUGIN = Path(__file__).parents[1] / "plugin"
@@ -101,7 +101,7 @@ def test_its_stage_runs_with_workers_after_a_stop_and_live(lanes, installed, tmp
         "lane": lane,
         "settings": LiveSettings(looks=2),
     }
-    tasks.LiveRun(tasks.LiveOptions(recipe, tmp_path / "live", **live)).run()
+    LiveRun(LiveOptions(recipe, tmp_path / "live", **live)).run()
     best, mine = (
         read_table(tmp_path / name / "alarms.csv", "alarms") for name in ("plain", "live")
     )

@@ -7,8 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
+from flgpr.commands.doubts import table_doubts
 from flgpr.model import Lane
-from flgpr.tasks.doubts import table_doubts
 
 LANE = Lane(-1.5, 1.5, 0.0, 20.0)
 GOOD = pd.DataFrame({"x": [0.5, -0.5, 1.0], "y": [3.0, 9.0, 15.0], "confidence": [1.0, 2.0, 3.0]})

@@ -7,9 +7,10 @@ import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
-from flgpr import tasks
 from flgpr.commands.app import app
-from flgpr.imaging import aperture_blocks, aperture_image
+from flgpr.commands.picture import make_picture
+from flgpr.commands.preparing import check_steps, prepare_run, read_steps
+from flgpr.imaging import View, aperture_blocks, aperture_image
 from flgpr.io import open_run, sample_lane, save_run
 from flgpr.model import SPEED_OF_LIGHT, make_run, vehicle_to_lane
 from flgpr.model.phase import path_phase
@@ -70,9 +71,9 @@ def test_the_aperture_image_is_the_sum_term_by_term():
 
 
 def test_a_reflector_is_the_brightest_point_and_sharper_over_the_aperture(stored):
-    view = tasks.View(x=(-1.5, 1.5), y=(2.0, 6.0), z=0.0)
-    whole = tasks.make_picture(stored, view)
-    one = tasks.make_picture(stored, tasks.View(x=(-1.5, 1.5), y=(2.0, 6.0), z=0.0, scans=(3, 3)))
+    view = View(x=(-1.5, 1.5), y=(2.0, 6.0), z=0.0)
+    whole = make_picture(stored, view)
+    one = make_picture(stored, View(x=(-1.5, 1.5), y=(2.0, 6.0), z=0.0, scans=(3, 3)))
     assert (whole.scans, one.scans) == (20, 1)
     first = whole.peaks.iloc[0]
     assert np.hypot(first["x"] - TARGET[0], first["y"] - TARGET[1]) < 2 * whole.spacing
@@ -83,7 +84,7 @@ def test_a_reflector_is_the_brightest_point_and_sharper_over_the_aperture(stored
 
 
 def test_ground_ahead_is_chosen_where_nothing_is_told(stored):
-    made = tasks.make_picture(stored)
+    made = make_picture(stored)
     assert made.image.sizes["z"] == 1
     assert made.image["y"].values[0] < 2 < TARGET[1] < made.image["y"].values[-1]
 
@@ -94,7 +95,7 @@ def test_antennas_on_the_ground_give_a_section_focused_by_the_ground_s_speed(tmp
     line = save_run(
         drive(to(buried, slow), scans=41, height=0.0, step=0.05), tmp_path / "line.zarr"
     )
-    made = tasks.make_picture(line, tasks.View(permittivity=slow**2))
+    made = make_picture(line, View(permittivity=slow**2))
     assert (made.image.sizes["x"], made.image.sizes["z"] > 1, made.image.sizes["y"] > 1) == (
         1,
         True,
@@ -103,7 +104,7 @@ def test_antennas_on_the_ground_give_a_section_focused_by_the_ground_s_speed(tmp
     first = made.peaks.iloc[0]
     assert abs(first["y"] - 1.0) < 0.03
     assert abs(first["z"] + 0.6) < 0.03
-    wrong = tasks.make_picture(line, tasks.View(y=(0, 2), x=0.0, z=(-3.0, 0.0), permittivity=1.0))
+    wrong = make_picture(line, View(y=(0, 2), x=0.0, z=(-3.0, 0.0), permittivity=1.0))
     assert wrong.peaks.iloc[0]["over_median"] < first["over_median"]
 
 
@@ -116,7 +117,7 @@ def test_every_kind_of_file_is_written_and_holds_the_image(stored, tmp_path):
         "[[point]]\nlane = [0.0, 50.0]\neasting = 500035.0\nnorthing = 5400043.28\nheight = 312.4\n"
     )
     files = [tmp_path / f"out.{ending}" for ending in ("png", "npz", "zarr", "tif")]
-    made = tasks.make_picture(stored, tasks.View(x=(-1, 1), y=(3, 5), z=0.0), files, anchor)
+    made = make_picture(stored, View(x=(-1, 1), y=(3, 5), z=0.0), files, anchor)
     assert files[0].read_bytes().startswith(b"\x89PNG")
     with np.load(files[1]) as held:
         np.testing.assert_array_equal(held["image"], made.image.values)
@@ -130,37 +131,37 @@ def test_every_kind_of_file_is_written_and_holds_the_image(stored, tmp_path):
 @pytest.mark.parametrize(
     ("view", "output", "rule"),
     [
-        (tasks.View(x=(0, 1)), "a.png", "y must be told beside the others"),
-        (tasks.View(x=(0, 1), y=3.0), "a.png", "two of x, y and z must have two limits"),
-        (tasks.View(x=(1, 0), y=(0, 1)), "a.png", "x must have limits that increase, got 1, 0"),
+        (View(x=(0, 1)), "a.png", "y must be told beside the others"),
+        (View(x=(0, 1), y=3.0), "a.png", "two of x, y and z must have two limits"),
+        (View(x=(1, 0), y=(0, 1)), "a.png", "x must have limits that increase, got 1, 0"),
         (
-            tasks.View(x=(0, 1), y=(0, 1), spacing=1e-6),
+            View(x=(0, 1), y=(0, 1), spacing=1e-6),
             "a.png",
             "spacing must give 2 pixels or more",
         ),
         (
-            tasks.View(x=(0, 1), y=(0, 1), spacing=float("nan")),
+            View(x=(0, 1), y=(0, 1), spacing=float("nan")),
             "a.png",
             "spacing must be positive, got nan",
         ),
         (
-            tasks.View(scans=(5, 90)),
+            View(scans=(5, 90)),
             "a.png",
             "scans must have 0 <= first <= last < 20, the run's, got 5, 90",
         ),
         (
-            tasks.View(polarizations=("VV",)),
+            View(polarizations=("VV",)),
             "a.png",
             "polarization must be one of the run's, HH, got VV",
         ),
-        (tasks.View(window="kaiser"), "a.png", "window must be one of"),
-        (tasks.View(), "a.pdf", r"output must end in .png, .npz, .zarr, .tif, got 'a.pdf'"),
-        (tasks.View(), "a.tif", "a GeoTIFF needs an anchor"),
+        (View(window="kaiser"), "a.png", "window must be one of"),
+        (View(), "a.pdf", r"output must end in .png, .npz, .zarr, .tif, got 'a.pdf'"),
+        (View(), "a.tif", "a GeoTIFF needs an anchor"),
     ],
 )
 def test_what_does_not_fit_is_told_and_nothing_is_written(stored, tmp_path, view, output, rule):
     with pytest.raises(ValueError, match=rule):
-        tasks.make_picture(stored, view, [tmp_path / output])
+        make_picture(stored, view, [tmp_path / output])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["drive.zarr"]
 
 
@@ -193,8 +194,8 @@ def test_steps_of_a_file_work_in_its_order_and_history_grows(stored, tmp_path):
         f'[[step]]\ndo = "time-zero"\ndelay_ns = 2.0\n[[step]]\ndo = "subtract"\nrun = "{stored}"\n'
     )
     first = tmp_path / "first.zarr"
-    tasks.prepare_run(stored, tasks.check_steps([{"do": "dewow", "length_ns": 3}]), first)
-    tasks.prepare_run(first, tasks.read_steps(steps), tmp_path / "second.zarr")
+    prepare_run(stored, check_steps([{"do": "dewow", "length_ns": 3}]), first)
+    prepare_run(first, read_steps(steps), tmp_path / "second.zarr")
     assert [one["do"] for one in open_run(tmp_path / "second.zarr").attrs["history"]] == [
         "dewow", "time-zero", "subtract",
     ]  # fmt: skip
@@ -214,5 +215,5 @@ def test_steps_of_a_file_work_in_its_order_and_history_grows(stored, tmp_path):
 )
 def test_a_step_that_does_not_fit_is_told_and_nothing_is_stored(stored, tmp_path, entries, rule):
     with pytest.raises(ValueError, match=rule):
-        tasks.prepare_run(stored, tasks.check_steps(entries), tmp_path / "new.zarr")
+        prepare_run(stored, check_steps(entries), tmp_path / "new.zarr")
     assert not (tmp_path / "new.zarr").exists()

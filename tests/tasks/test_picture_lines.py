@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr import tasks
 from flgpr.commands.app import app
+from flgpr.commands.calibrate import calibrate_permittivity
+from flgpr.commands.imports import import_gpr
+from flgpr.commands.picture import make_picture
+from flgpr.imaging import View
 from flgpr.io import open_run, save_run
 from flgpr.model import SPEED_OF_LIGHT
 from io_gpr import REFLECTORS, SPEED, section, write_dt1, write_dzt, write_segy
@@ -46,7 +49,7 @@ def test_four_commands_take_a_recording_to_its_reflectors(name, tmp_path):
 @pytest.fixture
 def line(tmp_path):
     write_dt1(tmp_path / "a.dt1", section(40))
-    tasks.import_gpr(tmp_path / "a.dt1", tmp_path / "a.zarr")
+    import_gpr(tmp_path / "a.dt1", tmp_path / "a.zarr")
     return tmp_path / "a.zarr"
 
 
@@ -54,21 +57,19 @@ def test_antennas_on_the_ground_ask_for_its_permittivity(line):
     with pytest.raises(
         ValueError, match="permittivity must be told for antennas that are coupled to the ground"
     ):
-        tasks.make_picture(line)
+        make_picture(line)
 
 
 def test_a_section_goes_down_to_the_end_of_the_record_and_z_alone_bounds_it(tmp_path):
     """1200 ns in ground of permittivity 6 are 73 m; a section of 3 m would not be seen to be part of it."""
     write_dt1(tmp_path / "a.dt1", section(20), TOTAL_TIME_WINDOW=1200, TIMEZERO_AT_POINT=1)
-    tasks.import_gpr(tmp_path / "a.dt1", tmp_path / "a.zarr", band=(2e6, 100e6))
+    import_gpr(tmp_path / "a.dt1", tmp_path / "a.zarr", band=(2e6, 100e6))
     ground = SPEED_OF_LIGHT / 6**0.5
-    made = tasks.make_picture(tmp_path / "a.zarr", tasks.View(permittivity=6.0, spacing=0.5))
+    made = make_picture(tmp_path / "a.zarr", View(permittivity=6.0, spacing=0.5))
     depth = -float(made.image["z"].values[0])
     assert depth == pytest.approx(1200e-9 * ground / 2, abs=0.5)
     assert made.image["z"].values[-1] == pytest.approx(0, abs=0.5)
-    part = tasks.make_picture(
-        tmp_path / "a.zarr", tasks.View(permittivity=6.0, spacing=0.5, z=(-20.0, -5.0))
-    )
+    part = make_picture(tmp_path / "a.zarr", View(permittivity=6.0, spacing=0.5, z=(-20.0, -5.0)))
     np.testing.assert_allclose(part.image["z"].values[[0, -1]], [-20, -5])
     np.testing.assert_allclose(part.image["y"].values, made.image["y"].values)
 
@@ -77,7 +78,7 @@ def test_a_section_begins_where_the_record_does(line):
     held = open_run(line)
     window = held.attrs["time_window_s"]
     first = held.attrs["first_sample_s"]
-    made = tasks.make_picture(line, tasks.View(permittivity=TRUE))
+    made = make_picture(line, View(permittivity=TRUE))
     assert -made.image["z"].values[0] == pytest.approx(
         SPEED * (window + first) / 2, abs=made.spacing
     )
@@ -87,7 +88,7 @@ def test_the_label_of_the_colour_bar_is_whole(line):
     """Drawn, the label lies within the figure, also where the panel is low."""
     from flgpr.report.figures import image_figure
 
-    made = tasks.make_picture(line, tasks.View(permittivity=TRUE, z=(-0.4, 0.0)))
+    made = make_picture(line, View(permittivity=TRUE, z=(-0.4, 0.0)))
     figure = image_figure(made.image, made.peaks, open_run(line)["pose"].values)
     figure.canvas.draw()
     bar = figure.axes[-1]
@@ -105,6 +106,6 @@ def test_noise_tells_no_permittivity_and_an_edge_is_none(line, tmp_path):
         tmp_path / "noise.zarr",
     )
     with pytest.raises(ValueError, match=r"stands out|the edge"):
-        tasks.find_permittivity(tmp_path / "noise.zarr")
+        calibrate_permittivity(tmp_path / "noise.zarr")
     with pytest.raises(ValueError, match="at or beyond the edge of what was tried, 12 to 20"):
-        tasks.find_permittivity(line, trials=np.linspace(12, 20, 9))
+        calibrate_permittivity(line, limits=(12.0, 20.0), trials=9)

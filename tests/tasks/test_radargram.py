@@ -7,8 +7,9 @@ import pytest
 from matplotlib.image import imread
 from typer.testing import CliRunner
 
-from flgpr import tasks
 from flgpr.commands.app import app
+from flgpr.commands.imports import import_gpr
+from flgpr.commands.radargram import RadargramView, make_radargram
 from flgpr.io import read_gpr
 from flgpr.report.radargram import radargram_figure
 from io_gpr import (
@@ -79,10 +80,10 @@ def test_steps_are_taken_in_their_order_and_told(tmp_path):
 
 def test_a_window_without_an_antenna_is_a_tenth_of_the_record_and_a_given_one_is_taken(tmp_path):
     path = write_dzt(tmp_path / "a.DZT", COUNTS[:, None], names=("unnamed",))
-    made = tasks.make_radargram(path, tasks.RadargramView(dewow=True))
+    made = make_radargram(path, RadargramView(dewow=True))
     assert made.steps == ("dewow over 27 samples",)
     assert made.notes[-1].startswith("window of dewow and gain assumed: 10 % of the record")
-    made = tasks.make_radargram(path, tasks.RadargramView(dewow=True, window=41 * INTERVAL))
+    made = make_radargram(path, RadargramView(dewow=True, window=41 * INTERVAL))
     assert made.steps == ("dewow over 41 samples",)
     assert not any("assumed" in note for note in made.notes)
 
@@ -103,12 +104,12 @@ def test_a_part_of_the_line_and_of_the_time_and_another_channel(tmp_path):
 
 def test_depth_is_half_the_way_at_the_grounds_speed(tmp_path):
     path = write_dt1(tmp_path / "a.dt1", COUNTS)
-    made = tasks.make_radargram(path, tasks.RadargramView(permittivity=9.0))
+    made = make_radargram(path, RadargramView(permittivity=9.0))
     depth = made.depth()
     np.testing.assert_allclose(depth, made.delay * 299792458 / 3 / 2)
     figure = drawn(made)
     assert [axis.get_ylabel() for axis in figure.axes[0].child_axes] == ["depth (m)"]
-    assert tasks.make_radargram(path).depth() is None
+    assert make_radargram(path).depth() is None
 
 
 def drawn(made):
@@ -117,7 +118,7 @@ def drawn(made):
 
 
 def test_the_axis_below_is_the_distance_where_it_is_even_and_the_trace_where_not(tmp_path):
-    made = tasks.make_radargram(write_dt1(tmp_path / "a.dt1", COUNTS))
+    made = make_radargram(write_dt1(tmp_path / "a.dt1", COUNTS))
     axes = drawn(made).axes[0]
     assert axes.get_xlabel() == "distance along the line (m)"
     np.testing.assert_allclose(axes.get_xlim(), (-0.025, 29 * 0.05 + 0.025))
@@ -135,9 +136,7 @@ def test_the_axis_below_is_the_distance_where_it_is_even_and_the_trace_where_not
 
 
 def test_a_trace_without_data_is_told_and_left_blank(tmp_path):
-    made = tasks.make_radargram(
-        write_dt1(tmp_path / "a.dt1", COUNTS, dead=4), tasks.RadargramView(gain=True)
-    )
+    made = make_radargram(write_dt1(tmp_path / "a.dt1", COUNTS, dead=4), RadargramView(gain=True))
     assert np.isnan(made.values[4]).all()
     assert "1 of 30 traces hold no data and are left blank" in made.notes
 
@@ -169,7 +168,7 @@ def test_another_ending_and_steps_on_a_run_are_refused(tmp_path):
     done = run("image", path, "-o", tmp_path / "a.tif")
     assert done.exit_code == 2
     assert "output of a recording must end in .png, .npz" in done.output
-    tasks.import_gpr(path, tmp_path / "a.zarr")
+    import_gpr(path, tmp_path / "a.zarr")
     done = run(
         "image", tmp_path / "a.zarr", "-o", tmp_path / "b.png", "--dewow", "--permittivity", 9
     )

@@ -10,10 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
+from flgpr.commands.simulation import preview_figure
+from flgpr.execution.simulated_lane import simulate_to_store
 from flgpr.io import open_run, read_lane, read_table
 from flgpr.model import Sensor, load_sensor
 from flgpr.simulate import Scene, simulate
-from flgpr.tasks.simulation import preview_figure, simulate_to_store
 
 
 @pytest.fixture

@@ -19,11 +19,11 @@ import pandas as pd
 
 from flgpr.benchmark.ground import Ground, GroundLane, load_ground
 from flgpr.chain.recipe import parse_recipe, recipe_text
-from flgpr.commands.train import train
 from flgpr.door import Folder
 from flgpr.execution.executors import Report
 from flgpr.execution.lane_work import code_versions
 from flgpr.execution.survey import PLAINLY, How, detect_survey
+from flgpr.execution.training import train_on_lanes, training_lanes
 from flgpr.io import open_run, read_manifest, sha256, write_table, write_whole
 from flgpr.io.tables import parse_columns, read_table_in
 from flgpr.scoring import seal_truth
@@ -248,15 +248,13 @@ class Course:
         if not model.is_dir():
             with self._spending(model.with_name(f"{name}-costs")) as (how, spent):
                 runs, borders, truths = self._files(known, "-truth.csv")
-                train(
-                    runs,
-                    truths,
-                    self.file,
-                    model,
-                    lanes=borders,
-                    label_radius=self.ground.table.halo,
-                    **vars(how),
+                text = recipe_text(self.file)
+                others: list[dict[str, Path]] = [{} for _ in runs]
+                lanes = training_lanes(
+                    parse_recipe(text), runs, truths, borders, others, how.max_memory
                 )
+                radius = self.ground.table.halo
+                train_on_lanes(text, lanes, model, (), radius, how, overwrite=True)
             self.costs[f"training {name}"] = {
                 "processor_seconds": sum(one["processor_seconds"] for one in spent.values()),
                 "peak_bytes": max(one["peak_bytes"] for one in spent.values()),

@@ -64,12 +64,15 @@ class Command:
     lines: Callable[[Any, Arguments], Iterable[Any]] | None = None
     as_json: Callable[[Any, Arguments], Any] | None = None  #: object that --json prints
     before: Callable[[Arguments], Iterable[str]] | None = None  #: lines before the work begins
+    #: checks options, and returns what the command line passes for parameters of Python alone
+    passes: Callable[[Arguments], Mapping[str, Any]] | None = None
     status: Callable[[Any], int] | None = None  #: exit status for what was returned
     #: context of call and output, such as a page that stays open
     around: Callable[[Arguments], AbstractContextManager[Any]] | None = None
     #: options of the command line alone, by name: annotation and default
     extra: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)
     quiet: bool = True  #: whether there is --quiet
+    answers: bool = False  #: whether its lines are the answer, which is printed even when quiet
     compiles: bool = False  #: whether kernels are compiled while the first data are read
 
     @property
@@ -149,10 +152,11 @@ def _run(shown: Command, given: dict[str, Any]) -> None:
             print_lines(shown.before(call))
         if shown.around is not None:
             stack.enter_context(shown.around(call))
-        returned = _call(shown, given, silent)
+        more = {} if shown.passes is None else shown.passes(call)
+        returned = _call(shown, {**given, **more}, silent)
         if as_json and shown.as_json is not None:
             typer.echo(json.dumps(shown.as_json(returned, call)))
-        elif not quiet and shown.lines is not None:
+        elif shown.lines is not None and (shown.answers or not quiet):
             print_lines(shown.lines(returned, call))
     if shown.status is not None and shown.status(returned):
         raise typer.Exit(shown.status(returned))

@@ -41,13 +41,18 @@ def parameters_of(function: Callable[..., Any]) -> list[Parameter]:
     positional = names[: code.co_argcount]
     values = function.__defaults__ or ()
     defaults |= dict(zip(positional[len(positional) - len(values) :], values, strict=True))
-    return [_parameter(function, name, defaults) for name in names]
+    annotations = _annotations_of(function, names)
+    return [_parameter(name, annotations[name], defaults) for name in names]
 
 
-def _parameter(function: Callable[..., Any], name: str, defaults: Mapping[str, Any]) -> Parameter:
-    annotation = function.__annotations__[name]
-    if isinstance(annotation, str):
-        annotation = eval(annotation, function.__globals__)  # noqa: S307 - our own source
+def _annotations_of(function: Callable[..., Any], names: Sequence[str]) -> dict[str, Any]:
+    """Evaluate the annotations of parameters; that of what is returned may name what is not loaded."""
+    alike = types.FunctionType(function.__code__, function.__globals__)
+    alike.__annotations__ = {name: function.__annotations__[name] for name in names}
+    return inspect.get_annotations(alike, eval_str=True)
+
+
+def _parameter(name: str, annotation: Any, defaults: Mapping[str, Any]) -> Parameter:
     is_annotated = hasattr(annotation, "__metadata__")
     plain, *marks = get_args(annotation) if is_annotated else [annotation]
     default = defaults.get(name, inspect.Parameter.empty)

@@ -81,7 +81,7 @@ def train(
         If another model is there and is not to be overwritten.
     """
     from flgpr.chain.recipe import parse_recipe, recipe_text
-    from flgpr.commands.training import learns_detector, train_on_lanes, training_lanes
+    from flgpr.execution.training import learns_detector, train_on_lanes, training_lanes
 
     if len(runs) != len(truths) or not runs or (lanes is not None and len(lanes) != len(runs)):
         raise ValueError(

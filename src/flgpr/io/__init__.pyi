@@ -40,7 +40,6 @@ from flgpr.io.gpr_files import GprSection as GprSection
 from flgpr.io.gpr_files import is_gpr as is_gpr
 from flgpr.io.gpr_files import read_gpr as read_gpr
 from flgpr.io.gpr_import import gpr_run as gpr_run
-from flgpr.io.gpr_survey import LINE_STARTS as LINE_STARTS
 from flgpr.io.gpr_survey import LineLayout as LineLayout
 from flgpr.io.gpr_survey import place_by_marks as place_by_marks
 from flgpr.io.gpr_survey import read_line_ends as read_line_ends

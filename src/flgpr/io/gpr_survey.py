@@ -17,10 +17,9 @@ from flgpr.io.gpr_channels import channels_run, common_band
 from flgpr.io.gpr_files import GprSection
 from flgpr.io.gpr_import import gpr_run
 from flgpr.io.tables import read_columns
+from flgpr.model import LINE_STARTS
 
 FloatArray = NDArray[np.float64]
-LINE_STARTS = "line_starts"
-"""Attribute of a run of several lines: the number of the first scan of each."""
 _CLOSE = 0.02  # of a line's length, that its ends may lie apart more or less than it measured
 
 
