@@ -34,9 +34,9 @@ from flgpr.chain.model import load_model, save_model
 from flgpr.chain.recipe import load_recipe
 from flgpr.commands.simulate import simulate_lane
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer
-from flgpr.io import open_run, read_table
 from flgpr.live.feeding import feed
 from flgpr.model import Lane
+from flgpr.store import open_run, read_table
 
 SCENE = """
 name = "live lane"

@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flgpr.simulate import Scene
-from flgpr.simulate.roughness import surface_backscatter, surface_heights
-from flgpr.simulate.soil import mironov, one_way_loss
+from flgpr.simulate.ground.roughness import surface_backscatter, surface_heights
+from flgpr.simulate.ground.soil import mironov, one_way_loss
 
 PAIRS = {
     "arid-sand": "prepared-sand",

@@ -27,9 +27,9 @@ import pandas as pd
 
 from flgpr.chain.detect import detect
 from flgpr.chain.recipe import load_recipe
-from flgpr.io import RunWriter, open_run
 from flgpr.model import Lane, load_sensor
 from flgpr.scoring import pd_mean, roc
+from flgpr.store import RunWriter, open_run
 
 STEP = 1000 / 600  # m between scans
 

@@ -84,7 +84,7 @@ def quick_seals(request):
     """Nobody guesses at these passphrases: a key that costs little will do, but where sealing itself is tested."""
     with pytest.MonkeyPatch.context() as patch:
         if request.path.stem != "test_scoring_blind":
-            patch.setattr("flgpr.scoring.blind._COST", 2**8)
+            patch.setattr("flgpr.trials.blind._COST", 2**8)
         yield
 
 

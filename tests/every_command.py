@@ -17,14 +17,14 @@ from flgpr.commands.app import app
 from flgpr.commands.imports import import_gpr
 from flgpr.commands.plan import plan_lane
 from flgpr.commands.scoring import seal
-from flgpr.io import open_run, sample_lane, save_run, write_table
-from flgpr.io.anchor import fit_anchor
-from flgpr.io.cphd import write_cphd
+from flgpr.formats.cphd import write_cphd
+from flgpr.geo.anchor import fit_anchor
 from flgpr.live.feeding import feed
 from flgpr.model import make_run
 from flgpr.model.track import make_track
-from flgpr.simulate.signature import build
-from flgpr.simulate.signature import table as nodes
+from flgpr.simulate.bodies.signature import build
+from flgpr.simulate.bodies.signature import table as nodes
+from flgpr.store import open_run, sample_lane, save_run, write_table
 from io_geodesy import LANE, on_the_ellipsoid
 from io_gprmax import lane_and_sensor, write_output
 from robust import digests

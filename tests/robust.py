@@ -7,8 +7,8 @@ from pathlib import Path
 
 from flgpr.chain.passes import blocks_of
 from flgpr.execution.lane_work import make_job
-from flgpr.io import open_run
 from flgpr.results.result import Result, read_result
+from flgpr.store import open_run
 from small_lane import LANE
 
 

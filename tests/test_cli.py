@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.commands.run_report import run_info
-from flgpr.io import open_run, sample_lane, save_run
-from flgpr.io.bundle import write_bundle
+from flgpr.store import open_run, sample_lane, save_run
+from flgpr.store.bundle import write_bundle
 
 RUN = str(sample_lane() / "run.zarr")
 

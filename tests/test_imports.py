@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import flgpr
-from flgpr.io import sample_lane
+from flgpr.store import sample_lane
 
 ROOT = Path(flgpr.__file__).parent
 PAPERS = ROOT.parent / "flgpr_papers"

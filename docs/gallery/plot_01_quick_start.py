@@ -15,7 +15,7 @@ import numpy as np
 
 import flgpr
 from flgpr.commands.scoring import outcome_table, score_result
-from flgpr.io import open_run, read_table, sample_lane
+from flgpr.store import open_run, read_table, sample_lane
 
 home = Path(tempfile.mkdtemp())
 lane = sample_lane()

@@ -14,8 +14,9 @@ import flgpr
 from flgpr.commands.scoring import score_result
 from flgpr.commands.simulate import simulate_lane
 from flgpr.commands.simulation import preview_figure
-from flgpr.scoring import band, match, pd_mean, pd_mean_interval, roc_figure
+from flgpr.scoring import band, match, pd_mean, pd_mean_interval
 from flgpr.simulate import load_scene
+from flgpr.trials import roc_figure
 
 home = Path(tempfile.mkdtemp())
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from flgpr.clutter import suppress_by_model
 from flgpr.imaging import ScanImager
-from flgpr.io import open_run, read_table, sample_lane
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import Grid, lane_to_scan
+from flgpr.store import open_run, read_table, sample_lane
 
 lane = sample_lane()
 run = open_run(lane / "run.zarr")

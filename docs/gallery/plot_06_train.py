@@ -17,8 +17,8 @@ import numpy as np
 import flgpr
 from flgpr.chain.model import load_model
 from flgpr.commands.simulate import simulate_lane
-from flgpr.io import read_lane, read_table
 from flgpr.scoring import label_alarms, match, pd_mean, roc
+from flgpr.store import read_lane, read_table
 
 home = Path(tempfile.mkdtemp())
 (home / "scene.toml").write_text(

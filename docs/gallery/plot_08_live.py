@@ -19,10 +19,10 @@ import matplotlib.pyplot as plt
 import pandas as pd
 
 from flgpr.commands.simulate import simulate_lane
-from flgpr.io import read_table
 from flgpr.live.feeding import feed
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.vehicle import Vehicle
+from flgpr.store import read_table
 
 home = Path(tempfile.mkdtemp())
 (home / "scene.toml").write_text(

@@ -10,8 +10,8 @@ from typing import Any
 
 from flgpr.chain.progress import Track, silent
 from flgpr.execution.executors import Here, Processes
-from flgpr.io import write_whole
-from flgpr.io.outputs import tell_finished
+from flgpr.store import write_whole
+from flgpr.store.outputs import tell_finished
 from flgpr_papers.kit.findings import OPEN, read_findings
 from flgpr_papers.kit.page import study_html
 from flgpr_papers.kit.settings import PAPERS

@@ -5,10 +5,10 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from flgpr.benchmark import find_entry, listing, load_ground, packaged_entries
 from flgpr.chain.recipe import parse_recipe
-from flgpr.io import open_run
+from flgpr.proving_ground import find_entry, listing, load_ground, packaged_entries
 from flgpr.simulate import draw_world
+from flgpr.store import open_run
 
 GROUNDS = {quick: load_ground(quick, "proving-ground-1") for quick in (False, True)}
 SECOND = {quick: load_ground(quick) for quick in (False, True)}
@@ -238,7 +238,7 @@ def test_the_full_wave_track_tries_on_the_packaged_lane_as_its_array_saw_it():
 
 
 def test_a_stored_lane_needs_its_truth_and_borders(tmp_path):
-    text = (resources.files("flgpr.benchmark") / "full-wave-1.toml").read_text("utf-8")
+    text = (resources.files("flgpr.proving_ground") / "full-wave-1.toml").read_text("utf-8")
     (tmp_path / "ground.toml").write_text(text.replace('truth = "sample"\n', ""))
     with pytest.raises(ValueError, match="run, truth and borders must be given together"):
         load_ground(source=tmp_path / "ground.toml")

@@ -11,7 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 import flgpr
-from flgpr.benchmark import (
+from flgpr.commands.app import app
+from flgpr.proving_ground import (
     load_ground,
     oracle,
     run_benchmark,
@@ -19,12 +20,11 @@ from flgpr.benchmark import (
     score_entries,
     write_table,
 )
-from flgpr.benchmark.running import ALARMS, PRINTS, SEALED, passphrase
-from flgpr.benchmark.table import pd_in_words, same_lanes
-from flgpr.commands.app import app
-from flgpr.io import read_manifest, read_table, sample_lane
-from flgpr.scoring import open_truth, read_register
+from flgpr.proving_ground.running import ALARMS, PRINTS, SEALED, passphrase
+from flgpr.proving_ground.table import pd_in_words, same_lanes
 from flgpr.simulate import draw_world
+from flgpr.store import read_manifest, read_table, sample_lane
+from flgpr.trials import open_truth, read_register
 from robust import digests
 from systems import test_plugin
 from systems.lanes import SENSOR, small_recipe
@@ -345,7 +345,7 @@ def test_the_oracle_finds_echoes_that_are_there_and_no_others(field):
 
 
 def test_lanes_that_are_stored_enter_with_those_that_are_simulated(tmp_path):
-    text = (resources.files("flgpr.benchmark") / "full-wave-1.toml").read_text("utf-8")
+    text = (resources.files("flgpr.proving_ground") / "full-wave-1.toml").read_text("utf-8")
     (tmp_path / "ground.toml").write_text(text.replace("copies = 24", "copies = 2"))
     out = run_benchmark(
         ["wang2007", "wang2007-b"], tmp_path / "out", ground=tmp_path / "ground.toml"
@@ -375,7 +375,7 @@ def test_folders_that_do_not_belong_together_are_refused(field, tmp_path):
 
 
 def test_fingerprints_tell_the_same_bits_from_alike_and_other_lanes(field, tmp_path, monkeypatch):
-    from flgpr.benchmark import table
+    from flgpr.proving_ground import table
 
     ground = load_ground(False, field / "ground.toml")
     prints = pd.read_csv(field / "out" / "lanes" / PRINTS)

@@ -8,12 +8,12 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.benchmark import load_ground, run_benchmark, run_oracle, score_entries, write_table
-from flgpr.benchmark.figures import tiers_figure
-from flgpr.benchmark.running import ALARMS, PRINTS, SEALED, passphrase
 from flgpr.commands.app import app
-from flgpr.scoring import open_truth, read_register
+from flgpr.proving_ground import load_ground, run_benchmark, run_oracle, score_entries, write_table
+from flgpr.proving_ground.figures import tiers_figure
+from flgpr.proving_ground.running import ALARMS, PRINTS, SEALED, passphrase
 from flgpr.simulate import draw_world
+from flgpr.trials import open_truth, read_register
 from robust import digests
 from systems.lanes import SENSOR, small_recipe
 

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.benchmark.ground import load_ground
 from flgpr.chain.fitting import alias_faults, check_fit, fit_faults, fit_recipe
 from flgpr.chain.recipe import load_recipe, parse_recipe
 from flgpr.commands.app import app
 from flgpr.commands.run_report import run_info
 from flgpr.execution.simulated_lane import simulate_to_store
-from flgpr.io import Scan, describe_for_live, open_run, sample_lane, save_run
 from flgpr.live.detector import LiveDetector
 from flgpr.model import Sensor, load_sensor, make_run, sensor_presets
+from flgpr.proving_ground.ground import load_ground
 from flgpr.simulate import Scene
 from flgpr.simulate.simulator import warn_of_aliases
+from flgpr.store import Scan, describe_for_live, open_run, sample_lane, save_run
 
 RECIPES = sorted(
     file.name.removesuffix(".toml")

@@ -13,8 +13,8 @@ from flgpr.chain.fitting import fit_recipe
 from flgpr.chain.recipe import lane_of, parse_recipe
 from flgpr.commands.replay import replay
 from flgpr.imaging import ScanImager, aperture_blocks, aperture_image
-from flgpr.io import save_run
 from flgpr.model import aperture, aperture_pose, aperture_run, lane_to_scan, make_run, way_weights
+from flgpr.store import save_run
 
 FREQUENCY = np.linspace(2.0e9, 3.0e9, 81)  # ranges repeat after 12 m
 MARKS = np.array([[2.0, -1.0, 0.0], [3.0, 1.2, 0.0]])

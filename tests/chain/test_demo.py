@@ -11,9 +11,9 @@ from flgpr.chain.detect import detect
 from flgpr.chain.recipe import load_recipe, recipe_text
 from flgpr.commands.demo import demo
 from flgpr.commands.replay import replay
-from flgpr.io import open_run, read_table, sample_lane, save_run, seal, sha256, unseal
 from flgpr.results.result import ResultError, read_result
 from flgpr.scoring import roc
+from flgpr.store import open_run, read_table, sample_lane, save_run, seal, sha256, unseal
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ from flgpr.chain.detect import detect
 from flgpr.chain.fitting import check_fit, fit_recipe, recipe_for
 from flgpr.chain.recipe import load_recipe, parse_recipe
 from flgpr.commands.app import app
-from flgpr.io import save_run
 from flgpr.model import Sensor, load_sensor, make_run
 from flgpr.simulate import Scene, simulate
+from flgpr.store import save_run
 
 HINT = "`flgpr recipe for RUN`"
 

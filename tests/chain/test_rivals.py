@@ -18,9 +18,9 @@ from flgpr.chain.stages import TrainingView
 from flgpr.chain.stages.anomaly import Cfar, CfarSettings, Matched, MatchedSettings, Rx, RxSettings
 from flgpr.chain.stages.low_rank import LowRank, LowRankSettings, low_rank_part
 from flgpr.clutter import standing_field, subtract_standing
-from flgpr.io import describe_for_live, save_run
 from flgpr.live.detector import LiveDetector
 from flgpr.model import Lane
+from flgpr.store import describe_for_live, save_run
 from small_lane import LANE, LANE_TOML, TARGETS, small_recipe, small_run
 
 X = np.round(np.arange(-2, 2.05, 0.1), 9)

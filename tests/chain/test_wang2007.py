@@ -17,9 +17,9 @@ from flgpr.chain.recipe import lane_of, parse_recipe, recipe_text
 from flgpr.clutter import gain_background, remove_background, self_signature
 from flgpr.features import FEATURES, local_contrast
 from flgpr.imaging import ScanImager
-from flgpr.io import Bundle, save_run, write_table
 from flgpr.results.result import read_result
 from flgpr.screen import prescreen, run_view, select
+from flgpr.store import Bundle, save_run, write_table
 from flgpr_papers.wang2007.study import save_examples, wide_view
 from small_lane import LANE, TARGETS, cut_down, small_recipe, small_run
 

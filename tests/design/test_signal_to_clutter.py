@@ -17,11 +17,11 @@ from flgpr.design import (
 )
 from flgpr.design.array import Design, Question, _expect, expected_in_words
 from flgpr.model import SPEED_OF_LIGHT, Sensor, load_sensor
-from flgpr.simulate.echoes import incidence
-from flgpr.simulate.refraction import ray_divergence, two_way_transmission
-from flgpr.simulate.roughness import surface_backscatter
+from flgpr.simulate.bodies.echoes import incidence
+from flgpr.simulate.ground.refraction import ray_divergence, two_way_transmission
+from flgpr.simulate.ground.roughness import surface_backscatter
+from flgpr.simulate.ground.soil import one_way_loss
 from flgpr.simulate.simulator import array_state
-from flgpr.simulate.soil import one_way_loss
 
 TOLERANCE = 1.0  # dB between formula and images, as the documentation states
 BAND = (0.75e9, 1.35e9)

@@ -15,10 +15,10 @@ from bag import drive
 from flgpr.clutter import Thresholds
 from flgpr.commands.app import app
 from flgpr.commands.simulate import simulate_lane
-from flgpr.io import open_run, sample_lane
 from flgpr.model import SPEED_OF_LIGHT, Grid, load_sensor
 from flgpr.simulate import Scene
-from flgpr.simulate.scene import load_scene
+from flgpr.simulate.scene.scene import load_scene
+from flgpr.store import open_run, sample_lane
 from io_gpr import section, write_dt1
 from reading import FENCE, ROOT, SHELL, file_shown, read, shell_lines
 from take import take_text

@@ -15,7 +15,7 @@ from flgpr.commands import imaging_peers as bench_peers
 from flgpr.commands import imaging_speed as bench
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging import cuda as engine
-from flgpr.io import open_run, sample_lane
+from flgpr.store import open_run, sample_lane
 
 TONES = 500e6 + 40e6 * np.arange(20)
 TX = np.array([[-1.5, 0.0, 5.0], [-1.5, 0.0, 5.0], [1.5, 0.0, 5.2]])

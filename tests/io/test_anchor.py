@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flgpr.io.anchor import fit_anchor, read_anchor
+from flgpr.geo.anchor import fit_anchor, read_anchor
 from io_geodesy import AZIMUTH, LANE, distance, on_the_ellipsoid
 
 

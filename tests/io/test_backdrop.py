@@ -5,8 +5,8 @@ import io
 import numpy as np
 import pytest
 
-from flgpr.io import fit_anchor, map_backdrop
-from flgpr.io.anchor import transform_lonlat
+from flgpr.geo import fit_anchor, map_backdrop
+from flgpr.geo.anchor import transform_lonlat
 
 rasterio = pytest.importorskip("rasterio")
 pytest.importorskip("rasterio.shutil")

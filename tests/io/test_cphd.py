@@ -5,10 +5,10 @@ import pytest
 
 pytest.importorskip("sarkit")
 
-from flgpr.io import open_run, sample_lane
-from flgpr.io.anchor import fit_anchor
-from flgpr.io.cphd import read_cphd, write_cphd
+from flgpr.formats.cphd import read_cphd, write_cphd
+from flgpr.geo.anchor import fit_anchor
 from flgpr.model import make_run, vehicle_to_lane
+from flgpr.store import open_run, sample_lane
 from io_geodesy import LANE, on_the_ellipsoid
 
 

@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from damage import FUZZ
-from flgpr.io import read_table, write_earth_csv, write_table
-from flgpr.io.tables import parse_columns, read_text_table, table_text
+from flgpr.geo import write_earth_csv
+from flgpr.store import read_table, write_table
+from flgpr.store.tables import parse_columns, read_text_table, table_text
 
 RUN_BY_SPREADSHEETS = [
     "=1+1",

@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.io import read_table
-from flgpr.io.anchor import fit_anchor
-from flgpr.io.dialects import TableReading, parse_columns_option
+from flgpr.geo.anchor import fit_anchor
+from flgpr.store import read_table
+from flgpr.store.dialects import TableReading, parse_columns_option
 from io_geodesy import LANE, on_the_ellipsoid
 
 PLACES = np.array([[0.25, 3.5], [-0.5, 10.25]])

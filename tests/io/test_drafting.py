@@ -7,8 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.io import explain_files, import_mapped
-from flgpr.io.mapping import parse_mapping
+from flgpr.formats import explain_files, import_mapped
+from flgpr.formats.mapping import parse_mapping
 
 SCANS = 20
 TX = 4

@@ -4,10 +4,10 @@ import h5py
 import numpy as np
 import pytest
 
-from flgpr.io import import_fullwave
-from flgpr.io.explain import explain_file, propose_mapping
-from flgpr.io.mapped import import_mapped
-from flgpr.io.mapping import parse_mapping
+from flgpr.formats import import_fullwave
+from flgpr.formats.explain import explain_file, propose_mapping
+from flgpr.formats.mapped import import_mapped
+from flgpr.formats.mapping import parse_mapping
 
 
 def put(text, path):
@@ -89,8 +89,8 @@ def test_content_is_told_in_words(tmp_path):
 
 def test_a_cphd_file_is_told(small_run, tmp_path):
     pytest.importorskip("sarkit")
-    from flgpr.io.anchor import fit_anchor
-    from flgpr.io.cphd import write_cphd
+    from flgpr.formats.cphd import write_cphd
+    from flgpr.geo.anchor import fit_anchor
     from io_geodesy import LANE, on_the_ellipsoid
 
     anchor = fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02)

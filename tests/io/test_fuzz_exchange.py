@@ -12,15 +12,15 @@ from scipy.io import savemat
 
 from bag import drive
 from damage import FUZZ, damaged, in_forks, refusal
-from flgpr.io.anchor import fit_anchor, read_anchor
-from flgpr.io.arrays import open_arrays
-from flgpr.io.dialects import TableReading
-from flgpr.io.explain import explain_file
-from flgpr.io.gpr_files import read_gpr
-from flgpr.io.gpr_import import gpr_run
-from flgpr.io.mapping import parse_mapping
-from flgpr.io.tables import read_table
-from flgpr.io.tracks import read_nmea, read_survey, read_track
+from flgpr.formats.arrays import open_arrays
+from flgpr.formats.explain import explain_file
+from flgpr.formats.gpr_files import read_gpr
+from flgpr.formats.gpr_import import gpr_run
+from flgpr.formats.mapping import parse_mapping
+from flgpr.formats.tracks import read_nmea, read_survey, read_track
+from flgpr.geo.anchor import fit_anchor, read_anchor
+from flgpr.store.dialects import TableReading
+from flgpr.store.tables import read_table
 from io_geodesy import LANE, on_the_ellipsoid
 from io_gpr import section, write_dt1, write_dzt, write_ids, write_impulse, write_mala, write_segy
 from io_open import way, write_ogpr, write_su
@@ -102,7 +102,7 @@ def test_damaged_files_that_a_child_reads(good, name, data, tmp_path):
     path = tmp_path / name
     path.write_bytes(damaged(good[name], data.draw))
     for call in (read_all, explain_file) if name == "merged.h5" else (read_all,):
-        with in_forks(), mock.patch("flgpr.io.arrays._PATIENCE", 5.0):
+        with in_forks(), mock.patch("flgpr.formats.arrays._PATIENCE", 5.0):
             said = refusal(call, path)
         assert said is None or (str(path) in said and "\n" not in said)
 
@@ -126,7 +126,7 @@ def test_damaged_files_in_a_real_child(good, name, tmp_path):
 @given(data=st.data())
 def test_damaged_cphd(small_run, data, tmp_path):
     pytest.importorskip("sarkit")
-    from flgpr.io.cphd import read_cphd, write_cphd
+    from flgpr.formats.cphd import read_cphd, write_cphd
 
     whole = tmp_path / "whole.cphd"
     if not whole.exists():

@@ -6,8 +6,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from flgpr.io.anchor import fit_anchor
-from flgpr.io.georeferenced import (
+from flgpr.geo.anchor import fit_anchor
+from flgpr.geo.export import (
     STATEMENT,
     georeference,
     write_earth_csv,

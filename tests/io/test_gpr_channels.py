@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flgpr.io import channels_run, gpr_run, preview_run, read_gpr
+from flgpr.formats import channels_run, gpr_run, preview_run, read_gpr
 from io_gpr import INTERVAL, SAMPLES, ZERO, section, write_dt1, write_dzt, write_mala
 
 BOTH = np.stack([section(20), -3 * section(20)], axis=1)

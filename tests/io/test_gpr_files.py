@@ -8,8 +8,10 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.commands.imports import import_gpr
-from flgpr.io import explain_file, fit_anchor, gpr_run, open_run, read_gpr
-from flgpr.io.gpr_files import NOT_READ
+from flgpr.formats import explain_file, gpr_run, read_gpr
+from flgpr.formats.gpr_files import NOT_READ
+from flgpr.geo import fit_anchor
+from flgpr.store import open_run
 from io_geodesy import LANE, on_the_ellipsoid
 from io_gpr import (
     INTERVAL,
@@ -345,7 +347,7 @@ def test_what_cannot_be_read_is_named(suffix, tmp_path):
 
 def test_ibms_floating_point():
     """The worked example of the format: -118.625 is C276A000."""
-    from flgpr.io.gpr_segy import _ibm
+    from flgpr.formats.gpr_segy import _ibm
 
     values = np.array([-118.625, 0.0, 1.0, 12000.0, 2.0**-70])
     words = np.array([ibm(value) for value in values], dtype=">u4")

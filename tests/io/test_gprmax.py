@@ -10,7 +10,8 @@ import pytest
 from damage import in_forks
 from flgpr.commands.importing import import_gprmax_decks
 from flgpr.commands.simulation import write_gprmax_decks
-from flgpr.io import GprmaxRun, explain_file, open_run, read_gprmax, read_lane
+from flgpr.formats import GprmaxRun, explain_file, read_gprmax
+from flgpr.store import open_run, read_lane
 from io_gprmax import dipole_field, lane_and_sensor, write_output
 from robust import digests
 

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from damage import in_forks
 from flgpr.commands.app import app
-from flgpr.io import open_run
-from flgpr.io.gprmax import pulse
+from flgpr.formats.gprmax import pulse
+from flgpr.store import open_run
 from io_gprmax import SPEED, dipole_field
 
 CELL = 0.01

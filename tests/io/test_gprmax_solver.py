@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from flgpr.commands.simulation import write_gprmax_decks
-from flgpr.io import GprmaxRun
+from flgpr.formats import GprmaxRun
 from flgpr.model import Sensor
 from flgpr.simulate import Scene
 from io_gprmax import dipole_field

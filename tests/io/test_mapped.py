@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from flgpr.io.arrays import open_arrays
-from flgpr.io.extras import MissingExtraError
-from flgpr.io.mapped import import_mapped
+from flgpr.formats.arrays import open_arrays
+from flgpr.formats.mapped import import_mapped
 from flgpr.model.track import make_track
+from flgpr.store.extras import MissingExtraError
 
 FREQUENCY = np.array([1.0e9, 1.1e9, 1.25e9, 1.3e9])
 TX = np.array([[-1.0, 0, 0], [1.0, 0, 0]])
@@ -354,8 +354,8 @@ def test_files_beside_the_mapping_are_found_too(arrays, tmp_path):
 def test_files_that_hang_or_crash_a_library_are_refused(
     arrays, name, library, code, words, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("flgpr.io.arrays._CHILD", put(code, tmp_path / "child.py"))
-    monkeypatch.setattr("flgpr.io.arrays._PATIENCE", 0.5)
+    monkeypatch.setattr("flgpr.formats.arrays._CHILD", put(code, tmp_path / "child.py"))
+    monkeypatch.setattr("flgpr.formats.arrays._PATIENCE", 0.5)
     with pytest.raises(ValueError, match=words.format(library)):
         open_arrays(write(arrays, tmp_path / name))
 

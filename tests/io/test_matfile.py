@@ -8,11 +8,11 @@ import pytest
 from scipy.io import savemat
 
 from damage import in_forks
-from flgpr.io.arrays import open_arrays
+from flgpr.formats.arrays import open_arrays
 
 MEASURED = """
 import resource, sys
-from flgpr.io.arrays import open_arrays
+from flgpr.formats.arrays import open_arrays
 try:
     open_arrays(sys.argv[1], limit=2**24)
 except ValueError as error:

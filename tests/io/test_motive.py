@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from flgpr.io.arrays import open_arrays
-from flgpr.io.mapped import import_mapped
-from flgpr.io.tracks import read_track
+from flgpr.formats.arrays import open_arrays
+from flgpr.formats.mapped import import_mapped
+from flgpr.formats.tracks import read_track
 from flgpr.model.frames import attitude_matrix, heading_matrix
 from take import UP, take_text
 

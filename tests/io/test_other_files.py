@@ -12,12 +12,12 @@ from typer.testing import CliRunner
 
 from bag import drive
 from flgpr.commands.app import app
-from flgpr.io import open_run
-from flgpr.io.arrays import open_arrays
-from flgpr.io.explain import explain_file, propose_mapping
-from flgpr.io.mapped import import_mapped
-from flgpr.io.tables import read_text_table
-from flgpr.io.text import decode_text
+from flgpr.formats.arrays import open_arrays
+from flgpr.formats.explain import explain_file, propose_mapping
+from flgpr.formats.mapped import import_mapped
+from flgpr.store import open_run
+from flgpr.store.tables import read_text_table
+from flgpr.store.text import decode_text
 
 # --- one bad part never blocks the rest
 

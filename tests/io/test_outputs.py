@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from flgpr.io.files import replace_folder, write_whole
-from flgpr.io.outputs import BusyError, held_folder, same_content, whole_output, write_new
 from flgpr.results.result import add_files, are_settled, read_result
+from flgpr.store.files import replace_folder, write_whole
+from flgpr.store.outputs import BusyError, held_folder, same_content, whole_output, write_new
 from robust import digests
 from small_results import small_result
 
@@ -141,8 +141,8 @@ def hold_and(tell, folder):
 RACE = """
 import os, sys
 from pathlib import Path
-from flgpr.io.files import write_whole
-from flgpr.io.outputs import BusyError, write_new
+from flgpr.store.files import write_whole
+from flgpr.store.outputs import BusyError, write_new
 home = Path(sys.argv[1])
 own = next((number for number in (1, 2, 3) if not os.fork()), 0)
 text = str(own) * 400_000

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.commands.exporting import export_qgis, map_bytes
-from flgpr.io import own_anchor, qgis, read_anchor
+from flgpr.geo import own_anchor, qgis, read_anchor
 from io_geodesy import distance
 from small_results import small_result
 

@@ -10,10 +10,10 @@ from typer.testing import CliRunner
 
 from bag import EPOCH, MAPPING, drive
 from flgpr.commands.app import app
-from flgpr.io.arrays import open_arrays
-from flgpr.io.explain import explain_file
-from flgpr.io.mapped import import_mapped
-from flgpr.io.recording import message_decoder
+from flgpr.formats.arrays import open_arrays
+from flgpr.formats.explain import explain_file
+from flgpr.formats.mapped import import_mapped
+from flgpr.formats.recording import message_decoder
 
 pytest.importorskip("mcap_ros2")
 

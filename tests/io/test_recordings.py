@@ -14,9 +14,11 @@ from typer.testing import CliRunner
 
 from damage import FUZZ
 from flgpr.commands.app import app
-from flgpr.io import explain_file, fit_anchor, gpr_run, open_run, read_gpr
-from flgpr.io.gpr_antennas import antenna_frequency
-from flgpr.io.gpr_positions import cor_fixes, nmea_fixes, read_dzx, settle_fixes
+from flgpr.formats import explain_file, gpr_run, read_gpr
+from flgpr.formats.gpr_antennas import antenna_frequency
+from flgpr.formats.gpr_positions import cor_fixes, nmea_fixes, read_dzx, settle_fixes
+from flgpr.geo import fit_anchor
+from flgpr.store import open_run
 from io_geodesy import LANE, on_the_ellipsoid
 from io_gpr import (
     INTERVAL,

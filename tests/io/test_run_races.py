@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flgpr.io import RunWriter, open_run
+from flgpr.store import RunWriter, open_run
 
 FIXED = (np.arange(1.0, 5.0) * 1e9, ["HH"], np.zeros((2, 3)), np.ones((2, 3)))
 

@@ -7,17 +7,10 @@ import pytest
 import xarray as xr
 import zarr
 
-from flgpr.io import (
-    RunStoreError,
-    RunWriter,
-    import_fullwave,
-    open_run,
-    read_table,
-    sample_lane,
-    save_run,
-)
-from flgpr.io.files import replaced_by
-from flgpr.io.journal import JOURNAL
+from flgpr.formats import import_fullwave
+from flgpr.store import RunStoreError, RunWriter, open_run, read_table, sample_lane, save_run
+from flgpr.store.files import replaced_by
+from flgpr.store.journal import JOURNAL
 
 
 def read_all(path):
@@ -154,7 +147,7 @@ def test_bytes_do_not_hang_on_how_far_ahead_the_array_grows(
     ahead, small_run, tmp_path, monkeypatch
 ):
     want = bytes_of(save_run(small_run, tmp_path / "a.zarr", resume=True))
-    monkeypatch.setattr("flgpr.io.run_store._AHEAD", ahead)
+    monkeypatch.setattr("flgpr.store.run_store._AHEAD", ahead)
     stop_after(small_run, tmp_path / "b.zarr", 2)
     assert bytes_of(save_run(small_run, tmp_path / "b.zarr", resume=True)) == want
     assert (

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flgpr.io import (
+from flgpr.store import (
     ScanFileError,
     as_run,
     decode_frame,
@@ -21,7 +21,7 @@ from flgpr.io import (
     scan_of,
     write_description,
 )
-from flgpr.io.scan_file import MAGIC, TruncatedFrameError
+from flgpr.store.scan_file import MAGIC, TruncatedFrameError
 
 POSE = [1.0, 2.0, 1.5, 0.1, 0.0, -0.02]
 

@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from damage import MACHINE
-from flgpr.io import RunStoreError, open_run, run_store
-from flgpr.io.files import replace_folder
-from flgpr.io.journal import JOURNAL, Journal, JournalError, OtherRunError, WrittenScan
-from flgpr.io.run_store import RunWriter
+from flgpr.store import RunStoreError, open_run, run_store
+from flgpr.store.files import replace_folder
+from flgpr.store.journal import JOURNAL, Journal, JournalError, OtherRunError, WrittenScan
+from flgpr.store.run_store import RunWriter
 
 ABOUT = {"title": "lane", "inputs": {"digest": "0f"}}
 

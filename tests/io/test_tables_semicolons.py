@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from flgpr.io import read_table
+from flgpr.store import read_table
 
 PLAIN = "target_id,x,y,kind,depth\n001,-0.5,10.25,metal,0.05\nb,1,30,plastic,\n"
 

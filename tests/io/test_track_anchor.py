@@ -7,7 +7,9 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.io import anchor_from_fixes, nmea_places, open_run
+from flgpr.formats import nmea_places
+from flgpr.geo import anchor_from_fixes
+from flgpr.store import open_run
 from io_gpr import gga, section, write_mala
 
 # degrees per metre at 50 N and 400 m, within 0.02 %

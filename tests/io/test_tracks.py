@@ -3,13 +3,13 @@ import math
 import numpy as np
 import pytest
 
-from flgpr.io.anchor import fit_anchor
-from flgpr.io.arrays import open_arrays
-from flgpr.io.mapped import import_mapped
-from flgpr.io.tables import write_table
-from flgpr.io.tracks import read_nmea, read_survey, read_track
+from flgpr.formats.arrays import open_arrays
+from flgpr.formats.mapped import import_mapped
+from flgpr.formats.tracks import read_nmea, read_survey, read_track
+from flgpr.geo.anchor import fit_anchor
 from flgpr.model import vehicle_to_lane
 from flgpr.model.track import make_track
+from flgpr.store.tables import write_table
 from io_geodesy import AZIMUTH, LANE, on_the_ellipsoid
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from flgpr.io.anchor import fit_anchor
-from flgpr.io.axes import attitude_of
-from flgpr.io.mapped import import_mapped
-from flgpr.io.mapping import parse_mapping
+from flgpr.formats.axes import attitude_of
+from flgpr.formats.mapped import import_mapped
+from flgpr.formats.mapping import parse_mapping
+from flgpr.geo.anchor import fit_anchor
 from flgpr.model.frames import attitude_angles, attitude_matrix, heading_matrix
 from flgpr.model.track import course
 from io_geodesy import AZIMUTH, LANE, on_the_ellipsoid

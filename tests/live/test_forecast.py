@@ -13,7 +13,6 @@ from flgpr.chain.classifier import TrainingSet
 from flgpr.chain.estimators import train_estimator
 from flgpr.chain.model import Model, load_model, save_model
 from flgpr.chain.recipe import DetectorTable, parse_recipe
-from flgpr.io import describe_for_live, save_run
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.feeding import feed
 from flgpr.live.forecast import (
@@ -29,6 +28,7 @@ from flgpr.live.forecast import (
 )
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.vehicle import Vehicle
+from flgpr.store import describe_for_live, save_run
 from live_lane import LANE, make_lane_run, small_recipe
 from small_lane import cut_down
 

@@ -14,7 +14,6 @@ from flgpr.chain.gathering import AlarmSums
 from flgpr.chain.recipe import load_recipe, parse_recipe
 from flgpr.chain.stages import ClutterStage, FeatureStage
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer
-from flgpr.io import Scan, canonical_json, describe_for_live
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.intake import Intake
 from flgpr.live.state import (
@@ -25,6 +24,7 @@ from flgpr.live.state import (
     write_snapshot,
 )
 from flgpr.model import lane_to_scan
+from flgpr.store import Scan, canonical_json, describe_for_live
 from live_lane import LANE, SCANS, STEP, TARGETS, make_lane_run, small_recipe
 
 SETTLED = 8.0  # m: the first sixteen scans or so have taught the background

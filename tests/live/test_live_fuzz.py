@@ -14,11 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from damage import FUZZ, damaged
-from flgpr.io import describe_for_live, encode_frame, encode_scan
-from flgpr.io.scan_file import MAGIC, parse_description
 from flgpr.live.events import EventFile
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.stream import FrameStream
+from flgpr.store import describe_for_live, encode_frame, encode_scan
+from flgpr.store.scan_file import MAGIC, parse_description
 from live_lane import make_lane_run, small_recipe
 
 RUN = make_lane_run(scans=2)

@@ -15,13 +15,13 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from damage import CASES, MACHINE
-from flgpr.io import ScanFileError, describe_for_live, encode_scan
-from flgpr.io.scan_file import scan_name
 from flgpr.live import session, watch
 from flgpr.live.intake import Intake
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.watch import FolderWatch, Inbox
 from flgpr.model import make_run
+from flgpr.store import ScanFileError, describe_for_live, encode_scan
+from flgpr.store.scan_file import scan_name
 from live_lane import make_lane_run, small_recipe
 
 TINY = describe_for_live(

@@ -18,15 +18,6 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.io import (
-    decode_frame,
-    describe_for_live,
-    encode_frame,
-    encode_scan,
-    read_table,
-    save_run,
-)
-from flgpr.io.scan_file import scan_name
 from flgpr.live.events import EventFile
 from flgpr.live.feeding import feed
 from flgpr.live.intake import Intake
@@ -36,6 +27,15 @@ from flgpr.live.state import read_snapshot
 from flgpr.live.vehicle import Vehicle
 from flgpr.live.watch import FolderWatch, Inbox
 from flgpr.scoring import roc
+from flgpr.store import (
+    decode_frame,
+    describe_for_live,
+    encode_frame,
+    encode_scan,
+    read_table,
+    save_run,
+)
+from flgpr.store.scan_file import scan_name
 from live_lane import SCANS, make_lane_run, small_recipe
 
 FAST = float("inf")

@@ -12,13 +12,13 @@ import time
 import numpy as np
 import pytest
 
-from flgpr.io import ScanFileError, describe_for_live, encode_frame, encode_scan, save_run
-from flgpr.io.scan_file import MAGIC
 from flgpr.live.feeding import feed
 from flgpr.live.senders import SenderLimits, SocketWatch
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.stream import FrameStream, largest_frame
 from flgpr.live.watch import LARGEST_FRAME, Arrival, ArrivalQueue, Inbox
+from flgpr.store import ScanFileError, describe_for_live, encode_frame, encode_scan, save_run
+from flgpr.store.scan_file import MAGIC
 from live_lane import make_lane_run, small_recipe
 
 RUN = make_lane_run(scans=2)

@@ -5,10 +5,10 @@ from collections import Counter
 
 import pytest
 
-from flgpr.io import sha256
 from flgpr.simulate import draw_world
-from flgpr.simulate.scene import site_tables, sites
-from flgpr.simulate.signature.table import body_size
+from flgpr.simulate.bodies.signature.table import body_size
+from flgpr.simulate.scene.scene import site_tables, sites
+from flgpr.store import sha256
 from flgpr_papers.cosgrove2004 import images as cosgrove
 from flgpr_papers.cosgrove2004.recipe import study_recipe
 from flgpr_papers.flsar2004 import lanes as flsar

@@ -13,11 +13,11 @@ from flgpr.chain.progress import silent
 from flgpr.chain.recipe import load_recipe, parse_recipe
 from flgpr.features import FEATURES, POLARIMETRIC
 from flgpr.imaging import ScanImager
-from flgpr.io import open_run, write_bundle
 from flgpr.model import Lane
 from flgpr.scoring import pd_mean, roc_of
 from flgpr.scoring.bootstrap import Draw, Rescorer, make_design, make_scores
 from flgpr.simulate import Simulator, draw_world
+from flgpr.store import open_run, write_bundle
 from flgpr_papers.kit.cache import store_lane
 from flgpr_papers.kit.findings import NO_VERDICT, all_of
 from flgpr_papers.kit.settings import packaged_text

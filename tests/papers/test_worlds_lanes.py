@@ -10,7 +10,7 @@ import pytest
 
 from flgpr.execution.executors import Here
 from flgpr.simulate import Scene
-from flgpr.simulate.scene import site_tables
+from flgpr.simulate.scene.scene import site_tables
 from flgpr_papers.kit.worlds import AXES, DECLARED, World, design_worlds, worlds
 from flgpr_papers.worlds import ablation, detection, geometry
 from flgpr_papers.worlds.lanes import (

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from flgpr.clutter import subtract_run
+from flgpr.formats.mapped import import_mapped
 from flgpr.imaging import ImagingOperator
-from flgpr.io.mapped import import_mapped
 
 DISTANCE = 1.67  # m, of source and receivers from the centre
 # m, radii

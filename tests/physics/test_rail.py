@@ -20,8 +20,8 @@ from flgpr.calibrate import (
 from flgpr.chain.detect import detect
 from flgpr.chain.fitting import fit_recipe
 from flgpr.chain.recipe import parse_recipe
+from flgpr.formats.mapped import import_mapped
 from flgpr.imaging import ImagingOperator
-from flgpr.io.mapped import import_mapped
 from flgpr.model import SPEED_OF_LIGHT as C
 from flgpr.model import way_weights
 from flgpr.model.track import poses_at

@@ -13,10 +13,10 @@ from flgpr.commands.app import app
 from flgpr.commands.plan import plan_lane
 from flgpr.commands.planning import plan_files
 from flgpr.commands.scoring import score_sealed, seal
-from flgpr.io import read_anchor
+from flgpr.geo import read_anchor
 from flgpr.model import Lane
 from flgpr.report.trial_pages import lane_maps
-from flgpr.scoring import register
+from flgpr.trials import register
 
 LANE = "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 75.0\n"
 ANCHOR = """

@@ -3,7 +3,7 @@
 import pytest
 
 import flgpr
-from flgpr.io import save_run
+from flgpr.store import save_run
 from robust import DetectedLane
 from small_lane import LANE_TOML, small_recipe, small_run
 

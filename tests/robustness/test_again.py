@@ -6,9 +6,9 @@ import shutil
 import pytest
 
 from every_command import COMMANDS, make_inputs, make_signatures_cheap, names_of_commands
-from flgpr.io.files import write_whole
-from flgpr.io.outputs import held_folder
 from flgpr.results.result import are_settled
+from flgpr.store.files import write_whole
+from flgpr.store.outputs import held_folder
 from robust import digests
 
 

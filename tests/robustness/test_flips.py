@@ -14,9 +14,9 @@ from flgpr.commands.replay import replay
 from flgpr.detect import HistogramNormalizer
 from flgpr.detect.fisher import FisherDiscriminant
 from flgpr.detect.linear_quadratic import LinearQuadraticForm
-from flgpr.io import Bundle, open_run, save_run, seal, write_bundle
 from flgpr.results import result as result_module
 from flgpr.results.result import ResultError, add_files, read_result
+from flgpr.store import Bundle, open_run, save_run, seal, write_bundle
 from flgpr.viewer.session import open_source
 from robust import digests
 from small_results import small_result

@@ -22,10 +22,10 @@ from every_command import make_inputs, make_signatures_cheap
 from flgpr.commands.imports import import_fullwave, import_gpr, import_mapped
 from flgpr.execution import checkpoint, lane_work
 from flgpr.execution.lane_run import results_at
-from flgpr.io import open_run
-from flgpr.io.journal import JOURNAL
 from flgpr.results.result import ResultError, read_result
-from flgpr.scoring import blind
+from flgpr.store import open_run
+from flgpr.store.journal import JOURNAL
+from flgpr.trials import blind
 from robust import content, digests
 
 DATA = Path(__file__).parents[1] / "data"

@@ -21,7 +21,7 @@ from flgpr.chain.recipe import DetectorTable
 from flgpr.commands.app import app
 from flgpr.commands.run_report import model_info
 from flgpr.detect.scorers.checks import Checked
-from flgpr.io import Bundle, sample_lane, seal, sha256, unseal, write_bundle
+from flgpr.store import Bundle, sample_lane, seal, sha256, unseal, write_bundle
 
 COLUMNS = ["a", "b"]
 ONE_CLASS = {"one-class-rvm": "mines", "mixture": "mines", "one-class-svm": "mines", "isolation-forest": "clutter",

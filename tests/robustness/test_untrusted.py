@@ -16,11 +16,11 @@ import flgpr
 from flgpr.chain.memory import parse_size, plan_sections
 from flgpr.chain.recipe import load_recipe
 from flgpr.commands.imports import import_fullwave
-from flgpr.io import RunStoreError, open_run, sample_lane, save_run, seal, sha256, unseal
-from flgpr.io.arrays import open_arrays
-from flgpr.io.files import canonical_json
+from flgpr.formats.arrays import open_arrays
 from flgpr.model import Lane
 from flgpr.results.result import ResultError, read_result
+from flgpr.store import RunStoreError, open_run, sample_lane, save_run, seal, sha256, unseal
+from flgpr.store.files import canonical_json
 
 
 def forge(store, change):

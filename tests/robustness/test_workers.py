@@ -21,7 +21,7 @@ from flgpr.execution.checkpoint import WorkError, begin
 from flgpr.execution.executors import Here, LostWorkersError, Processes
 from flgpr.execution.lane_run import detect_lane, passes_of_lane
 from flgpr.imaging import ScanImager
-from flgpr.io import sample_lane, save_run
+from flgpr.store import sample_lane, save_run
 from robust import content, digests, small_job
 
 
@@ -115,7 +115,7 @@ def test_a_recipe_with_variants_has_the_same_bytes_whoever_works_and_after_a_sto
 def test_detection_in_memory_finds_the_same(lane):
     from flgpr.chain.detect import detect
     from flgpr.chain.recipe import load_recipe
-    from flgpr.io import open_run
+    from flgpr.store import open_run
 
     found = detect(open_run(lane.run), load_recipe(lane.recipe), lane.lane)[0]
     pd.testing.assert_frame_equal(

@@ -5,15 +5,14 @@ import pandas as pd
 import pytest
 
 from flgpr.model import Lane
-from flgpr.scoring import (
+from flgpr.scoring import operating_row, roc
+from flgpr.trials import (
     alarm_hash,
     content_hash,
     open_truth,
-    operating_row,
     read_register,
     register,
     require_registered,
-    roc,
     score_blind,
     seal_truth,
 )

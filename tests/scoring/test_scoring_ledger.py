@@ -17,7 +17,7 @@ from flgpr import append_log
 from flgpr.append_log import AppendLog, LogHeldError, read_log
 from flgpr.commands.app import app
 from flgpr.model import Lane
-from flgpr.scoring import (
+from flgpr.trials import (
     WitnessedRegister,
     check_head,
     check_passphrase,
@@ -28,8 +28,8 @@ from flgpr.scoring import (
     score_blind,
     seal_truth,
 )
-from flgpr.scoring.blind import FORMAT, Registration
-from flgpr.scoring.ledger import enter, read_book
+from flgpr.trials.blind import FORMAT, Registration
+from flgpr.trials.ledger import enter, read_book
 
 LANE = Lane(0.0, 4.0, 0.0, 30.0)
 TRUTH = pd.DataFrame(
@@ -140,7 +140,7 @@ def write_all(file, data):
     if step < 5:
         os.kill(os.getpid(), signal.SIGKILL)
 append_log.write_all = write_all
-from flgpr.scoring.ledger import register
+from flgpr.trials.ledger import register
 register(sys.argv[1], event="killed")
 """
 

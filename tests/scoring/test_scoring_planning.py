@@ -9,14 +9,8 @@ from scipy import stats
 from slow_scoring import fewest_mines
 
 from flgpr.model import Lane, check_truth
-from flgpr.scoring import (
-    area_needed,
-    clopper_pearson,
-    emplacement_plan,
-    mines_needed,
-    poisson_interval,
-    sample_size,
-)
+from flgpr.scoring import clopper_pearson, poisson_interval
+from flgpr.trials import area_needed, emplacement_plan, mines_needed, sample_size
 
 SORTS = pd.DataFrame(
     {"kind": ["metal", "plastic"], "depth": [0.05, 0.1], "count": [6, 4], "soil": ["clay", "sand"]}

@@ -18,8 +18,8 @@ from flgpr.commands.scoring import (
     score_sealed,
     seal,
 )
-from flgpr.io import read_table
-from flgpr.scoring import content_hash, open_truth, read_register, register, require_registered
+from flgpr.store import read_table
+from flgpr.trials import content_hash, open_truth, read_register, register, require_registered
 
 PHRASE = "correct horse battery"
 LANE = "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 60.0\n"

@@ -8,9 +8,10 @@ from typer.testing import CliRunner
 from flgpr.commands.app import app
 from flgpr.commands.plan import plan_lane, plan_mines
 from flgpr.commands.scoring import read_lanes, score_alarms, score_sealed, seal
-from flgpr.io import read_table
 from flgpr.model import Lane
-from flgpr.scoring import content_hash, head_of, pd_mean, read_register, register, roc
+from flgpr.scoring import pd_mean, roc
+from flgpr.store import read_table
+from flgpr.trials import content_hash, head_of, read_register, register
 
 LANE = "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 60.0\n"
 PHRASE = "correct horse battery"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from flgpr.chain.recipe import recipe_text
 from flgpr.commands.simulate import simulate_lane
-from flgpr.io import open_run, save_run
+from flgpr.store import open_run, save_run
 from small_lane import cut_down
 
 LENGTH = 30.0

@@ -12,10 +12,10 @@ from scipy.spatial import cKDTree
 
 import flgpr
 from flgpr.chain.recipe import parse_recipe
-from flgpr.io import read_table
 from flgpr.live.detector import LiveSettings
 from flgpr.live.feeding import feed
 from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.store import read_table
 from systems.lanes import small_recipe
 
 PLUGIN = Path(__file__).parents[1] / "plugin"

@@ -13,10 +13,10 @@ from flgpr.chain.recipe import load_recipe, recipe_names
 from flgpr.commands.app import app
 from flgpr.commands.replay import replay
 from flgpr.commands.scoring import score_result
-from flgpr.io import Scan, describe_for_live, open_run, read_lane
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.results.result import read_result
+from flgpr.store import Scan, describe_for_live, open_run, read_lane
 from reference.slow_scoring import frame_counts
 from systems.lanes import LENGTH, SMALL
 

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 import flgpr.accessor  # noqa: F401
-from flgpr.io import open_run, sample_lane
 from flgpr.model import make_run
+from flgpr.store import open_run, sample_lane
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,8 @@ from pyproj import Geod, Transformer
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.io import open_run, read_anchor, save_run
+from flgpr.geo import read_anchor
+from flgpr.store import open_run, save_run
 
 AZIMUTH = 30.0
 LON = 15.0

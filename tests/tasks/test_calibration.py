@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 from calibrate.echoes import echo
 from flgpr.calibrate import remove_range_bias
 from flgpr.commands.app import app
-from flgpr.io import open_run, save_run, write_table
 from flgpr.model import make_run
 from flgpr.model.track import make_track
+from flgpr.store import open_run, save_run, write_table
 
 FREQUENCY = np.linspace(1.0e9, 2.5e9, 40)
 TARGETS = np.array([[-0.6, 6.0, 0.0], [0.9, 7.5, 0.0]])

@@ -10,10 +10,10 @@ from flgpr.chain.lane_chain import Detection
 from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.commands import exporting as exchange
 from flgpr.commands.app import app
-from flgpr.io import open_run, sample_lane, save_run
-from flgpr.io.anchor import read_anchor
+from flgpr.geo.anchor import read_anchor
 from flgpr.results.description import describe_run
 from flgpr.results.result import write_result
+from flgpr.store import open_run, sample_lane, save_run
 from io_geodesy import LANE, distance, on_the_ellipsoid
 from take import UP, take_text
 

@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 from flgpr.chain.recipe import lane_of, parse_recipe
 from flgpr.commands.app import app
-from flgpr.io import open_run, save_run
 from flgpr.results.result import read_result
+from flgpr.store import open_run, save_run
 from live_lane import make_lane_run, small_recipe
 
 SCANS = 13

@@ -11,9 +11,9 @@ from flgpr.commands.app import app
 from flgpr.commands.picture import make_picture
 from flgpr.commands.preparing import check_steps, prepare_run, read_steps
 from flgpr.imaging import View, aperture_blocks, aperture_image
-from flgpr.io import open_run, sample_lane, save_run
 from flgpr.model import SPEED_OF_LIGHT, make_run, vehicle_to_lane
 from flgpr.model.phase import path_phase
+from flgpr.store import open_run, sample_lane, save_run
 
 TONES = 0.6e9 + 20e6 * np.arange(61)
 TARGET = np.array([0.3, 4.0, 0.0])

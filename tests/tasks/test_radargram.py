@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from flgpr.commands.app import app
 from flgpr.commands.imports import import_gpr
 from flgpr.commands.radargram import RadargramView, make_radargram
-from flgpr.io import read_gpr
+from flgpr.formats import read_gpr
 from flgpr.report.radargram import radargram_figure
 from io_gpr import (
     INTERVAL,

@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 from flgpr.commands.app import app
 from flgpr.commands.simulation import preview_figure
 from flgpr.execution.simulated_lane import simulate_to_store
-from flgpr.io import open_run, read_lane, read_table
 from flgpr.model import Sensor, load_sensor
 from flgpr.simulate import Scene, simulate
+from flgpr.store import open_run, read_lane, read_table
 
 
 @pytest.fixture

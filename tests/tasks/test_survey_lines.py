@@ -9,8 +9,9 @@ from matplotlib.image import imread
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.io import gpr_run, open_run, place_by_marks, read_gpr
+from flgpr.formats import gpr_run, place_by_marks, read_gpr
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.store import open_run
 from io_gpr import SPEED, STEP, gga, section, write_dt1, write_dzt
 from io_survey import BODIES, write_lines
 

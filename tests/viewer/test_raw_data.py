@@ -16,7 +16,7 @@ from flgpr.commands.preparing import check_steps, prepare_run, read_steps
 from flgpr.commands.raw_run import RawRun
 from flgpr.commands.run_report import run_info
 from flgpr.imaging import View
-from flgpr.io import open_run, save_run
+from flgpr.store import open_run, save_run
 from io_gpr import INTERVAL, SAMPLES, ZERO, section, write_dt1
 
 STEPS = [

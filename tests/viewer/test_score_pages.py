@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.commands.scoring import compare_alarms, score_alarms, score_sealed, seal
-from flgpr.io import lane_text
-from flgpr.io.tables import write_table
 from flgpr.model import Lane
+from flgpr.store import lane_text
+from flgpr.store.tables import write_table
 from flgpr.viewer.session import open_source, open_sources
 from small_results import small_result
 

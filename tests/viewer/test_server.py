@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.door import Listed
-from flgpr.io import sample_lane, sha256
+from flgpr.store import sample_lane, sha256
 from flgpr.viewer import Viewer
 from flgpr.viewer.guard import SECURITY_HEADERS, is_loopback
 from flgpr.viewer.session import LiveFile, ResultFiles, ViewError

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 from flgpr import view
 from flgpr.commands.app import app
-from flgpr.io import sample_lane
+from flgpr.store import sample_lane
 from flgpr.viewer import Viewer
 from flgpr.viewer.limits import FewRecords, Limits, fit_to_process
 from flgpr.viewer.listening import listening_socket

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.commands.scoring import analyst_agreement
-from flgpr.io import read_verdicts
+from flgpr.store import read_verdicts
 from flgpr.viewer import Viewer
 from small_results import small_result
 

@@ -17,11 +17,11 @@ from flgpr.chain.evidence import (
 )
 from flgpr.chain.lane_chain import Detection
 from flgpr.features import PatchShape
-from flgpr.io import open_run, sample_lane
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.results.result import read_result
 from flgpr.results.score import depth_classes, depth_labels
 from flgpr.results.view_files import TILE_ROWS, plain_json, pyramid
+from flgpr.store import open_run, sample_lane
 
 
 def slow_trace(signal, frequency, tx, rx, point, offset):

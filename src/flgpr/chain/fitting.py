@@ -13,8 +13,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.recipe import HALF_LANE, Recipe, as_imaged, lane_of, parse_recipe
-from flgpr.io import MAX_MEMORY, open_run
-from flgpr.io.outputs import write_new
 from flgpr.model import (
     SPEED_OF_LIGHT,
     Lane,
@@ -29,6 +27,8 @@ from flgpr.model import (
     vehicle_to_scan,
 )
 from flgpr.model.motion import plausible_run
+from flgpr.store import MAX_MEMORY, open_run
+from flgpr.store.outputs import write_new
 
 FloatArray = NDArray[np.float64]
 Band = tuple[float, float]
@@ -63,9 +63,8 @@ _ACROSS = (
     0.5,
     2.0,
 )  # m, and array widths, that a radar goes across its course at least to be a synthetic aperture
-_FAR_APERTURE = (
-    8.0  # antenna heights up to which such an aperture looks: it is as wide as what it looks at
-)
+# antenna heights up to which such an aperture looks: it is as wide as what it looks at
+_FAR_APERTURE = 8.0
 _OUTSIDE = 0.1  # part of a sub-band that may lie outside the run's band
 _HEIGHTS = (0.5, 3.5)  # antenna heights ahead at which an image may begin without a warning
 

@@ -114,9 +114,8 @@ class AlarmFeatures:
     subbands: Sequence[str]
     grid: Grid
     stages: Mapping[str, FeatureStage]
-    polarimetric: tuple[str, ...] | None = (
-        None  #: sub-bands whose polarimetric features are read; None reads all
-    )
+    #: sub-bands whose polarimetric features are read; None reads all
+    polarimetric: tuple[str, ...] | None = None
 
     def channel(self, table: ContrastTable | PrescreenTable) -> tuple[int, int]:
         """Tell where the polarization and sub-band of a table stand in the images."""

@@ -30,9 +30,9 @@ from flgpr.chain.sections import Section, kept_rows, lane_threshold
 from flgpr.chain.stages import ComplexArray, FeatureStage, MapStage, ScreenStage, Stage
 from flgpr.clutter import Background, BackgroundEstimator, shared_level
 from flgpr.imaging import ScanImager
-from flgpr.io import sha256
 from flgpr.model import ALARM_COLUMNS, Lane, empty_table
 from flgpr.screen import RunViewSums, frame_alarms, local_maxima, select, view_array
+from flgpr.store import sha256
 
 MAIN = "main"
 KINDS = {

@@ -10,8 +10,8 @@ import xarray as xr
 
 from flgpr.chain.recipe import Recipe
 from flgpr.chain.sections import Section, divide, margin, section_lane
-from flgpr.io.declared import MAX_MEMORY
 from flgpr.model import Lane
+from flgpr.store.store_layout import MAX_MEMORY
 
 SHORTEST = 50.0
 """Length of a lane for which there must be memory, m."""
@@ -21,9 +21,8 @@ _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _UNITS |= {"KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
 _PROGRAM = 350e6  # interpreter, libraries, compiled kernels
 _PER_PIXEL = 170.0  # image, its copies, totals and backgrounds, bytes per pixel and channel
-_PER_SAMPLE = (
-    60.0  # a scan's data, range-compressed profiles and copies, bytes per sample and sub-band
-)
+# a scan's data, range-compressed profiles and copies, bytes per sample and sub-band
+_PER_SAMPLE = 60.0
 _PER_COMPLEX = 8.0  # an image's pixel, bytes
 _PER_VIEW_PIXEL = 30.0  # run-views, their sums and copies, bytes per pixel and channel
 _MEDIAN = 5.0  # copies of all images while their median is taken

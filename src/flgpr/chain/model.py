@@ -15,8 +15,8 @@ from flgpr.chain.estimators import TrainedEstimator
 from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import Recipe
 from flgpr.door import Folder
-from flgpr.io import Bundle, check_free_folder, sha256, write_bundle
-from flgpr.io.outputs import whole_output
+from flgpr.store import Bundle, check_free_folder, sha256, write_bundle
+from flgpr.store.outputs import whole_output
 
 FORMAT = "flgpr-model"
 VERSION = 1

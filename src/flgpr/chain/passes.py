@@ -70,9 +70,8 @@ class Pass:
     title: str
     #: makes its accumulator for a block, or for all scans where it is given None, once earlier passes are known
     start: Callable[[range | None], Accumulator]
-    whole: bool = (
-        False  #: whether it goes through all scans where only a section of the lane is asked for
-    )
+    #: whether it goes through all scans where only a section of the lane is asked for
+    whole: bool = False
     #: whether what is gathered of each block is not folded but stays known by the block's :func:`part_name`
     stored: bool = False
     still: bool = False  #: whether it looks at what is known alone, at no scan

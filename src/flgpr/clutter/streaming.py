@@ -376,13 +376,11 @@ class CausalBackground:
         self._count = 0
         self._means: list[Any] = []  # own and shared signature, ratios of the gains, medians
         self._given = False  # whether someone else has hold of them
-        self._signatures: tuple[ComplexArray, ComplexArray] | None = (
-            None  # the first two means, as images
-        )
+        # the first two means, as images
+        self._signatures: tuple[ComplexArray, ComplexArray] | None = None
         self._ready: Background | None = None  # of all that was learnt
-        self._waiting: tuple[ComplexArray, FloatArray, FloatArray] | None = (
-            None  # a scan that was not learnt yet
-        )
+        # a scan that was not learnt yet
+        self._waiting: tuple[ComplexArray, FloatArray, FloatArray] | None = None
 
     def add(self, image: ComplexArray) -> tuple[FloatArray, Background | None]:
         """Take the next scan; give its gain and what to clean it with, None during the warm-up."""

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from flgpr.io import open_run, read_lane, save_run, write_whole
-from flgpr.io.anchor import Anchor, read_anchor
-from flgpr.io.files import existing, faults_of
-from flgpr.io.outputs import whole_output, write_new
-from flgpr.io.tables import read_text_table
+from flgpr.geo.anchor import Anchor, read_anchor
 from flgpr.model import Lane
+from flgpr.store import open_run, read_lane, save_run, write_whole
+from flgpr.store.files import existing, faults_of
+from flgpr.store.outputs import whole_output, write_new
+from flgpr.store.tables import read_text_table
 
 PathLike = str | Path
 _PLANE = ("easting_m", "northing_m")
@@ -22,7 +22,7 @@ _GLOBE = ("longitude_deg", "latitude_deg")
 
 
 def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
-    """Write an anchor, TOML as :func:`flgpr.io.read_anchor` takes it, from a CSV of surveyed points.
+    """Write an anchor, TOML as :func:`flgpr.geo.read_anchor` takes it, from a CSV of surveyed points.
 
     Columns are ``lane_x_m``, ``lane_y_m``, either ``easting_m`` and ``northing_m`` or ``longitude_deg`` and
     ``latitude_deg`` in the system ``crs``, and perhaps ``height_m``, ellipsoidal. ``accuracy`` is the standard

@@ -149,7 +149,7 @@ def calibrate_clock(
     from flgpr.calibrate import estimate_clock, with_track
     from flgpr.commands import calibration
     from flgpr.imaging import ImagingOperator
-    from flgpr.io import open_run
+    from flgpr.store import open_run
 
     dataset = open_run(run)
     course = calibration.track_of_run(run, track, anchor)
@@ -201,7 +201,7 @@ def calibrate_range_bias(
     from flgpr.calibrate import estimate_range_bias, remove_range_bias
     from flgpr.commands import calibration
     from flgpr.imaging import ImagingOperator
-    from flgpr.io import open_run
+    from flgpr.store import open_run
 
     dataset = open_run(run).compute()
     places = calibration.read_reflectors(reflectors)
@@ -249,7 +249,7 @@ def calibrate_joint(
     from flgpr.calibrate import estimate_joint, remove_range_bias, with_track
     from flgpr.commands import calibration
     from flgpr.imaging import ImagingOperator
-    from flgpr.io import open_run
+    from flgpr.store import open_run
 
     dataset = open_run(run).compute()
     places = calibration.read_reflectors(reflectors)
@@ -316,7 +316,7 @@ def calibrate_permittivity(
     from flgpr.calibrate.permittivity import estimate_permittivity
     from flgpr.chain.progress import silent
     from flgpr.imaging.section import LineSection
-    from flgpr.io import open_run
+    from flgpr.store import open_run
 
     low, high = limits
     if not 1 <= low < high:

@@ -11,11 +11,11 @@ import xarray as xr
 
 from flgpr.calibrate import BiasFit, ClockFit, subtract_mean_scan
 from flgpr.commands.positions import track_of
-from flgpr.io import save_run
-from flgpr.io.files import existing
-from flgpr.io.tables import read_text_table
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
+from flgpr.store import save_run
+from flgpr.store.files import existing
+from flgpr.store.tables import read_text_table
 
 PathLike = str | Path
 _LARGEST = 2_000_000  # pixels of the area that is focused for every trial

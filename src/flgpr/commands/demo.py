@@ -65,7 +65,7 @@ def demo(
     from flgpr.chain.progress import silent
     from flgpr.commands.detect import detect
     from flgpr.commands.scoring import score_result
-    from flgpr.io import sample_lane
+    from flgpr.store import sample_lane
 
     lane = sample_lane()
     detect(

@@ -16,7 +16,7 @@ from flgpr.design.signal_to_clutter import (
     measure_signal_to_clutter,
 )
 from flgpr.model import load_sensor
-from flgpr.simulate.signature import packaged_bodies
+from flgpr.simulate.bodies.signature import packaged_bodies
 
 
 def signal_to_clutter_tables(

@@ -187,7 +187,7 @@ def _detect_one(
     from flgpr.chain.recipe import parse_recipe
     from flgpr.execution.lane_run import detect_lane
     from flgpr.execution.lane_work import make_job
-    from flgpr.io import open_run, read_lane
+    from flgpr.store import open_run, read_lane
 
     text = _recipe_text(recipe, places.run, model, how)
     parsed = parse_recipe(text, str(recipe))
@@ -273,7 +273,7 @@ class _Places:
         """Return the store of a run; one in memory is saved."""
         if not _is_in_memory(run):
             return Path(run)
-        from flgpr.io import save_run
+        from flgpr.store import save_run
 
         store = self._folder() / f"{name}.zarr"
         save_run(run, store)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from flgpr.io.notes import tell_note
 from flgpr.scoring import as_lanes
 from flgpr.scoring.matching import LaneLike
+from flgpr.store.notes import tell_note
 
 _SHARE_OUTSIDE = 0.5  # of the rows, from where on the axes may be swapped
 

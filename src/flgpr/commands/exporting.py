@@ -14,15 +14,17 @@ from flgpr.chain.lane_chain import Detection
 from flgpr.commands.importing import check_parent_folder
 from flgpr.commands.positions import needed_anchor
 from flgpr.door import read_named
-from flgpr.io import georeferenced, open_run, qgis, sha256
-from flgpr.io.anchor import Anchor, transform_lonlat
-from flgpr.io.cphd import write_cphd
-from flgpr.io.dialects import TableReading, parse_columns_option
-from flgpr.io.files import existing
-from flgpr.io.outputs import whole_output
-from flgpr.io.tables import json_value, parse_table
+from flgpr.formats.cphd import write_cphd
+from flgpr.geo import export as georeferenced
+from flgpr.geo import qgis
+from flgpr.geo.anchor import Anchor, transform_lonlat
 from flgpr.results.result import Result, read_result
 from flgpr.results.score import read_scored_truth
+from flgpr.store import open_run, sha256
+from flgpr.store.dialects import TableReading, parse_columns_option
+from flgpr.store.files import existing
+from flgpr.store.outputs import whole_output
+from flgpr.store.tables import json_value, parse_table
 
 if TYPE_CHECKING:
     from xml.etree import ElementTree

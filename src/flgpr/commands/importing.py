@@ -14,29 +14,25 @@ from flgpr import __version__
 from flgpr.chain.progress import Track, silent
 from flgpr.commands.positions import PathLike, read_optional_anchor, tied_run, track_of
 from flgpr.door import Folder
-from flgpr.io import (
+from flgpr.formats import (
     GprmaxRun,
     GprSection,
     LineLayout,
-    RunWriter,
-    anchor_from_fixes,
     gpr_run,
     nmea_places,
     place_by_marks,
     read_gpr,
     read_line_ends,
-    save_run,
     survey_run,
-    write_geojson,
-    write_table,
-    write_whole,
 )
-from flgpr.io.anchor import Anchor
-from flgpr.io.mapped import Imported
-from flgpr.io.outputs import tell_finished
-from flgpr.io.run_store import RunExistsError, is_stored
+from flgpr.formats.mapped import Imported
+from flgpr.geo import anchor_from_fixes
+from flgpr.geo.anchor import Anchor
 from flgpr.model.motion import judge_run
 from flgpr.model.track import reference_track
+from flgpr.store import RunWriter, save_run, write_geojson, write_table, write_whole
+from flgpr.store.outputs import tell_finished
+from flgpr.store.run_store import RunExistsError, is_stored
 
 _TABLES_OF_DECKS = ("truth.csv", "truth.json", "objects.csv", "objects.json", "lane.toml")
 
@@ -149,7 +145,7 @@ def import_line(
     max_memory: int,
     headers: Mapping[str, Any],
 ) -> xr.Dataset:
-    """Import a channel of one line and store the run; ``headers`` are those of :func:`flgpr.io.gpr_run`."""
+    """Import a channel of one line and store the run; ``headers`` are those of :func:`flgpr.formats.gpr_run`."""
     target = check_parent_folder(output)
     section = read_gpr(path, max_memory)
     notes: list[str] = []
@@ -180,7 +176,7 @@ def import_lines(
     max_memory: int,
     headers: Mapping[str, Any],
 ) -> xr.Dataset:
-    """Import lines as one run, all channels of each, and store it; see :func:`flgpr.io.survey_run`."""
+    """Import lines as one run, all channels of each, and store it; see :func:`flgpr.formats.survey_run`."""
     target = check_parent_folder(output)
     if placing.zigzag and placing.line_spacing is None:
         raise ValueError("zigzag goes with line-spacing, got none")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from flgpr.io.mapped import Imported
+    from flgpr.formats.mapped import Imported
 
 FromTrack = Annotated[
     bool,
@@ -54,7 +54,7 @@ def import_fullwave(
     Raises
     ------
     ValueError
-        If the archive is not one of :func:`flgpr.io.import_fullwave`.
+        If the archive is not one of :func:`flgpr.formats.import_fullwave`.
     FileExistsError
         If another run is at the output.
     """
@@ -113,8 +113,8 @@ def import_gprmax(
     """
     from flgpr.chain.progress import silent
     from flgpr.commands.importing import import_gprmax_decks
-    from flgpr.io import save_run
-    from flgpr.io.gprmax import GprmaxTold, import_gprmax_files
+    from flgpr.formats.gprmax import GprmaxTold, import_gprmax_files
+    from flgpr.store import save_run
 
     sources = [Path(path) for path in one_or_more(source)]
     if len(sources) == 1 and sources[0].is_dir():
@@ -190,8 +190,8 @@ def import_mapped(
     A stopped import resumes with the scan it was at.
     """
     from flgpr.commands.importing import Placing, check_parent_folder, store_mapped
-    from flgpr.io.mapped import import_mapped as read_mapped
-    from flgpr.io.tracks import read_survey
+    from flgpr.formats.mapped import import_mapped as read_mapped
+    from flgpr.formats.tracks import read_survey
 
     target = check_parent_folder(output)
     placing = Placing(track, anchor, anchor_from_track, body, axes, max_gap)
@@ -251,9 +251,9 @@ def import_table(
     """
     from flgpr.commands.importing import check_parent_folder
     from flgpr.commands.positions import table_reading
-    from flgpr.io.dialects import TableReading
-    from flgpr.io.outputs import write_new
-    from flgpr.io.tables import read_table, table_text
+    from flgpr.store.dialects import TableReading
+    from flgpr.store.outputs import write_new
+    from flgpr.store.tables import read_table, table_text
 
     if kind not in ("alarms", "truth", "objects"):
         raise ValueError(f"kind must be alarms, truth or objects, got {kind!r}")
@@ -291,8 +291,8 @@ def import_cphd(
     """
     from flgpr.commands.importing import check_parent_folder, with_doubts
     from flgpr.commands.positions import read_optional_anchor, tied_run
-    from flgpr.io import save_run
-    from flgpr.io.cphd import read_cphd
+    from flgpr.formats.cphd import read_cphd
+    from flgpr.store import save_run
 
     target = check_parent_folder(output)
     tie = read_optional_anchor(anchor)

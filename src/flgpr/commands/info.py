@@ -100,8 +100,8 @@ def info(
 
 def _explain(paths: list[Path], mapping: Path | None) -> Any:
     """Describe files that are no run yet, and write the draft of their mapping if it is wanted."""
-    from flgpr.io.drafting import explain_files
-    from flgpr.io.explain import explain_file
+    from flgpr.formats.drafting import explain_files
+    from flgpr.formats.explain import explain_file
 
     several = len(paths) > 1
     described = explain_files(paths, beside=mapping) if several else explain_file(paths[0])
@@ -113,7 +113,7 @@ def _explain(paths: list[Path], mapping: Path | None) -> Any:
         )
     if not mapping.parent.is_dir():
         raise FileNotFoundError(f"the folder of the output must exist, got {mapping.parent}")
-    from flgpr.io.outputs import write_new
+    from flgpr.store.outputs import write_new
 
     write_new(mapping, described.mapping)
     return described

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from flgpr.calibrate.peaks import image_peaks
 from flgpr.chain.progress import Track, silent
+from flgpr.geo.anchor import read_anchor
+from flgpr.geo.export import write_geotiff
 from flgpr.imaging.focus import CHOSEN_PIXELS, focus
 from flgpr.imaging.view_axes import View, chosen_scans
-from flgpr.io import open_run
-from flgpr.io.anchor import read_anchor
-from flgpr.io.extras import optional
-from flgpr.io.georeferenced import write_geotiff
-from flgpr.io.outputs import whole_output
+from flgpr.store import open_run
+from flgpr.store.extras import optional
+from flgpr.store.outputs import whole_output
 
 PathLike = str | Path
 _GROUND_AHEAD = View()

@@ -15,7 +15,7 @@ from flgpr.commands.shell import Arguments, command
 if TYPE_CHECKING:
     import pandas as pd
 
-    from flgpr.scoring import SamplePlan
+    from flgpr.trials import SamplePlan
 
 
 def _mines_lines(plan: SamplePlan, call: Arguments) -> Iterator[str]:
@@ -51,14 +51,14 @@ def plan_mines(
     Returns
     -------
     SamplePlan
-        Counts and area, see :func:`flgpr.scoring.sample_size`.
+        Counts and area, see :func:`flgpr.trials.sample_size`.
 
     Raises
     ------
     ValueError
         If a probability or a rate breaks its rule.
     """
-    from flgpr.scoring import sample_size
+    from flgpr.trials import sample_size
 
     return sample_size(
         pd_claim, far, confidence, true_pd=true_pd, true_far=true_far, power=power, joint=joint

@@ -16,22 +16,18 @@ from flgpr.commands.exporting import export_table
 from flgpr.commands.registering import BOOK, own_book, recipe_hash
 from flgpr.commands.scoring import borders, read_lanes
 from flgpr.door import read_named
-from flgpr.io import read_anchor
-from flgpr.io.anchor import Anchor, transform_lonlat
-from flgpr.io.extras import optional
-from flgpr.io.files import check_new, existing, faults_of
-from flgpr.io.outputs import other_output, tell_finished, write_new
-from flgpr.io.tables import parse_table, read_columns, table_text
+from flgpr.geo import read_anchor
+from flgpr.geo.anchor import Anchor, transform_lonlat
 from flgpr.model import check_truth
 from flgpr.report import sheet_html
-from flgpr.scoring import (
-    as_lanes,
-    content_hash,
-    emplacement_plan,
-    read_register,
-)
-from flgpr.scoring.ledger import before_opening, enter
+from flgpr.scoring import as_lanes
 from flgpr.scoring.matching import LaneLike
+from flgpr.store.extras import optional
+from flgpr.store.files import check_new, existing, faults_of
+from flgpr.store.outputs import other_output, tell_finished, write_new
+from flgpr.store.tables import parse_table, read_columns, table_text
+from flgpr.trials import content_hash, emplacement_plan, read_register
+from flgpr.trials.ledger import before_opening, enter
 
 PathLike = str | Path
 _FILLED_IN = ("emplaced", "emplaced_x_m", "emplaced_y_m", "emplaced_depth_m", "remark")
@@ -56,9 +52,8 @@ def plan_files(output: PathLike, anchored: bool = False) -> dict[str, Path]:
 class PlanOrder:
     """What a plan is drawn of, and where it is written."""
 
-    lane: (
-        PathLike  #: TOML or CSV of the lane or lanes, see :func:`flgpr.commands.scoring.read_lanes`
-    )
+    #: TOML or CSV of the lane or lanes, see :func:`flgpr.commands.scoring.read_lanes`
+    lane: PathLike
     targets: PathLike  #: CSV with ``kind``, ``depth`` (m) and ``count``, a row per sort
     output: Path  #: the plan, a CSV; its other files are those of :func:`plan_files`
     seed: int | None  #: None draws one

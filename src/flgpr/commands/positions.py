@@ -9,10 +9,10 @@ from typing import Any
 import pandas as pd
 import xarray as xr
 
-from flgpr.io.anchor import Anchor, own_anchor, read_anchor
-from flgpr.io.dialects import TableReading, parse_columns_option
-from flgpr.io.files import existing
-from flgpr.io.tracks import read_nmea, read_track
+from flgpr.formats.tracks import read_nmea, read_track
+from flgpr.geo.anchor import Anchor, own_anchor, read_anchor
+from flgpr.store.dialects import TableReading, parse_columns_option
+from flgpr.store.files import existing
 
 PathLike = str | Path
 
@@ -57,7 +57,7 @@ def track_of(
     axes: Sequence[str] | None = None,
     max_gap: float = 1.0,
 ) -> pd.DataFrame:
-    """Read a track from CSV (:func:`flgpr.io.read_track`), or from an NMEA log with its anchor."""
+    """Read a track from CSV (:func:`flgpr.formats.read_track`), or from an NMEA log with its anchor."""
     if existing(path, "track").suffix.lower() == ".csv":
         return read_track(path, "column", body, axes, max_gap)
     tie = read_optional_anchor(anchor)

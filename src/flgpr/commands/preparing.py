@@ -20,9 +20,9 @@ from flgpr.clutter import (
     time_gain,
 )
 from flgpr.door import read_named
-from flgpr.io import MAX_MEMORY, open_run, save_run
-from flgpr.io.files import existing
 from flgpr.model.faults import first_fault, parse_entries
+from flgpr.store import MAX_MEMORY, open_run, save_run
+from flgpr.store.files import existing
 
 PathLike = str | Path
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

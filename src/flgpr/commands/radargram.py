@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.clutter import dewow_traces, level_traces, remove_mean_trace
-from flgpr.io import MAX_MEMORY, GprSection, is_gpr, read_gpr
-from flgpr.io.outputs import whole_output
+from flgpr.formats import GprSection, is_gpr, read_gpr
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.store import MAX_MEMORY
+from flgpr.store.outputs import whole_output
 
 PathLike = str | Path
 FloatArray = NDArray[np.float64]
@@ -79,7 +80,7 @@ def make_radargram(
     output: Sequence[PathLike] = (),
     max_memory: int = MAX_MEMORY,
 ) -> Radargram:
-    """Read a recording (:func:`flgpr.io.read_gpr`), take the steps, and write the radargram as PNG or NumPy (.npz).
+    """Read a recording (:func:`flgpr.formats.read_gpr`), take the steps, and write the radargram as PNG or NumPy (.npz).
 
     Raises
     ------

@@ -20,19 +20,19 @@ from flgpr.commands.picture import picture_of
 from flgpr.commands.preparing import Background, Step, Subtract, check_steps
 from flgpr.commands.run_report import geometry_doubts
 from flgpr.door import parse_json
+from flgpr.formats import is_gpr, preview_run
 from flgpr.imaging.view_axes import View
-from flgpr.io import MAX_MEMORY, is_gpr, open_run, preview_run
 from flgpr.model import complete_scans
 from flgpr.model.faults import first_fault
+from flgpr.store import MAX_MEMORY, open_run
 
 MOST_SCANS = 1200
 MOST_BINS = 800
 _MOST_STEPS = 16
 _COPIES = 5  # of what is read, while a step and the transform are at work
 _MOST_SUMMED = 1.2e10  # scans x tones x delays of one picture: some seconds
-_UPDATES = (
-    4e9  # scans x pairs x pixels of one image, where its pixels are ours to choose: some seconds
-)
+# scans x pairs x pixels of one image, where its pixels are ours to choose: some seconds
+_UPDATES = 4e9
 _PIXELS = 20_000, 200_000  # of an image, least and most
 _MOST_RUNNING = 5e8  # samples that medians over a window of scans sort
 

@@ -13,13 +13,13 @@ from flgpr.chain.model import MODEL_FILE, read_model
 from flgpr.chain.recipe import recipe_names, recipe_text
 from flgpr.door import MOST_JSON, DoorError, Folder, parse_json, read_named
 from flgpr.execution.lane_run import results_at
-from flgpr.io.dialects import TableReading
-from flgpr.io.files import existing, listed_files
-from flgpr.io.outputs import tell_finished
-from flgpr.io.tables import parse_own_table, parse_table
 from flgpr.results.result import MODEL, read_result_manifest
 from flgpr.results.sections import SECTIONS, read_sections
-from flgpr.scoring import (
+from flgpr.store.dialects import TableReading
+from flgpr.store.files import existing, listed_files
+from flgpr.store.outputs import tell_finished
+from flgpr.store.tables import parse_own_table, parse_table
+from flgpr.trials import (
     Registration,
     WitnessedRegister,
     check_head,
@@ -28,7 +28,7 @@ from flgpr.scoring import (
     require_registered,
     require_truth,
 )
-from flgpr.scoring.ledger import OPENED, Book, before_opening, enter, parts_of, read_book
+from flgpr.trials.ledger import OPENED, Book, before_opening, enter, parts_of, read_book
 
 PathLike = str | Path
 BOOK = "book"
@@ -43,9 +43,8 @@ class Entrant:
     data: bytes = field(repr=False)  #: what it holds, read once: what is scored is what is hashed
     recipe: str | None
     model: str | None = None
-    of_result: bool = (
-        False  #: whether a result folder tells the recipe, and nobody has to be believed
-    )
+    #: whether a result folder tells the recipe, and nobody has to be believed
+    of_result: bool = False
     named: bool = False  #: whether a recipe was named, which asks for a register
     reading: TableReading | None = None  #: what the user says of the list's columns
 

@@ -61,9 +61,9 @@ def replay(
     from flgpr.chain.detect import detect
     from flgpr.chain.progress import silent
     from flgpr.chain.sections import noted_section
-    from flgpr.io import open_run
     from flgpr.results.description import describe_run
     from flgpr.results.result import read_result, write_result
+    from flgpr.store import open_run
 
     old = read_result(result)
     described = old.manifest["run"]
@@ -109,7 +109,7 @@ def _comparison(old: Result, new: Result, tolerance: float) -> dict[str, Any]:
 
 def _other_runs(described: dict[str, Any]) -> dict[str, xr.Dataset]:
     """Open the runs that were taken together with that of a result."""
-    from flgpr.io import open_run, read_manifest
+    from flgpr.store import open_run, read_manifest
 
     for name, run in described.items():
         if read_manifest(run["path"])["sha256"] != run["store_sha256"]:

@@ -15,8 +15,6 @@ from flgpr.chain.recipe import Recipe, lane_of, load_recipe, recipe_names
 from flgpr.door import Folder
 from flgpr.imaging import count_looks
 from flgpr.imaging.ground import covered_ground, grid_ahead
-from flgpr.io import open_run
-from flgpr.io.outputs import whole_output
 from flgpr.model import (
     SPEED_OF_LIGHT,
     Grid,
@@ -26,6 +24,8 @@ from flgpr.model import (
 )
 from flgpr.model.motion import judge_run, plausible_run
 from flgpr.results.description import describe_run, plausible_poses
+from flgpr.store import open_run
+from flgpr.store.outputs import whole_output
 
 PathLike = str | Path
 _WIDEST = 10.0  # m

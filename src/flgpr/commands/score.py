@@ -42,7 +42,8 @@ class Show(StrEnum):
 
 def _lines(returned: Any, call: Arguments) -> Iterator[Any]:
     from flgpr.commands.scoring import Scored
-    from flgpr.scoring import BlindScore, SideBySide
+    from flgpr.scoring import SideBySide
+    from flgpr.trials import BlindScore
 
     if isinstance(returned, Path):  # a truth was sealed
         yield returned
@@ -80,7 +81,7 @@ def _ask_passphrase() -> str:
 
 def _ask_new_passphrase() -> str:
     """Ask for a passphrase twice; one that is easy to guess is refused before it is typed again."""
-    from flgpr.scoring import PASSPHRASE_RULE, check_passphrase
+    from flgpr.trials import PASSPHRASE_RULE, check_passphrase
 
     phrase = str(typer.prompt(f"passphrase ({PASSPHRASE_RULE})", hide_input=True, err=True))
     check_passphrase(phrase)

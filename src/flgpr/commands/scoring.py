@@ -26,11 +26,6 @@ from flgpr.commands.registering import (
 )
 from flgpr.door import MOST_JSON, Folder, parse_json, parse_toml, read_named
 from flgpr.execution.lane_run import results_at
-from flgpr.io import VERDICTS, read_table, read_verdicts, verdict_key, write_whole
-from flgpr.io.dialects import TableReading
-from flgpr.io.files import existing, faults_of
-from flgpr.io.outputs import OVERWRITE, held_folder, other_output, tell_finished, whole_output
-from flgpr.io.tables import parse_table, read_columns
 from flgpr.model import Lane
 from flgpr.report import blind_html, comparison_html, score_files
 from flgpr.results.result import Result, add_files, are_settled, join_sections, read_result
@@ -45,21 +40,23 @@ from flgpr.results.score import (
 from flgpr.results.sections import SECTIONS, read_sections
 from flgpr.scoring import (
     Agreement,
-    BlindScore,
     Rules,
     Score,
     SideBySide,
     agreement,
     as_lanes,
-    content_hash,
-    register,
-    require_truth,
     score,
     side_by_side,
 )
-from flgpr.scoring.blind import FAR_GRID, Phrase, match_blind, score_blind, seal_truth, seals
-from flgpr.scoring.ledger import Book, parts_of, read_book
 from flgpr.scoring.matching import LaneLike
+from flgpr.store import VERDICTS, read_table, read_verdicts, verdict_key, write_whole
+from flgpr.store.dialects import TableReading
+from flgpr.store.files import existing, faults_of
+from flgpr.store.outputs import OVERWRITE, held_folder, other_output, tell_finished, whole_output
+from flgpr.store.tables import parse_table, read_columns
+from flgpr.trials import BlindScore, content_hash, register, require_truth
+from flgpr.trials.blind import FAR_GRID, Phrase, match_blind, score_blind, seal_truth, seals
+from flgpr.trials.ledger import Book, parts_of, read_book
 
 PathLike = str | Path
 
@@ -434,7 +431,7 @@ def seal(
     """Encrypt a truth (CSV) with its lane or lanes and rules for blind scoring.
 
     A file that seals just this with the same passphrase stays, any other is a FileExistsError. The lane is as for
-    :func:`read_lanes`, the rest as for :func:`flgpr.scoring.seal_truth`. A planned truth is sealed with its register,
+    :func:`read_lanes`, the rest as for :func:`flgpr.trials.seal_truth`. A planned truth is sealed with its register,
     or with the ``book`` that is given: scores then demand it, with the recipe in it.
     """
     data = read_named(existing(truth, "truth file"))
@@ -486,7 +483,7 @@ def score_sealed(
 
     ``output`` is a folder for ``report.html`` and ``roc.json`` with what the score tells, ``log`` the log of all looks,
     beside the sealed file by default. ``recipe`` and ``book`` are as for :func:`score_alarms`; a truth that was sealed
-    with a register demands them. Errors are those of :func:`flgpr.scoring.score_blind`.
+    with a register demands them. Errors are those of :func:`flgpr.trials.score_blind`.
     """
     one = find_entrant(alarms, recipe)
     check_registered([one], book)

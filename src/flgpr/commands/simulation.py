@@ -15,16 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from flgpr.chain.progress import Track, silent
-from flgpr.io import (
-    lane_text,
-    write_geojson,
-    write_table,
-    write_whole,
-)
-from flgpr.io.outputs import held_folder, other_output, tell_finished, whole_output
 from flgpr.model import Sensor
 from flgpr.simulate import Decks, Scene, World, draw_world, make_decks
-from flgpr.simulate.signature import (
+from flgpr.simulate.bodies.signature import (
     FREQUENCY,
     PERMITTIVITY,
     Body,
@@ -36,6 +29,8 @@ from flgpr.simulate.signature import (
     save_table,
 )
 from flgpr.simulate.simulator import check_effort
+from flgpr.store import lane_text, write_geojson, write_table, write_whole
+from flgpr.store.outputs import held_folder, other_output, tell_finished, whole_output
 
 PathLike = str | Path
 _COLOUR = {

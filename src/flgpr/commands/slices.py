@@ -12,8 +12,8 @@ import xarray as xr
 from flgpr.chain.progress import Track, silent
 from flgpr.imaging.focus import focus
 from flgpr.imaging.view_axes import View
-from flgpr.io import open_run
-from flgpr.io.outputs import whole_output
+from flgpr.store import open_run
+from flgpr.store.outputs import whole_output
 
 PathLike = str | Path
 ENDINGS = (".png", ".npz")

@@ -26,14 +26,14 @@ from flgpr.model import Grid, Sensor
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.faults import first_fault
 from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.echoes import Ground, incidence
-from flgpr.simulate.refraction import apparent_shift
-from flgpr.simulate.roughness import surface_backscatter
-from flgpr.simulate.scene import Soil, Surface, Target, Track
-from flgpr.simulate.signature import FREQUENCY, find_table
+from flgpr.simulate.bodies.echoes import Ground, incidence
+from flgpr.simulate.bodies.signature import FREQUENCY, find_table
+from flgpr.simulate.bodies.targets import mean_amplitude
+from flgpr.simulate.ground.refraction import apparent_shift
+from flgpr.simulate.ground.roughness import surface_backscatter
+from flgpr.simulate.radar.spread import ArrayState
+from flgpr.simulate.scene.scene import Soil, Surface, Target, Track
 from flgpr.simulate.simulator import array_state, system_response
-from flgpr.simulate.spread import ArrayState
-from flgpr.simulate.targets import mean_amplitude
 
 Subbands = Mapping[str, tuple[float, float]]
 
@@ -42,9 +42,8 @@ DEPTHS = (0.0, 0.05, 0.075, 0.10, 0.15)
 _COPOLAR = ("HH", "VV")
 _DEEPEST = 1.0  # m
 _DELAYS = 16  # delays per tone at which the range profile of a body is looked at
-_AROUND = (
-    0.5  # m around the body, and behind where its bottom appears, in which its peak is looked for
-)
+# m around the body, and behind where its bottom appears, in which its peak is looked for
+_AROUND = 0.5
 _CLUTTER_ALONG = 1.0  # m before and behind the body from which clutter is taken
 _CLUTTER_ACROSS = 1.5  # m to each side
 _CLUTTER_STEP = 0.05  # pixel of the clutter's image, m
@@ -132,9 +131,8 @@ class Viewing:
     subbands: Subbands | None = None
     #: of HH and VV; None takes those of the two that the sensor has. A level round body has no HV
     polarizations: Sequence[str] | None = None
-    window: str = (
-        "boxcar"  #: over the tones of a sub-band, as of :class:`flgpr.imaging.ImagingOperator`
-    )
+    #: over the tones of a sub-band, as of :class:`flgpr.imaging.ImagingOperator`
+    window: str = "boxcar"
     heading: float = 0.0  #: direction of a box's long side, clockwise from ahead, rad
 
 
@@ -188,7 +186,7 @@ def expected_signal_to_clutter(
       the imaged peak;
     - ``sigma0_db``: backscatter of the rough surface by small perturbation with a two-scale tilt
       and unevenness
-      (:func:`flgpr.simulate.roughness.surface_backscatter`), mean over the band by w²;
+      (:func:`flgpr.simulate.ground.roughness.surface_backscatter`), mean over the band by w²;
     - ``cell_m2``: area of the resolution cell, the integral of the squared point spread over the
       ground.
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from flgpr.chain.passes import Accumulator
 from flgpr.door import MOST_JSON, DoorError, Folder, open_own
-from flgpr.io import Bundle, BundleError, canonical_json, write_bundle, write_whole
-from flgpr.io.bundle import MOST_BUNDLE, PARTIAL
+from flgpr.store import Bundle, BundleError, canonical_json, write_bundle, write_whole
+from flgpr.store.bundle import MOST_BUNDLE, PARTIAL
 
 SUFFIX = ".arrays"
 _JOB = "job.json"

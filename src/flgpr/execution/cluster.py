@@ -6,7 +6,7 @@ from collections.abc import Generator, Sequence
 from typing import Any
 
 from flgpr.execution.executors import Executor, LostWorkersError, Report, Work
-from flgpr.io.extras import optional
+from flgpr.store.extras import optional
 
 _PATIENCE = "20s"
 

@@ -38,14 +38,14 @@ from flgpr.execution.lane_work import (
     kept_pass,
     open_chain,
 )
-from flgpr.io import lane_text, write_table
-from flgpr.io.files import listed_files, replace_folder, replaced_by, write_whole
-from flgpr.io.outputs import OVERWRITE, other_output, tell_finished
-from flgpr.io.tables import parse_own_table
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
 from flgpr.results.result import MODEL, check_free, read_result, read_result_manifest
 from flgpr.results.sections import SECTIONS, read_sections, write_sections
+from flgpr.store import lane_text, write_table
+from flgpr.store.files import listed_files, replace_folder, replaced_by, write_whole
+from flgpr.store.outputs import OVERWRITE, other_output, tell_finished
+from flgpr.store.tables import parse_own_table
 
 Note = Callable[[Report], None]
 Plan = dict[str, tuple[str, list[int]]]  # title and blocks of each pass

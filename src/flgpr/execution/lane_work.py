@@ -31,12 +31,12 @@ from flgpr.chain.sections import Section, section_lane, section_note
 from flgpr.door import read_named
 from flgpr.execution.checkpoint import Checkpoint, Kept
 from flgpr.execution.executors import Report
-from flgpr.io import MAX_MEMORY, canonical_json, open_run, read_manifest, sha256
-from flgpr.io.tables import parse_table
 from flgpr.model import Lane
 from flgpr.report import report_html
 from flgpr.results.description import describe_run
 from flgpr.results.result import add_files, read_result, write_result
+from flgpr.store import MAX_MEMORY, canonical_json, open_run, read_manifest, sha256
+from flgpr.store.tables import parse_table
 
 FOLD_BYTES = 1 << 28
 """Parts of this size are folded together as they come: those of a long run would fill the disk."""

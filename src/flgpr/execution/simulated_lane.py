@@ -8,7 +8,10 @@ from typing import Any
 
 from flgpr import __version__
 from flgpr.chain.progress import Track, silent
-from flgpr.io import (
+from flgpr.model import Sensor
+from flgpr.simulate import Scene, Simulator
+from flgpr.simulate.simulator import check_effort, warn_of_aliases
+from flgpr.store import (
     RunWriter,
     canonical_json,
     lane_text,
@@ -17,11 +20,8 @@ from flgpr.io import (
     write_table,
     write_whole,
 )
-from flgpr.io.outputs import tell_finished, whole_output
-from flgpr.io.run_store import RunExistsError
-from flgpr.model import Sensor
-from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.simulator import check_effort, warn_of_aliases
+from flgpr.store.outputs import tell_finished, whole_output
+from flgpr.store.run_store import RunExistsError
 
 
 def simulate_to_store(

@@ -18,9 +18,9 @@ from flgpr.execution.cluster import Cluster
 from flgpr.execution.executors import Executor, Here, Processes
 from flgpr.execution.lane_run import Note, detect_lane, holds_result, is_done, results_at, unnoted
 from flgpr.execution.lane_work import LaneJob, make_job
-from flgpr.io import MAX_MEMORY, open_run, read_lane, write_whole
-from flgpr.io.outputs import OVERWRITE, tell_finished
 from flgpr.results.result import check_free, read_result
+from flgpr.store import MAX_MEMORY, open_run, read_lane, write_whole
+from flgpr.store.outputs import OVERWRITE, tell_finished
 
 PathLike = str | Path
 

@@ -36,7 +36,10 @@ from flgpr.execution.executors import Executor
 from flgpr.execution.lane_run import passes_of_lane
 from flgpr.execution.lane_work import code_versions, make_job, report
 from flgpr.execution.survey import How
-from flgpr.io import (
+from flgpr.live import forecast
+from flgpr.live.detector import LiveDetector, LiveSettings
+from flgpr.model import Lane
+from flgpr.store import (
     canonical_json,
     describe_for_live,
     open_run,
@@ -45,11 +48,8 @@ from flgpr.io import (
     read_table,
     sha256,
 )
-from flgpr.io.files import replaced_by
-from flgpr.io.outputs import OVERWRITE, other_output, tell_finished, whole_output
-from flgpr.live import forecast
-from flgpr.live.detector import LiveDetector, LiveSettings
-from flgpr.model import Lane
+from flgpr.store.files import replaced_by
+from flgpr.store.outputs import OVERWRITE, other_output, tell_finished, whole_output
 
 PathLike = str | Path
 

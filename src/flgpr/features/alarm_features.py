@@ -46,9 +46,8 @@ class FeatureSettings:
     y_max: float = 16.0  #: farthest distance ahead of the array that counts, m
     #: how angles ψ are averaged: as directions, modulo 180°, or as numbers as the paper has it
     psi: Literal["circular", "linear"] = "circular"
-    polarimetric: tuple[str, ...] | None = (
-        None  #: sub-bands whose polarimetric features are wanted; None wants all
-    )
+    #: sub-bands whose polarimetric features are wanted; None wants all
+    polarimetric: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         if any(n < 1 or n % 2 == 0 for n in self.inner):

@@ -26,9 +26,8 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.misc.appdirs import AppDirs
 
 _UNUSED_DAYS = 60  # after which folders of other sources or machines are removed
-_PATIENCE = (
-    120  # seconds for which a process waits for what another compiles, which may have been stopped
-)
+# seconds for which a process waits for what another compiles, which may have been stopped
+_PATIENCE = 120
 
 
 @cache

@@ -32,7 +32,6 @@ from flgpr.clutter import CausalBackground
 from flgpr.clutter.streaming import LEAST_SPAN, LEAST_WARM_UP
 from flgpr.features import FEATURES, POLARIMETRIC
 from flgpr.imaging import ImagingOperator
-from flgpr.io import RunDescription, Scan, as_run
 from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
 from flgpr.model.plausible import PoseGate, Sighting, Step, Verdict
 from flgpr.screen import (
@@ -43,12 +42,12 @@ from flgpr.screen import (
     seen_along,
     view_array,
 )
+from flgpr.store import RunDescription, Scan, as_run
 
 FloatArray = NDArray[np.float64]
 State = Literal["new", "update", "withdrawn", "final"]
-_FARTHEST_GAP = (
-    50.0  # m; ground farther back than this before a scan is closed without another look
-)
+# m; ground farther back than this before a scan is closed without another look
+_FARTHEST_GAP = 50.0
 _MOST_SCANS = 64
 _SHOWN = ("x", "y", "confidence", "scans")  # an alarm in which one of these changed is told anew
 _KEPT = (
@@ -118,9 +117,8 @@ class LiveUpdate:
     step: Step | None = None  #: why the pose is not plausible
     clock: Step | None = None  #: why the time is not, which is no fault of the pose
     anew: bool = False  #: whether detection started anew, at the first of ``released``
-    forgotten: bool = (
-        False  #: whether all before was forgotten then: too few poses had agreed on it
-    )
+    #: whether all before was forgotten then: too few poses had agreed on it
+    forgotten: bool = False
     #: scans that were held back and what became of them now, in their order
     released: list[tuple[Scan, LiveUpdate]] = field(default_factory=list)
     words: str = ""  #: why a scan that was held back before, or with others, is "refused"
@@ -183,9 +181,8 @@ class LiveDetector:
         )
         self.first_pose: FloatArray | None = None
         self.history: list[CleanedScan] = []  # of scans that still see ground ahead
-        self._sums: AlarmSums | None = (
-            None  # features of the latest alarms, from all of these scans
-        )
+        # features of the latest alarms, from all of these scans
+        self._sums: AlarmSums | None = None
         # what the run-view has gathered, "row" counted from the lane's first
         self.view: Arrays = {}
         self.alarms: dict[str, LiveAlarm] = {}  # open: some scan may still see them

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from flgpr.door import Folder
-from flgpr.io import (
+from flgpr.store import (
     RunDescription,
     describe_for_live,
     encode_frame,
@@ -23,7 +23,7 @@ from flgpr.io import (
     write_description,
     write_whole,
 )
-from flgpr.io.scan_file import END_FILE, RUN_FILE, scan_name
+from flgpr.store.scan_file import END_FILE, RUN_FILE, scan_name
 
 PathLike = str | Path
 FAULTS = ("lost", "late", "twice", "nan", "jump")

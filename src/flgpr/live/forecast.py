@@ -28,9 +28,9 @@ from flgpr.chain.estimators import TrainedEstimator
 from flgpr.chain.model import Model
 from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import Recipe
-from flgpr.io import Scan
 from flgpr.live.detector import LiveAlarm, LiveDetector
 from flgpr.model import complete_scans
+from flgpr.store import Scan
 
 NAME = "live.forecast"
 """Where a model keeps it, beside what its stages have learnt."""

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.io import RunDescription, Scan, ScanFileError, decode_frame, scan_of
 from flgpr.model.plausible import MotionLimits, Sighting, step_between
+from flgpr.store import RunDescription, Scan, ScanFileError, decode_frame, scan_of
 
 COUNTS = {
     "received": "frames that came",

@@ -19,21 +19,7 @@ import flgpr
 from flgpr.chain.memory import check_scan_memory
 from flgpr.chain.model import Model, load_model, read_model, unlearnt
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
-from flgpr.io import (
-    RunDescription,
-    Scan,
-    ScanFileError,
-    canonical_json,
-    parse_description,
-    read_anchor,
-    read_description,
-    read_lane,
-    sha256,
-)
-from flgpr.io.bundle import PARTIAL
-from flgpr.io.files import write_whole
-from flgpr.io.outputs import held_folder, tell_finished
-from flgpr.io.tables import write_table
+from flgpr.geo import read_anchor
 from flgpr.live import forecast
 from flgpr.live.detector import LiveAlarm, LiveDetector, LiveSettings, LiveUpdate, check_causal
 from flgpr.live.event_rate import Event
@@ -60,6 +46,20 @@ from flgpr.live.stream import largest_frame
 from flgpr.live.vehicle import Vehicle
 from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox
 from flgpr.model import Lane
+from flgpr.store import (
+    RunDescription,
+    Scan,
+    ScanFileError,
+    canonical_json,
+    parse_description,
+    read_description,
+    read_lane,
+    sha256,
+)
+from flgpr.store.bundle import PARTIAL
+from flgpr.store.files import write_whole
+from flgpr.store.outputs import held_folder, tell_finished
+from flgpr.store.tables import write_table
 
 PathLike = str | Path
 _TICK = 0.1  # s between looks at the clock while nothing comes

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.chain.gathering import CleanedScan
-from flgpr.io import MAX_MEMORY, Bundle, BundleError, Scan, write_bundle
 from flgpr.live.detector import LiveAlarm, LiveDetector
 from flgpr.live.intake import Intake
+from flgpr.store import MAX_MEMORY, Bundle, BundleError, Scan, write_bundle
 
 SNAPSHOT_FILE = "snapshot.bundle"
 FORMAT = "flgpr-live-snapshot"

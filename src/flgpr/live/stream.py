@@ -7,9 +7,15 @@ import math
 import time
 from collections.abc import Iterator
 
-from flgpr.io import RunDescription, ScanFileError, canonical_json, decode_frame
-from flgpr.io.scan_file import MAGIC, TruncatedFrameError, frame_size, head_size, parse_description
 from flgpr.live.watch import LARGEST_FRAME, SOCKET, Arrival
+from flgpr.store import RunDescription, ScanFileError, canonical_json, decode_frame
+from flgpr.store.scan_file import (
+    MAGIC,
+    TruncatedFrameError,
+    frame_size,
+    head_size,
+    parse_description,
+)
 
 _LARGEST_DESCRIPTION = 2**22 + 2**10  # bytes of the frame of the longest header
 _HEADER_ROOM = 2**16  # bytes for the header of a scan

@@ -17,9 +17,8 @@ class Vehicle:
     speed: float | None = None  #: v, m/s; None where no stopping distance is asked for
     #: t, s: from the alarm to brakes that hold. Default 1.5 s, a driver who is alert and brakes that build up
     reaction: float = 1.5
-    deceleration: float = (
-        3.0  #: a, m/s². Default 3, loose ground; a dry road allows about 7, mud or ice 1 to 2
-    )
+    #: a, m/s². Default 3, loose ground; a dry road allows about 7, mud or ice 1 to 2
+    deceleration: float = 3.0
     # : how far the vehicle's foremost wheel or bumper lies ahead of the array's reference point, m
     front: float = 0.0
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from flgpr.door import DoorError, Folder
-from flgpr.io import ScanFileError, read_description
-from flgpr.io.scan_file import END_FILE, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
+from flgpr.store import ScanFileError, read_description
+from flgpr.store.scan_file import END_FILE, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
 
 # s between looks at a folder, while a scan is in hand and while one is waited for
 _LOOK = 0.004
@@ -72,9 +72,8 @@ class Inbox:
     arrivals: queue.Queue[Arrival] = field(default_factory=ArrivalQueue)
     stop: threading.Event = field(default_factory=threading.Event)
     awaited: bool = False  #: whether what comes is taken at once
-    largest: int | None = (
-        None  #: bytes that a frame of the run may have; None while the run is not known
-    )
+    #: bytes that a frame of the run may have; None while the run is not known
+    largest: int | None = None
     _senders: Counter[str] = field(default_factory=Counter)
     _counting: threading.Lock = field(default_factory=threading.Lock)
 

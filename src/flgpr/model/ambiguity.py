@@ -38,9 +38,8 @@ class ImagePaths:
 
     unambiguous: float  #: path after which echoes repeat, see :func:`unambiguous_path`
     cell: float  #: width of a range cell in path, c over the band
-    direct: (
-        float  #: shortest path that an echo can have: from a transmitter straight to its receiver
-    )
+    #: shortest path that an echo can have: from a transmitter straight to its receiver
+    direct: float
     nearest: float  #: no path by way of the image is shorter
     farthest: float  #: longest path by way of the image
 

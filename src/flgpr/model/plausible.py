@@ -216,9 +216,8 @@ class Verdict:
     trusted: list[int] = field(default_factory=list)
     #: numbers that were held back and are left out for good
     dropped: list[int] = field(default_factory=list)
-    held: bool = (
-        False  #: whether this pose is held back; one that is neither trusted nor held is left out
-    )
+    #: whether this pose is held back; one that is neither trusted nor held is left out
+    held: bool = False
     step: Step | None = None  #: why this pose is not plausible
     clock: Step | None = None  #: why its time is not
     anew: bool = False  #: whether what is trusted begins anew, away from all before

@@ -87,9 +87,8 @@ class SystemErrors(Entries):
     ringing_frequencies: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Largest(1e12)] = ()
     #: time of a sweep over all tones, s, in which the vehicle drives on; the pose is that of its middle
     sweep_time: Annotated[float, Field(ge=0)] = 0.0
-    self_signature_db: Decibels | None = (
-        None  #: level of the self-signature over the clutter in the image, dB
-    )
+    #: level of the self-signature over the clutter in the image, dB
+    self_signature_db: Decibels | None = None
     self_signature_drift: Annotated[float, Field(ge=0)] = (
         0.0  #: its relative change from scan to scan, rms
     )

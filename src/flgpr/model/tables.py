@@ -18,9 +18,8 @@ class Column:
     unit: str  #: unit, "1" for a pure number, "" for text
     meaning: str  #: what the value says
     required: bool = False  #: whether the table must have it
-    missing: str = (
-        "NaN"  #: the value that stands for "not known"; empty when the column may have no gap
-    )
+    #: the value that stands for "not known"; empty when the column may have no gap
+    missing: str = "NaN"
 
 
 ALARM_COLUMNS = (

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 
 from flgpr.chain.progress import Track, silent
 from flgpr.design.array import KINDS, Design, Question, expected_in_words, study
-from flgpr.io.outputs import write_new
 from flgpr.model import load_sensor
 from flgpr.report.kit import render
+from flgpr.store.outputs import write_new
 
 _BLUE = "#1b5e9b"
 _RED = "#c1440e"

@@ -11,13 +11,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from flgpr.io import write_whole
 from flgpr.report.figures import channel_figure, geometry_figure, run_view_figure, whole_roc_figure
 from flgpr.report.kit import render
 from flgpr.results.description import left_out_scans, plausible_poses
 from flgpr.results.result import Result
 from flgpr.results.score import roc_json
-from flgpr.scoring import Rules, Score, figure_bytes, patch_figure, roc_figure, score
+from flgpr.scoring import Rules, Score, score
+from flgpr.store import write_whole
+from flgpr.trials import figure_bytes, patch_figure, roc_figure
 
 if TYPE_CHECKING:
     from flgpr.scoring.matching import LaneLike

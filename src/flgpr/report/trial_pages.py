@@ -9,12 +9,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from flgpr.io.anchor import Anchor
+from flgpr.geo.anchor import Anchor
 from flgpr.model import Lane
 from flgpr.report.kit import render
 from flgpr.report.score_page import in_words
-from flgpr.scoring import BlindScore, SideBySide, roc_figure
-from flgpr.scoring.figures import COLOURS
+from flgpr.scoring import SideBySide
+from flgpr.trials import BlindScore, roc_figure
+from flgpr.trials.figures import COLOURS
 
 # length of lane in a row of the map, m, and rows in a picture: half a printed page
 _STRIP = 30.0

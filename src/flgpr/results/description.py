@@ -10,10 +10,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.io import read_manifest
 from flgpr.model import complete_scans
 from flgpr.model.motion import judge_run
 from flgpr.model.plausible import MotionLimits
+from flgpr.store import read_manifest
 
 
 def describe_run(

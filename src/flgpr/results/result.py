@@ -21,18 +21,18 @@ from flgpr.chain.lane_chain import MAIN, Detection
 from flgpr.chain.model import MODEL_FILE, Detector, Model, as_model, load_model, save_model
 from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.door import DoorError, Folder
-from flgpr.io import canonical_json, seal, sha256
-from flgpr.io.files import check_free_folder, listed_files, read_sealed, write_whole
-from flgpr.io.notes import tell_note
-from flgpr.io.outputs import held_folder, whole_output
-from flgpr.io.tables import parse_columns, parse_own_table, write_geojson, write_table
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
 from flgpr.results.sections import SECTIONS, read_sections
 from flgpr.results.view_files import plain_json, write_view
+from flgpr.store import canonical_json, seal, sha256
+from flgpr.store.files import check_free_folder, listed_files, read_sealed, write_whole
+from flgpr.store.notes import tell_note
+from flgpr.store.outputs import held_folder, whole_output
+from flgpr.store.tables import parse_columns, parse_own_table, write_geojson, write_table
 
 if TYPE_CHECKING:
-    from flgpr.io import Anchor
+    from flgpr.geo import Anchor
 
 FORMAT = "flgpr-result"
 VERSION = 2
@@ -127,7 +127,7 @@ def _write_places(alarms: pd.DataFrame, home: Path, reference: Any, processing_i
     if anchor is None:
         write_geojson(alarms, home / "alarms.json")
         return
-    from flgpr.io import georeference, write_earth_geojson
+    from flgpr.geo import georeference, write_earth_geojson
 
     points = georeference(alarms, anchor, "alarms", processing_id)
     about = {
@@ -141,9 +141,7 @@ def _write_places(alarms: pd.DataFrame, home: Path, reference: Any, processing_i
 
 def _anchor_of(reference: Any) -> Anchor | None:
     """Make the anchor of a run's attribute ``georeference``; none, with a note, of one that is damaged."""
-    from flgpr.io import (
-        own_anchor,
-    )  # geodesy takes its time to load, and few runs are tied to the Earth
+    from flgpr.geo import own_anchor
 
     try:
         return own_anchor(reference)

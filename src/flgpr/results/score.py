@@ -15,13 +15,10 @@ from numpy.typing import NDArray
 
 import flgpr
 from flgpr.door import MOST_JSON, Folder, parse_json
-from flgpr.io import canonical_json, sha256
-from flgpr.io.files import listed_files
 from flgpr.results.description import plausible_poses
 from flgpr.results.result import Result, read_result_manifest
 from flgpr.results.view_files import plain_json
 from flgpr.scoring import (
-    BlindScore,
     Rules,
     Score,
     SideBySide,
@@ -32,6 +29,9 @@ from flgpr.scoring import (
     score,
     score_frames,
 )
+from flgpr.store import canonical_json, sha256
+from flgpr.store.files import listed_files
+from flgpr.trials import BlindScore
 
 ROC_FORMAT = "flgpr-score"
 ROC_VERSION = 1

@@ -10,11 +10,11 @@ from typing import Any
 import pandas as pd
 
 from flgpr.door import DoorError, Folder
-from flgpr.io import seal, sha256
-from flgpr.io.files import listed_files, read_sealed, write_whole
-from flgpr.io.tables import parse_lane, parse_own_table
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
+from flgpr.store import seal, sha256
+from flgpr.store.files import listed_files, read_sealed, write_whole
+from flgpr.store.tables import parse_lane, parse_own_table
 
 FORMAT = "flgpr-sections"
 VERSION = 1

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from flgpr.chain.evidence import Evidence, decibels
 from flgpr.chain.lane_chain import MAIN, Detection, variations_of
 from flgpr.chain.recipe import Recipe
-from flgpr.io import write_whole
 from flgpr.model import Lane
 from flgpr.results.description import left_out_scans
+from flgpr.store import write_whole
 
 VIEW_FORMAT = "flgpr-view"
 VIEW_VERSION = 1

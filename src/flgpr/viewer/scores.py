@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from flgpr.door import MOST_JSON, Folder, parse_json
-from flgpr.io import canonical_json
+from flgpr.store import canonical_json
 
 _FILES = {"roc.json": "flgpr-score", "comparison.json": "flgpr-comparison"}
 _CURVE = (

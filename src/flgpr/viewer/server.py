@@ -21,7 +21,8 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from flgpr.io import MOST_VERDICT_BYTES, RunStoreError, map_backdrop, read_anchor
+from flgpr.geo import map_backdrop, read_anchor
+from flgpr.store import MOST_VERDICT_BYTES, RunStoreError
 from flgpr.viewer.guard import Guard, is_loopback
 from flgpr.viewer.limits import LimitedConfig, LimitedServer, Limits, fit_to_process
 from flgpr.viewer.listening import listening_socket
@@ -67,7 +68,7 @@ _AROUND = 20.0  # m of map around what is shown, at least
 class Viewer:
     """A viewer that listens, and serves once :meth:`run` is called.
 
-    ``raw`` opens the raw data of a run that is shown, ``backdrop`` is a map that :func:`flgpr.io.map_backdrop` draws,
+    ``raw`` opens the raw data of a run that is shown, ``backdrop`` is a map that :func:`flgpr.geo.map_backdrop` draws,
     ``verdicts`` the file that takes an analyst's verdicts; ``framed`` lets pages of this machine frame the page,
     and ``make_map`` makes a map project of a result. A port that cannot be listened on is a ValueError.
     """

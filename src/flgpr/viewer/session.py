@@ -13,19 +13,18 @@ from typing import Any
 import numpy as np
 
 from flgpr.door import MOST_JSON, DoorError, Folder, parse_json, read_named
-from flgpr.io import (
+from flgpr.formats import is_gpr, preview_run
+from flgpr.store import (
     MOST_VERDICT_BYTES,
     canonical_json,
     check_verdicts,
-    is_gpr,
     open_run,
     parse_verdicts,
-    preview_run,
     sha256,
     verdict_bytes,
     write_whole,
 )
-from flgpr.io.files import listed_files, read_sealed
+from flgpr.store.files import listed_files, read_sealed
 from flgpr.viewer.scores import IndexOnly, ScoreFiles, score_file
 
 VIEW_FORMAT = "flgpr-view"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from flgpr.chain.model import Model, save_model
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.stages.forms import learnt_of
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 from flgpr_papers.cosgrove2004 import figures
 from flgpr_papers.cosgrove2004.detect import (
     detectors,

@@ -26,8 +26,8 @@ from flgpr.model import (
     vehicle_to_scan,
 )
 from flgpr.simulate import Scene
-from flgpr.simulate.scene import Surface, TargetDraw, Thing
-from flgpr.simulate.scene import Track as Drive
+from flgpr.simulate.scene.scene import Surface, TargetDraw, Thing
+from flgpr.simulate.scene.scene import Track as Drive
 from flgpr.simulate.simulator import Simulator
 from flgpr_papers.kit.cache import key_of, read_arrays, write_arrays
 from flgpr_papers.kit.settings import Table, packaged

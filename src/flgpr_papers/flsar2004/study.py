@@ -11,7 +11,7 @@ import pandas as pd
 
 import flgpr
 from flgpr.chain.progress import Track, silent
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 from flgpr_papers.flsar2004 import figures
 from flgpr_papers.flsar2004.examples import join
 from flgpr_papers.flsar2004.experiment import JUDGED, PARTS, Material, Results, prepare

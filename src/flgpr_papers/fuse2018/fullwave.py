@@ -29,11 +29,11 @@ from flgpr.clutter import (
     suppress_by_model,
 )
 from flgpr.imaging import ImagingOperator
-from flgpr.io import open_run, read_table, sample_lane
 from flgpr.kernels.windows import hann
 from flgpr.model import Grid, Lane, Sensor, check_tones, vehicle_to_lane
 from flgpr.screen import prescreen
 from flgpr.simulate import Scene, Simulator
+from flgpr.store import open_run, read_table, sample_lane
 
 HALF_WIDTH = 1.4
 """Of the imaged ground, m."""

@@ -20,9 +20,9 @@ from flgpr.chain.passes import Arrays, Chain
 from flgpr.chain.progress import Track
 from flgpr.chain.recipe import Recipe, recipe_text
 from flgpr.chain.stages.masks import MaskedSuppression
-from flgpr.io import open_run
 from flgpr.model import Grid, Lane, Sensor, check_tones, ground_points, lane_to_scan, load_sensor
 from flgpr.simulate import EVEN, Scene, Simulator, draw_world, told
+from flgpr.store import open_run
 from flgpr_papers.kit.cache import key_of, read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.settings import Table, packaged
 from flgpr_papers.kit.study_worlds import OWN, study_world

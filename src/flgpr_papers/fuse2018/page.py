@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.clutter import TABLE_II
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 from flgpr_papers.fuse2018.findings import CONVENTIONS, scored
 from flgpr_papers.fuse2018.fullwave import FullwaveStudy
 from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from flgpr.chain.recipe import recipe_text
 from flgpr.clutter import above, extended_mask, fundamental_mask, roadside_level
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, local
 from flgpr_papers.fuse2018.process import (
     VARIANTS,

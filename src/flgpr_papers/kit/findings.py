@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import bdtrik, stdtrit
 
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 
 AGREES = "agrees"
 DISAGREES = "disagrees"
@@ -86,9 +86,8 @@ class Finding:
     asks: tuple[str, float, float] | None = None
     parts: tuple[float, ...] = ()  #: the number of every part of a claim of several
     unit: str = ""  #: of the number, the rule and the margin
-    bounds: Bounds | None = (
-        None  #: between which the number must lie, whatever is measured; None: anything is possible
-    )
+    #: between which the number must lie, whatever is measured; None: anything is possible
+    bounds: Bounds | None = None
 
     def __post_init__(self) -> None:
         if self.verdict in (AGREES, DISAGREES) and (

@@ -75,7 +75,7 @@ def mix_draws(mix: str, depth: float, count: int, **entries: Any) -> list[dict[s
     count : int
         Number of mines in all.
     **entries
-        Further entries of every draw, as of ``flgpr.simulate.scene.TargetDraw``.
+        Further entries of every draw, as of ``flgpr.simulate.scene.scene.TargetDraw``.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def mix_draws_at_depths(
     counts : mapping of float to int
         Number of mines by the depth of their tops, m.
     **entries
-        Further entries of every draw, as of ``flgpr.simulate.scene.TargetDraw``.
+        Further entries of every draw, as of ``flgpr.simulate.scene.scene.TargetDraw``.
 
     Raises
     ------

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict
 
-from flgpr.io import laid_over
+from flgpr.store import laid_over
 
 T = TypeVar("T", bound=BaseModel)
 PAPERS = {

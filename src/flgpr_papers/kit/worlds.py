@@ -14,9 +14,10 @@ from typing import Any
 
 from scipy.optimize import brentq
 
-from flgpr.io import write_whole
-from flgpr.simulate import Scene, soil, told
-from flgpr.simulate.scene import Soil, site_tables
+from flgpr.simulate import Scene, told
+from flgpr.simulate.ground import soil
+from flgpr.simulate.scene.scene import Soil, site_tables
+from flgpr.store import write_whole
 
 _FILES = resources.files("flgpr_papers") / "worlds"
 DECLARED: dict[str, Any] = tomllib.loads((_FILES / "worlds.toml").read_text(encoding="utf-8"))

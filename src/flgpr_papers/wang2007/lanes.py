@@ -12,7 +12,7 @@ from typing import Any
 
 from flgpr.model import load_sensor
 from flgpr.simulate import Scene, Sensor
-from flgpr.simulate.signature.table import body_size
+from flgpr.simulate.bodies.signature.table import body_size
 from flgpr_papers.kit.mines import mix_draws
 from flgpr_papers.kit.study_worlds import AS_FOUND, OWN, study_world
 
@@ -23,9 +23,8 @@ DEPARTURE = {
     "start": 150.0,
     "length": 8.0,
 }  # "the vehicle moved out of the mine lane to avoid obstacles"
-BLIND_MINES = (
-    12  # of either kind per blind lane; the paper's authors never learned how many there were
-)
+# of either kind per blind lane; the paper's authors never learned how many there were
+BLIND_MINES = 12
 _SURFACE = -0.15  # depth of a mine 15 cm high that lies on the ground
 
 # Length, surface mines (metal, plastic), buried metal at 5, 10, 15 cm, buried plastic at 5, 10 cm,

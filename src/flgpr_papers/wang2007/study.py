@@ -16,7 +16,6 @@ from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.clutter import Background
 from flgpr.imaging import ScanImager
-from flgpr.io import open_run, read_manifest, sha256, write_whole
 from flgpr.kernels.sampling import bilinear
 from flgpr.model import Lane, check_tones, lane_to_scan
 from flgpr.results.description import describe_run
@@ -24,6 +23,7 @@ from flgpr.results.errors import ResultError
 from flgpr.results.result import read_result, write_result
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import Scene, Sensor
+from flgpr.store import open_run, read_manifest, sha256, write_whole
 from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.findings import Finding, write_findings
 from flgpr_papers.kit.settings import packaged_text

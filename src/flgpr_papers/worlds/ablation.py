@@ -15,7 +15,7 @@ import pandas as pd
 
 from flgpr.chain.progress import Track, silent
 from flgpr.execution.executors import Executor
-from flgpr.simulate.scene import Soil, site_tables
+from flgpr.simulate.scene.scene import Soil, site_tables
 from flgpr_papers.kit.worlds import DECLARED, in_soil_of, on_soil_of
 from flgpr_papers.worlds.effects import block_differences
 from flgpr_papers.worlds.lanes import FAR, KINDS, LaneJob, lane_table, read_targets, run_jobs

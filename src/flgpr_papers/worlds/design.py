@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 Axes = Mapping[str, Sequence[Any]]
-_DIGITS = (
-    9  # of the logarithm of a determinant: candidates that differ by rounding alone count as equal
-)
+# of the logarithm of a determinant: candidates that differ by rounding alone count as equal
+_DIGITS = 9
 
 
 def contrasts(levels: int) -> FloatArray:

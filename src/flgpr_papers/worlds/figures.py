@@ -12,8 +12,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from flgpr.io import write_whole
 from flgpr.scoring import clopper_pearson
+from flgpr.store import write_whole
 from flgpr_papers.kit.findings import AGREES, DISAGREES
 from flgpr_papers.kit.page import draw
 from flgpr_papers.kit.settings import PAPERS

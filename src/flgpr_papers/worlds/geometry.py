@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 from flgpr.chain.progress import Track, silent
 from flgpr.execution.executors import Executor
 from flgpr.scoring import clopper_pearson
-from flgpr.simulate.scene import site_tables
+from flgpr.simulate.scene.scene import site_tables
 from flgpr_papers.kit.worlds import DECLARED
 from flgpr_papers.worlds.ablation import responses
 from flgpr_papers.worlds.lanes import LaneJob, lane_table, read_targets, run_jobs

@@ -24,10 +24,10 @@ from flgpr.chain.detect import detect
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
 from flgpr.execution.executors import Executor
-from flgpr.io import write_whole
 from flgpr.model import Sensor, load_sensor
 from flgpr.scoring import assign, chance, match, operating_row, roc_of
 from flgpr.simulate import Scene, draw_world, simulate
+from flgpr.store import write_whole
 from flgpr_papers.kit.cache import key_of
 from flgpr_papers.kit.mines import find_mix, mix_draws
 from flgpr_papers.kit.worlds import DECLARED, write_site

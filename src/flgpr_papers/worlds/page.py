@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.io import sha256
+from flgpr.store import sha256
 from flgpr_papers.kit.page import study_html
 from flgpr_papers.kit.settings import PAPERS
 from flgpr_papers.kit.worlds import AXES, DECLARED, design_worlds

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from flgpr.execution.survey import PLAINLY, How
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 from flgpr_papers.worlds import ablation, detection, geometry, statements
 from flgpr_papers.worlds.figures import draw_figures
 from flgpr_papers.worlds.page import page_html, short_tables

@@ -27,7 +27,7 @@ from scipy.special import stdtrit
 import flgpr
 from flgpr.chain.progress import Track, silent
 from flgpr.execution.executors import Executor
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 from flgpr_papers.kit.cache import key_of
 from flgpr_papers.kit.findings import (
     AGREES,

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from flgpr.door import read_named
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 
 _DIGITS = 5
 

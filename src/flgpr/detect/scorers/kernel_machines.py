@@ -141,9 +141,8 @@ class RelevanceScorer:
     terms: KernelSum
     # : (n_weights, n_weights) posterior covariance of the weights, the bias last if it has one
     covariance: FloatArray
-    moderated: (
-        bool  #: whether log odds m become m / sqrt(1 + π s²/8) with their variance s² (MacKay 1992)
-    )
+    #: whether log odds m become m / sqrt(1 + π s²/8) with their variance s² (MacKay 1992)
+    moderated: bool
     bias: bool  #: whether the intercept is a weight with a variance
     threshold: float = 0.0
 

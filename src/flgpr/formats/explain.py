@@ -1,0 +1,648 @@
+"""What a file holds, in words, and a first draft of the mapping that imports it. Guesses end in a question mark."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flgpr.door import read_named
+from flgpr.formats.arrays import LIMIT, ArrayFile, ArrayInfo, open_arrays
+from flgpr.formats.gpr_files import is_gpr
+from flgpr.formats.gprmax import explain_gprmax, explain_merged, is_gprmax
+from flgpr.formats.mapping import UNITS
+from flgpr.model import POLARIZATIONS
+from flgpr.store.extras import optional
+from flgpr.store.files import existing
+from flgpr.store.store_layout import MAX_MEMORY
+
+_SMALL = 2_000_000  # values; larger arrays are not read to explain them
+_NO_SUFFIX = ("in", "h", "min")  # units that are words in names
+_LONG_UNITS = {
+    "meter": "m",
+    "metre": "m",
+    "foot": "ft",
+    "feet": "ft",
+    "degree": "deg",
+    "radian": "rad",
+    "second": "s",
+}
+_CLOCK = re.compile(r"gps|gnss|utc|epoch|stamp|scan|trace|pps|pose|slow")
+"""What a time is called that is no delay of samples."""
+_SHORTEST_SCANS = 1e-4  # s, that times of scans reach
+_ANTENNA = re.compile(r"tx|rx|ant|elem|rec|source")
+_PLACE = re.compile(r"pos|xyz|way|track|gps|gnss|rtk|coord|traj|odom|loc|place|transl|reference")
+_COMPONENTS = {
+    "x": {"x", "cross", "across", "east", "easting", "crosstrack"},
+    "y": {
+        "y",
+        "along",
+        "da",
+        "dist",
+        "distance",
+        "north",
+        "northing",
+        "downtrack",
+        "chainage",
+        "odometer",
+    },
+    "z": {"z", "height", "alt", "altitude", "elevation", "up"},
+    "heading": {"heading", "yaw", "hdg", "psi"},
+    "pitch": {"pitch"},
+    "roll": {"roll"},
+}
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What a file holds."""
+
+    path: Path
+    kind: str
+    lines: list[str] = field(default_factory=list)  #: what it holds, a line per array or fact
+    mapping: str = ""  #: draft of a mapping; empty where none is needed or possible
+
+
+def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
+    """Tell what a file holds and draft the mapping that imports it; file and arrays may take ``limit`` bytes.
+
+    It may be HDF5, gprMax, MATLAB, NPZ, CSV, Touchstone, CPHD, NMEA, MCAP, a take of OptiTrack Motive or the recording
+    of a commercial radar (:func:`flgpr.formats.read_gpr`); another or damaged one is a ValueError.
+    """
+    path = existing(path)
+    with path.open("rb") as file:
+        head = file.read(64)
+    if head.startswith(b"CPHD/"):
+        return _explain_cphd(path)
+    if re.match(rb"\s*\$[A-Z]{2}[A-Z]{3},", head):
+        return _explain_nmea(path)
+    if is_gpr(path):
+        from flgpr.formats.gpr_import import explain_gpr
+
+        return Explanation(path, *explain_gpr(path, limit))
+    opened = open_arrays(path, limit)
+    if opened.kind == "HDF5 file" and is_gprmax(path):
+        lines, mapping = explain_merged(path)
+        return Explanation(path, "result of gprMax", lines or explain_gprmax(path), mapping)
+    if (
+        opened.kind == "MCAP recording"
+    ):  # whose arrays are too many, and take too long, to look at all
+        return Explanation(path, opened.kind, opened.about + opened.notes, _propose(opened))
+    lines = opened.about + opened.notes + [_line(opened, info) for info in opened.arrays.values()]
+    if opened.kind == "take of OptiTrack Motive":
+        return Explanation(
+            path, opened.kind, [*lines, "read as a track: --track FILE --body NAME --axes x,-z,y"]
+        )
+    return Explanation(path, opened.kind, lines, _propose(opened))
+
+
+def propose_mapping(path: str | Path, limit: int = LIMIT) -> str:
+    """Draft the mapping (TOML) that imports a file of named arrays.
+
+    What is a guess ends in a question mark, and an import refuses it until that is taken away. A file that needs no
+    mapping is a ValueError.
+    """
+    explanation = explain_file(path, limit)
+    if not explanation.mapping:
+        raise ValueError(f"{path}: a {explanation.kind} is read without a mapping")
+    return explanation.mapping
+
+
+def _explain_cphd(path: Path) -> Explanation:
+    sarkit = optional("sarkit.cphd", "cphd")
+    try:
+        with path.open("rb") as file, sarkit.Reader(file) as reader:
+            tree = reader.metadata.xmltree
+        channels = tree.findall("{*}Data/{*}Channel")
+        first = channels[0]
+        band = [
+            float(tree.findtext(f"{{*}}Global/{{*}}FxBand/{{*}}{name}")) / 1e9
+            for name in ("FxMin", "FxMax")
+        ]
+        polarizations = {
+            one.findtext("{*}Polarization/{*}TxPol") + one.findtext("{*}Polarization/{*}RcvPol")
+            for one in tree.findall("{*}Channel/{*}Parameters")
+        }
+        own = b"flgpr_tx_position" in optional("lxml.etree", "cphd").tostring(tree)
+        lines = [
+            f"{len(channels)} channels of {first.findtext('{*}NumVectors')} vectors x "
+            f"{first.findtext('{*}NumSamples')} samples, {tree.findtext('{*}Global/{*}DomainType')} domain",
+            f"{band[0]:.4g} to {band[1]:.4g} GHz, polarizations {', '.join(sorted(polarizations))}",
+            f"collected by {tree.findtext('{*}CollectionID/{*}CollectorName')}, read without a mapping"
+            + ("" if own else "; an anchor is needed to place the lane"),
+        ]
+    except Exception as error:
+        raise ValueError(
+            f"{path}: cannot be read as CPHD: {' '.join(str(error).split())[:200]}"
+        ) from None
+    return Explanation(path, "CPHD file", lines)
+
+
+def _explain_nmea(path: Path) -> Explanation:
+    found = (
+        re.match(rb"\s*\$[A-Z]{2}([A-Z]{3}),", line)
+        for line in read_named(path, MAX_MEMORY).splitlines()
+    )
+    kinds = Counter(sentence[1].decode() for sentence in found if sentence)
+    counts = ", ".join(f"{count} {name}" for name, count in sorted(kinds.items()))
+    needs = "GGA gives positions, HDT headings; read as a track with an anchor"
+    return Explanation(path, "NMEA 0183 log", [counts, needs])
+
+
+def _line(opened: ArrayFile, info: ArrayInfo) -> str:
+    shape = " x ".join(map(str, info.shape)) or "one value"
+    text = f"{info.name}: {shape} {info.dtype}" + (f" [{info.unit}]" if info.unit else "")
+    try:
+        values = opened.read(info.name) if math.prod(info.shape) <= _SMALL else None
+    except ValueError as error:
+        return f"{text}, not read: {str(error).removeprefix(f'{opened.path}: ')}"
+    if values is None or values.dtype.kind not in "fciu" or not values.size:
+        return text
+    size = np.abs(values) if np.iscomplexobj(values) else values.astype(np.float64)
+    good = size[np.isfinite(size)]
+    bad = values.size - good.size
+    what = "magnitude " if np.iscomplexobj(values) else ""
+    span = f", {what}{good.min():.6g} to {good.max():.6g}" if good.size else ""
+    return text + span + (f", {bad} not finite" if bad else "")
+
+
+def _values(opened: ArrayFile, info: ArrayInfo) -> Any:
+    """Read a small array; None if it is large or cannot be read, which keeps no other from being explained."""
+    if math.prod(info.shape) > _SMALL:
+        return None
+    try:
+        return opened.read(info.name)
+    except ValueError:
+        return None
+
+
+@dataclass
+class _Draft:
+    opened: ArrayFile
+    used: set[str] = field(default_factory=set)
+    topic: str = ""  #: of a recording's signal, whose arrays are looked at first
+
+    def rest(self) -> list[ArrayInfo]:
+        left = [info for info in self.opened.arrays.values() if info.name not in self.used]
+        return (
+            sorted(left, key=lambda info: not info.name.startswith(f"{self.topic}/"))
+            if self.topic
+            else left
+        )
+
+
+def _propose(opened: ArrayFile) -> str:
+    draft = _Draft(opened)
+    signal, imaginary = find_signal(opened)
+    if signal is None:
+        return ""
+    draft.topic = signal.name.rsplit("/", 1)[0] if opened.kind == "MCAP recording" else ""
+    draft.used |= {signal.name, *([imaginary] if imaginary else [])}
+    sizes = list(signal.shape)
+    frequency = _find_axis(draft, ("freq", "hz", "tone"), sizes)
+    recorded = opened.kind == "MCAP recording"  # whose arrays all are over messages
+    samples, sure = (None, True) if frequency or recorded else _find_samples(draft, sizes)
+    axis = frequency or samples
+    positions = _find_positions(draft, signal)
+    track = _find_track(draft, positions, sizes)
+    way = (
+        _find_way(draft, positions, sizes, math.prod(axis.shape) if axis else 0)
+        if track is None
+        else {}
+    )
+    positions.pop("way", None)
+    stamp = _find_axis(draft, ("time", "stamp", "t_"), sizes)
+    labels = labels_of(opened, sizes)
+    dims = _dims(
+        sizes,
+        axis,
+        "frequency" if frequency else "sample" if sure else "sample?",
+        positions,
+        stamp,
+        labels,
+        way,
+    )
+    lines = [
+        f"# Draft for {opened.path.name}. What ends in a question mark is a guess: check it and take the mark away.",
+        f"title = {json.dumps(opened.path.stem)}",
+        f"polarization = {json.dumps(labels)}",
+        "",
+        "[files]",
+        f"data = {json.dumps(opened.path.name)}",
+        "",
+        "[signal]",
+        f"variable = {json.dumps(signal.name)}",
+        *([f"imaginary = {json.dumps(imaginary)}"] if imaginary else []),
+        f"dims = {json.dumps(dims)}  # of {' x '.join(map(str, sizes))}",
+    ]
+    if axis is None and imaginary is None and not signal.dtype.startswith("complex"):
+        lines += [
+            "# interleaved = true  # if real and imaginary parts alternate",
+            "# shape = [-1, 1]  # of a flat record",
+        ]
+    lines += [
+        "",
+        *_axis_lines(opened, frequency, samples, sure),
+        *_position_lines(opened, positions, "pair" in dims),
+    ]
+    if stamp is not None:
+        lines += [
+            "[time]",
+            f"variable = {json.dumps(stamp.name)}",
+            f'unit = "{unit_of(opened, stamp, "s")}"',
+            "",
+        ]
+    if track is not None:
+        lines += _track_lines(draft, *track)
+    elif not any(len(infos[0].shape) == 3 for infos in positions.values()):
+        lines += _pose_lines(draft, way)
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
+    """Find the array that is most likely the measured field, and the one of its imaginary part if that is apart."""
+    arrays = [info for info in opened.arrays.values() if math.prod(info.shape) > 1]
+    complex_ones = [
+        info
+        for info in arrays
+        if re.match(r"complex|.*(\('r(eal)?'|\('re')", info.dtype, re.DOTALL)
+    ]
+    if complex_ones:
+        return max(complex_ones, key=lambda info: math.prod(info.shape)), None
+    for info in arrays:
+        for real, imaginary in (("real", "imag"), ("re", "im"), ("_i", "_q")):
+            wanted = re.sub(real, imaginary, info.name, flags=re.IGNORECASE).lower()
+            other = next(
+                (name for name in opened.arrays if name.lower() == wanted and name != info.name),
+                None,
+            )
+            if other is not None and opened.arrays[other].shape == info.shape:
+                return info, other
+    large = [
+        info
+        for info in arrays
+        if len(info.shape) >= 2
+        and info.shape[-1] > 3
+        and not re.search("covariance|orientation|rotation", info.name)
+    ]
+    return (max(large, key=lambda info: math.prod(info.shape)), None) if large else (None, None)
+
+
+def _find_axis(
+    draft: _Draft,
+    words: tuple[str, ...],
+    sizes: list[int],
+    among: list[ArrayInfo] | None = None,
+    fast: bool = False,
+) -> ArrayInfo | None:
+    for info in draft.rest() if among is None else among:
+        if fast and not _is_fast(draft.opened, info):
+            continue
+        count = math.prod(info.shape)
+        if count in sizes and max(info.shape, default=0) == count and count > 1:
+            name = info.name.lower().replace("/", ".").split(".")[-1]
+            short = ("freq" in words and name == "f") or ("time" in words and name == "t")
+            if any(word in name for word in words) or short:
+                values = _values(draft.opened, info)
+                if (
+                    values is not None
+                    and values.dtype.kind in "fiu"
+                    and (np.diff(values.ravel().astype(float)) > 0).all()
+                ):
+                    draft.used.add(info.name)
+                    return info
+    return None
+
+
+def _find_samples(draft: _Draft, sizes: list[int]) -> tuple[ArrayInfo | None, bool]:
+    """Find the two-way delays or ranges of the samples, and tell whether they can be nothing else.
+
+    A "time" may be the radar's fast time or the scans' clock: values below a tenth of a millisecond are the former.
+    """
+    for count in (sizes[-1:], sizes):
+        found = _find_axis(draft, ("range", "delay", "t_ns", "twt", "fast"), count)
+        if found is not None:
+            return found, True
+    times = [
+        info
+        for info in draft.rest()
+        if "time" in info.name.lower() and not _CLOCK.search(info.name.lower())
+    ]
+    for wanted, sure in ((times, True), (times, False)):
+        for count in (sizes[-1:], sizes):
+            found = _find_axis(draft, ("time",), count, wanted, sure)
+            if found is not None:
+                return found, sure
+    return None, True
+
+
+def _is_fast(opened: ArrayFile, info: ArrayInfo) -> bool:
+    """Tell whether times can only be those of samples: by their unit, or because they are that small."""
+    unit = unit_suffix(info)
+    if unit in ("ns", "ps", "us"):
+        return True
+    values = _values(opened, info)
+    return (
+        values is not None and bool(values.size) and float(np.abs(values).max()) < _SHORTEST_SCANS
+    )
+
+
+def _find_positions(draft: _Draft, signal: ArrayInfo) -> dict[str, list[ArrayInfo]]:
+    sides: dict[str, list[ArrayInfo]] = {}
+    for info in draft.rest():
+        if info.shape and info.shape[-1] == 3 and len(info.shape) >= 2:
+            name = info.name.lower()
+            if name == "table" and len(draft.opened.arrays) > 1:
+                continue  # all columns of a text, which have names of their own
+            if draft.topic:
+                if _PLACE.search(name.rsplit("/", 1)[-1]):
+                    sides.setdefault("way", []).append(info)
+                continue
+            side = (
+                "tx"
+                if re.search(r"tx|trans|source", name)
+                else "rx"
+                if re.search(r"rx|rec", name)
+                else "antenna"
+            )
+            sides.setdefault(side, []).append(info)
+    by_axis = {name: draft.opened.arrays.get(_sibling(signal.name, name)) for name in "xyz"}
+    structured = (
+        re.search(r"[./]", signal.name) and not draft.topic
+    )  # flat files' x, y, z are rather the vehicle's
+    if not sides and structured and all(by_axis.values()):
+        sides["xyz"] = [info for info in by_axis.values() if info is not None]
+    return sides
+
+
+def _find_track(
+    draft: _Draft, positions: dict[str, list[ArrayInfo]], sizes: list[int]
+) -> tuple[ArrayInfo, ArrayInfo] | None:
+    """Take positions out of the antennas' that fit no axis of the signal but a clock of their own."""
+    for side, infos in list(positions.items()):
+        info = infos[0]
+        if side == "xyz" or len(info.shape) != 2 or info.shape[0] in sizes:
+            continue
+        beside = _Draft(
+            draft.opened, draft.used, info.name.rsplit("/", 1)[0] if draft.topic else ""
+        )
+        clock = _find_axis(beside, ("time", "t_", "stamp"), [info.shape[0]])
+        if clock is not None:
+            del positions[side]
+            return clock, info
+    return None
+
+
+def _find_way(
+    draft: _Draft, positions: dict[str, list[ArrayInfo]], sizes: list[int], tones: int
+) -> dict[str, ArrayInfo]:
+    """Take what tells a pose per scan: ``position`` (scan, 2, 3 or 6), or single components by their names."""
+    scans = [size for size in sizes if size > 1]
+    if tones in scans:
+        scans.remove(tones)
+
+    found: dict[str, ArrayInfo] = {}
+    for info in draft.rest():
+        wide = len(info.shape) == 2 and info.shape[0] in scans and info.shape[1] in (2, 3, 6)
+        name = info.name.lower()
+        if wide and "position" not in found and _PLACE.search(name) and not _ANTENNA.search(name):
+            found["position"] = info
+            for side, infos in list(positions.items()):
+                positions[side] = [one for one in infos if one is not info]
+                if not positions[side]:
+                    del positions[side]
+    vectors = [
+        info
+        for info in draft.rest()
+        if max(info.shape, default=0) == math.prod(info.shape) and info.shape
+    ]
+    for name, words in _COMPONENTS.items():
+        for info in vectors:
+            tokens = set(re.split(r"[_\W]+", info.name.lower()))
+            if (
+                math.prod(info.shape) in scans
+                and tokens & words
+                and not _ANTENNA.search(info.name.lower())
+            ):
+                found.setdefault(name, info)
+    if "position" in found or "xyz" in positions:
+        found = {name: info for name, info in found.items() if name not in "xyz"}
+    draft.used |= {info.name for info in found.values()}
+    return found
+
+
+def _pose_lines(draft: _Draft, way: dict[str, ArrayInfo]) -> list[str]:
+    lines = [
+        "[pose]  # the vehicle in the lane frame; heading is clockwise from +y seen from above"
+    ]
+    angles = [name for name in ("heading", "pitch", "roll") if name in way]
+    position = way.get("position")
+    if position is not None:
+        unit = unit_of(draft.opened, position, "m")
+        beside = ', z = "0?"' if position.shape[1] == 2 else ""
+        lines.append(
+            f'position = {{variable = {json.dumps(position.name)}{beside}, unit = "{unit}"}}'
+        )
+        if position.shape[1] == 6:
+            return [*lines, 'angle_unit = "rad?"']
+    else:
+        places = [name for name in "xyz" if name in way]
+        lines += [f"{name} = {_guess(way, name, '0?' if places else '?')}" for name in "xyz"]
+        lines.append(f'unit = "{_common_unit(draft, [way[name] for name in places], "m")}"')
+    course = "course?" if position is not None or "y" in way else "0?" if way else "?"
+    lines += [
+        f"{name} = {_guess(way, name, '0?' if name != 'heading' else course)}"
+        for name in ("heading", "pitch", "roll")
+    ]
+    return [*lines, f'angle_unit = "{_common_unit(draft, [way[name] for name in angles], "rad")}"']
+
+
+def _guess(way: dict[str, ArrayInfo], name: str, without: str) -> str:
+    """Give the variable of a component, with a mark unless it is called just that."""
+    if name not in way:
+        return json.dumps(without)
+    called = way[name].name
+    last = re.split(r"[/.]", called.lower())[-1].split("_")[0]
+    return json.dumps(called if last == name else f"{called}?")
+
+
+def _common_unit(draft: _Draft, infos: list[ArrayInfo], usual: str) -> str:
+    units = {unit_of(draft.opened, info, usual) for info in infos} or {f"{usual}?"}
+    return units.pop() if len(units) == 1 else "?"
+
+
+def _track_lines(draft: _Draft, clock: ArrayInfo, position: ArrayInfo) -> list[str]:
+    opened = draft.opened
+    lines = [
+        "[track]  # positions on a clock of their own",
+        f'time = {{variable = {json.dumps(clock.name)}, unit = "{unit_of(opened, clock, "s")}"}}',
+        f'position = {{variable = {json.dumps(position.name)}, unit = "{unit_of(opened, position, "m")}"}}',
+    ]
+    beside = position.name.rsplit("/", 1)[0]
+    turned = [
+        info.name
+        for info in draft.rest()
+        if info.shape == (position.shape[0], 4) and re.search(r"orientation|rotation|quat", info.name.lower())
+        and (not draft.topic or info.name.startswith(f"{beside}/"))
+    ]  # fmt: skip
+    if turned:
+        body = '["-y?", "x?", "z?"]'
+        lines.append(
+            f"orientation = {{variable = {json.dumps(turned[0])}, body = {body}}}  # of x forward, y left, z up"
+        )
+    else:
+        lines += ['heading = "course?"', 'pitch = "0?"', 'roll = "0?"', 'angle_unit = "deg?"']
+    return [
+        *lines,
+        "clock_offset = 0.0  # the track's clock less the radar's, s; flgpr.calibrate finds it",
+    ]
+
+
+def labels_of(opened: ArrayFile, sizes: list[int]) -> list[str]:
+    """Read the polarizations of a file if it names them, else guess one, marked so."""
+    for info in opened.arrays.values():
+        if math.prod(info.shape) in sizes:
+            values = _values(opened, info)
+            if values is not None and values.dtype.kind in "US":
+                labels = [
+                    one.decode() if isinstance(one, bytes) else str(one) for one in values.ravel()
+                ]
+                if labels and set(labels) <= set(POLARIZATIONS):
+                    return labels
+    return ["HH?"]
+
+
+def _sibling(name: str, other: str) -> str:
+    for mark in (".", "/"):
+        if mark in name:
+            return name.rsplit(mark, 1)[0] + mark + other
+    return other
+
+
+def _dims(
+    sizes: list[int], axis: ArrayInfo | None, axis_name: str, positions: dict[str, list[ArrayInfo]],
+    stamp: ArrayInfo | None, labels: list[str], way: dict[str, ArrayInfo],
+) -> list[str]:  # fmt: skip
+    """Name the axes whose length tells what they are; the others get a question mark."""
+    names = ["?"] * len(sizes)
+
+    def put(count: int, name: str) -> None:
+        fits = [k for k, size in enumerate(sizes) if size == count and names[k] == "?"]
+        if fits and name not in names:
+            names[fits[-1]] = name if len(fits) == 1 or name.endswith("?") else f"{name}?"
+
+    if axis is not None:
+        put(math.prod(axis.shape), axis_name)
+    if stamp is not None:
+        put(math.prod(stamp.shape), "scan")
+    if labels[0] != "HH?":
+        put(len(labels), "polarization")
+    apart = {"tx", "rx"} <= set(positions) and positions["tx"][0].shape != positions["rx"][0].shape
+    for side, infos in positions.items():
+        rows = infos[0].shape[-2] if side != "xyz" else math.prod(infos[0].shape)
+        if len(infos[0].shape) == 3:
+            put(infos[0].shape[0], "scan")
+        put(rows, side if apart and side != "antenna" else "pair")
+    if way and not {"scan", "scan?"} & set(names):
+        put(max(next(iter(way.values())).shape), "scan")
+    if names.count("?") == 1 and not {"scan", "scan?"} & set(names):
+        names[names.index("?")] = "scan?"
+    return [
+        name if name != "?" else "scan, polarization, pair, tx, rx or single?" for name in names
+    ]
+
+
+def _axis_lines(
+    opened: ArrayFile, frequency: ArrayInfo | None, samples: ArrayInfo | None, sure: bool
+) -> list[str]:  # fmt: skip
+    if frequency is not None:
+        unit = unit_of(opened, frequency, "Hz")
+        return ["[frequency]", f"variable = {json.dumps(frequency.name)}", f'unit = "{unit}"', ""]
+    if samples is not None:
+        unit = unit_of(opened, samples, "m" if "range" in samples.name.lower() else "ns")
+        meaning = "range?" if unit.rstrip("?") in UNITS["length"] else "delay?"
+        return [
+            "[samples]", f"variable = {json.dumps(samples.name + ('' if sure else '?'))}", f'unit = "{unit}"',
+            f'meaning = "{meaning}"  # delay, range (one way) or path (there and back)',
+            "band = []  # first and last frequency to keep", 'band_unit = "GHz"', "",
+        ]  # fmt: skip
+    return [
+        "[frequency]  # no variable looks like the tones; span = [first, last] does as well",
+        'variable = "?"',
+        'unit = "Hz?"',
+        "",
+    ]
+
+
+def _position_lines(
+    opened: ArrayFile, positions: dict[str, list[ArrayInfo]], pairs: bool
+) -> list[str]:
+    if "xyz" in positions:
+        names = [
+            f"{axis} = {json.dumps(info.name)}"
+            for axis, info in zip("xyz", positions["xyz"], strict=True)
+        ]
+        return ["[antenna_position]", *names, 'unit = "m?"', ""]
+    if not positions and not pairs:
+        return [
+            "[antenna_position]  # in the vehicle frame",
+            *(f'{axis} = "0?"' for axis in "xyz"),
+            'unit = "m"',
+            "",
+        ]
+    if not positions:
+        return [
+            "[antenna_position]  # no variable looks like positions",
+            "values = []",
+            'unit = "m?"',
+            "",
+        ]
+    lines = []
+    for side in ("tx", "rx") if "tx" in positions and "rx" in positions else list(positions)[:1]:
+        info = positions[side][0]
+        frame = ['frame = "lane?"'] if len(info.shape) == 3 else []
+        unit = unit_of(opened, info, "m")
+        lines += [
+            f"[{side}_position]",
+            f"variable = {json.dumps(info.name)}",
+            f'unit = "{unit}"',
+            *frame,
+            "",
+        ]
+    return lines
+
+
+def unit_suffix(info: ArrayInfo) -> str:
+    """Return the unit that ends an array's name, such as ns of t_ns; empty if there is none."""
+    last = re.split(r"[_\W]", info.name.lower())[-1]
+    for units in UNITS.values():
+        suffixes = {unit.lower(): unit for unit in units if unit not in _NO_SUFFIX}
+        if last in suffixes and last != info.name.lower():
+            return suffixes[last]
+    return ""
+
+
+def unit_of(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
+    """Take the unit the file states, by attribute or at the end of the name, else guess by size and mark it so."""
+    kind = next(units for units in UNITS.values() if usual in units)
+    stated = info.unit.strip().lower().rstrip("s") if len(info.unit) > 2 else info.unit
+    if _LONG_UNITS.get(stated, info.unit) in kind:
+        return _LONG_UNITS.get(stated, info.unit)
+    suffix = unit_suffix(info)
+    if suffix in kind:
+        return suffix
+    if usual == "Hz":
+        values = _values(opened, info)
+        top = float(np.max(values)) if values is not None else 0.0
+        return "Hz?" if top >= 1e6 else "MHz?" if top >= 100 else "GHz?"
+    if usual == "ns":
+        values = _values(opened, info)
+        if values is not None and values.size and 0 < float(np.abs(values).max()) < _SHORTEST_SCANS:
+            return "s?"
+    return f"{usual}?"
