@@ -16,7 +16,9 @@ from flgpr.store import sample_lane
 ROOT = Path(flgpr.__file__).parent
 PAPERS = ROOT.parent / "flgpr_papers"
 STAGES = {"calibrate", "imaging", "clutter", "screen", "features", "detect", "simulate"}
-BELOW = {"model", "kernels", "io", "scoring"} | STAGES
+NUMBERS = {"model", "kernels", "scoring"} | STAGES
+FILES = {"store", "formats", "geo"}
+BELOW = NUMBERS | FILES | {"trials"}
 ALLOWED = {
     "lazy": set(),
     "door": set(),
@@ -25,24 +27,28 @@ ALLOWED = {
     "model": set(),
     "kernels": set(),
     **{stage: {"model", "kernels"} for stage in STAGES},
-    "scoring": {"model", "append_log"},
-    "io": {"model", "append_log"},
-    "chain": {"model", "kernels", "io"} | STAGES,
-    "results": {"model", "io", "scoring", "chain"},
+    "scoring": {"model"},
+    "store": {"model", "append_log"},
+    "geo": {"model", "store"},
+    "formats": {"model", "store", "geo"},
+    "io": FILES,
+    "trials": {"model", "scoring", "append_log"},
+    "chain": {"model", "kernels", "store"} | STAGES,
+    "results": {"model", "store", "geo", "scoring", "trials", "chain"},
     "design": {"model", "kernels", "imaging", "simulate", "chain"},
-    "report": {"model", "io", "screen", "scoring", "chain", "results", "design"},
-    "execution": {"model", "io", "chain", "results", "report", "simulate", "live"},
-    "live": {"model", "io", "chain", "append_log"} | STAGES,
-    "benchmark": BELOW | {"chain", "results", "report", "execution"},
+    "report": {"model", "screen", "scoring", "trials", "chain", "results", "design"} | FILES,
+    "execution": {"model", "store", "chain", "results", "report", "simulate", "live"},
+    "live": {"model", "store", "geo", "chain", "append_log"} | STAGES,
+    "proving_ground": BELOW | {"chain", "results", "report", "execution"},
     "accessor": {"model", "imaging", "calibrate", "screen", "chain", "results"},
-    "viewer": {"model", "io"},
+    "viewer": {"model"} | FILES,
     "notebook": {"commands", "results", "viewer"},
     "commands": BELOW
-    | {"chain", "results", "report", "design", "execution", "live", "viewer", "benchmark"},
+    | {"chain", "results", "report", "design", "execution", "live", "viewer", "proving_ground"},
     "__main__": {"commands"},
     "__init__": {"chain", "results", "notebook", "commands"} | BELOW,
 }
-FACES = sorted(path.parent for path in ROOT.rglob("__init__.pyi"))
+FACES = sorted(path.parent for path in ROOT.rglob("__init__.pyi") if path.parent.name != "io")
 HEAVY = {
     "numba",
     "scipy",
@@ -125,6 +131,21 @@ def test_nothing_pickles():
     for path in [*modules(), *modules(PAPERS)]:
         names = {name.split(".")[0] for name in imported(path)}
         assert not names & {"pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}, path
+
+
+def test_io_passes_on_the_names_of_three_rooms():
+    """`flgpr.io` is no home of its own: what it offers is what the rooms of files offer, the same objects."""
+    homes = {}
+    for room in sorted(FILES):
+        module = importlib.import_module(f"flgpr.{room}")
+        for name in module.__all__:
+            assert name not in homes, f"{name} has two homes, {homes[name].__name__} and {room}"
+            homes[name] = module
+    assert flgpr.io.__all__ == sorted(homes)
+    assert flgpr.io.open_run is homes["open_run"].open_run
+    assert flgpr.io.read_anchor is homes["read_anchor"].read_anchor
+    with pytest.raises(AttributeError, match="no attribute 'read_nothing'"):
+        flgpr.io.read_nothing
 
 
 @pytest.mark.parametrize("folder", FACES, ids=lambda folder: str(folder.relative_to(ROOT.parent)))

@@ -83,6 +83,31 @@ def test_what_was_compiled_is_named_by_what_the_module_and_those_behind_it_say(t
     assert folders[0] == folders[1] != folders[2]
 
 
+def test_a_module_that_moved_is_compiled_anew(tmp_path):
+    """Compiled code names the modules it was made of: under a former name they are not found."""
+    text = "from flgpr.kernels.between import a\n"
+    folders = []
+    for place in ("simulate", "simulate/radar"):
+        folder = tmp_path / "flgpr" / place
+        folder.mkdir(parents=True)
+        (folder / "loop.py").write_text(text)
+        folders.append(compiled.cache_folder(folder / "loop.py"))
+    assert folders[0] != folders[1]
+
+
+def test_kernels_behind_a_module_of_another_room_are_part_of_its_name(tmp_path):
+    folders = []
+    for home, inlined in (("here", "a = 1"), ("later", "a = 2")):
+        package = tmp_path / home / "flgpr"
+        (package / "kernels").mkdir(parents=True)
+        (package / "simulate" / "radar").mkdir(parents=True)
+        (package / "kernels" / "between.py").write_text(inlined)
+        module = package / "simulate" / "radar" / "loop.py"
+        module.write_text("from flgpr.kernels.between import a\n")
+        folders.append(compiled.cache_folder(module))
+    assert folders[0] != folders[1]
+
+
 def test_without_a_place_to_keep_it_a_kernel_is_compiled_all_the_same(tmp_path, monkeypatch):
     def twice(x):
         return 2 * x

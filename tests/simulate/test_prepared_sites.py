@@ -30,7 +30,7 @@ each = pytest.mark.parametrize("site", PREPARED)
 
 
 def file_of(site):
-    return (resources.files("flgpr.simulate") / "sites" / f"{site}.toml").read_text(
+    return (resources.files("flgpr.simulate.scene") / "sites" / f"{site}.toml").read_text(
         encoding="utf-8"
     )
 

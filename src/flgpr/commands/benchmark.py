@@ -62,11 +62,11 @@ def run_benchmark(
     str
         The table of the scores.
     """
-    from flgpr import benchmark
+    from flgpr import proving_ground
 
     options = run_options(workers, scheduler, track=track)
-    benchmark.run_benchmark(list(entries or ()), output, quick, options, ground, tier)
-    return benchmark.write_table([output], output)
+    proving_ground.run_benchmark(list(entries or ()), output, quick, options, ground, tier)
+    return proving_ground.write_table([output], output)
 
 
 @command(lines=_text_lines)
@@ -86,10 +86,10 @@ def run_oracle(
     str
         The table of the scores.
     """
-    from flgpr import benchmark
+    from flgpr import proving_ground
 
-    benchmark.run_oracle(folder, recipe, run_options(workers, scheduler, track=track), tier)
-    return benchmark.write_table([folder], folder)
+    proving_ground.run_oracle(folder, recipe, run_options(workers, scheduler, track=track), tier)
+    return proving_ground.write_table([folder], folder)
 
 
 @command(lines=_text_lines, quiet=False)
@@ -106,9 +106,9 @@ def benchmark_table(
     str
         The table of the scores.
     """
-    from flgpr import benchmark
+    from flgpr import proving_ground
 
-    return benchmark.write_table(folders, output or folders[0])
+    return proving_ground.write_table(folders, output or folders[0])
 
 
 def _list_lines(lines: list[str], _: Arguments) -> Iterator[str]:
@@ -130,6 +130,6 @@ def list_benchmark(
     list of str
         Lines of text.
     """
-    from flgpr import benchmark
+    from flgpr import proving_ground
 
-    return benchmark.listing(quick, lanes, ground)
+    return proving_ground.listing(quick, lanes, ground)

@@ -80,7 +80,7 @@ def make_radargram(
     output: Sequence[PathLike] = (),
     max_memory: int = MAX_MEMORY,
 ) -> Radargram:
-    """Read a recording (:func:`flgpr.formats.read_gpr`), take the steps, and write the radargram as PNG or NumPy (.npz).
+    """Read a recording, take the steps, and write the radargram as PNG or NumPy (.npz).
 
     Raises
     ------

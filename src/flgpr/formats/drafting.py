@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from flgpr.door import read_named
 from flgpr.formats.arrays import LIMIT, ArrayFile, ArrayInfo, open_arrays
 from flgpr.formats.explain import Explanation, explain_file, find_signal, labels_of, unit_of
-from flgpr.formats.mapping import UNITS
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.model.units import UNITS
 from flgpr.store.files import existing
 
 FloatArray = NDArray[np.float64]

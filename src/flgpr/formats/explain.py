@@ -16,8 +16,8 @@ from flgpr.door import read_named
 from flgpr.formats.arrays import LIMIT, ArrayFile, ArrayInfo, open_arrays
 from flgpr.formats.gpr_files import is_gpr
 from flgpr.formats.gprmax import explain_gprmax, explain_merged, is_gprmax
-from flgpr.formats.mapping import UNITS
 from flgpr.model import POLARIZATIONS
+from flgpr.model.units import UNITS
 from flgpr.store.extras import optional
 from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY

@@ -30,9 +30,9 @@ def channels_run(
         Where the antennas of each channel are across the way, m in the vehicle frame; the file does
         not tell. By default all are put at x = 0, which ``import_notes`` say.
     **options
-        Those of :func:`flgpr.formats.gpr_run` but ``channel``. ``band`` is by default a quarter of the
-        lowest to twice the highest nominal frequency of the antennas, or all that is recorded where
-        one of these is unknown.
+        Those of :func:`flgpr.formats.gpr_run` but ``channel``. ``band`` is by default a quarter of
+        the lowest to twice the highest nominal frequency of the antennas, or all that is recorded
+        where one of these is unknown.
 
     Returns
     -------

@@ -75,7 +75,10 @@ class _Layout:
 
 
 def read_segy(path: Path, limit: int) -> dict[str, Any]:
-    """Read a SEG-Y file: the entries of a :class:`flgpr.formats.gpr_files.GprSection`; what contradicts is a ValueError."""
+    """Return the entries of a :class:`flgpr.formats.gpr_files.GprSection` from a SEG-Y file.
+
+    Contradictions in the file raise a ValueError.
+    """
     raw = first_bytes(path, _HEAD + _TRACE_HEAD)
     if len(raw) < _HEAD:
         raise ValueError(f"its headers must have {_HEAD} bytes, the file has {len(raw)}")

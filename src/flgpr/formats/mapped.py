@@ -60,9 +60,9 @@ def import_mapped(
     ``data`` are data files in place of the mapping's entry ``files.data``. The mapping's file names are relative to
     ``folder`` (by default that of the first data file), else to its own. ``limit`` is the largest array to read, bytes.
     ``pose`` (scan, 6) or ``track``, of the reference point, stand in place of the mapping's, such as from
-    :func:`flgpr.formats.read_survey` or :func:`flgpr.formats.read_nmea`; time on that track is the radar's plus ``clock_offset``,
-    s. ``anchor`` takes positions by longitude and latitude to the lane; with
-    ``anchor_from_track`` they make their own (:func:`flgpr.geo.anchor_from_fixes`).
+    :func:`flgpr.formats.read_survey` or :func:`flgpr.formats.read_nmea`; time on that track is the
+    radar's plus ``clock_offset``, s. ``anchor`` takes positions by longitude and latitude to the
+    lane; with ``anchor_from_track`` they make their own (:func:`flgpr.geo.anchor_from_fixes`).
     """
     table = mapping if isinstance(mapping, Mapping) else read_mapping(mapping)
     given = [Path(data)] if isinstance(data, (str, Path)) else [Path(one) for one in data or ()]

@@ -64,6 +64,13 @@ class Anchor:
         ).T
         return (local - self.shift) @ heading_matrix(self.azimuth)
 
+    def to_lonlat(self, points: ArrayLike) -> FloatArray:
+        """Return WGS 84 longitude and latitude (..., 2), degrees, of points in the anchor's system.
+
+        Points are easting and northing (..., 2), m. A system that is not projected is a ValueError.
+        """
+        return lonlat_of(points, self.crs)
+
     def to_geodetic(self, position: ArrayLike) -> FloatArray:
         """Take points (..., 3) from the lane frame to WGS 84 longitude, latitude (degrees) and height (m)."""
         xyz = self.to_geocentric(position)

@@ -84,7 +84,10 @@ def write_earth_geojson(
 
 
 def write_earth_csv(points: pd.DataFrame, path: str | Path) -> None:
-    """Write points of :func:`georeference` as CSV without formulas (:func:`flgpr.store.write_table`); whole or absent."""
+    """Write points of :func:`georeference` as CSV, whole or not at all.
+
+    Cells that a spreadsheet would take for formulas are quoted (:func:`flgpr.store.write_table`).
+    """
     write_table(points, path)
 
 

@@ -23,8 +23,8 @@ from flgpr.model.arrays import FloatArray
 
 FEW = (
     1 << 15
-    # : sums or transform slots of all pairs and channels, a tenth of a millisecond: no other thread is
-    # woken
+    # : sums or transform slots of all pairs and channels, a tenth of a millisecond: no other thread
+    # is woken
 )
 
 

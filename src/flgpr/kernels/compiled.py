@@ -37,16 +37,28 @@ def _text(source: Path) -> bytes:
 
 
 def _modules(source: Path) -> set[Path]:
-    """List a module and those of its folder behind it: what numba inlines and freezes comes from these."""
+    """Return a module and those behind it that hold kernels: numba inlines and freezes what they say.
+
+    These are the modules of its own folder and of ``flgpr.kernels``.
+    """
+    package = _package_of(source)
+    kernels = package / "kernels"
     found = {source}
-    left = [source]
-    while left:
-        names = re.findall(
-            rf"^from flgpr\.{source.parent.name}\.(\w+) import", _text(left.pop()).decode(), re.M
-        )
-        left += (new := {source.with_name(f"{name}.py") for name in names} - found)
-        found |= new
+    unread = [source]
+    while unread:
+        text = _text(unread.pop()).decode()
+        for name in re.findall(r"^from flgpr\.([\w.]+) import", text, re.MULTILINE):
+            module = package.joinpath(*name.split(".")).with_suffix(".py")
+            holds_kernels = module.parent in (source.parent, kernels)
+            if holds_kernels and module.is_file() and module not in found:
+                found.add(module)
+                unread.append(module)
     return found
+
+
+def _package_of(source: Path) -> Path:
+    """Return the folder of the package that a module belongs to, in whatever copy of the sources."""
+    return next((path for path in source.parents if path.name == "flgpr"), source.parents[1])
 
 
 @cache
@@ -56,8 +68,11 @@ def cache_folder(source: Path) -> Path:
     told = hashlib.sha256(
         f"{numba.__version__} {llvmlite.binding.get_host_cpu_name()} {features}".encode()
     )
+    package = _package_of(source)
     for path in sorted(_modules(source)):
-        told.update(f"\0{path.name}\0".encode() + _text(path))
+        # With its folder: compiled code names the modules that it was made of, and a module that
+        # has moved is not found by its former name.
+        told.update(f"\0{path.relative_to(package).as_posix()}\0".encode() + _text(path))
     # A folder of ours in either case: old ones in it are removed.
     home = (
         Path(config.CACHE_DIR, "flgpr")

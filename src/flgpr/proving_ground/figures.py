@@ -35,8 +35,8 @@ def tiers_figure(ground: Ground, scores: pd.DataFrame, narrow: bool = False) -> 
     ground : Ground
         A ground that has tiers.
     scores : DataFrame
-        What :func:`flgpr.proving_ground.score_entries` gives; the opening split at the FAR of comparison
-        is drawn.
+        What :func:`flgpr.proving_ground.score_entries` gives; the opening split at the FAR of
+        comparison is drawn.
     narrow : bool
         Two panels beside each other, which can be read on a phone, and not all of them.
 

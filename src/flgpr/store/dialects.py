@@ -13,16 +13,15 @@ import re
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 
-from flgpr.formats.mapping import UNITS
+from flgpr.model.units import UNITS
 
-if TYPE_CHECKING:
-    from flgpr.geo.anchor import Anchor
-
+FloatArray = NDArray[np.float64]
 PLACES = ("longitude", "latitude", "easting", "northing")
 """Columns beside those of the tables: where a row lies on the Earth, degrees or metres."""
 _IDS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
@@ -71,6 +70,20 @@ _NO_UNIT = ("", "1", "-", "%")
 _MARKS = ";\t,"
 
 
+class EarthAnchor(Protocol):
+    """What takes places on the Earth to a lane, such as :class:`flgpr.geo.Anchor`."""
+
+    @property
+    def origin(self) -> tuple[float, float, float]:
+        """Longitude and latitude, degrees, and height, m, of the lane's contact point."""
+
+    def to_lonlat(self, points: ArrayLike) -> FloatArray:
+        """Return longitude and latitude of easting and northing (..., 2)."""
+
+    def from_geodetic(self, position: ArrayLike) -> FloatArray:
+        """Return lane coordinates of longitude, latitude and height (..., 3)."""
+
+
 @dataclass(frozen=True)
 class TableReading:
     """What a user says of a table: which column is what, and where its lane lies on the Earth."""
@@ -79,7 +92,7 @@ class TableReading:
         default_factory=dict
     )  #: name that flgpr knows -> the file's own
     #: takes longitude and latitude, or easting and northing, to the lane
-    anchor: Anchor | None = None
+    anchor: EarthAnchor | None = None
 
 
 def parse_columns_option(text: str) -> dict[str, str]:
@@ -212,7 +225,7 @@ def column_targets(
 
 
 def named_columns(
-    table: pd.DataFrame, targets: Mapping[int, str], anchor: Anchor | None = None
+    table: pd.DataFrame, targets: Mapping[int, str], anchor: EarthAnchor | None = None
 ) -> tuple[pd.DataFrame, list[str]]:
     """Give columns the names that flgpr knows (:func:`column_targets`), their lengths metres, their places the lane's.
 
@@ -251,7 +264,7 @@ def _without_needless_places(renamed: dict[int, str]) -> dict[int, str]:
     return {k: target for k, target in renamed.items() if target not in PLACES}
 
 
-def _in_the_lane(table: pd.DataFrame, anchor: Anchor | None, notes: list[str]) -> pd.DataFrame:
+def _in_the_lane(table: pd.DataFrame, anchor: EarthAnchor | None, notes: list[str]) -> pd.DataFrame:
     """Take places on the Earth to the lane where the table has none in it."""
     if {"x", "y"} <= set(table.columns):
         return table
@@ -263,12 +276,10 @@ def _in_the_lane(table: pd.DataFrame, anchor: Anchor | None, notes: list[str]) -
         raise ValueError(
             f"{pair[0]} and {pair[1]} need an anchor, which tells where the lane lies on the Earth"
         )
-    from flgpr.geo.anchor import lonlat_of  # geodesy takes its time to load, and few tables need it
-
     points = np.stack([pd.to_numeric(table[name]).to_numpy(np.float64) for name in pair], axis=-1)
     if not np.isfinite(points).all():
         raise ValueError(f"{pair[0]} and {pair[1]} must be finite in every row")
-    lonlat = points if pair[0] == "longitude" else lonlat_of(points, anchor.crs)
+    lonlat = points if pair[0] == "longitude" else anchor.to_lonlat(points)
     if (np.abs(lonlat[:, 1]) > 90).any() or (np.abs(lonlat[:, 0]) > 360).any():
         raise ValueError(
             "latitudes must lie within 90 and longitudes within 360 degrees: are they swapped?"

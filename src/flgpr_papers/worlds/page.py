@@ -45,7 +45,7 @@ def page_html(folder: Path, pictures: Mapping[str, bytes], quick: bool) -> str:
 def declared_hashes() -> dict[str, str]:
     """Return the SHA-256 of every declared file: axes and lanes, the fraction, mixes of mines, the two sites."""
     papers = resources.files("flgpr_papers")
-    sites = resources.files("flgpr.simulate") / "sites"
+    sites = resources.files("flgpr.simulate.scene") / "sites"
     files = [
         papers / "worlds" / "worlds.toml",
         papers / "worlds" / "worlds.csv",

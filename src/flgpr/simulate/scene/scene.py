@@ -36,7 +36,7 @@ Percent = Annotated[float, Field(ge=0, le=100)]
 Size = Annotated[float, Field(gt=0, le=100)]
 Stride = Annotated[float, Field(ge=0.001, le=10_000)]
 Beside = Annotated[float, Field(ge=0, le=1000)]
-_SITES = resources.files("flgpr.simulate") / "sites"
+_SITES = resources.files("flgpr.simulate.scene") / "sites"
 
 
 class Layer(_Part):
