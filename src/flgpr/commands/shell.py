@@ -174,7 +174,8 @@ def _call(shown: Command, given: Mapping[str, Any], silent: bool) -> Any:
             from flgpr.kernels.ahead import compiled_beside
 
             stack.enter_context(compiled_beside())
-        if any(one.name == "track" for one in shown.parameters):
+        # Where the command line itself has an option of that name it is the file of a track.
+        if any(one.name == "track" and one.shell is None for one in shown.parameters):
             values["track"] = stack.enter_context(progress_bars(silent))
         return shown.function(**values)
 
