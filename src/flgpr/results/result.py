@@ -67,6 +67,15 @@ class Result:
             return None
         return load_model(self.files().path(MODEL), self.manifest["files"][name])
 
+    def _repr_html_(self) -> str:
+        from flgpr.results.notebook_html import result_html
+
+        return result_html(self)
+
+    def __repr__(self) -> str:
+        alarms = len(self.detections[0].alarms)
+        return f"result of {self.recipe.name}: {alarms} alarms, in {self.folder}"
+
 
 def write_result(
     folder: str | Path,
