@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import flgpr
+import flgpr.io
 from flgpr.store import sample_lane
 
 ROOT = Path(flgpr.__file__).parent

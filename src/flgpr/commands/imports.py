@@ -58,10 +58,10 @@ def import_fullwave(
     FileExistsError
         If another run is at the output.
     """
-    from flgpr import io
+    from flgpr import formats
     from flgpr.commands.importing import store_with_tables
 
-    lane = io.import_fullwave(archive)
+    lane = formats.import_fullwave(archive)
     return store_with_tables(lane.run, Path(output), {"truth": lane.truth, "objects": lane.objects})
 
 
