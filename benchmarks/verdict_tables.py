@@ -3,7 +3,7 @@
     python benchmarks/verdict_tables.py FOLDER [docs/verdicts]
 
 A study that has results in one world only has dashes for the other. The counts that the page's first table holds are
-printed.
+printed. Tables of experiments, ``reasons.csv`` of ``flgpr reproduce reasons``, are taken over as they are.
 """
 
 import csv
@@ -22,6 +22,7 @@ def main() -> None:
     folder = Path(sys.argv[1])
     output = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/verdicts")
     for study in sorted(path for path in folder.iterdir() if path.is_dir()):
+        copy_reasons(study, output)
         findings = {world: read_findings(study / place) for world, place in WORLDS.items()}
         rows = rows_of(findings)
         if not rows:
@@ -32,6 +33,15 @@ def main() -> None:
         print(
             f"{path}: {'; '.join(count_verdicts(world, found) for world, found in findings.items())}"
         )
+
+
+def copy_reasons(study: Path, output: Path) -> None:
+    """Take over the tables of experiments of a study, a file per world."""
+    for place in WORLDS.values():
+        table = study / place / "reasons.csv"
+        if table.is_file():
+            name = "-".join(part for part in ("reasons", study.name, place) if part)
+            (output / f"{name}.csv").write_text(table.read_text(encoding="utf-8"), encoding="utf-8")
 
 
 def header() -> list[str]:

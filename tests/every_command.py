@@ -28,6 +28,7 @@ from flgpr.store import open_run, sample_lane, save_run, write_table
 from io_geodesy import LANE, on_the_ellipsoid
 from io_gprmax import lane_and_sensor, write_output
 from robust import digests
+from scans_mapping import TIME, line_mapping
 from small_lane import LANE_TOML, small_recipe, small_run
 from systems.lanes import SENSOR
 
@@ -375,23 +376,7 @@ def _make_anchors(home):
     write_anchor(anchor_from_points(home / "turned.csv", "EPSG:4326", 0.02), home / "turned.toml")
 
 
-MAPPED = """
-title = "made up"
-polarization = ["HH"]
-files.data = "mapped.npz"
-[signal]
-variable = "s"
-dims = ["scan", "frequency"]
-[frequency]
-span = [1.0, 1.2]
-unit = "GHz"
-[antenna_position]
-values = [[0, 0, 0]]
-unit = "m"
-[time]
-variable = "t"
-unit = "s"
-"""
+MAPPED = line_mapping("mapped.npz", TIME)
 
 
 def _make_mapped(home):

@@ -4,11 +4,23 @@ import struct
 
 import numpy as np
 
-from io_gpr import INTERVAL, SAMPLES, STEP, ZERO, gga, write_dt1, write_dzt
+from io_geodesy import on_the_ellipsoid
+from io_gpr import INTERVAL, SAMPLES, STEP, ZERO, gga, section, write_dt1, write_dzt
+
+COUNTS = section(30)
+TRACES = len(COUNTS)
+ALONG = STEP * np.arange(TRACES)
+WAY = np.stack([np.zeros(TRACES), ALONG, np.zeros(TRACES)], axis=1)
+LONGITUDE, LATITUDE = on_the_ellipsoid(WAY)[:, :2].T
 
 HEAD = 128  # bytes of a DT1's trace header
 WORDS = {"number": 0, "position": 1, "bytes": 5, "receiver": 14, "transmitter": 17, "second": 23}
 """Words of 32 bits of a DT1's trace header."""
+
+
+def notes_with(read, words):
+    """Return the notes of a recording that hold these words."""
+    return [note for note in read.history if words in note]
 
 
 def set_dt1_words(path, word, values, width=2):

@@ -15,6 +15,7 @@ from flgpr.results.description import describe_run
 from flgpr.results.result import write_result
 from flgpr.store import open_run, sample_lane, save_run
 from io_geodesy import LANE, distance, on_the_ellipsoid
+from scans_mapping import TIME, line_mapping
 from take import UP, take_text
 
 
@@ -164,23 +165,7 @@ def test_run_to_cphd_and_back(small_run, anchor, tmp_path):
     assert exchange.export_run(tmp_path / "placed.zarr", tmp_path / "c.cphd").stat().st_size > 100
 
 
-MAPPING = """
-title = "made up"
-polarization = ["HH"]
-files.data = "a.npz"
-[signal]
-variable = "s"
-dims = ["scan", "frequency"]
-[frequency]
-values = [1.0, 1.1, 1.2]
-unit = "GHz"
-[antenna_position]
-values = [[0, 0, 0]]
-unit = "m"
-[time]
-variable = "t"
-unit = "s"
-"""
+MAPPING = line_mapping("a.npz", TIME, tones="values = [1.0, 1.1, 1.2]")
 
 
 def test_import_with_a_track_or_a_survey(tmp_path):

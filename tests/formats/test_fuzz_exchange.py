@@ -25,6 +25,7 @@ from io_geodesy import LANE, on_the_ellipsoid
 from io_gpr import section, write_dt1, write_dzt, write_ids, write_impulse, write_mala, write_segy
 from io_open import way, write_ogpr, write_su
 from io_recordings import gps_lines, two_headers, with_extra_headers
+from scans_mapping import line_mapping
 from take import take_text
 
 ARRAYS = {
@@ -276,18 +277,7 @@ lane = [0.0, 50.0]
 easting = 500000.0
 northing = 5300049.98
 """
-MAPPING = b"""title = "x"
-polarization = ["HH"]
-[signal]
-variable = "s"
-dims = ["scan", "frequency"]
-[frequency]
-values = [1.0, 1.1]
-unit = "GHz"
-[antenna_position]
-values = [[0, 0, 0]]
-unit = "m"
-"""
+MAPPING = line_mapping(tones="values = [1.0, 1.1]").encode()
 
 
 @FUZZ

@@ -161,7 +161,9 @@ def test_tables_in_every_encoding(encoding, tmp_path):
     found = read_text_table(path)
     np.testing.assert_array_equal(found["Länge_m"], [1, 2])
     np.testing.assert_array_equal(found["im"], [0.1, 0.2])
-    assert bool(open_arrays(path).notes) == (encoding != "utf-8")
+    notes = open_arrays(path).notes
+    assert any("is text in" in note for note in notes) == (encoding != "utf-8")
+    assert "commas in numbers, such as 0,5, are read as decimal commas" in notes
 
 
 VNA = "!CSV A.01.01\n!Agilent\nBEGIN CH1_DATA\nFreq(Hz),S21(REAL),S21(IMAG)\n1e9,0.1,0.2\n2e9,0.3,0.4\nEND\n"
@@ -298,6 +300,23 @@ def test_the_axes_of_a_profile_are_not_swapped(tmp_path):
     assert 'dims = ["sample", "scan"]' in draft
     assert '[samples]\nvariable = "Time"\nunit = "s?"' in draft
     assert '[time]\nvariable = "GPS_time"' in draft
+
+
+def test_a_draft_takes_longitude_and_latitude_where_a_file_has_no_places_in_the_lane(tmp_path):
+    scans = np.arange(41)
+    arrays = {
+        "Data": np.random.default_rng(3).normal(size=(200, 41)),
+        "Time": np.linspace(0, 50e-9, 200)[:, None],
+        "GPS_time": scans[None] / 4.0,
+        "Latitude": (60 + scans * 1e-5)[None],
+        "Longitude": np.full((1, 41), 8.0),
+    }
+    savemat(tmp_path / "a.mat", arrays)
+    draft = propose_mapping(tmp_path / "a.mat").replace("band = []", "band = [0.1, 1.0]")
+    (tmp_path / "m.toml").write_text(re.sub(r'\?"', '"', draft))
+    run = import_mapped(tmp_path / "m.toml", anchor_from_track=True).run
+    way = run["pose"].values[:, 1]
+    np.testing.assert_allclose(np.diff(way), 1e-5 * 111_412, rtol=1e-3)  # m of a degree at 60 N
 
 
 @pytest.mark.parametrize("turned", [False, True])

@@ -51,7 +51,10 @@ def test_missing_fixes_of_a_table_are_counted(tmp_path):
         max_gap=1.2,
     )
     np.testing.assert_allclose(track["x"], [1, 2, 5, 6, 8])
-    assert track.attrs["notes"] == ["4 of 9 fixes of the track not finite, bridged"]
+    assert track.attrs["notes"] == [
+        "no column tells pitch and roll: 0 is taken",
+        "4 of 9 fixes of the track not finite, bridged",
+    ]
 
 
 def test_a_track_that_was_written_is_read_again(tmp_path):

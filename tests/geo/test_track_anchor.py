@@ -11,6 +11,7 @@ from flgpr.formats import nmea_places
 from flgpr.geo import anchor_from_fixes
 from flgpr.store import open_run
 from io_gpr import gga, section, write_mala
+from scans_mapping import line_mapping
 
 # degrees per metre at 50 N and 400 m, within 0.02 %
 NORTH = 1 / 111_236.0
@@ -120,20 +121,7 @@ def test_two_anchors_and_a_line_without_fixes_are_refused(tmp_path):
     assert "anchor and anchor-from-track both say where the lane lies: give one" in done.output
 
 
-MAPPING = """
-title = "drive"
-files.data = "drive.npz"
-polarization = ["VV"]
-[signal]
-variable = "s"
-dims = ["scan", "frequency"]
-[frequency]
-span = [1.0, 1.2]
-unit = "GHz"
-[antenna_position]
-values = [[0, 0, 1.5]]
-unit = "m"
-"""
+MAPPING = line_mapping("drive.npz", polarization="VV", height=1.5)
 POSE = """
 [pose]
 geodetic = {longitude = "lon", latitude = "lat", height = "h", angle_unit = "deg", unit = "m"}

@@ -96,7 +96,7 @@ def test_profiles_too_long_for_shared_memory_are_transformed_in_the_device_s(mon
     for maker in makers:
         maker.cache_clear()
     test_both_directions_agree_with_the_direct_sum("odd width")
-    assert engine.CudaEngine._held[1][0].spare.shape[1] > 1
+    assert engine.CudaEngine._shared_lanes[1][0].spare.shape[1] > 1
     for maker in makers:
         maker.cache_clear()
 

@@ -21,6 +21,7 @@ from flgpr_papers.cosgrove2004.detect import (
     eigenvectors,
     learn,
     score_looks,
+    target_cut,
 )
 from flgpr_papers.cosgrove2004.findings import (
     case_curve,
@@ -30,20 +31,25 @@ from flgpr_papers.cosgrove2004.findings import (
     pd_table,
 )
 from flgpr_papers.cosgrove2004.images import (
+    LaneChange,
     _direction,
     _scene,
     lane_looks,
+    open_looks,
     point_response,
+    reflector_looks,
     signature_cuts,
     study_sensor,
     tone_weight,
 )
+from flgpr_papers.cosgrove2004.reasons import SHIFTS, correlation_record, moment_record
 from flgpr_papers.cosgrove2004.recipe import study_recipe
 from flgpr_papers.cosgrove2004.signature import (
     fourth_moment_ratio,
     hump_count,
     look_measures,
     polarization_correlation,
+    visibility_db,
     visible_mines,
 )
 from flgpr_papers.kit.findings import NO_VERDICT
@@ -105,6 +111,51 @@ def test_what_stands_beside_the_lane_brings_no_ground_of_its_own(recipe):
     images = _direction(recipe, changed(scene, clutter={"bushes": 0.0, "posts": 0.0}), 3000, False)
     for (beside, *_), (alone, *_) in zip(images["roadside"], images["open"], strict=True):
         np.testing.assert_array_equal(beside.values, alone.values)
+
+
+def test_a_twin_with_nothing_changed_is_the_studys_open_lane(recipe, looks):
+    twin = open_looks(recipe, "sand", 3, 0.1, LaneChange())
+    assert len(twin) == len(looks["open"])
+    for one, other in zip(twin, looks["open"], strict=True):
+        np.testing.assert_array_equal(one.image.values, other.image.values)
+        np.testing.assert_array_equal(one.place, other.place)
+        assert (one.trains, one.depth, one.shift) == (other.trains, other.depth, other.shift)
+
+
+def test_a_lane_without_its_mines_is_looked_at_where_they_lay(recipe, looks):
+    bare = open_looks(recipe, "sand", 3, 0.1, LaneChange(mines=False))
+    for one, other in zip(bare, looks["open"], strict=True):
+        np.testing.assert_array_equal(one.place, other.place)
+    peaks = [
+        np.median([np.abs(target_cut(recipe, look)).max() for look in found])
+        for found in (bare, looks["open"])
+    ]
+    assert peaks[0] < 0.7 * peaks[1]
+
+
+def test_mines_and_ground_can_be_changed_one_by_one(recipe, looks):
+    ahead = open_looks(recipe, "sand", 3, 0.1, LaneChange(mine={"x": 0.0}))
+    assert all(abs(look.place[0]) < 0.1 for look in ahead)
+    louder = open_looks(recipe, "sand", 3, 0.1, LaneChange({"surface": {"level_db": 20.0}}))
+    level = [np.median(np.abs(found[0].image.values)) for found in (louder, looks["open"])]
+    assert level[0] != pytest.approx(level[1], rel=1e-3)
+
+
+def test_a_corner_reflector_returns_the_same_in_both_polarizations(recipe):
+    for look in reflector_looks(recipe, "sand"):
+        assert polarization_correlation(target_cut(recipe, look)[0]) > 0.999
+
+
+def test_what_is_measured_on_a_changed_lane(recipe, looks):
+    record = correlation_record(recipe, looks["open"])
+    middle = record["mine_by_shift"][SHIFTS.index(0)]
+    assert middle == pytest.approx(record["mine"])
+    assert 0 < record["clutter"] < 1
+    training = learn(recipe, [look for look in looks["open"] if look.trains])
+    moments = moment_record(recipe, looks["open"], training.whitener)
+    assert 0 < moments["share_filled"] <= 1
+    assert moments["filled"] <= moments["fourth_moment"]
+    assert moments["levelled"] < moments["filled"]
 
 
 def test_ramp_on_calibrated_data_leaves_amplitudes_that_grow_with_frequency(recipe):
@@ -393,6 +444,9 @@ def test_visible_mines_stand_out_of_the_boxes_at_their_range():
         values, dims=("polarization", "y", "x"), coords={"polarization": ["HH"], "y": y, "x": x}
     )
     assert visible_mines(recipe, image) == [False, True, False]
+    first, second, third = visibility_db(recipe, image)
+    assert second > 0
+    assert max(first, third) <= 0
 
 
 def test_quick_study_writes_its_page_and_goes_on_where_it_stopped(recipe, tmp_path, monkeypatch):

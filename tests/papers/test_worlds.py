@@ -395,7 +395,7 @@ def test_what_cannot_be_run_is_refused(tmp_path):
     found = runner.invoke(
         app, ["reproduce", "wang2007", "--part", "detection", "-o", str(tmp_path / "x")]
     )
-    assert "part must be left out for wang2007: only worlds has parts" in found.stderr
+    assert "part must be left out for wang2007: only worlds and reasons have parts" in found.stderr
     assert not (tmp_path / "x").exists()
     (tmp_path / "worlds.json").write_text('{"quick": true}\n')
     with pytest.raises(FileExistsError, match="with the quick form: choose another output"):

@@ -13,13 +13,13 @@ from flgpr.calibrate import (
     estimate_joint,
     estimate_range_bias,
     remove_range_bias,
-    subtract_mean_scan,
     synthetic_aperture,
     with_track,
 )
 from flgpr.chain.detect import detect
 from flgpr.chain.fitting import fit_recipe
 from flgpr.chain.recipe import parse_recipe
+from flgpr.clutter import subtract_mean_scan
 from flgpr.formats.mapped import import_mapped
 from flgpr.imaging import ImagingOperator
 from flgpr.model import SPEED_OF_LIGHT as C

@@ -27,6 +27,7 @@ from flgpr.store import open_run
 from flgpr.store.journal import JOURNAL
 from flgpr.trials import blind
 from robust import content, digests
+from scans_mapping import TIME, line_mapping
 
 DATA = Path(__file__).parents[1] / "data"
 KILLS = int(os.environ.get("FLGPR_KILLS", "4"))
@@ -220,23 +221,10 @@ def a_gpr_line(home):
     return import_gpr, io_gpr.write_dt1(home / "line.dt1", io_gpr.section(24))
 
 
-MAPPED = """
-title = "made up"
-polarization = ["HH"]
-files.data = "a.npz"
-[signal]
-variable = "s"
-dims = ["scan", "frequency"]
-[frequency]
-span = [1.0, 1.2]
-unit = "GHz"
-[antenna_position]
-values = [[0, 0, 0]]
-unit = "m"
-[time]
-variable = "t"
-unit = "s"
-[pose]
+MAPPED = line_mapping(
+    "a.npz",
+    TIME,
+    """[pose]
 x = 0
 y = "t"
 z = 1.5
@@ -245,7 +233,8 @@ pitch = 0
 roll = 0
 unit = "m"
 angle_unit = "deg"
-"""
+""",
+)
 
 
 @pytest.mark.parametrize("made", [a_fullwave_lane, a_mapped_array, a_recording, a_gpr_line])

@@ -18,7 +18,6 @@ from flgpr.calibrate.pose import estimate_lever_arm as estimate_lever_arm
 from flgpr.calibrate.pose import remove_in_scan_motion as remove_in_scan_motion
 from flgpr.calibrate.pose import vehicle_velocity as vehicle_velocity
 from flgpr.calibrate.profiles import fields_over_bias as fields_over_bias
-from flgpr.calibrate.profiles import subtract_mean_scan as subtract_mean_scan
 from flgpr.calibrate.reflector import DIHEDRAL as DIHEDRAL
 from flgpr.calibrate.reflector import DIHEDRAL_45 as DIHEDRAL_45
 from flgpr.calibrate.reflector import TRIHEDRAL as TRIHEDRAL

@@ -14,6 +14,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.features import PatchShape
+from flgpr.features.polarimetry import entropy_alpha_of
 from flgpr.kernels.focus import focus
 from flgpr.kernels.sampling import bilinear
 from flgpr.kernels.windows import WINDOWS, band_weights
@@ -255,6 +256,7 @@ class EvidenceSums:
 
     def result(self) -> Evidence:
         """Assemble the evidence."""
+        entropy, alpha = entropy_alpha_of(self._coherency)
         return Evidence(
             *self._channels,
             self._patch,
@@ -265,7 +267,7 @@ class EvidenceSums:
                 for one in self._looks
             ],
             [_stacked(one) for one in self._looks],
-            entropy_alpha_points(self._coherency),
+            pd.DataFrame({"entropy": entropy, "alpha": alpha}),
             *self._names,
             self._caused(),
         )
@@ -380,15 +382,3 @@ def _coherency(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.c
         np.stack([hh + vv, hh - vv, 2 * hv], axis=1).reshape(len(points), 3, -1)
     ) / np.sqrt(2)
     return np.asarray(vector @ vector.conj().swapaxes(1, 2), dtype=np.complex128)
-
-
-def entropy_alpha_points(coherency: NDArray[np.complex128]) -> pd.DataFrame:
-    """Entropy (0 to 1) and mean angle alpha (rad) of coherency matrices (alarm, 3, 3); NaN for a zero one."""
-    values, vectors = np.linalg.eigh(coherency)
-    values = np.maximum(values, 0.0)
-    total = values.sum(axis=-1, keepdims=True)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.where(total > 0, values / total, np.nan)
-    entropy = -np.sum(share * np.log(np.maximum(share, np.finfo(float).tiny)), axis=-1) / np.log(3)
-    alpha = np.sum(share * np.arccos(np.clip(np.abs(vectors[:, 0, :]), 0, 1)), axis=-1)
-    return pd.DataFrame({"entropy": np.abs(entropy), "alpha": alpha})

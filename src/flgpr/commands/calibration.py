@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from flgpr.calibrate import BiasFit, ClockFit, subtract_mean_scan
+from flgpr.calibrate import BiasFit, ClockFit
+from flgpr.clutter import subtract_mean_scan
 from flgpr.commands.positions import track_of
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray

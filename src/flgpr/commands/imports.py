@@ -113,8 +113,9 @@ def import_gprmax(
     """
     from flgpr.chain.progress import silent
     from flgpr.commands.importing import import_gprmax_decks
-    from flgpr.formats.gprmax import GprmaxTold, import_gprmax_files
+    from flgpr.formats.gprmax_files import GprmaxTold, import_gprmax_files
     from flgpr.store import save_run
+    from flgpr.store.notes import tell_note
 
     sources = [Path(path) for path in one_or_more(source)]
     if len(sources) == 1 and sources[0].is_dir():
@@ -130,7 +131,10 @@ def import_gprmax(
         raise ValueError("--waveform and --centre go together")
     pulse = None if waveform is None or centre is None else (waveform, centre)
     known = GprmaxTold(band, transmit, ground, horizontal, vertical, pulse)
-    return [save_run(import_gprmax_files(sources, known), output, resume=True)]
+    run = import_gprmax_files(sources, known)
+    for note in run.attrs["import_notes"]:
+        tell_note(note)
+    return [save_run(run, output, resume=True)]
 
 
 def _mapped_lines(arrived: Imported, call: Arguments) -> Iterator[str | Path]:

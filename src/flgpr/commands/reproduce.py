@@ -16,14 +16,19 @@ from flgpr.commands.shell import Arguments, command
 PAPERS = ("cosgrove2004", "flsar2004", "fuse2018", "wang2007")
 
 
-def _lines(page: Path, _: Arguments) -> Iterator[str]:
-    yield f"page: {page.resolve()}"
+def _lines(page: Path, call: Arguments) -> Iterator[str]:
+    word = "table" if call.paper == "reasons" else "page"
+    yield f"{word}: {page.resolve()}"
 
 
 @command(lines=_lines)
 def reproduce(
     paper: Annotated[
-        str, Argument(help=f"One of {', '.join(PAPERS)}, all, or worlds: a map of what decides.")
+        str,
+        Argument(
+            help=f"One of {', '.join(PAPERS)}, all, worlds: a map of what decides, or reasons: "
+            "experiments on why statements do not hold."
+        ),
     ],
     output: Annotated[PathLike | None, Option("-o", "--output", help="Folder to work in.")] = None,
     quick: Annotated[
@@ -32,7 +37,8 @@ def reproduce(
     part: Annotated[
         Sequence[str] | None,
         Option(
-            help="Of worlds: detection, ablation, geometry or statements, or figures of what is there; several may be."
+            help="Of worlds: detection, ablation, geometry or statements, or figures of what is there; of reasons: a "
+            "paper. Several may be."
         ),
     ] = None,
     workers: Annotated[
@@ -62,14 +68,21 @@ def reproduce(
     """
     from flgpr.chain.progress import silent
 
-    if paper not in (*PAPERS, "all", "worlds"):
-        raise ValueError(f"paper must be one of {', '.join(PAPERS)}, all or worlds, got {paper!r}")
-    folder = Path(output or ("reproduced" if paper == "all" else f"{paper}-result"))
+    if paper not in (*PAPERS, "all", "worlds", "reasons"):
+        raise ValueError(
+            f"paper must be one of {', '.join(PAPERS)}, all, worlds or reasons, got {paper!r}"
+        )
+    of_all = "reproduced" if paper in ("all", "reasons") else f"{paper}-result"
+    folder = Path(output or of_all)
     # The studies rest on everything else, and nothing rests on them.
     papers = import_module("flgpr_papers")
+    if paper == "reasons":
+        return Path(papers.explain(folder, part or (), quick, world, track or silent))
     if paper != "worlds":
         if part:
-            raise ValueError(f"part must be left out for {paper}: only worlds has parts")
+            raise ValueError(
+                f"part must be left out for {paper}: only worlds and reasons have parts"
+            )
         page = papers.reproduce(paper, folder, quick, track or silent, workers or 1, world)
         return Path(page)
     if world != "own":

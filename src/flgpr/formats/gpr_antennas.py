@@ -42,21 +42,49 @@ def antenna_frequency(name: str, maker: str, channel: int = 0) -> float | None:
 
     ``maker`` is "GSSI", "MALÅ" or "ImpulseRadar"; ``channel`` chooses between the antennas of a set of two.
     """
+    return _look_up(name, maker, channel)[0]
+
+
+def set_frequency(name: str, channel: int) -> float | None:
+    """Return the nominal frequency, Hz, of a channel's antenna in a set of GSSI's; None if the name is no set's."""
+    megahertz = _of_set(_plain(name), channel)
+    return None if megahertz is None else megahertz * 1e6
+
+
+def noted_frequency(name: str, maker: str, notes: list[str], channel: int = 0) -> float | None:
+    """Return what :func:`antenna_frequency` does, and note how it is known unless the name states it with a unit."""
+    frequency, source = _look_up(name, maker, channel)
+    if not name.strip():
+        notes.append("the header names no antenna: its frequency is unknown")
+    elif frequency is None:
+        notes.append(
+            f"antenna {name[:40]!r} is in no table of models and states no frequency: it is unknown"
+        )
+    elif source:
+        notes.append(f"antenna {name[:40]!r} is one of {frequency / 1e6:g} MHz, {source}")
+    return frequency
+
+
+def _look_up(name: str, maker: str, channel: int) -> tuple[float | None, str]:
+    """Return an antenna's frequency, Hz, and how it is known; nothing where the name states it with a unit."""
     plain = _plain(name)
     megahertz: float | None = None
+    source = "by the table of models"
     if maker == "GSSI":
         megahertz = _of_set(plain, channel) or GSSI.get(plain)
     elif maker == "MALÅ":
         megahertz = _mala(plain)
     if megahertz is None:
         megahertz = _with_unit(plain)
+        source = ""
     if megahertz is None and maker in ("MALÅ", "ImpulseRadar"):
         # The field is the frequency and the kind, such as "500_shielded_0.18".
         leading = _LEADING.fullmatch(plain)
         megahertz = float(leading[1]) if leading else None
+        source = "by the number that its name begins with"
     if megahertz is None or not _LOWEST <= megahertz <= _HIGHEST:
-        return None
-    return megahertz * 1e6
+        return None, ""
+    return megahertz * 1e6, source
 
 
 def _plain(name: str) -> str:
@@ -81,17 +109,3 @@ def _with_unit(plain: str) -> float | None:
     for number, unit in _WITH_UNIT.findall(plain):
         stated.add(float(number.replace(",", ".")) * (1e3 if unit == "G" else 1.0))
     return stated.pop() if len(stated) == 1 else None
-
-
-def note_antenna(name: str, frequency: float | None, notes: list[str]) -> None:
-    """Tell how an antenna's frequency is known, unless its name states it, or that it is not."""
-    if frequency is None:
-        notes.append(
-            f"antenna {name[:40]!r} is in no table of models and states no frequency: it is unknown"
-        )
-    elif not re.search(
-        rf"{frequency / 1e6:g}\s*MHz|{frequency / 1e9:g}\s*GHz", name, re.IGNORECASE
-    ):
-        notes.append(
-            f"antenna {name[:40]!r} is one of {frequency / 1e6:g} MHz, by the table of models"
-        )

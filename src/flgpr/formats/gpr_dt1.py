@@ -38,6 +38,12 @@ _WORDS = {"i2": "16 bit", "f4": "32 bit floating point"}
 _LINES = ("", "reflection", "common offset", "common-offset", "profile")
 _GATHERS = ("cmp", "warr", "multi", "transillum", "tomograph", "mog", "zop", "vrp", "borehole")
 """What the entry SURVEY MODE says of a line, and of a survey whose antennas move apart."""
+_UNUSED = (
+    (slice(3, 4), "the topography (word 4)"),
+    (slice(8, 14), "the satellite receiver's position (words 9 to 14)"),
+    (slice(20, 21), "the adjustment of time zero (word 21)"),
+)
+"""Columns of a trace header's words that are told and not used, and what they are."""
 _LEAST_SEPARATION = 0.005  # m, of two antennas
 _FARTHEST_APART = 1000.0  # m, of two antennas in a gather
 
@@ -53,7 +59,7 @@ def read_dt1(path: Path, limit: int) -> dict[str, Any]:
     stated = head.number("NUMBER OF TRACES", 0, 1e9, False)
     table = _records(path, head, samples, stated, notes, limit)
     words = float64(table["head"])
-    traces = exact_floats(table["samples"])
+    traces = exact_floats(table["samples"], notes)
     empty = words[:, 21] == 1
     traces[empty] = np.nan
     if empty.any():
@@ -61,9 +67,14 @@ def read_dt1(path: Path, limit: int) -> dict[str, Any]:
     zero = head.number("TIMEZERO AT POINT", -1e6, 1e6, False)
     if zero is None:
         notes.append(ZERO_ASSUMED)
+    elif zero == 0:
+        notes.append(
+            "TIMEZERO AT POINT is 0, but points are counted from 1: the first one is taken"
+        )
     megahertz = head.number("NOMINAL FREQUENCY", 0, 1e5, False)
     distance, separation = _lengths(head, words, notes)
     fixes = _fixes(path, words, notes)
+    _note_unused_words(words, notes)
     gather = _gather(head, words, notes)
     if gather:
         notes.append(f"its antennas move apart ({gather}): it is no line of one offset")
@@ -158,6 +169,14 @@ def _lengths(
         )
         return distance, separation
     return distance, None if separation is None else separation * unit
+
+
+def _note_unused_words(words: FloatArray, notes: list[str]) -> None:
+    """Tell which words of the trace headers are filled in and not used."""
+    for columns, meaning in _UNUSED:
+        filled = np.count_nonzero((np.nan_to_num(words[:, columns]) != 0).any(axis=1))
+        if filled:
+            notes.append(f"{meaning} of {filled} traces is not used")
 
 
 def _fixes(path: Path, words: FloatArray, notes: list[str]) -> Fixes:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from flgpr.formats.gpr_antennas import GSSI_SETS, antenna_frequency, note_antenna
+from flgpr.formats.gpr_antennas import antenna_frequency, noted_frequency, set_frequency
 from flgpr.formats.gpr_parts import (
     INTERVALS,
     NANOSECOND,
@@ -63,7 +63,7 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     sample, offset = types[bits]
     table = read_records(path, begin, np.dtype((sample, (channels, samples))), None, notes, limit)
     words = table[:, 0, :2].astype(np.int64)
-    traces = exact_floats(table)
+    traces = exact_floats(table, notes)
     traces -= offset
     traces[..., :2] = traces[..., 2:3]
     notes.append(
@@ -203,16 +203,15 @@ def _frequency_of(
 ) -> float | None:
     """Return the nominal frequency of a channel's antenna, Hz: by its name, the set it is of, or the system."""
     name = names[channel]
-    frequency = antenna_frequency(name, "GSSI", channel)
-    if frequency is None and channel and names[0].upper() in GSSI_SETS:
-        second = antenna_frequency(names[0], "GSSI", channel)
-        if second is not None:
+    if antenna_frequency(name, "GSSI", channel) is None:
+        of_set = set_frequency(names[0], channel) if channel else None
+        if of_set is not None:
             notes.append(
-                f"the antenna of channel {channel} is taken as the second of {names[0]!r}: {second / 1e6:g} MHz"
+                f"the antenna of channel {channel} is taken as the second of {names[0]!r}: "
+                f"{of_set / 1e6:g} MHz"
             )
-            return second
-    if frequency is None and is_mini_xt:
-        notes.append("its system is a StructureScan Mini XT, whose antenna is taken")
-        return antenna_frequency("SSMINIXT", "GSSI")
-    note_antenna(name, frequency, notes)
-    return frequency
+            return of_set
+        if is_mini_xt:
+            notes.append("its system is a StructureScan Mini XT, whose antenna is taken")
+            return antenna_frequency("SSMINIXT", "GSSI")
+    return noted_frequency(name, "GSSI", notes, channel)

@@ -68,7 +68,7 @@ def read_ids(path: Path, limit: int) -> dict[str, Any]:
     notes.append(
         f"counts taken as {'signed' if rough[0] <= rough[1] else 'unsigned'}, by their smaller leaps"
     )
-    traces = exact_floats(signed if rough[0] <= rough[1] else bare) - np.float32(offset)
+    traces = exact_floats(signed if rough[0] <= rough[1] else bare, notes) - np.float32(offset)
     lost = (table["mark"][:, 1] == 1) & (table["mark"][:, 2] == 6)
     traces[lost] = np.nan
     if lost.any():

@@ -24,6 +24,8 @@ from flgpr.store.store_layout import MAX_MEMORY
 _BLOCK = 512  # traces that are transformed at a time
 _MOST_HEADINGS = 4000  # fixes whose course is looked for, which takes the square of their number
 _LOWEST = 1e6  # Hz, below which no run has tones
+OCTAVE = 2.0
+"""Ratio of the ends of a band, at least, for the antenna's frequency to be believed beside the sampling."""
 _LISTED = 3  # fixes that are named
 _EARTH = 6_371_000.0  # m, its mean radius
 _LEVEL = 0.01  # m of height, that are none
@@ -44,16 +46,20 @@ def gpr_run(
     polarization: str = "HH",
     anchor: Anchor | None = None,
     topography: bool = False,
+    band_reason: str = "given",
 ) -> xr.Dataset:
     """Make a run of a line: one scan per trace, one pair, along +y of the lane from the line's start, at x = 0.
 
     In place of what the headers tell stand ``step`` between traces, m, ``time_zero`` after the first sample and the
     time ``window``, s, and the antennas' ``separation``, m. The antennas lie one behind the other, receiver ahead, or
-    side by side with ``across``, ``height`` m above the ground. ``band``, Hz, is by default a quarter to twice the
-    antenna's nominal frequency. With an ``anchor`` the satellite receiver's positions put the traces in the lane;
-    traces before its first and after its last are left out; with ``topography`` they are put on the receiver's heights,
-    which else are not used. ``import_notes`` say what was assumed. What the headers do not tell and is not given, or
-    does not fit, is a ValueError.
+    side by side with ``across``, ``height`` m above the ground.
+
+    ``band``, Hz, is by default a quarter to twice the antenna's nominal frequency, or up to half of what the sampling
+    holds where that is unknown or less than an octave of it is recorded; ``band_reason`` is what the notes say of a
+    given one. With an ``anchor`` the satellite receiver's positions put the traces in the lane; traces before its first
+    and after its last are left out; with ``topography`` they are put on the receiver's heights, which else are not
+    used. ``import_notes`` say what was assumed. What the headers do not tell and is not given, or does not fit, is a
+    ValueError.
     """
     channels, samples = section.traces.shape[1:]
     if not 0 <= channel < channels:
@@ -78,19 +84,7 @@ def gpr_run(
         )
     notes += _given_instead(section, channel, step, time_zero, window, separation)
     nominal = section.frequencies[channel]
-    chosen = _band(band, nominal, delay)
-    told = (
-        "given"
-        if band is not None
-        else "a quarter to twice the antenna's"
-        if nominal
-        else "by the sampling"
-    )
-    if band is None and nominal and (chosen[0] > nominal / 4 or chosen[1] < 2 * nominal):
-        told += ", within what the record and its sampling hold"
-    notes.append(
-        f"impulse data taken to frequency, {chosen[0] / 1e6:g} to {chosen[1] / 1e6:g} MHz ({told})"
-    )
+    chosen = _band(band, band_reason, nominal, delay, notes)
     keep, pose = _poses(section, step, height, anchor, topography, notes)
     if section.marks:
         notes.append(f"{len(section.marks)} marks of the operator are not kept in the run")
@@ -142,10 +136,7 @@ def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str
         )  # there and back, where a line turns round
         lines.append(f"length {length:.6g} m, trace spacing {length / (count - 1):.4g} m")
     else:
-        lines.append(
-            "trace spacing unknown: give --step"
-            + (" or --anchor" if len(section.fixes) > 1 else "")
-        )
+        lines.append(f"trace spacing unknown: give {_ways_to_place(section, '--')}")
     antennas = ", ".join(
         "unknown" if one is None else f"{one / 1e6:g} MHz" for one in section.frequencies
     )
@@ -182,20 +173,44 @@ def _delay(
 
 
 def _band(
-    given: tuple[float, float] | None, nominal: float | None, delay: NDArray[np.float64]
+    given: tuple[float, float] | None,
+    given_reason: str,
+    nominal: float | None,
+    delay: NDArray[np.float64],
+    notes: list[str],
 ) -> tuple[float, float]:
+    """Return the band, Hz, to keep: as given, about the antenna's nominal frequency, or by the sampling."""
     interval = float(delay[1] - delay[0])
     nyquist = 0.5 / interval
     lowest = max(_LOWEST, 1 / (interval * delay.size))
-    low, high = given or ((nominal / 4, 2 * nominal) if nominal else (lowest, 0.5 * nyquist))
-    if given is None:
-        low = max(low, lowest)
-        high = min(high, 0.9 * nyquist)
+    low = lowest
+    high = 0.5 * nyquist
+    reason = "by the sampling"
+    if nominal and nominal > nyquist:
+        notes.append(
+            f"an antenna of {nominal / 1e6:g} MHz does not fit samples {interval * 1e9:.4g} ns apart, which hold "
+            f"frequencies up to {nyquist / 1e6:g} MHz: are antenna and time window right?"
+        )
+    if given is not None:
+        low, high = given
+        reason = given_reason
+    elif nominal:
+        least = max(nominal / 4, lowest)
+        most = min(2 * nominal, 0.9 * nyquist)
+        if most >= OCTAVE * least:
+            low = least
+            high = most
+            reason = "a quarter to twice the antenna's"
+            if low > nominal / 4 or high < 2 * nominal:
+                reason += ", within what the record and its sampling hold"
+        else:
+            reason = "by the sampling, which hardly holds any of the antenna's"
     if not lowest * (1 - 1e-9) <= low < high <= nyquist:
         raise ValueError(
             f"band must lie between {lowest / 1e6:g} MHz and half the sampling rate, {nyquist / 1e6:g} MHz, got "
             f"{low / 1e6:g} to {high / 1e6:g} MHz: give the band, or is the time window right?"
         )
+    notes.append(f"impulse data taken to frequency, {low / 1e6:g} to {high / 1e6:g} MHz ({reason})")
     return low, high
 
 
@@ -237,8 +252,9 @@ def _poses(
         raise ValueError(f"step must be from 1e-5 to 1e3 m, got {step:g}")
     along = section.distance if step is None else step * np.arange(count)
     if along is None:
-        more = " or the anchor" if len(section.fixes) > 1 else ""
-        raise ValueError(f"{section.path}: its headers tell no trace spacing: give the step{more}")
+        raise ValueError(
+            f"{section.path}: its headers tell no trace spacing: give the {_ways_to_place(section)}"
+        )
     notes.append("the line is put along +y of the lane, at x = 0")
     if len(section.fixes):
         notes.append(
@@ -248,6 +264,17 @@ def _poses(
     pose[:, 1] = along
     pose[:, 2] = height
     return np.arange(count), pose
+
+
+def _ways_to_place(section: GprSection, dashes: str = "") -> str:
+    """Name the options that place the traces of a line whose headers do not."""
+    names = ["step"]
+    if len(section.marks) > 1:
+        names.append("mark-spacing")
+    if len(section.fixes) > 1:
+        names += ["anchor", "anchor-from-track"]
+    options = [dashes + name for name in names]
+    return options[0] if len(options) == 1 else f"{', '.join(options[:-1])} or {options[-1]}"
 
 
 def _topography(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flgpr.formats.gpr_antennas import antenna_frequency, note_antenna
+from flgpr.formats.gpr_antennas import noted_frequency
 from flgpr.formats.gpr_parts import (
     INTERVALS,
     MOST_SAMPLES,
@@ -43,13 +43,11 @@ def read_mala(path: Path, limit: int) -> dict[str, Any]:
         notes.append(
             f"the traces' clock is that of a trace every {seconds:g} s, by TIME INTERVAL in the header"
         )
-    antenna = head.text("ANTENNAS", "ANTENNA")
-    frequency = antenna_frequency(antenna, "MALÅ")
-    note_antenna(antenna, frequency, notes)
+    frequency = noted_frequency(head.text("ANTENNAS", "ANTENNA"), "MALÅ", notes)
     fixes = cor_fixes(find_beside(path, ".cor"), len(table), notes)
     note_unread(path, (".mrk", ".em", ".gps"), notes)
     return {
-        "traces": exact_floats(table)[:, None],
+        "traces": exact_floats(table, notes)[:, None],
         "delay": np.arange(samples) * interval,
         "distance": equal_steps(len(table), step, "DISTANCE INTERVAL in the header", notes),
         "time": np.arange(len(table)) * float(seconds or 0.0) if timed else None,
@@ -86,13 +84,11 @@ def read_impulse(path: Path, limit: int) -> dict[str, Any]:
     zero = head.number("ZERO LEVEL", 0, samples, False)
     if zero is None:
         notes.append(ZERO_ASSUMED)
-    antenna = head.text("ANTENNA")
-    frequency = antenna_frequency(antenna, "ImpulseRadar")
-    note_antenna(antenna, frequency, notes)
+    frequency = noted_frequency(head.text("ANTENNA"), "ImpulseRadar", notes)
     fixes = cor_fixes(find_beside(path, ".cor"), len(table), notes)
     note_unread(path, (".mrk", ".time", ".gps"), notes)
     return {
-        "traces": exact_floats(table)[:, None],
+        "traces": exact_floats(table, notes)[:, None],
         "delay": (np.arange(samples) - (zero or 0.0)) * interval,
         "distance": equal_steps(len(table), step, f"{name} in the header", notes),
         "fixes": fixes.table,

@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.door import open_named, parse_json
-from flgpr.formats.gpr_parts import exact_floats, first_bytes
+from flgpr.formats.gpr_parts import exact_floats, first_bytes, measured_places
 
 FloatArray = NDArray[np.float64]
 _PREAMBLE = 47  # bytes: 5 + 33 + 9
 _LARGEST_DESCRIPTOR = 4 * 2**20
 _MOST_CHANNELS = 256
 _INTERVALS = (1e-13, 1e-6)  # s
+_FARTHEST = 1e8  # m, of a coordinate
 _TYPES = {2: "<i2", 4: "<f4"}  # by the bytes of a sample: counts, or floats
 
 
@@ -37,7 +38,15 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
     channels = _count(main, "channelsCount", 1, _MOST_CHANNELS)
     slices = _count(main, "slicesCount", 1, 2**31)
     blocks = descriptor.get("dataBlockDescriptors")
-    named = {str(one.get("type")): one for one in blocks or [] if isinstance(one, dict)}
+    named: dict[str, dict[str, Any]] = {}
+    further: list[str] = []  # blocks of a type that is there already
+    for block in blocks or []:
+        if not isinstance(block, dict):
+            continue
+        kind = str(block.get("type"))
+        if kind in named:
+            further.append(kind)
+        named.setdefault(kind, block)
     if "Radar Volume" not in named:
         raise ValueError(
             f"its descriptor must name a block Radar Volume, got {', '.join(named) or 'none'}"
@@ -61,14 +70,20 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
     others = sorted(set(named) - {"Radar Volume", "Sample Geolocations"})
     if others:
         notes.append(f"blocks found and not understood: {', '.join(others)}")
-    distance = None
+    if further:
+        notes.append(f"{len(further)} further blocks of {', '.join(sorted(set(further)))} not read")
+    _note_unused_entries(radar, frequency, notes)
+    distance: FloatArray | None = None
     if place is not None:
-        distance = np.append(0.0, np.hypot(*np.diff(place[:, :2], axis=0).T).cumsum())
+        way = np.append(0.0, np.hypot(*np.diff(place[:, :2], axis=0).T).cumsum())
         notes.append(
             "the distance along the line is that of the traces' coordinates, of the first channel"
         )
+        distance = measured_places(
+            way, None, "distances from trace to trace", "the descriptor", notes
+        )
     elif step > 0:
-        distance = step * np.arange(slices)
+        distance = step * np.arange(slices, dtype=np.float64)
         notes.append(f"traces are put at equal steps of {step:g} m, by samplingStep_m")
     metadata = main.get("metadata")
     name = metadata.get("swathName") if isinstance(metadata, dict) else None
@@ -81,6 +96,18 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
         "title": str(name) if name else path.stem,
         "history": tuple(notes),
     }
+
+
+def _note_unused_entries(radar: dict[str, Any], frequency: float | None, notes: list[str]) -> None:
+    """Tell what the descriptor of the radar tells and is not used, and whether its frequency is missing."""
+    if frequency is None:
+        notes.append("the descriptor tells no frequency of the antenna: it is unknown")
+    polarization = radar.get("polarization")
+    if polarization is not None:
+        notes.append(f"polarization {str(polarization)[:40]!r} of the descriptor is not used")
+    speed = radar.get("propagationVelocity_mPerSec")
+    if isinstance(speed, int | float):
+        notes.append(f"the propagation velocity {speed:g} m/s of the descriptor is not used")
 
 
 def _descriptor_of(path: Path) -> dict[str, Any]:
@@ -160,10 +187,7 @@ def _radar_volume(
     with open_named(path) as file:
         file.seek(offset)
         values = np.frombuffer(file.read(length), dtype=_TYPES[width]).reshape(shape)
-    bad = int(np.count_nonzero(~np.isfinite(values).all(axis=(1, 2)))) if width == 4 else 0
-    if bad:
-        notes.append(f"{bad} of {shape[0]} traces hold samples that are not finite")
-    return exact_floats(values)
+    return exact_floats(values, notes)
 
 
 def _places(
@@ -189,29 +213,48 @@ def _places(
             file.seek(offset + number * stride)
             raw += file.read(24)
     place = np.frombuffer(bytes(raw), dtype="<f8").reshape(slices, 3).astype(np.float64)
-    if (
-        not np.isfinite(place).all()
-        or np.abs(place).max() > 1e8
-        or not np.ptp(place[:, :2], axis=0).any()
-    ):
+    usable = np.isfinite(place).all(axis=1) & (np.abs(np.nan_to_num(place)) <= _FARTHEST).all(
+        axis=1
+    )
+    known = np.flatnonzero(usable)
+    if known.size < 2 or not np.ptp(place[usable, :2], axis=0).any():
         notes.append(
-            "Sample Geolocations are not finite, or all at one place: positions are not read"
+            f"{slices - known.size} of {slices} Sample Geolocations are no places, and the others are too few or "
+            "all at one place: positions are not read"
         )
         return None, none
+    if known.size < slices:
+        notes.append(
+            f"{slices - known.size} of {slices} Sample Geolocations are no places: put between their neighbours"
+        )
+        trace = np.arange(slices)
+        for column in range(3):
+            place[:, column] = np.interp(trace, known, place[usable, column])
+    if channels > 1 and length > 24 * slices:
+        notes.append(
+            f"Sample Geolocations of {channels - 1} further channels are not used: --channel-x places them"
+        )
+    return place, _fixes(place, known, block, notes)
+
+
+def _fixes(
+    place: FloatArray, known: NDArray[np.intp], block: dict[str, Any], notes: list[str]
+) -> FloatArray:
+    """Return the fixes (fix, 4) of the traces whose places (trace, 3) are ``known``; none if their system is not."""
+    none = np.empty((0, 4))
     system = block.get("srs")
     code = system.get("value") if isinstance(system, dict) else None
     if not isinstance(code, int):
         notes.append("Sample Geolocations name no reference system: they give the distance alone")
-        return place, none
+        return none
     from flgpr.geo.anchor import lonlat_of  # geodesy takes its time to load, and few lines need it
 
     try:
-        lonlat = lonlat_of(place[:, :2], f"EPSG:{code}")
+        lonlat = lonlat_of(place[known, :2], f"EPSG:{code}")
     except ValueError as error:
         notes.append(
             f"Sample Geolocations in EPSG:{code} are no places there, and give the distance alone: {error}"
         )
-        return place, none
-    table = np.column_stack([np.arange(slices, dtype=np.float64), lonlat, place[:, 2]])
+        return none
     notes.append(f"heights are taken as ellipsoidal: EPSG:{code} does not tell")
-    return place, table
+    return np.column_stack([known.astype(np.float64), lonlat, place[known, 2]])

@@ -164,18 +164,22 @@ def read_records(
     return np.fromfile(path, dtype=kind, count=count, offset=start)
 
 
-def exact_floats(samples: NDArray[Any]) -> NDArray[np.floating[Any]]:
-    """Return samples as floating point in which every count is exact."""
+def exact_floats(samples: NDArray[Any], notes: list[str]) -> NDArray[np.floating[Any]]:
+    """Return samples (trace, ...) as floating point in which every count is exact; those that are none are told."""
     wide = samples.dtype.itemsize > 4 or (
         samples.dtype.itemsize == 4 and samples.dtype.kind in "iu"
     )
     with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
         real: NDArray[np.floating[Any]] = samples.astype(np.float64 if wide else np.float32)
-    size = np.abs(real[np.isfinite(real)]).max(initial=0.0)
+    finite = np.isfinite(real)
+    size = np.abs(real[finite]).max(initial=0.0)
     if size > 1e30:
         raise ValueError(
             f"samples must be below 1e30 in magnitude, got {size:g}: is the byte order wrong?"
         )
+    missing = np.count_nonzero(~finite.reshape(len(real), -1).all(axis=1))
+    if missing:
+        notes.append(f"{missing} of {len(real)} traces hold samples that are no numbers")
     return real
 
 

@@ -94,14 +94,9 @@ def read_segy(path: Path, limit: int) -> dict[str, Any]:
     table = read_records(
         path, layout.start, _record(layout, order, code), None, notes, limit, layout.end
     )
-    traces = exact_floats(_ibm(table["samples"]) if code == _IBM else table["samples"])
-    _check_trace_headers(table, layout.samples, notes)
-    dead = np.isin(table["identification"], _DEAD)
-    if dead.any():
-        traces[dead] = np.nan
-        notes.append(
-            f"{np.count_nonzero(dead)} traces without data, as their headers say (dead or dummy)"
-        )
+    traces = exact_floats(_ibm(table["samples"]) if code == _IBM else table["samples"], notes)
+    _check_trace_headers(table, layout.samples, interval, notes)
+    _leave_dead_out(table, traces, notes)
     distance, fixes, separation = _geometry(table, _unit_of_length(raw, order, notes), notes)
     return {
         "traces": traces[:, None],
@@ -251,10 +246,6 @@ def _interval_of(raw: bytes, order: str, revision: tuple[int, int], notes: list[
         else 0
     )
     if stated >= 1:
-        if own not in (0, stated):
-            notes.append(
-                f"the first trace header tells an interval of {own}, the binary header {stated}, which is used"
-            )
         interval = float(stated)
     elif revision[0] == 2 and np.isfinite(long) and long > 0:
         interval = long
@@ -284,8 +275,22 @@ def _record(layout: _Layout, order: str, code: int) -> np.dtype[Any]:
     return np.dtype(fields)
 
 
-def _check_trace_headers(table: NDArray[Any], samples: int, notes: list[str]) -> None:
-    """Tell what the trace headers say otherwise, or what of theirs is not applied."""
+def _leave_dead_out(
+    table: NDArray[Any], traces: NDArray[np.floating[Any]], notes: list[str]
+) -> None:
+    """Make traces (trace, sample) NaN that their headers call dead or dummy."""
+    dead = np.isin(table["identification"], _DEAD)
+    if dead.any():
+        traces[dead] = np.nan
+        notes.append(
+            f"{np.count_nonzero(dead)} traces without data, as their headers say (dead or dummy)"
+        )
+
+
+def _check_trace_headers(
+    table: NDArray[Any], samples: int, interval: float, notes: list[str]
+) -> None:
+    """Tell what the trace headers say otherwise than all do, or what of theirs is not applied; ``interval`` in s."""
     other = (table["count"] != 0) & (table["count"] != samples & 0xFFFF)
     if other.any():
         low = table["count"][other].min()
@@ -293,10 +298,21 @@ def _check_trace_headers(table: NDArray[Any], samples: int, notes: list[str]) ->
         notes.append(
             f"{np.count_nonzero(other)} trace headers tell {low} to {high} samples: all traces are read with {samples}"
         )
-    if table["late"].any():
-        notes.append("the delay of the recording is not applied; give the time zero")
-    if table["weight"].any():
-        notes.append("the weighting factors of the traces (bytes 169-170) are not applied")
+    paces = table["interval"]
+    others = np.count_nonzero((paces != 0) & (np.abs(paces * 1e-12 - interval) > 0.5e-12))
+    if others:
+        notes.append(
+            f"{others} trace headers tell another sample interval (bytes 117-118) than {interval * 1e12:g} ps, which "
+            "is used"
+        )
+    late = np.count_nonzero(table["late"])
+    if late:
+        notes.append(
+            f"the delay of the recording of {late} traces is not applied; give the time zero"
+        )
+    weighted = np.count_nonzero(table["weight"])
+    if weighted:
+        notes.append(f"the weighting factors of {weighted} traces (bytes 169-170) are not applied")
     offset = table["offset"].astype(np.float64)
     if np.ptp(offset) > 0 and np.abs(offset).max() > 0:
         notes.append(
@@ -362,7 +378,11 @@ def _geometry(
         f"the distance along the line is that of the traces' coordinates, the {_PLACES[name]}"
     )
     distance = measured_places(way, None, "distances from trace to trace", "the header", notes)
-    return distance, Fixes(), _separation(places, metre, notes)
+    separation = _separation(places, metre, notes)
+    for other in places:
+        if other != name and not (other == "group" and separation is not None):
+            notes.append(f"the {_PLACES[other]} are not used")
+    return distance, Fixes(), separation
 
 
 def _between_neighbours(place: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
@@ -421,14 +441,9 @@ def read_su(path: Path, limit: int) -> dict[str, Any]:
     ]
     layout = _Layout(0, _TRACE_HEAD, samples)
     table = read_records(path, 0, _record(layout, order, 5), None, notes, limit)
-    traces = exact_floats(table["samples"])
-    _check_trace_headers(table, samples, notes)
-    dead = np.isin(table["identification"], _DEAD)
-    if dead.any():
-        traces[dead] = np.nan
-        notes.append(
-            f"{np.count_nonzero(dead)} traces without data, as their headers say (dead or dummy)"
-        )
+    traces = exact_floats(table["samples"], notes)
+    _check_trace_headers(table, samples, interval, notes)
+    _leave_dead_out(table, traces, notes)
     distance, fixes, separation = _geometry(table, 1.0, notes)
     return {
         "traces": traces[:, None],

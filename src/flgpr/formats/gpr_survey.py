@@ -122,8 +122,9 @@ def survey_run(
     if not sections:
         raise ValueError("a survey must have at least one line, got none")
     if options.get("band") is None:
-        bands = [common_band(section) for section in sections]
+        bands = [common_band(section)[0] for section in sections]
         options["band"] = max(low for low, _ in bands), min(high for _, high in bands)
+        options["band_reason"] = "common to all lines and their antennas"
     if anchor is None and layout.spacing is None and layout.ends is None and len(sections) > 1:
         raise ValueError(
             "lines of a survey need an anchor, line-spacing or a table of lines, which tell where they lie"

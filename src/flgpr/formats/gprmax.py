@@ -9,19 +9,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.door import MOST_CHECKED, MOST_JSON, Folder, parse_json
 from flgpr.formats.arrays import LIMIT, open_arrays
-from flgpr.model import make_run
 from flgpr.store.files import canonical_json
 
 FloatArray = NDArray[np.float64]
@@ -123,8 +120,11 @@ def _read(path: Path) -> GprmaxOutput:
             )
         receivers = {}
         for group in _numbered(file, "rxs"):
-            one = _receiver(group, steps, path)
-            receivers[one.name] = one
+            receiver = _receiver(group, steps, path)
+            name = receiver.name
+            if name in receivers:  # names are the model's author's, and may be the same
+                name = f"{name} ({group.name.rpartition('/')[2]})"
+            receivers[name] = receiver
         sources = [
             (
                 _text(group.attrs.get("Type", "")),
@@ -476,144 +476,3 @@ class GprmaxRun:
             str(waveform["type"]), float(waveform["frequency"]), self.frequency
         )
         return current * float(output.cell[0])
-
-
-@dataclass(frozen=True)
-class GprmaxTold:
-    """What a result file of gprMax does not tell: tones to keep, the source's polarization, height of the ground, axes.
-
-    ``waveform`` is type and frequency of the source's; results of gprMax 3 need it, those of gprMax 4 hold samples.
-    """
-
-    band: tuple[float, float]
-    transmit: str
-    ground: float
-    horizontal: str = "x"
-    vertical: str = "z"
-    waveform: tuple[str, float] | None = None
-
-
-def import_gprmax_files(paths: Sequence[str | Path], told: GprmaxTold) -> xr.Dataset:
-    """Read results of gprMax models, one a scan, as a run whose vehicle frame has its origin at the source.
-
-    The model's axes are the lane's, its z less ``ground``. The signal is the field over the source's current moment
-    where the source is a Hertzian dipole, else over the source's current, times j, as in
-    :class:`flgpr.formats.gprmax.GprmaxRun`; the direct wave stays. Tones are those of the time window. Places are the
-    nodes'; field components lie half a cell further along their own axis.
-    """
-    if not paths:
-        raise ValueError("files must be one or more, got none")
-    if told.transmit not in ("H", "V"):
-        raise ValueError(f"transmit must be H or V, got {told.transmit!r}")
-    axes = {"H": told.horizontal, "V": told.vertical}
-    if not set(axes.values()) <= set("xyz") or len(set(axes.values())) != 2:
-        raise ValueError(
-            f"the components of H and V must be two of x, y and z, got {axes['H']!r} and {axes['V']!r}"
-        )
-    first: GprmaxOutput | None = None
-    form: list[FloatArray] = []
-    blocks = []
-    pose = np.zeros((len(paths), 6))
-    for scan, path in enumerate(paths):
-        output = read_gprmax(path)
-        place, offsets = _geometry(output)
-        if first is None:
-            first = output
-            form = offsets
-            tones = _tones(output, told.band)
-            labels = _labels(output, told.transmit, axes)
-        _check_alike(output, first, offsets, form)
-        pose[scan, :3] = place - [0.0, 0.0, told.ground]
-        blocks.append(_signal(output, labels, axes, tones, _source(output, told, tones)))
-    rx = np.array(form)
-    attrs: dict[str, Any] = {
-        "source": "gprMax",
-        "title": first.title if first else "",
-        "direct_wave": "kept",
-    }
-    return make_run(np.stack(blocks), tones, labels, np.zeros_like(rx), rx, pose, attrs=attrs)
-
-
-def _geometry(output: GprmaxOutput) -> tuple[FloatArray, list[FloatArray]]:
-    if len(output.sources) != 1:
-        raise ValueError(f"{output.path}: must hold one source, got {len(output.sources)}")
-    if not output.receivers:
-        raise ValueError(f"{output.path}: must hold a receiver, got none")
-    place = output.sources[0][1]
-    return place, [one.position - place for one in output.receivers.values()]
-
-
-def _tones(output: GprmaxOutput, band: tuple[float, float]) -> FloatArray:
-    step = 1 / (output.steps * output.time_step)
-    if not 0 < band[0] < band[1] < 0.5 / output.time_step:
-        raise ValueError(
-            f"band must increase below {0.5 / output.time_step:.3g} Hz, got {band[0]:g} to {band[1]:g}"
-        )
-    numbers = np.arange(np.ceil(band[0] / step - 1e-6), np.floor(band[1] / step + 1e-6) + 1)
-    if numbers.size < 2:
-        raise ValueError(
-            f"band must hold two tones, which are {step:.4g} Hz apart, got {band[0]:g} to {band[1]:g}"
-        )
-    return np.asarray(numbers * step)
-
-
-def _labels(output: GprmaxOutput, transmit: str, axes: dict[str, str]) -> list[str]:
-    """Name the polarizations whose component every receiver recorded."""
-    labels = [
-        transmit + end
-        for end in "HV"
-        if all(f"E{axes[end]}" in one.fields for one in output.receivers.values())
-    ]
-    if not labels:
-        raise ValueError(f"{output.path}: every receiver must hold E{axes['H']} or E{axes['V']}")
-    return labels
-
-
-def _check_alike(
-    output: GprmaxOutput, first: GprmaxOutput, offsets: list[FloatArray], form: list[FloatArray]
-) -> None:
-    if output.steps != first.steps or abs(output.time_step / first.time_step - 1) > 1e-9:
-        raise ValueError(
-            f"{output.path}: must have {first.steps} steps of {first.time_step:g} s as the first file, got "
-            f"{output.steps} of {output.time_step:g} s"
-        )
-    if (
-        len(offsets) != len(form)
-        or max(np.abs(a - b).max() for a, b in zip(offsets, form, strict=True)) > 1e-6
-    ):
-        raise ValueError(
-            f"{output.path}: receivers must stand about the source as in the first file, they do not"
-        )
-
-
-def _source(output: GprmaxOutput, told: GprmaxTold, tones: FloatArray) -> NDArray[np.complex128]:
-    """Spectrum of the source: its current moment where the file tells the length, else its current."""
-    if output.excitation is not None:
-        one = output.excitation
-        return fourier(one.samples, output.time_step, tones, one.start) * one.length
-    if told.waveform is None:
-        raise ValueError(
-            f"{output.path}: the source's waveform is not in the file: type and frequency must be told"
-        )
-    length = dict(zip("xyz", output.cell, strict=True))[
-        told.horizontal if told.transmit == "H" else told.vertical
-    ]
-    moment = length if output.sources[0][0] == "HertzianDipole" else 1.0
-    return output.current(*told.waveform, tones) * moment
-
-
-def _signal(
-    output: GprmaxOutput,
-    labels: list[str],
-    axes: dict[str, str],
-    tones: FloatArray,
-    source: NDArray[np.complex128],
-) -> NDArray[np.complex64]:
-    rows = [
-        [
-            1j * output.spectrum(name, f"E{axes[label[1]]}", tones) / source
-            for name in output.receivers
-        ]
-        for label in labels
-    ]
-    return np.asarray(rows, dtype=np.complex64)

@@ -152,10 +152,19 @@ class _Importer:
             self.notes.append("path offsets of the recorder undone")
         time = None if m.time is None else self._time(m.time, signal.shape[0])
         pose, track = self._poses(time, origin, signal.shape[0])
+        self._note_missing(signal)
         attrs: dict[str, Any] = {"title": m.title, "source": m.source, "import_notes": self.notes}
         with faults_of(self.files[m.signal.file][0]):
             run = make_run(signal, tones, m.polarization, tx, rx, pose, time, attrs)
         return Imported(run, track, self.notes, self.sources.anchor)
+
+    def _note_missing(self, signal: NDArray[Any]) -> None:
+        """Count the sweeps of a signal (scan, polarization, pair, tone) that are not whole."""
+        missing = int(np.count_nonzero(~np.isfinite(signal).all(axis=-1)))
+        if missing:
+            self.notes.append(
+                f"{missing} of {signal[..., 0].size} sweeps hold values that are no numbers, and count as missing"
+            )
 
     def _signal(self) -> tuple[NDArray[Any], dict[str, int]]:
         spec = self.mapping.signal

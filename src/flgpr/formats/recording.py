@@ -1,40 +1,32 @@
 """Recordings of vehicles: MCAP files, with messages of ROS 2 (CDR) or JSON, as arrays stacked over the messages.
 
-The container is that of https://mcap.dev/spec, the messages those of the OMG's Common Data Representation with the
-layout that the file's ROS 2 message definitions give. Whatever a file declares is checked against what it holds before
-memory is taken for it.
+Whatever a file declares is checked against what it holds before memory is taken for it. What is damaged is left out and
+counted: a message, or a chunk with the messages in it (:mod:`flgpr.formats.mcap_container`).
 """
 
 from __future__ import annotations
 
 import json
-import re
 import struct
-import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.door import check_expansion
+from flgpr.formats.cdr import Decoder, message_decoder
+from flgpr.formats.mcap_container import MESSAGE, SCHEMA, McapContainer
 from flgpr.store.extras import optional
 
-_MAGIC = b"\x89MCAP0\r\n"
-_SCHEMA = 3
-_CHANNEL = 4
-_MESSAGE = 5
-_CHUNK = 6
-_DATA_END = 15
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log and publish time in ns
 _LARGEST_JSON = 64 * 2**20  # bytes of a message; it takes many times that when it is read
-_WINDOW = 2**27  # largest window of zstd, bytes
 _DAMAGED = object()
 """What stands for a message that cannot be read."""
 _STAMPS = ({"sec", "nanosec"}, {"sec", "nsec"})
+_RECOVER = "mcap recover makes a file of what is there"
 
 
 @dataclass
@@ -53,11 +45,35 @@ class _Series:
     fault: str = ""
 
 
+class _Declarations:
+    """The schemas and channels that records declare, and the decoders of their messages."""
+
+    def __init__(self) -> None:
+        self.schemas: dict[int, Any] = {}
+        self.channels: dict[int, Any] = {}
+        self.decoders: dict[int, Decoder | None] = {}
+        self.damaged = 0  # records that cannot be read
+        self.with_summary = False  # whether those that the summary repeats are among them
+        self._records = optional("mcap.records", "bags")
+        self._stream = optional("mcap.data_stream", "bags").ReadDataStream
+
+    def add(self, kind: int, content: bytes) -> None:
+        """Take a record of a schema or a channel; one that is damaged is counted."""
+        reader = self._records.Schema if kind == SCHEMA else self._records.Channel
+        try:
+            declared = reader.read(self._stream(BytesIO(content)))
+        except Exception:  # whatever the library raises on what is damaged
+            self.damaged += 1
+            return
+        known = self.schemas if kind == SCHEMA else self.channels
+        known[declared.id] = declared
+
+
 class Recording:
     """An MCAP file: ``arrays`` are (name, shape, type, unit) of all it holds, ``lines`` tell its topics.
 
-    A message that is damaged is left out; ``notes`` count them, those among the messages read so
-    far.
+    What is damaged is left out: a message, or a chunk and all in it. ``notes`` count them, messages
+    among those read so far. A file of which nothing can be read is a ValueError.
 
     Every numeric field of a topic is an array over its messages, ``TOPIC/field.of.field``; a field of numbers alone,
     such as a position or a quaternion, is one (message, n) besides. Stamps are seconds; ``TOPIC@log_time`` and
@@ -67,10 +83,14 @@ class Recording:
     def __init__(self, path: Path, limit: int, notes: list[str] | None = None) -> None:
         self.path = path
         self.limit = limit
+        self._container = McapContainer(path, limit)
         self._series: dict[str, _Series] = {}
         self._lost: dict[str, _Series] = {}  # topics of transforms, whose messages may be damaged
         self._columns: dict[str, NDArray[Any]] = {}
         self._places: dict[str, tuple[str, str]] = {}
+        self._declared = _Declarations()
+        self._undeclared = 0  # messages of channels that nothing declares
+        self._short = 0  # messages without a whole head
         self.arrays: list[tuple[str, tuple[int, ...], str, str]] = []
         self.notes = [] if notes is None else notes
         self._count()
@@ -171,6 +191,7 @@ class Recording:
                 }
                 one.known = True
             one.count += 1
+        self._note_container()
         for one in (*self._series.values(), *self._lost.values()):
             if one.damaged:
                 self._note_damage(one)
@@ -188,57 +209,105 @@ class Recording:
 
     def _messages(self, wanted: set[str] | None) -> Iterator[tuple[str, Any, int, int]]:
         """Go through all messages: series, what it says (None where that is not needed), log and publish time, ns."""
-        records = optional("mcap.records", "bags")
-        streams = optional("mcap.data_stream", "bags").ReadDataStream
-        schemas: dict[int, Any] = {}
-        channels: dict[int, Any] = {}
-        decoders: dict[int, Decoder | None] = {}
-        for kind, data in self._records():
-            if kind == _SCHEMA:
-                schema = records.Schema.read(streams(BytesIO(data)))
-                schemas[schema.id] = schema
-            elif kind == _CHANNEL:
-                channel = records.Channel.read(streams(BytesIO(data)))
-                channels[channel.id] = channel
-            elif kind == _MESSAGE:
-                if len(data) < _MESSAGE_HEAD.size:
-                    raise ValueError(
-                        f"a message must have {_MESSAGE_HEAD.size} bytes or more, got {len(data)}"
-                    )
-                number, _, log, publish = _MESSAGE_HEAD.unpack_from(data)
-                content = data[_MESSAGE_HEAD.size :]
-                if number not in channels:
-                    raise ValueError(
-                        f"a message belongs to channel {number}, which is not declared"
-                    )
-                channel = channels[number]
-                schema = schemas.get(channel.schema_id)
-                if channel.id not in decoders:
-                    decoders[channel.id] = self._decoder(channel, schema)
-                decode = decoders[channel.id]
-                topic = channel.topic
-                transforms = (
-                    schema is not None and schema.name.endswith("TFMessage") and decode is not None
-                )
-                if not transforms:
-                    one = self._series[topic]
-                    needed = decode is not None and (
-                        topic in wanted if wanted is not None else not one.known
-                    )
-                    told = _decoded(decode, content, one) if needed and decode is not None else None
-                    yield topic, told, log, publish
-                elif decode is not None and (
-                    wanted is None or any(name.startswith(f"{topic}/") for name in wanted)
-                ):
-                    lost = self._lost.setdefault(topic, _Series(topic, "transforms", "cdr"))
-                    message = _decoded(decode, content, lost)
-                    lost.count += 1
-                    for told in () if message is _DAMAGED else message.get("transforms", ()):
-                        parent = str(told["header"]["frame_id"])
-                        child = str(told["child_frame_id"])
-                        name = f"{topic}/{parent}>{child}"
-                        self._series.setdefault(name, _Series(name, "transforms", "cdr"))
-                        yield name, told, log, publish
+        self._declared = _Declarations()
+        self._undeclared = 0
+        self._short = 0
+        for kind, content in self._container.records():
+            if kind != MESSAGE:
+                self._declared.add(kind, content)
+            elif len(content) < _MESSAGE_HEAD.size:
+                self._short += 1
+            else:
+                yield from self._message(content, wanted)
+
+    def _message(
+        self, record: bytes, wanted: set[str] | None
+    ) -> Iterator[tuple[str, Any, int, int]]:
+        """Give a message, or each transform that it holds."""
+        number, _, log, publish = _MESSAGE_HEAD.unpack_from(record)
+        channel = self._channel(number)
+        if channel is None:
+            self._undeclared += 1
+            return
+        content = record[_MESSAGE_HEAD.size :]
+        schema = self._declared.schemas.get(channel.schema_id)
+        decoders = self._declared.decoders
+        if number not in decoders:
+            decoders[number] = self._decoder(channel, schema)
+        decode = decoders[number]
+        topic = channel.topic
+        if schema is None or decode is None or not schema.name.endswith("TFMessage"):
+            series = self._series[topic]
+            asked = topic in wanted if wanted is not None else not series.known
+            said = _decoded(decode, content, series) if asked and decode is not None else None
+            yield topic, said, log, publish
+            return
+        if wanted is not None and not any(name.startswith(f"{topic}/") for name in wanted):
+            return
+        lost = self._lost.setdefault(topic, _Series(topic, "transforms", "cdr"))
+        said = _decoded(decode, content, lost)
+        lost.count += 1
+        for transform in () if said is _DAMAGED else said.get("transforms", ()):
+            parent = str(transform["header"]["frame_id"])
+            child = str(transform["child_frame_id"])
+            name = f"{topic}/{parent}>{child}"
+            self._series.setdefault(name, _Series(name, "transforms", "cdr"))
+            yield name, transform, log, publish
+
+    def _channel(self, number: int) -> Any:
+        """Return a channel as it was declared; by the summary where the chunk that declared it is damaged."""
+        declared = self._declared
+        if number not in declared.channels and not declared.with_summary:
+            repeated = _Declarations()
+            for kind, content in self._container.summary():
+                repeated.add(kind, content)
+            declared.schemas = repeated.schemas | declared.schemas
+            declared.channels = repeated.channels | declared.channels
+            declared.with_summary = True
+        return declared.channels.get(number)
+
+    def _note_container(self) -> None:
+        """Tell what of the file is damaged and left out; a file of which nothing is left is a ValueError."""
+        damage = self._container.damage
+        notes = []
+        if damage.damaged_chunks:
+            notes.append(
+                f"{damage.damaged_chunks} of {damage.chunks} chunks are damaged and left out, "
+                f"{self._lost_messages()} ({damage.reason})"
+            )
+        if damage.cut_off:
+            notes.append(
+                f"it is cut off before the end of its data: what came behind is lost, {_RECOVER}"
+            )
+        if self._declared.damaged:
+            notes.append(f"{self._declared.damaged} records of schemas and channels are damaged")
+        if self._short:
+            notes.append(f"{self._short} messages without a whole head are left out")
+        if self._undeclared:
+            notes.append(
+                f"{self._undeclared} messages of channels that nothing declares are left out"
+            )
+        if notes and not any(series.count for series in self._series.values()):
+            reason = f": {damage.reason}" if damage.reason else ""
+            raise ValueError(f"it holds no message that can be read{reason}; {'; '.join(notes)}")
+        self.notes += notes
+
+    def _lost_messages(self) -> str:
+        """Say how many messages the damaged chunks held, by topic, as far as their indexes tell."""
+        damage = self._container.damage
+        topics = []
+        for number, count in damage.messages.items():
+            channel = self._channel(number) if count else None
+            if count:
+                topics.append(f"{count} of {channel.topic if channel else f'channel {number}'}")
+        words = f"with {sum(damage.messages.values())} messages"
+        if topics:
+            words += f": {', '.join(topics)}"
+        if damage.uncounted_chunks == damage.damaged_chunks:
+            return "with messages that no index counts"
+        if damage.uncounted_chunks:
+            words += f"; no index counts those of {damage.uncounted_chunks} chunks"
+        return words
 
     def _decoder(self, channel: Any, schema: Any) -> Decoder | None:
         """Give the decoder of a channel's messages, None where there is none; its topic is listed either way."""
@@ -259,80 +328,6 @@ class Recording:
         layout = schema.encoding if schema is not None else "no"
         one.fault = f"not read: {encoding or 'unknown'} messages with {layout or 'no'} definition"
         return None
-
-    def _records(self) -> Iterator[tuple[int, bytes]]:
-        """Go through the records of the file, those in chunks, too, up to the end of the data."""
-        with self.path.open("rb") as file:
-            end = file.seek(0, 2)
-            file.seek(0)
-            if file.read(8) != _MAGIC:
-                raise ValueError("it does not begin as MCAP of version 0")
-            while True:
-                head = file.read(9)
-                size = int.from_bytes(head[1:], "little")
-                if len(head) < 9 or size > end - file.tell():
-                    raise ValueError(
-                        f"it is cut off after {end} bytes, before the end of its data: mcap recover keeps what is there"
-                    )
-                if head[0] == _DATA_END:
-                    return
-                if head[0] not in (_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK):
-                    file.seek(size, 1)
-                    continue
-                if size > self.limit:
-                    raise ValueError(
-                        f"a record must have at most {self.limit / 1e9:g} GB, got {size / 1e9:.3g} GB"
-                    )
-                data = file.read(size)
-                if head[0] == _CHUNK:
-                    yield from self._inside(data)
-                else:
-                    yield head[0], data
-
-    def _inside(self, data: bytes) -> Iterator[tuple[int, bytes]]:
-        chunk = optional("mcap.records", "bags").Chunk.read(
-            optional("mcap.data_stream", "bags").ReadDataStream(BytesIO(data))
-        )
-        held = self._unpacked(chunk)
-        if chunk.uncompressed_crc and zlib.crc32(held) != chunk.uncompressed_crc:
-            raise ValueError("a chunk does not agree with its checksum")
-        at = 0
-        while at < len(held):
-            size = int.from_bytes(held[at + 1 : at + 9], "little")
-            if at + 9 + size > len(held):
-                raise ValueError("a record goes beyond the end of its chunk")
-            if held[at] in (_SCHEMA, _CHANNEL, _MESSAGE):
-                yield held[at], held[at + 9 : at + 9 + size]
-            at += 9 + size
-
-    def _unpacked(self, chunk: Any) -> bytes:
-        size = chunk.uncompressed_size
-        if size > self.limit:
-            raise ValueError(
-                f"a chunk must unpack to at most {self.limit / 1e9:g} GB, got {size / 1e9:.3g} GB"
-            )
-        check_expansion("a chunk", size, len(chunk.data))
-        if chunk.compression == "zstd":
-            packer = optional("zstandard", "bags").ZstdDecompressor(max_window_size=_WINDOW)
-            with packer.stream_reader(BytesIO(chunk.data)) as stream:
-                held = stream.read(size + 1)
-        elif chunk.compression == "lz4":
-            held = (
-                optional("lz4.frame", "bags")
-                .LZ4FrameDecompressor()
-                .decompress(chunk.data, max_length=size + 1)
-            )
-        elif chunk.compression == "":
-            held = chunk.data
-        else:
-            raise ValueError(
-                f"chunks must be packed by zstd, lz4 or not at all, got {chunk.compression[:20]!r}"
-            )
-        if len(held) != size:
-            raise ValueError(
-                f"a chunk must unpack to the {size} bytes that it declares, got {len(held)} or more"
-            )
-        return bytes(held)
 
 
 def _decoded(decode: Decoder, content: bytes, one: _Series) -> Any:
@@ -398,147 +393,3 @@ def _flat(told: Any, path: str = "") -> dict[str, Any]:
     if told is None:
         return {path: np.float64(np.nan)}
     return {path: np.float64(told) if isinstance(told, (int, float)) else told}
-
-
-Decoder = Callable[[bytes], dict[str, Any]]
-_NUMBERS = {
-    "bool": "u1", "byte": "u1", "char": "u1", "float32": "f4", "float64": "f8", "int8": "i1", "uint8": "u1",
-    "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8",
-}  # fmt: skip
-_FIELD = re.compile(r"([\w/]+)(?:<=\d+)?(\[(?:(?:<=)?\d+)?\])?\s+(\w+)(?:\s+[^=\s].*)?$")
-_DEEPEST = 40
-
-
-class _Struct(NamedTuple):
-    fields: list[_Field]
-    least: int  # bytes that one takes at least
-
-
-class _Field(NamedTuple):
-    name: str
-    kind: str | _Struct  # NumPy type, "text", or members
-    many: int | None  # None: one; -1: as many as the message says
-
-
-def message_decoder(name: str, text: str) -> Decoder:
-    """Make a decoder of messages of a type, whose definition ``text`` holds those of all types in it.
-
-    It gives nested dictionaries of NumPy numbers, arrays and texts; content that is cut off is a ValueError.
-    """
-    definitions = {"builtin_interfaces/Time": "int32 sec\nuint32 nanosec"}
-    definitions["builtin_interfaces/Duration"] = definitions["builtin_interfaces/Time"]
-    own = _short(name, "")
-    for part in re.split(r"^={3,}\s*$", text, flags=re.MULTILINE):
-        body = part.strip()
-        head = re.match(r"MSG:\s*(\S+)\s*", body)
-        definitions[_short(head[1], "") if head else own] = body[head.end() :] if head else body
-    whole = _struct(own, definitions, {}, 0)
-
-    def decode(data: bytes) -> dict[str, Any]:
-        return _Reader(data).struct(whole)
-
-    return decode
-
-
-def _short(name: str, package: str) -> str:
-    """Take pkg/msg/Name, pkg/Name or a Name of the same package as pkg/Name."""
-    parts = name.split("/")
-    if len(parts) == 1:
-        return "std_msgs/Header" if name == "Header" else f"{package}/{name}"
-    return f"{parts[0]}/{parts[-1]}"
-
-
-def _struct(
-    name: str, definitions: dict[str, str], known: dict[str, _Struct], depth: int
-) -> _Struct:
-    if name in known:
-        return known[name]
-    if name not in definitions or depth > _DEEPEST:
-        raise ValueError(f"the definition of {name} is missing or holds itself")
-    fields = []
-    least = 0
-    for line in definitions[name].splitlines():
-        plain = line.split("#")[0].strip()
-        found = _FIELD.match(plain)
-        if not plain or (not found and "=" in plain):
-            continue  # a constant
-        if not found:
-            raise ValueError(
-                f"the definition of {name} has a line that is no field: {plain[:80]!r}"
-            )
-        told, many, label = found.groups()
-        kind: str | _Struct
-        if told in _NUMBERS:
-            kind = _NUMBERS[told]
-        elif told == "string":
-            kind = "text"
-        elif told == "wstring":
-            raise ValueError(f"the definition of {name} has wide texts, which are not read")
-        else:
-            kind = _struct(_short(told, name.split("/")[0]), definitions, known, depth + 1)
-        count = None if many is None else int(many[1:-1]) if many[1:-1].isdigit() else -1
-        one = (
-            kind.least
-            if isinstance(kind, _Struct)
-            else 4
-            if kind == "text"
-            else np.dtype(kind).itemsize
-        )
-        least += one if count is None else 4 if count < 0 else count * one
-        fields.append(_Field(label, kind, count))
-    known[name] = _Struct(fields, max(least, 1))
-    return known[name]
-
-
-class _Reader:
-    def __init__(self, data: bytes) -> None:
-        if len(data) < 4 or data[0] or data[1] > 1:
-            raise ValueError(f"a message must begin as plain CDR, got {data[:4].hex()!r}")
-        self.data = data
-        self.at = 4
-        self.order = "<" if data[1] else ">"
-
-    def take(self, kind: str, count: int) -> NDArray[Any]:
-        """Numbers at their alignment, which counts from behind the four bytes of the header."""
-        width = int(kind[1:])
-        if count:
-            self.at += -(self.at - 4) % width
-        self.check(count * width)
-        values = np.frombuffer(self.data, self.order + kind, count, self.at)
-        self.at += count * width
-        return values
-
-    def check(self, size: int) -> None:
-        if size > len(self.data) - self.at:
-            raise ValueError(
-                f"a message of {len(self.data)} bytes is cut off, it needs {size} more at {self.at}"
-            )
-
-    def length(self) -> int:
-        return int(self.take("u4", 1)[0])
-
-    def text(self) -> str:
-        size = self.length()
-        self.check(size)
-        self.at += size
-        return self.data[self.at - size : self.at].rstrip(b"\0").decode("utf-8", errors="replace")
-
-    def struct(self, kind: _Struct) -> dict[str, Any]:
-        if not kind.fields:
-            self.take("u1", 1)  # an empty message has a byte
-        return {name: self.field(one, count) for name, one, count in kind.fields}
-
-    def field(self, kind: str | _Struct, count: int | None) -> Any:
-        if count == -1:
-            count = self.length()
-        if isinstance(kind, _Struct):
-            if count is None:
-                return self.struct(kind)
-            self.check(count * kind.least)
-            return [self.struct(kind) for _ in range(count)]
-        if kind == "text":
-            if count is None:
-                return self.text()
-            self.check(4 * count)
-            return [self.text() for _ in range(count)]
-        return self.take(kind, 1)[0] if count is None else self.take(kind, count)

@@ -41,6 +41,9 @@ def touchstone_text(path: Path, notes: list[str]) -> TouchstoneText:
     }
     if keywords:  # of version 2, which marks where noise begins
         stated = keywords.get("number of frequencies", "")
+        noise = _noise_lines(text)
+        if noise:
+            notes.append(f"{noise} lines of noise parameters are not read")
         return TouchstoneText(text, path, int(stated) if stated.isdecimal() else 0)
     ports = _ports_of(path)
     size = 1 + 2 * ports**2
@@ -76,6 +79,13 @@ def _parts(text: str) -> tuple[list[str], list[list[str]]]:
         else:
             rows.append(plain.split())
     return head, rows
+
+
+def _noise_lines(text: str) -> int:
+    """Count the lines of noise parameters of version 2, which stand behind the keyword Noise Data."""
+    _, keyword, behind = text.lower().partition("[noise data]")
+    lines = behind.partition("[end]")[0].splitlines() if keyword else []
+    return sum(bool(line.partition("!")[0].strip()) for line in lines)
 
 
 def _ports_of(path: Path) -> int:

@@ -55,23 +55,23 @@ def read_track(
     take = is_motive(existing(path, "track"))
     if not take and (body is not None or axes is not None):
         raise ValueError(f"{path}: body and axes are of takes of OptiTrack Motive, this is none")
-    encoding: list[str] = []
+    reading: list[str] = []
     with faults_of(path):
         time, pose = (
             _take(Path(path), body, axes)
             if take
-            else _fixes(read_text_table(Path(path), encoding), heading)
+            else _fixes(read_text_table(Path(path), reading), heading, reading)
         )
         keep, notes = bridged(time, pose, max_gap)
         if heading == "course":
             pose[keep, 3] = course(pose[keep, :3])
         track = make_track(time[keep], pose[keep, :3], *pose[keep, 3:].T)
-    track.attrs["notes"] = [*encoding, *notes]
+    track.attrs["notes"] = [*reading, *notes]
     return track
 
 
 def _fixes(
-    columns: Mapping[str, NDArray[Any]], heading: str
+    columns: Mapping[str, NDArray[Any]], heading: str, notes: list[str]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Take times and poses (fix, 6) of a table; a heading along the way is left zero."""
     names = [column.name for column in TRACK_COLUMNS]
@@ -82,6 +82,9 @@ def _fixes(
     place = [_needed(columns, f"{axis}_m") for axis in "xyz"]
     if heading == "course":
         angles = [0.0 * time, *(_angle(columns, name, 0.0 * time) for name in ("pitch", "roll"))]
+        flat = [name for name in ("pitch", "roll") if not _has_angle(columns, name)]
+        if flat:
+            notes.append(f"no column tells {' and '.join(flat)}: 0 is taken")
     else:
         angles = [_angle(columns, name) for name in ("heading", "pitch", "roll")]
     return time, np.stack([*place, *angles], axis=1)
@@ -216,6 +219,7 @@ def read_nmea(
         notes.append(f"{np.count_nonzero(~keep)} fixes whose time does not go on are not used")
     if not headings:
         notes.append("no sentence tells a heading: it is the direction of the way")
+    notes.append("pitch and roll are taken as 0: NMEA tells none")
     track.attrs["notes"] = notes
     return track
 
@@ -277,6 +281,10 @@ def _needed(columns: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.float6
         known = ", ".join(key for key in columns if key != "table") or "no header line"
         raise ValueError(f"the column {name} is missing; got {known}")
     return np.asarray(columns[name], dtype=np.float64)
+
+
+def _has_angle(columns: Mapping[str, NDArray[Any]], name: str) -> bool:
+    return f"{name}_rad" in columns or f"{name}_deg" in columns
 
 
 def _angle(

@@ -297,12 +297,15 @@ def read_text_table(path: Path, notes: list[str] | None = None) -> dict[str, NDA
     Between semicolons or tabs, numbers may have a decimal comma, if none has a decimal point. It comes as ``table``
     (row, column), and with a header line also as every column that holds numbers, by name. Where lines BEGIN and END
     part blocks, as network analysers write them, the arrays of several blocks are ``BLOCK/name``. ``notes`` get a line
-    for an encoding other than UTF-8, see :func:`flgpr.store.text.decode_text`.
+    for an encoding other than UTF-8 (:func:`flgpr.store.text.decode_text`), for decimal
+    commas, and for every column that is not read because cells of it are no numbers, with their
+    count.
     """
+    notes = [] if notes is None else notes
     blocks = _blocks(path, notes)
     found: dict[str, NDArray[Any]] = {}
     for label, lines in blocks:
-        arrays = _parse_lines(lines)
+        arrays = _parse_lines(lines, notes)
         found |= (
             arrays
             if len(blocks) == 1
@@ -311,9 +314,9 @@ def read_text_table(path: Path, notes: list[str] | None = None) -> dict[str, NDA
     return found
 
 
-def _parse_lines(lines: list[tuple[int, str]]) -> dict[str, NDArray[Any]]:
+def _parse_lines(lines: list[tuple[int, str]], notes: list[str]) -> dict[str, NDArray[Any]]:
     """Read the numbered lines of one table."""
-    rows = _rows(lines)
+    rows = _rows(lines, notes)
     if not rows:
         raise ValueError("there is no line with values")
     heads = [str(plain_text(cell.strip())) for cell in rows[0][1]]
@@ -340,6 +343,12 @@ def _parse_lines(lines: list[tuple[int, str]]) -> dict[str, NDArray[Any]]:
     numeric = {k: column for k, column in enumerate(columns) if column is not None}
     if not numeric:
         raise ValueError(f"no column holds numbers; {_HINT}")
+    if names is not None:
+        for k in bad:
+            strange = sum(_number(cells[k]) is None for _, cells in rows)
+            notes.append(
+                f"column {names[k]!r} is not read: {strange} of its {len(rows)} cells are no numbers"
+            )
     found: dict[str, NDArray[Any]] = {}
     if not bad:
         found["table"] = np.stack(list(numeric.values()), axis=1)
@@ -348,7 +357,7 @@ def _parse_lines(lines: list[tuple[int, str]]) -> dict[str, NDArray[Any]]:
     return found
 
 
-def _blocks(path: Path, notes: list[str] | None) -> list[tuple[str, list[tuple[int, str]]]]:
+def _blocks(path: Path, notes: list[str]) -> list[tuple[str, list[tuple[int, str]]]]:
     """Return the lines of a text, with their numbers, in the blocks that BEGIN and END part; one if there is none."""
     text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
     if "\x00" in text:
@@ -370,12 +379,12 @@ def _blocks(path: Path, notes: list[str] | None) -> list[tuple[str, list[tuple[i
             (plain if open_block is None else open_block).append((number, line))
     if not blocks:
         return [("", plain)]
-    if plain and notes is not None:
+    if plain:
         notes.append(f"{len(plain)} lines outside BEGIN and END are not read")
     return list(blocks.items())
 
 
-def _rows(lines: list[tuple[int, str]]) -> list[tuple[int, list[str]]]:
+def _rows(lines: list[tuple[int, str]], notes: list[str]) -> list[tuple[int, list[str]]]:
     if not lines:
         return []
     first = lines[0][1]
@@ -388,10 +397,14 @@ def _rows(lines: list[tuple[int, str]]) -> list[tuple[int, list[str]]]:
         return [(k, line.split()) for k, line in lines]
     cells = csv.reader([line for _, line in lines], delimiter=mark)
     rows = [(k, row) for (k, _), row in zip(lines, cells, strict=True)]
-    return rows if mark == "," or not any("," in line for _, line in lines) else _with_points(rows)
+    if mark == "," or not any("," in line for _, line in lines):
+        return rows
+    return _with_points(rows, notes)
 
 
-def _with_points(rows: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
+def _with_points(
+    rows: list[tuple[int, list[str]]], notes: list[str]
+) -> list[tuple[int, list[str]]]:
     """Give numbers with a decimal comma a decimal point, unless other numbers of the table have one."""
     point = None
     found = []
@@ -411,6 +424,8 @@ def _with_points(rows: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]
         raise ValueError(
             f"line {comma[0]} must not have decimal commas beside the decimal points of line {point}, got {comma[1]!r}"
         )
+    if comma is not None:
+        notes.append(f"commas in numbers, such as {comma[1][:40]}, are read as decimal commas")
     return found
 
 

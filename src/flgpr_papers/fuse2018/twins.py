@@ -1,4 +1,4 @@
-"""The figures of Fuse et al. 2018 as our lanes give them, in the paper's order, and ours beside them."""
+"""The figures of Fuse et al. 2018 from our lanes, in the paper's order."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ class Shown:
     found: Sequence[Finding]
 
     def ours(self, claim: str) -> str:
-        """Give what we have of a claim, with its interval."""
-        return next((one.ours for one in self.found if one.claim == claim), _NOTHING)
+        """Return what we have of a claim, with its interval."""
+        return next((finding.ours for finding in self.found if finding.claim == claim), _NOTHING)
 
 
 class Drawing(NamedTuple):
@@ -130,8 +130,10 @@ def _procedure(shown: Shown) -> Drawing:
         ("threshold, extended", "average at the roadside in a frame of the test lane", "the same"),
     ]
     caption = (
-        "(a) Fundamental part, two rows that are united; (b) extended part. Masks of the frame of Fig. 3 stand for the "
-        "paper's sketches. VV low has the mean of |VV| at the roadside for a threshold; it changes nothing."
+        "(a) Fundamental part, two rows that are united; (b) extended part. Masks of the frame of "
+        "Fig. 3 stand for the "
+        "paper's sketches. VV low has the mean of |VV| at the roadside for a threshold; it changes "
+        "nothing."
     )
     figure = figures.procedure_figure(shown.example)
     return Drawing("figure-2", "Fig. 2", "Procedure of the mask creation", caption, figure, numbers)
@@ -184,7 +186,8 @@ def _clutter_power(shown: Shown) -> Drawing:
         ("iterations", "up to 7", f"{shown.recipe.suppress.iterations}"),
     ]
     caption = (
-        "Coloured: the two regions of Fig. 3(a); black: the mean over the strongest boxes of all frames, shaded: its "
+        "Coloured: the two regions of Fig. 3(a); black: the mean over the strongest boxes of all "
+        "frames, shaded: its "
         "95 % interval. (a) and (b) as in the paper's caption; its text exchanges them."
     )
     figure = figures.power_figure(shown.lanes, shown.example, shown.recipe)
@@ -213,12 +216,12 @@ def _roc(shown: Shown) -> Drawing:
             curves = [
                 scored(lane, name, shown.recipe, "frames")[1] for name in ("original", "iteration")
             ]
-            here = " and ".join(f"{pd_at(curve, far):.2f}" for curve in curves)
+            text = " and ".join(f"{pd_at(curve, far):.2f}" for curve in curves)
             numbers.append(
                 (
                     f"Pd, lane {lane.name}, {far:g} per m², without and with",
                     "not told in numbers",
-                    here,
+                    text,
                 )
             )
     caption = "(a) Lane A, (b) lane B. Every frame counts its area, the same ground again in each. Dotted: chance."

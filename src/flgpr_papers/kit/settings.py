@@ -1,4 +1,7 @@
-"""The papers, and the settings of a study: one TOML file beside its modules, nothing unknown allowed."""
+"""The papers, and the settings of a study.
+
+One TOML file beside its modules, nothing unknown allowed.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,8 @@ def packaged(
 ) -> T:
     """Load the packaged settings of a paper's study.
 
-    For a quick run the table ``quick`` is laid over the others, and ``more``, entries of nested tables, in any case.
+    For a quick run the table ``quick`` is laid over the others, and ``more``, entries of nested
+    tables, in any case.
     """
     tables = laid_over(tomllib.loads(packaged_text(paper)), more or {})
     small = tables.pop("quick", {})

@@ -1,4 +1,7 @@
-"""Worlds in which the papers' statements are asked again: a prepared lane with six things varied; lanes seen again."""
+"""Worlds in which the papers' statements are asked again: a prepared lane with six things varied.
+
+Lanes seen again.
+"""
 
 from __future__ import annotations
 
@@ -101,31 +104,31 @@ def _design_rows() -> list[dict[str, str]]:
 
 def design_worlds() -> list[World]:
     """All rows of the designed fraction as worlds, repeats too, in the order of their numbers."""
-    made = []
+    designed = []
     for number, row in enumerate(_design_rows()):
         levels: dict[str, Any] = {}
         for axis, values in AXES.items():
             levels[axis] = type(values[0])(row[axis])
-        made.append(World(number, **levels, replicate=int(row["replicate"])))
-    return made
+        designed.append(World(number, **levels, replicate=int(row["replicate"])))
+    return designed
 
 
 def in_soil_of(contents: str, permittivity: float) -> dict[str, dict[str, Any]]:
     """Return the tables of what is in the soil: those of a site, or everything off for "nothing".
 
-    Fluctuations of the permittivity are those of the site times ``(ε - 1)`` over that of the site's own soil, for
-    packing and moisture change what is not air (assumed).
+    Fluctuations of the permittivity are those of the site times ``(ε - 1)`` over that of the site's
+    own soil, for packing and moisture change what is not air (assumed).
     """
     if contents == "nothing":
         return {name: {"on": False} for name in IN_SOIL}
     tables = site_tables(DECLARED["sites"][contents])
-    own = float(Soil(**tables["soil"]).media([1e9])[-1][0].real)
-    scale = (permittivity - 1) / (own - 1)
-    found = {name: dict(tables.get(name, {})) for name in IN_SOIL}
+    own_permittivity = float(Soil(**tables["soil"]).media([1e9])[-1][0].real)
+    scale = (permittivity - 1) / (own_permittivity - 1)
+    tables_in_soil = {name: dict(tables.get(name, {})) for name in IN_SOIL}
     for name, entry in (("heterogeneity", "deviation"), ("lenses", "contrast")):
-        if entry in found[name]:
-            found[name][entry] = round(found[name][entry] * scale, 6)
-    return found
+        if entry in tables_in_soil[name]:
+            tables_in_soil[name][entry] = round(tables_in_soil[name][entry] * scale, 6)
+    return tables_in_soil
 
 
 def on_soil_of(contents: str) -> dict[str, float]:
@@ -150,18 +153,21 @@ def write_site(path: Path, tables: dict[str, Any]) -> None:
 
 
 def turned(scene: Scene, seed: int) -> Scene:
-    """Turn a lane by half a turn with all that the seed put there, targets in order, as seen from the other end."""
+    """Turn a lane by half a turn with all that the seed put there.
+
+    Targets are in order, as seen from the other end.
+    """
     data = told(scene, seed)
-    for thing in (*data["targets"], *data["objects"], *data["patches"]):
-        thing["x"], thing["y"] = -thing["x"], scene.length - thing["y"]
-        if "azimuth" in thing:
-            thing["azimuth"] += math.pi
+    for entry in (*data["targets"], *data["objects"], *data["patches"]):
+        entry["x"], entry["y"] = -entry["x"], scene.length - entry["y"]
+        if "azimuth" in entry:
+            entry["azimuth"] += math.pi
     return Scene.model_validate(data)
 
 
 def changed(scene: Scene, targets: list[Any] | None = None, **parts: dict[str, Any]) -> Scene:
     """Make a scene anew with some entries of its parts replaced."""
     data = scene.model_dump(exclude_unset=True)
-    for part, entries in parts.items():
-        data[part] = {**data.get(part, {}), **entries}
+    for table, entries in parts.items():
+        data[table] = {**data.get(table, {}), **entries}
     return Scene.model_validate(data if targets is None else data | {"targets": targets})

@@ -1,4 +1,4 @@
-"""The figures of Wang et al. 2007 as our lanes give them, in the paper's order, with its numbers beside ours."""
+"""The figures of Wang et al. 2007 from our lanes, in the paper's order."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Shown:
         }
 
     def example(self, name: str) -> str:
-        """Say in words which target or false alarm an example is."""
+        """Return in words which target or false alarm an example is."""
         return str(dict(zip(self.examples["names"], self.examples["titles"], strict=True))[name])
 
 
@@ -153,8 +153,8 @@ def _subbands(shown: Shown) -> Drawing:
         down, _ = PointSpread(shown.radar, band, shown.recipe.image.window).widths(
             (0.0, middle, 0.0)
         )
-        wanted = "about 25 cm" if name != "F0" else _NOT_GIVEN
-        numbers.append((f"range resolution, {name}", wanted, f"{100 * down:.0f} cm"))
+        stated = "about 25 cm" if name != "F0" else _NOT_GIVEN
+        numbers.append((f"range resolution, {name}", stated, f"{100 * down:.0f} cm"))
     caption = f"The scan of Fig. 2 in VV. Resolution: half-power width of a point on the ground {middle:g} m ahead."
     return Drawing(
         "Fig. 3",
@@ -178,8 +178,10 @@ def _series(shown: Shown) -> Drawing:
         ),
     )
     caption = (
-        "The mine (circle) moves through the image, the self-signature stays. All panels share one scale, whose top is "
-        "the largest of what stays in place. Correlation: of neighbouring scans' levels, dB, over all pixels."
+        "The mine (circle) moves through the image, the self-signature stays. All panels share one "
+        "scale, whose top is "
+        "the largest of what stays in place. Correlation: of neighbouring scans' levels, dB, over "
+        "all pixels."
     )
     return Drawing(
         "Fig. 4", "Five consecutive scans", caption, figures.series_figure(shown.examples), numbers
@@ -187,7 +189,10 @@ def _series(shown: Shown) -> Drawing:
 
 
 def likeness(series: NDArray[Any]) -> float:
-    """Return the mean correlation of neighbouring images (image, y, x) of a series, of their levels in dB."""
+    """Return the mean correlation of neighbouring images (image, y, x) of a series.
+
+    It is of their levels in dB.
+    """
     levels = np.log(np.maximum(series.reshape(len(series), -1).astype(np.float64), 1e-30))
     pairs = [np.corrcoef(first, second)[0, 1] for first, second in pairwise(levels)]
     return float(np.mean(pairs))
@@ -224,8 +229,11 @@ def _run_view(shown: Shown) -> Drawing:
 def _alarms(shown: Shown) -> Drawing:
     screen = shown.recipe.prescreen
     lanes = shown.calibration
-    area = sum(np.ptp(shown.recipe.run_view.x) * (one.lane.y_max - one.lane.y_min) for one in lanes)
-    density = sum(len(one.alarms) for one in lanes) * np.pi * screen.radius**2 / area
+    area = sum(
+        np.ptp(shown.recipe.run_view.x) * (result.lane.y_max - result.lane.y_min)
+        for result in lanes
+    )
+    density = sum(len(result.alarms) for result in lanes) * np.pi * screen.radius**2 / area
     numbers = (
         ("radius, r_alarm", "0.75 m", f"{screen.radius:g} m"),
         ("alarms per π·r_alarm², ρ", "0.75", f"{density:.2f}"),
@@ -247,12 +255,11 @@ def _clean_bands(shown: Shown) -> Drawing:
         ("bottom row, HH", "plastic mine, 5 cm", shown.example("plastic")),
     ]
     for polarization in ("VV", "HH"):
-        found = ", ".join(
-            f"{band} {levels[f'{polarization} {band}'].mean():.1f}" for band in _BANDS
-        )
-        numbers.append((f"clutter, {polarization}, dB", "lowest in F1", found))
+        text = ", ".join(f"{band} {levels[f'{polarization} {band}'].mean():.1f}" for band in _BANDS)
+        numbers.append((f"clutter, {polarization}, dB", "lowest in F1", text))
     caption = (
-        "After removal of the background. Circles: the mines. Clutter: the 99 % quantile of the run-view away from "
+        "After removal of the background. Circles: the mines. Clutter: the 99 % quantile of the "
+        "run-view away from "
         "targets over its median."
     )
     figure = figures.clean_bands_figure(shown.examples)
@@ -267,8 +274,8 @@ def _prescreener(shown: Shown) -> Drawing:
         curves = {
             band: roc_of(shown.prescreener[polarization, band], MINES, area=AREA) for band in _BANDS
         }
-        found = ", ".join(f"{band} {pd_mean(curve):.2f}" for band, curve in curves.items())
-        numbers.append((f"PD_mean, {polarization}", "falls from F1 to F4", found))
+        text = ", ".join(f"{band} {pd_mean(curve):.2f}" for band, curve in curves.items())
+        numbers.append((f"PD_mean, {polarization}", "falls from F1 to F4", text))
     caption = (
         "Actual mines of the calibration lanes, all pooled; the paper shows one calibration run."
     )
@@ -290,7 +297,8 @@ def _patches(shown: Shown) -> Drawing:
         ("(d)", "false alarm", shown.example("false")),
     )
     caption = (
-        "Patches at the alarms, from near to far, up to Y_max; every row over its largest value. Black: beyond the "
+        "Patches at the alarms, from near to far, up to Y_max; every row over its largest value. "
+        "Black: beyond the "
         "image's border."
     )
     return Drawing(
@@ -312,10 +320,13 @@ def _regions(shown: Shown) -> Drawing:
 
 
 def _normalisation(shown: Shown) -> Drawing:
-    lanes = [(one.name, one.alarms, one.features, one.truth, one.lane) for one in shown.calibration]
+    lanes = [
+        (result.name, result.alarms, result.features, result.truth, result.lane)
+        for result in shown.calibration
+    ]
     known = make_training_set(lanes, columns=["M_HH_F1"])
     false_alarms = int((shown.pool.labels["label"] == "false").sum())
-    mines = count_mines(one.truth for one in shown.calibration)
+    mines = count_mines(result.truth for result in shown.calibration)
     numbers = (
         ("false alarms per actual mine, W0", "about 30", f"{false_alarms / max(mines, 1):.0f}"),
         (
@@ -334,11 +345,11 @@ def _best_feature(shown: Shown) -> Drawing:
     numbers = [
         ("C_HH over the prescreener", "very significant, metal and plastic", "see the statements")
     ]
-    for kind, subset, wanted in (
+    for kind, subset, stated in (
         ("buried plastic", BURIED_PLASTIC, ("65 %", "90 %")),
         ("simulants", SIMULANTS, ("7 of 16", "9 of 16")),
     ):
-        for far, paper in zip((0.02, 0.07), wanted, strict=True):
+        for far, paper in zip((0.02, 0.07), stated, strict=True):
             numbers.append(
                 (f"C_HH, {kind}, Pd at {far:g} per m²", paper, _pd(contrast, subset, far))
             )
@@ -369,7 +380,8 @@ def _classifiers(shown: Shown) -> Drawing:
         for kind, subset in subsets.items()
     }
     caption = (
-        "A: C_HH; B: C_HH, M_VV and P_alpha. The panels with bands are ours. C, another group's algorithm, is not "
+        "A: C_HH; B: C_HH, M_VV and P_alpha. The panels with bands are ours. C, another group's "
+        "algorithm, is not "
         "reproduced."
     )
     figure = figures.classifier_figure(panels, subsets, bands)
@@ -380,5 +392,5 @@ def _classifiers(shown: Shown) -> Drawing:
 
 def _pd(matched: Match, subset: Any, far: float) -> str:
     """Write a Pd as counts, with the chance level."""
-    found, targets, by_chance = detections_at(matched, subset, far, area=AREA)
-    return f"{found} of {targets}, chance {by_chance:.0%}"
+    n_found, targets, by_chance = detections_at(matched, subset, far, area=AREA)
+    return f"{n_found} of {targets}, chance {by_chance:.0%}"

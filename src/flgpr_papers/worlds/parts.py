@@ -1,4 +1,4 @@
-"""The parts of the map of worlds, in order, each with its tables, its figures and its section of the page."""
+"""The parts of the map of worlds, in order, each with its tables, figures and section."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ _FORM = "worlds.json"
 def map_worlds(
     output: str | Path, parts: Sequence[str] = tuple(RUN), quick: bool = False, how: How = PLAINLY
 ) -> Path:
-    """Run parts of the map of worlds and write their tables, figures and the page; an interrupted run resumes.
+    """Run parts of the map of worlds and write their tables, figures and the page.
+
+    An interrupted run resumes.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""CSV files of the parts, which stand for themselves: written after each run, read by figures and the page."""
+"""CSV files of the parts, which stand for themselves.
+
+Written after each run, read by figures and the page.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,10 @@ _DIGITS = 5
 
 
 def write_table(path: Path, table: pd.DataFrame) -> None:
-    """Write a table as CSV, numbers to five decimals, whole or not at all; an empty one is not written."""
+    """Write a table as CSV, numbers to five decimals, whole or not at all.
+
+    An empty one is not written.
+    """
     if not table.empty:
         write_whole(path, table.round(_DIGITS).to_csv(index=False, lineterminator="\n"))
 
