@@ -1,6 +1,7 @@
 """The guard: right host, origin and token, or 403, whatever the app would answer."""
 
 import asyncio
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -21,7 +22,9 @@ def ask(guard, path="/secret/data", method="GET", **headers):
 
     pairs = [(name.replace("_", "-").encode(), value.encode()) for name, value in headers.items()]
     scope = {"type": "http", "method": method, "path": path, "headers": pairs}
-    asyncio.run(guard(scope, None, send))
+    # The browser of other tests keeps a loop running in this thread.
+    with ThreadPoolExecutor(1) as executor:
+        executor.submit(asyncio.run, guard(scope, None, send)).result()
     body = b"".join(message.get("body", b"") for message in sent)
     return sent[0]["status"], dict(sent[0]["headers"]), body
 

@@ -244,8 +244,8 @@ resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))
 from flgpr.viewer import Viewer
 from flgpr.viewer.limits import LimitedServer
 faults = []
-tell = LimitedServer._tell
-LimitedServer._tell = lambda self, loop, context: (faults.append(context["message"]), tell(self, loop, context))
+report = LimitedServer._report
+LimitedServer._report = lambda self, loop, context: (faults.append(context["message"]), report(self, loop, context))
 viewer = Viewer([sys.argv[1]])
 thread = threading.Thread(target=viewer.run); thread.start()
 while not viewer._server.started: time.sleep(0.01)
