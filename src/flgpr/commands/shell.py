@@ -12,6 +12,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -75,7 +76,7 @@ class Command:
     answers: bool = False  #: whether its lines are the answer, which is printed even when quiet
     compiles: bool = False  #: whether kernels are compiled while the first data are read
 
-    @property
+    @cached_property
     def parameters(self) -> list[Parameter]:
         """Parameters of the function with their annotations."""
         return parameters_of(self.function)
