@@ -26,10 +26,10 @@ from pathlib import Path
 
 from flgpr.chain.method import detect
 from flgpr.chain.recipe import parse_recipe, recipe_text
+from flgpr.commands.imaging_speed import bench_imaging, format_bench
 from flgpr.imaging import ImagingOperator
 from flgpr.model import Lane
 from flgpr.store import open_run, write_whole
-from flgpr.tasks.bench import bench_imaging, format_bench
 from wang2007 import STEP, write_noise_run
 
 TESTS = Path(__file__).parents[1] / "tests/imaging/cuda_simulated.py"

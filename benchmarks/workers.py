@@ -33,8 +33,8 @@ from typing import Any
 import numba
 import numpy as np
 
+import flgpr
 import scaling
-from flgpr import tasks
 from flgpr.chain.recipe import recipe_text
 from flgpr.execution.job import LaneJob, code_versions, do_block
 from flgpr.execution.workers import Cluster
@@ -46,7 +46,7 @@ def once(store: Path, lane: Path, output: Path, workers: int) -> dict[str, Any]:
     reports: list[dict[str, Any]] = []
     begun = time.perf_counter()
     driver = time.process_time()
-    result = tasks.detect_run(
+    result = flgpr.detect(
         store, "wang2007", output, lane, report=False, workers=workers, note=reports.append
     )
     wall = time.perf_counter() - begun

@@ -19,12 +19,12 @@ import pytest
 import typer.main
 from PIL import Image
 
-from flgpr import tasks
+from flgpr.commands.demo import demo as run_demo
 from flgpr.model import make_run
 
 DATA = Path(__file__).parent / "data"
 DRAWING = {
-    "papers", "tasks", "test_basemap", "test_recording", "test_scoring_side_by_side", "test_kit", "test_score_page",
+    "papers", "commands", "test_basemap", "test_recording", "test_scoring_side_by_side", "test_kit", "test_score_page",
     "test_design_page", "test_docs_theory",
 }  # fmt: skip
 """Folders and files whose tests look at pictures."""
@@ -113,7 +113,7 @@ def built_commands():
 def quick_seals(request):
     """Nobody guesses at these passphrases: a key that costs little will do, but where sealing itself is tested."""
     with pytest.MonkeyPatch.context() as patch:
-        if (request.path.parent.name, request.path.stem) != ("trials", "test_blind"):
+        if request.path.stem != "test_scoring_blind":
             patch.setattr("flgpr.trials.blind._COST", 2**8)
         yield
 
@@ -176,7 +176,7 @@ def demo(tmp_path_factory):
     """One demo run for all tests that need a result; none looks at its pictures."""
     with pytest.MonkeyPatch.context() as patch:
         _draw_nothing(patch)
-        return tasks.demo(tmp_path_factory.mktemp("demo") / "result")
+        return run_demo(tmp_path_factory.mktemp("demo") / "result")
 
 
 @pytest.fixture(scope="session")

@@ -38,16 +38,16 @@ ALLOWED = {
     "results": {"model", "store", "geo", "scoring", "trials", "chain"},
     "design": {"model", "kernels", "imaging", "simulate", "chain"},
     "report": {"model", "screen", "scoring", "trials", "chain", "results", "design"} | FILES,
-    "execution": {"model", "store", "chain", "results", "report"},
+    "execution": {"model", "store", "chain", "results", "report", "simulate", "live"},
     "live": {"model", "store", "geo", "chain", "append_log"} | STAGES,
-    "tasks": BELOW | {"chain", "results", "report", "design", "execution", "live"},
-    "proving_ground": BELOW | {"chain", "results", "report", "execution", "tasks"},
+    "proving_ground": BELOW | {"chain", "results", "report", "execution"},
     "accessor": {"model", "imaging", "calibrate", "screen", "chain", "results"},
     "viewer": {"model"} | FILES,
-    "notebook": {"tasks", "results", "viewer"},
-    "cli": {"tasks", "chain", "viewer", "proving_ground"},
-    "__main__": {"cli"},
-    "__init__": {"chain", "results", "tasks", "notebook"} | BELOW,
+    "notebook": {"commands", "results", "viewer"},
+    "commands": BELOW
+    | {"chain", "results", "report", "design", "execution", "live", "viewer", "proving_ground"},
+    "__main__": {"commands"},
+    "__init__": {"chain", "results", "notebook", "commands"} | BELOW,
 }
 FACES = sorted(path.parent for path in ROOT.rglob("__init__.pyi") if path.parent.name != "io")
 STILL_CIRCLES = {
@@ -148,7 +148,7 @@ def test_the_system_does_not_rest_on_the_studies():
         if any(name.startswith("flgpr_papers") for name in imported(path))
     ]
     calls = [path for path in modules() if '"flgpr_papers"' in path.read_text(encoding="utf-8")]
-    assert [str(path.relative_to(ROOT)) for path in calls] == ["cli/tools.py"], (
+    assert [str(path.relative_to(ROOT)) for path in calls] == ["commands/reproduce.py"], (
         "only the command reproduce, on demand"
     )
 
@@ -250,7 +250,7 @@ def test_importing_the_package_loads_nothing_else():
 def test_two_packages_are_verbs(monkeypatch):
     """`flgpr.detect` holds the detectors, and called it detects; the same for `flgpr.simulate`."""
     asked = []
-    monkeypatch.setattr("flgpr.tasks.detection.detect_run", lambda *a, **k: asked.append((a, k)))
+    monkeypatch.setattr("flgpr.commands.detect.detect", lambda *a, **k: asked.append((a, k)))
     monkeypatch.setattr("flgpr.simulate.simulate", lambda *a, **k: asked.append((a, k)))
     flgpr.detect("run.zarr", "demo", "out", report=False)
     flgpr.simulate("scene", seed=3)
@@ -278,7 +278,7 @@ def test_no_function_takes_more_parameters_than_a_reader_can_hold():
             if isinstance(node, ast.FunctionDef):
                 named = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
                 count = len([one for one in named if one.arg not in ("self", "cls")])
-                if count <= MOST_PARAMETERS or path.parent.name == "cli":
+                if count <= MOST_PARAMETERS or path.parent.name == "commands":
                     continue
                 if not re.search(
                     r"jit|shared|intrinsic", " ".join(map(ast.unparse, node.decorator_list))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 
 
 def main() -> None:

@@ -6,14 +6,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import flgpr
 from calibrate.echoes import echo
 from flgpr.chain.method import detect
 from flgpr.chain.recipe import lane_of, parse_recipe
 from flgpr.chain.recipe_for_run import fit_recipe
+from flgpr.commands.replay import replay
 from flgpr.imaging import ScanImager, aperture_blocks, aperture_image
 from flgpr.model import aperture, aperture_pose, aperture_run, lane_to_scan, make_run, way_weights
 from flgpr.store import save_run
-from flgpr.tasks import detect_long, replay
 
 FREQUENCY = np.linspace(2.0e9, 3.0e9, 81)  # ranges repeat after 12 m
 MARKS = np.array([[2.0, -1.0, 0.0], [3.0, 1.2, 0.0]])
@@ -100,7 +101,7 @@ def test_stored_detection_is_that_in_memory_and_is_replayed(tmp_path):
     save_run(run, tmp_path / "rail.zarr")
     (tmp_path / "r.toml").write_text(fit_recipe(run))
     recipe = parse_recipe(fit_recipe(run))
-    [folder] = detect_long(tmp_path / "rail.zarr", tmp_path / "r.toml", tmp_path / "found")
+    folder = flgpr.detect(tmp_path / "rail.zarr", tmp_path / "r.toml", tmp_path / "found").folder
     stored = pd.read_csv(folder / "alarms.csv")
     there = detect(run, recipe)
     np.testing.assert_allclose(stored[["x", "y"]], there.alarms[["x", "y"]])

@@ -13,9 +13,9 @@ import pytest
 from flgpr.chain.classifier import make_training_set, train
 from flgpr.chain.method import detect
 from flgpr.chain.recipe import load_recipe, parse_recipe
+from flgpr.commands.beside import BESIDE_DEMO
 from flgpr.live.detector import LiveDetector
 from flgpr.store import Scan, describe_for_live, open_run, sample_lane
-from flgpr.tasks.results import BESIDE_DEMO
 from live_lane import LANE as LIVE_LANE
 from live_lane import make_lane_run
 from live_lane import small_recipe as live_recipe

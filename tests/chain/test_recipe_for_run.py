@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr import tasks
+import flgpr
 from flgpr.chain.method import detect
 from flgpr.chain.recipe import load_recipe, parse_recipe
-from flgpr.chain.recipe_for_run import check_fit, fit_recipe
-from flgpr.cli import app
+from flgpr.chain.recipe_for_run import check_fit, fit_recipe, recipe_for
+from flgpr.commands.app import app
 from flgpr.model import Sensor, load_sensor, make_run
 from flgpr.simulate import Scene, simulate
 from flgpr.store import save_run
@@ -249,7 +249,7 @@ def test_a_model_needs_the_recipe_it_was_trained_with(stored, tmp_path):
 @pytest.mark.filterwarnings("default")
 def test_a_warning_is_one_line(stored, tmp_path):
     file = tmp_path / "far.toml"
-    text = tasks.recipe_for(stored / "a.zarr")
+    text = recipe_for(stored / "a.zarr")
     near = parse_recipe(text).image.y[0]
     file.write_text(
         text.replace(f"y = [{near:.2f}, ", "y = [2.00, ").replace("y_max = ", "y_max = 3 # ")
@@ -266,15 +266,15 @@ def test_a_stopped_detection_without_a_recipe_goes_on(stored, tmp_path):
 
     done = []
     with pytest.raises(KeyboardInterrupt):
-        tasks.detect_run(stored / "a.zarr", None, tmp_path / "result", report=False, note=stop)
-    tasks.detect_run(
+        flgpr.detect(stored / "a.zarr", None, tmp_path / "result", report=False, note=stop)
+    flgpr.detect(
         stored / "a.zarr",
         None,
         tmp_path / "result",
         report=False,
         note=lambda one: done.append(one["stage"]),
     )
-    whole = tasks.detect_run(stored / "a.zarr", None, tmp_path / "whole", report=False)
+    whole = flgpr.detect(stored / "a.zarr", None, tmp_path / "whole", report=False)
     assert "gain" not in done
     assert "features" in done
     assert (tmp_path / "result" / "alarms.csv").read_bytes() == (
@@ -284,10 +284,10 @@ def test_a_stopped_detection_without_a_recipe_goes_on(stored, tmp_path):
 
 def test_a_survey_takes_the_recipe_of_its_first_run(stored, tmp_path):
     runs = [stored / "a.zarr", stored / "b.zarr"]
-    folders = tasks.detect_runs(runs, None, tmp_path / "survey", report=False)
-    assert {(folder / "recipe.toml").read_text() for folder in folders} == {
-        tasks.recipe_for(runs[0])
+    survey = flgpr.detect(runs, None, tmp_path / "survey", report=False)
+    assert {(folder / "recipe.toml").read_text() for folder in survey.folders} == {
+        recipe_for(runs[0])
     }
     save_run(bare_run(scans=2), tmp_path / "c.zarr")
     with pytest.raises(ValueError, match="lanes must be given"):
-        tasks.detect_runs([tmp_path / "c.zarr", runs[0]], None, tmp_path / "other")
+        flgpr.detect([tmp_path / "c.zarr", runs[0]], None, tmp_path / "other")

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 from sklearn.covariance import ledoit_wolf
 
-from flgpr import tasks
+import flgpr
 from flgpr.chain.detection import rank_alarms
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.method import detect, engine_of
@@ -370,7 +370,7 @@ def test_a_learnt_column_ranks_and_no_detector_is_trained_for_it(run, tmp_path):
     with pytest.raises(ValueError, match=r"learns .*features\.matched"):
         detect(run, one, LANE)
     files = [[tmp_path / name] for name in ("run.zarr", "truth.csv", "lane.toml")]
-    model = tasks.train_runs(*files[:2], tmp_path / "amf.toml", tmp_path / "model", lanes=files[2])
+    model = flgpr.train(*files[:2], tmp_path / "amf.toml", tmp_path / "model", lanes=files[2])
     assert model.detector is None
     assert model.notes["features.matched"]["mines_for_signature"] == 3
     found = detect(run, one, LANE, model=load_model(tmp_path / "model"))

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr import tasks
+import flgpr
 from flgpr.chain.classifier import CLASSIFIER_A, make_training_set, train
 from flgpr.chain.cleaned import CleanedRun
 from flgpr.chain.detection import MAIN, detection_of
@@ -108,7 +108,7 @@ def test_train_and_detect_with_a_model_that_never_sees_truth(tmp_path, run, trut
     save_run(run, tmp_path / "train.zarr")
     write_table(truth, tmp_path / "truth.csv")
     columns = ("C_HH_F1", "M_VV_F1", "R_HH_HV_F2")
-    model = tasks.train_runs(
+    model = flgpr.train(
         [tmp_path / "train.zarr"],
         [tmp_path / "truth.csv"],
         tmp_path / "small.toml",
@@ -122,7 +122,7 @@ def test_train_and_detect_with_a_model_that_never_sees_truth(tmp_path, run, trut
     elsewhere.mkdir()
     shutil.move(tmp_path / "train.zarr", elsewhere / "run.zarr")
     (tmp_path / "truth.csv").unlink()
-    result = tasks.detect_run(
+    result = flgpr.detect(
         elsewhere / "run.zarr", tmp_path / "small.toml", elsewhere / "result", lane, report=False,
         model=tmp_path / "model",
     )  # fmt: skip
@@ -226,9 +226,9 @@ def test_broken_recipes(old, new, words):
 
 def test_training_needs_one_truth_per_run(tmp_path):
     with pytest.raises(ValueError, match="one truth per run"):
-        tasks.train_runs([tmp_path], [], "wang2007", tmp_path / "m")
+        flgpr.train([tmp_path], [], "wang2007", tmp_path / "m")
     with pytest.raises(ValueError, match="features"):
-        tasks.train_runs([tmp_path], [tmp_path], "demo-mean-self-signature", tmp_path / "m")
+        flgpr.train([tmp_path], [tmp_path], "demo-mean-self-signature", tmp_path / "m")
 
 
 def cleaned_run(run, recipe) -> CleanedRun:

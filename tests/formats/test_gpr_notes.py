@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.formats import explain_file, gpr_run, read_gpr
 from flgpr.store import open_run
 from io_gpr import (

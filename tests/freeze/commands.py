@@ -9,7 +9,7 @@ from pathlib import Path
 import typer.main
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from freeze.frozen import DATA
 
 TABLE = DATA / "commands.json"

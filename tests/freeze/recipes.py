@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.store import Bundle, sample_lane
 from freeze.frozen import DATA, array_digest, digest, json_digest
 from systems.lanes import SMALL
@@ -223,7 +223,7 @@ def killed(words: list[str], suffix: str, count: int) -> int:
     returned.
     """
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["flgpr.execution.ready"])
+    context.set_forkserver_preload(["flgpr.execution.preload"])
     process = context.Process(target=_run_and_die, args=(words, suffix, count))
     process.start()
     process.join()

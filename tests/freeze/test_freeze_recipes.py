@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.chain.recipe import load_recipe, recipe_names
-from flgpr.cli import app
+from flgpr.commands.app import app
 from freeze.frozen import check_table, machine, machine_key, read_digests
 from freeze.lanes import make_lanes
 from freeze.recipes import (

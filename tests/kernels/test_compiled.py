@@ -145,7 +145,6 @@ def test_one_process_compiles_and_the_others_wait_but_not_for_ever(tmp_path, mon
 DEMO = """
 import sys
 import numpy as np
-from flgpr import tasks
 from flgpr.detect import RelevanceVectorClassifier
 from flgpr.io import sample_lane
 from flgpr.kernels import ahead
@@ -155,7 +154,7 @@ loaded = [module for name, module in sys.modules.items() if name.startswith("flg
 found = {id(one): one for module in loaded for one in vars(module).values() if hasattr(one, "nopython_signatures")}
 found |= {id(one.kernel): one.kernel for module in loaded for one in vars(module).values() if hasattr(one, "kernel")}
 before = {key: set(one.signatures) for key, one in found.items()}
-tasks.detect_run(sample_lane() / "run.zarr", "demo", sys.argv[1], report=False)
+flgpr.detect(sample_lane() / "run.zarr", "demo", sys.argv[1], report=False)
 sample = np.random.default_rng(0).normal(size=(40, 2))
 RelevanceVectorClassifier().fit(sample, sample.sum(axis=1) > 0)
 more = {one.py_func.__name__ for key, one in found.items() if set(one.signatures) - before[key]}

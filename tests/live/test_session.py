@@ -16,7 +16,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.live.feeding import feed
 from flgpr.live.senders import SocketWatch
 from flgpr.live.session import LiveOptions, LiveRun

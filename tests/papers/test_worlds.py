@@ -12,7 +12,7 @@ from scipy.stats import t as student
 from typer.testing import CliRunner
 
 import flgpr_papers
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.execution.survey import RunOptions
 from flgpr.execution.workers import InProcess
 from flgpr.scoring import clopper_pearson

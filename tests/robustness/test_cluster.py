@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from flgpr import tasks
+import flgpr
 from robust import content
 
 distributed = pytest.importorskip("distributed")
@@ -77,7 +77,7 @@ def test_a_cluster_gives_the_same_bytes_and_a_killed_worker_costs_only_what_it_w
                 )
                 at_kill.update(victim=victim, done=len(done))
 
-        result = tasks.detect_run(
+        result = flgpr.detect(
             *lane.arguments, tmp_path / "result", lane.area, scheduler=scheduler, report=False, note=note
         )  # fmt: skip
     assert content(result.folder) == lane.content
@@ -108,11 +108,9 @@ def test_the_messages_do_not_grow_with_the_images(lane):
 def test_no_scheduler_is_said_plainly(lane, tmp_path, monkeypatch):
     monkeypatch.setattr("flgpr.execution.workers._PATIENCE", "0.5s")
     with pytest.raises(ValueError, match="scheduler must be the address"):
-        tasks.detect_run(
-            *lane.arguments, tmp_path / "result", lane.area, scheduler="tcp://127.0.0.1:9"
-        )
+        flgpr.detect(*lane.arguments, tmp_path / "result", lane.area, scheduler="tcp://127.0.0.1:9")
     with pytest.raises(ValueError, match="exclude"):
-        tasks.detect_run(
+        flgpr.detect(
             *lane.arguments,
             tmp_path / "result",
             lane.area,

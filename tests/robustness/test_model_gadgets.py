@@ -14,13 +14,13 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr import tasks
 from flgpr.chain.classifier import TrainingSet
 from flgpr.chain.estimator_classes import ALLOWED
 from flgpr.chain.estimators import train_estimator
 from flgpr.chain.model import MODEL_FILE, Model, describe_model, load_model, save_model
 from flgpr.chain.recipe import DetectorTable
-from flgpr.cli import app
+from flgpr.commands.app import app
+from flgpr.commands.run_report import model_info
 from flgpr.detect.scorers.checks import Checked
 from flgpr.store import Bundle, sample_lane, seal, sha256, unseal, write_bundle
 
@@ -411,7 +411,7 @@ def test_info_tells_what_a_model_holds_without_loading_it(trained, tmp_path, mon
     assert max(map(len, ran.output.splitlines())) < 250
     held = json.loads(CliRunner().invoke(app, ["info", str(folder), "--json"]).stdout)
     assert {one["name"] for one in held["arrays"]} >= {"detector.first", "detector.value"}
-    assert tasks.model_info(folder)["bytes"] == sum(one["bytes"] for one in held["arrays"])
+    assert model_info(folder)["bytes"] == sum(one["bytes"] for one in held["arrays"])
 
 
 def test_info_refuses_what_is_no_model(demo, tmp_path):

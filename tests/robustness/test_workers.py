@@ -13,7 +13,7 @@ import numba
 import pandas as pd
 import pytest
 
-from flgpr import tasks
+import flgpr
 from flgpr.chain import engine
 from flgpr.chain.engine import Engine
 from flgpr.execution import checkpoint
@@ -28,7 +28,7 @@ from robust import content, digests, small_job
 
 @pytest.mark.parametrize("workers", [1, 4])
 def test_worker_count_does_not_change_a_byte(lane, workers, tmp_path):
-    result = tasks.detect_run(
+    result = flgpr.detect(
         *lane.arguments, tmp_path / "result", lane.area, workers=workers, report=False
     )
     assert content(result.folder) == lane.content
@@ -47,7 +47,7 @@ def test_thread_count_does_not_change_a_byte(lane, threads, tmp_path, monkeypatc
 
     monkeypatch.setattr(Engine, "gather_block", watched)
     reports = []
-    result = tasks.detect_run(
+    result = flgpr.detect(
         *lane.arguments, tmp_path / "result", lane.area, report=False, note=reports.append
     )
     assert content(result.folder) == lane.content
@@ -65,11 +65,11 @@ def test_a_broken_scan_ends_the_run_by_its_name_and_mended_it_goes_on(lane, tmp_
     data = chunk.read_bytes()
     chunk.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
     with pytest.raises(ValueError, match="signal/c/20"):
-        tasks.detect_run(run, lane.recipe, output, lane.area, report=False)
+        flgpr.detect(run, lane.recipe, output, lane.area, report=False)
     assert not output.exists()
     chunk.write_bytes(data)
     assert (
-        content(tasks.detect_run(run, lane.recipe, output, lane.area, report=False).folder)
+        content(flgpr.detect(run, lane.recipe, output, lane.area, report=False).folder)
         == lane.content
     )
 
@@ -80,16 +80,18 @@ def test_lanes_of_a_survey_are_worked_on_where_an_interrupt_arrives(lane, tmp_pa
         raise KeyboardInterrupt
 
     monkeypatch.setattr("flgpr.execution.survey.detect_lane", interrupted)
+    second = tmp_path / "second.zarr"
+    shutil.copytree(lane.run, second)
     with pytest.raises(KeyboardInterrupt):
-        tasks.detect_runs([lane.run], lane.recipe, tmp_path / "out", [lane.area])
+        flgpr.detect([lane.run, second], lane.recipe, tmp_path / "out", [lane.area, lane.area])
 
 
 @pytest.mark.parametrize("recipe", ["demo", "demo-roadside-suppressed"])
 def test_the_demo_has_the_same_bytes_whoever_works_and_after_a_stop(recipe, tmp_path):
     """The roadside fitted and kept by blocks, no features: three scans in a single block."""
     run = sample_lane() / "run.zarr"
-    plain = tasks.detect_run(run, recipe, tmp_path / "plain", report=False)
-    both = tasks.detect_run(run, recipe, tmp_path / "both", report=False, workers=2)
+    plain = flgpr.detect(run, recipe, tmp_path / "plain", report=False)
+    both = flgpr.detect(run, recipe, tmp_path / "both", report=False, workers=2)
     assert content(both.folder) == content(plain.folder)
     done = []
 
@@ -99,9 +101,9 @@ def test_the_demo_has_the_same_bytes_whoever_works_and_after_a_stop(recipe, tmp_
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        tasks.detect_run(run, recipe, tmp_path / "stopped", report=False, note=stop)
+        flgpr.detect(run, recipe, tmp_path / "stopped", report=False, note=stop)
     before = done.copy()
-    tasks.detect_run(
+    flgpr.detect(
         run,
         recipe,
         tmp_path / "stopped",
@@ -135,7 +137,7 @@ def test_a_killed_worker_process_costs_only_its_piece(lane, tmp_path):
             victims.append(int(report["worker"].split(":")[1]))
             os.kill(victims[0], signal.SIGKILL)
 
-    result = tasks.detect_run(
+    result = flgpr.detect(
         *lane.arguments, tmp_path / "result", lane.area, workers=2, report=False, note=note
     )
     assert content(result.folder) == lane.content
@@ -205,27 +207,26 @@ def test_a_survey_is_one_command_and_goes_on_where_it_stopped(lane, tmp_path):
     done = []
     where = [tmp_path / "a.zarr", tmp_path / "b.zarr"], lane.recipe, tmp_path / "out"
     options = {
-        "lanes": [lane.area, lane.area],
+        "lane": [lane.area, lane.area],
         "report": False,
-        "how": tasks.RunOptions(workers=2, note=done.append),
+        "workers": 2,
+        "note": done.append,
     }
-    first = tasks.detect_runs(*where, **options)
-    assert content(first[0]) == lane.content
+    first = flgpr.detect(*where, **options)
+    assert content(first.folders[0]) == lane.content
     assert {report["lane"] for report in done} == {"a", "b"}
     told = json.loads((tmp_path / "out" / "survey.json").read_text())
     assert [row["lane"] for row in told] == ["a", "b"]
     assert [row["scans"] for row in told] == [36, 30]
     (tmp_path / "out" / "b" / "alarms.csv").unlink()
     done.clear()
-    again = tasks.detect_runs(*where, **options)
+    again = flgpr.detect(*where, **options)
     assert {report["lane"] for report in done} == {"b"}
-    assert content(again[1]) == content(first[1])
+    assert content(again.folders[1]) == content(first.folders[1])
     with pytest.raises(ValueError, match="different names"):
-        tasks.detect_runs(
-            [tmp_path / "a.zarr", tmp_path / "a.zarr"], lane.recipe, tmp_path / "out2"
-        )
+        flgpr.detect([tmp_path / "a.zarr", tmp_path / "a.zarr"], lane.recipe, tmp_path / "out2")
     with pytest.raises(ValueError, match="at once"):
-        tasks.detect_runs(*where, lanes_at_once=2)
+        flgpr.detect(*where, lanes_at_once=2)
 
 
 def test_a_work_folder_of_another_job_is_begun_anew_and_one_in_use_is_left_alone(lane, tmp_path):
@@ -248,16 +249,14 @@ def test_a_damaged_part_is_made_again(lane, tmp_path):
     job = small_job(lane, tmp_path / "result")
     stopped = Stopper(3 * lane.blocks)
     with pytest.raises(KeyboardInterrupt):
-        tasks.detect_run(
-            *lane.arguments, tmp_path / "result", lane.area, report=False, note=stopped
-        )
+        flgpr.detect(*lane.arguments, tmp_path / "result", lane.area, report=False, note=stopped)
     files = sorted(job.work.glob("*.arrays"))
     assert len(files) >= 3
     for file, at in zip(files, (5, 200, -9), strict=False):
         data = bytearray(file.read_bytes())
         data[at] ^= 1
         file.write_bytes(data)
-    result = tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, report=False)
+    result = flgpr.detect(*lane.arguments, tmp_path / "result", lane.area, report=False)
     assert content(result.folder) == lane.content
 
 
@@ -281,7 +280,7 @@ def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(
     columns = ("C_HH_F1", "M_VV_F1")
     where = [lane.run, lane.run], [truth, truth], lane.recipe
     options = {"lanes": [lane.area, lane.area]}
-    tasks.train_runs(*where, tmp_path / "plain", columns, **options, how=tasks.RunOptions(2))
+    flgpr.train(*where, tmp_path / "plain", columns, **options, workers=2)
 
     calls = []
 
@@ -291,15 +290,15 @@ def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(
             raise KeyboardInterrupt
         return passes_of_lane(job, *rest, **names)
 
-    monkeypatch.setattr("flgpr.tasks.training.passes_of_lane", stopped)
+    monkeypatch.setattr("flgpr.execution.training.passes_of_lane", stopped)
     with pytest.raises(KeyboardInterrupt):
-        tasks.train_runs(*where, tmp_path / "model", columns, **options)
+        flgpr.train(*where, tmp_path / "model", columns, **options)
     assert [path.name for path in tmp_path.glob("model*")] == ["model-1-1.work"]
     monkeypatch.undo()
     monkeypatch.setattr(
         Engine, "gather_block", _only_of(tmp_path / "model-2-1.work", Engine.gather_block)
     )
-    tasks.train_runs(*where, tmp_path / "model", columns, **options)
+    flgpr.train(*where, tmp_path / "model", columns, **options)
     assert digests(tmp_path / "model") == digests(tmp_path / "plain")
     assert [path.name for path in tmp_path.glob("model*")] == ["model"]
 
@@ -320,7 +319,7 @@ def test_a_training_that_would_overwrite_other_files_begins_nothing(lane, tmp_pa
     truth = tmp_path / "truth.csv"
     truth.write_text("target_id,kind,x,y,depth\na,metal,0.2,4.5,0.0\n")
     with pytest.raises(FileExistsError, match="other files"):
-        tasks.train_runs([lane.run], [truth], lane.recipe, tmp_path / "mine", lanes=[lane.area])
+        flgpr.train([lane.run], [truth], lane.recipe, tmp_path / "mine", lanes=[lane.area])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine", "truth.csv"]
 
 
@@ -444,15 +443,15 @@ def test_a_recipe_without_features_goes_on_as_well(lane, confidence, tmp_path, m
 
     monkeypatch.setattr(ScanImager, "image", counted)
     where = lane.run, tmp_path / "bare.toml"
-    tasks.detect_run(*where, tmp_path / "whole", lane.area, report=False)
+    flgpr.detect(*where, tmp_path / "whole", lane.area, report=False)
     once = count
     count = 0
     assert once == 4 * 36
     ends += [2, 40, 75, 120]
     for _ in ends:
         with pytest.raises(KeyboardInterrupt):
-            tasks.detect_run(*where, tmp_path / "result", lane.area, report=False)
-    tasks.detect_run(*where, tmp_path / "result", lane.area, report=False)
+            flgpr.detect(*where, tmp_path / "result", lane.area, report=False)
+    flgpr.detect(*where, tmp_path / "result", lane.area, report=False)
     assert count == once + len(ends)
     assert content(tmp_path / "result") == content(tmp_path / "whole")
     assert not (tmp_path / "result.work").exists()

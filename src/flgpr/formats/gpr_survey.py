@@ -16,11 +16,10 @@ from flgpr.formats.gpr_channels import channels_run, common_band
 from flgpr.formats.gpr_files import GprSection
 from flgpr.formats.gpr_import import gpr_run
 from flgpr.geo.anchor import Anchor
+from flgpr.model import LINE_STARTS
 from flgpr.store.tables import read_columns
 
 FloatArray = NDArray[np.float64]
-LINE_STARTS = "line_starts"
-"""Attribute of a run of several lines: the number of the first scan of each."""
 _CLOSE = 0.02  # of a line's length, that its ends may lie apart more or less than it measured
 
 

@@ -12,6 +12,8 @@ from flgpr.model.arrays import FloatArray
 from flgpr.model.frames import lane_to_scan, vehicle_to_lane
 from flgpr.model.run import check_run, complete_scans, make_run
 
+LINE_STARTS = "line_starts"
+"""Attribute of a run of several lines: the number of the first scan of each."""
 _LEAST_ALIGNMENT = 0.8  # length of the mean unit vector of headings that go one way
 _LARGEST = 5e8  # bytes of a run that is taken as one aperture
 

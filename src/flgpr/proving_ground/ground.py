@@ -18,12 +18,12 @@ from pydantic import Field, ValidationError, model_validator
 
 from flgpr.chain.stages import Positive, Table
 from flgpr.door import read_named
+from flgpr.execution.simulated_lane import simulate_to_store
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.faults import describe_fault
 from flgpr.simulate import Scene, draw_world
 from flgpr.store import laid_over, lane_text, open_run, read_table, sample_lane, write_whole
 from flgpr.store.files import existing, faults_of
-from flgpr.tasks.simulation import simulate_to_store
 
 GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-1")
 """The packaged descriptions, the first by default."""

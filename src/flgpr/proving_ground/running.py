@@ -20,13 +20,12 @@ import pandas as pd
 from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.door import Folder
 from flgpr.execution.job import code_versions
-from flgpr.execution.survey import DEFAULTS, RunOptions
+from flgpr.execution.survey import DEFAULTS, RunOptions, detect_survey
+from flgpr.execution.training import train_on_lanes, training_lanes
 from flgpr.execution.workers import Report
 from flgpr.proving_ground.ground import Ground, GroundLane, load_ground
 from flgpr.store import open_run, read_manifest, sha256, write_table, write_whole
 from flgpr.store.tables import parse_columns, read_table_in
-from flgpr.tasks.detection import detect_runs
-from flgpr.tasks.training import train_runs
 from flgpr.trials import seal_truth
 
 SEALED = "truth.sealed.json"
@@ -237,7 +236,9 @@ class Course:
         results = self.folder / "results"
         with self._spending(results) as (how, spent):
             runs, borders = self._files(tested)
-            detect_runs(runs, self.file, results, borders, model, report=False, how=how)
+            detect_survey(
+                runs, recipe_text(self.file), results, borders, model, report=False, how=how
+            )
         self.costs |= spent
         found = [
             read_table_in(results, f"{one.name}/alarms.csv", "alarms").assign(lane=one.name)
@@ -253,15 +254,13 @@ class Course:
         if not model.is_dir():
             with self._spending(model.with_name(f"{name}-costs")) as (how, spent):
                 runs, borders, truths = self._files(known, "-truth.csv")
-                train_runs(
-                    runs,
-                    truths,
-                    self.file,
-                    model,
-                    lanes=borders,
-                    label_radius=self.ground.table.halo,
-                    how=how,
+                text = recipe_text(self.file)
+                others: list[dict[str, Path]] = [{} for _ in runs]
+                lanes = training_lanes(
+                    parse_recipe(text), runs, truths, borders, others, how.max_memory
                 )
+                radius = self.ground.table.halo
+                train_on_lanes(text, lanes, model, (), radius, how, overwrite=True)
             self.costs[f"training {name}"] = {
                 "processor_seconds": sum(one["processor_seconds"] for one in spent.values()),
                 "peak_bytes": max(one["peak_bytes"] for one in spent.values()),

@@ -71,6 +71,15 @@ class Result:
             return None
         return load_model(self.files().path(MODEL), self.manifest["files"][name])
 
+    def _repr_html_(self) -> str:
+        from flgpr.results.notebook_html import result_html
+
+        return result_html(self)
+
+    def __repr__(self) -> str:
+        alarms = len(self.detections[0].alarms)
+        return f"result of {self.recipe.name}: {alarms} alarms, in {self.folder}"
+
 
 def write_result(
     folder: str | Path,
@@ -399,6 +408,14 @@ def join_sections(folder: Path, homes: Sequence[Path], most: int = 2400) -> Resu
         first.detections[0], alarms=sections.alarms(), view=xr.concat(views, "y"), features=None
     )
     return replace(first, folder=folder, lane=sections.lane(), detections=[joined])
+
+
+def read_lane_result(folder: str | Path) -> Result:
+    """Read the result of a lane; of one that was taken in sections they are joined."""
+    home = Path(folder)
+    if not Folder(home).has(SECTIONS):
+        return read_result(home)
+    return join_sections(home, read_sections(home).homes)
 
 
 def thinned(view: xr.DataArray, step: int) -> xr.DataArray:
