@@ -52,7 +52,6 @@ ALLOWED = {
 FACES = sorted(path.parent for path in ROOT.rglob("__init__.pyi") if path.parent.name != "io")
 STILL_CIRCLES = {
     frozenset({"flgpr.imaging.cuda", "flgpr.imaging.engines"}),
-    frozenset({"flgpr.tasks.bench", "flgpr.tasks.bench_peers"}),
 }
 HEAVY = {
     "numba",
