@@ -38,6 +38,7 @@ Returns the scorer and the share of the examples that are kept as vectors.
 """
 NOVELTY_RIVALS = (*(f"rvm, {name}" for name in FORMULATIONS), "svm", "gmm")
 """One-class machines: relevance vectors by formulation, support vectors, a Gaussian mixture."""
+_FORMULATION_OF = {f"rvm, {name}": name for name in FORMULATIONS}
 
 
 @dataclass(frozen=True)
@@ -211,7 +212,7 @@ def one_class(settings: Classify, kind: str = NOVELTY_RIVALS[0]) -> Classifier:
             gamma=median_width(mines),
             prior="laplacian-map",
             p0=settings.p0,
-            formulation=kind.removeprefix("rvm, "),  # type: ignore[arg-type]
+            formulation=_FORMULATION_OF[kind],
             random_state=0,
         ).fit(mines)
         kept_share = len(relevance_machine.relevance_) / len(mines)
