@@ -11,18 +11,16 @@ import numpy as np
 
 if TYPE_CHECKING:
     from flgpr.chain.detection import Detection
-    from flgpr.results.result import Result
+    from flgpr.model import Lane
 
 _RANGE = 40.0  # dB
 _ROWS = 10  # of the table
 
 
-def result_html(result: Result) -> str:
-    """Return the main detection of a result as HTML."""
-    main = result.detections[0]
-    run = result.manifest["run"]
-    summary = f"{len(main.alarms)} alarms in {result.lane.area:.0f} m² of {run['title']}"
-    picture = base64.b64encode(_picture(result, main)).decode()
+def detection_html(main: Detection, lane: Lane, run_title: str) -> str:
+    """Return a detection in a lane as HTML."""
+    summary = f"{len(main.alarms)} alarms in {lane.area:.0f} m² of {run_title}"
+    picture = base64.b64encode(_picture(main, lane)).decode()
     columns = [name for name in ("x", "y", "confidence") if name in main.alarms]
     strongest = main.alarms.sort_values("confidence", ascending=False)[columns].head(_ROWS)
     table = strongest.to_html(index=False, float_format="{:.3g}".format, border=0)
@@ -33,7 +31,7 @@ def result_html(result: Result) -> str:
     )
 
 
-def _picture(result: Result, detection: Detection) -> bytes:
+def _picture(detection: Detection, lane: Lane) -> bytes:
     """Draw the first channel of the run-view, dB below its peak, with the alarms, as PNG."""
     from matplotlib.figure import Figure
 
@@ -50,7 +48,6 @@ def _picture(result: Result, detection: Detection) -> bytes:
     axes.imshow(decibel, "gray", extent=extent, origin="lower", vmin=-_RANGE, vmax=0)
     alarms = detection.alarms
     axes.scatter(alarms["x"], alarms["y"], s=60, facecolors="none", edgecolors="tab:red")
-    lane = result.lane
     axes.set(
         xlim=(lane.x_min, lane.x_max),
         ylim=(lane.y_min, lane.y_max),

@@ -72,9 +72,9 @@ class Result:
         return load_model(self.files().path(MODEL), self.manifest["files"][name])
 
     def _repr_html_(self) -> str:
-        from flgpr.results.notebook_html import result_html
+        from flgpr.results.notebook_html import detection_html
 
-        return result_html(self)
+        return detection_html(self.detections[0], self.lane, self.manifest["run"]["title"])
 
     def __repr__(self) -> str:
         alarms = len(self.detections[0].alarms)
