@@ -27,7 +27,14 @@ from flgpr.chain.passes import Accumulator, Arrays, Chain, Pass, added, bundled,
 from flgpr.chain.recipe import Recipe, as_imaged
 from flgpr.chain.roadside import Roadside
 from flgpr.chain.sections import Section, kept_rows, lane_threshold
-from flgpr.chain.stages import ComplexArray, FeatureStage, MapStage, ScreenStage, Stage
+from flgpr.chain.stages import (
+    ComplexArray,
+    FeatureStage,
+    MapStage,
+    ScreenStage,
+    Stage,
+    make_stage,
+)
 from flgpr.clutter import Background, BackgroundEstimator, shared_level
 from flgpr.imaging import ScanImager
 from flgpr.io import sha256
@@ -191,7 +198,7 @@ class LaneChain(Chain):
             reach, self.imager.grid.ny
         )  # rows of the images that the background is estimated on
         made = {
-            name: stage.of(stage.settings, self.setup, self.model.stages.get(name))
+            name: make_stage(name, stage, self.setup, self.model.stages.get(name))
             for name, stage in names.items()
             if not name.startswith("clutter.")
         }

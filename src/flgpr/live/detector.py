@@ -27,7 +27,7 @@ from flgpr.chain.images import imager_of
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
 from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import RANKS, Recipe, course_lane
-from flgpr.chain.stages import FeatureStage, MapStage, Setup, Stage
+from flgpr.chain.stages import FeatureStage, MapStage, Setup, Stage, make_stage
 from flgpr.clutter import CausalBackground
 from flgpr.clutter.streaming import LEAST_SPAN, LEAST_WARM_UP
 from flgpr.features import FEATURES, POLARIMETRIC
@@ -703,7 +703,7 @@ def _made(
         {},
     )
     made = {
-        name: one.of(one.settings, setup, model.stages.get(name))
+        name: make_stage(name, one, setup, model.stages.get(name))
         for name, one in recipe.named().items()
     }
     check_confidence(

@@ -101,7 +101,8 @@ def forecast_of(recipe: Recipe, model: Model) -> Forecast | None:
         return None
     shapes = {name: one.shape for name, one in learnt.items()}
     known = {"mean": (3,), "spread": (2,), "correlation": ()}
-    if shapes != known or not all(np.isfinite(one).all() for one in learnt.values()):
+    numbers = all(one.dtype == np.float64 for one in learnt.values())
+    if shapes != known or not numbers or not all(np.isfinite(one).all() for one in learnt.values()):
         raise ValueError(
             f"model must hold finite {NAME} of shapes {known}, got {shapes}: train it again"
         )
