@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from difflib import get_close_matches
 from importlib.resources.abc import Traversable
@@ -11,7 +10,7 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from flgpr.door import read_named
+from flgpr.door import parse_toml, read_named
 
 _BRANCHES = (
     "float",
@@ -44,11 +43,11 @@ def load_preset(schema: type[Entries], kind: str, name: str | Path, folder: Trav
 def parse_entries(schema: type[Entries], data: str | bytes, what: str, whole: str = "") -> Entries:
     """Read TOML that is ``what``; see :func:`describe_fault` for ``whole``."""
     try:
-        return schema.model_validate(
-            tomllib.loads(data if isinstance(data, str) else data.decode("utf-8"))
-        )
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        tables = parse_toml(data)
+    except ValueError as error:
         raise ValueError(f"{what}: not valid TOML: {error}") from None
+    try:
+        return schema.model_validate(tables)
     except ValidationError as error:
         raise ValueError(f"{what}: {first_fault(error, schema, whole)}") from None
 
