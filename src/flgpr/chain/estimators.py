@@ -11,7 +11,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.classifier import FloatArray, TrainingSet, checked_names, feature_values
+from flgpr.chain.classifier import (
+    FloatArray,
+    TrainingSet,
+    check_words,
+    checked_names,
+    feature_values,
+)
 from flgpr.chain.estimator_classes import ALLOWED
 from flgpr.chain.recipe import DetectorTable
 from flgpr.chain.too_few import Change, TooFewExamplesError, check_classes
@@ -112,6 +118,7 @@ class TrainedEstimator:
                 f"its detector {str(name)[:60]!r} was written by an earlier version of flgpr, in a form that is no "
                 "longer read: train it again with `flgpr train`"
             )
+        check_words(about, ("estimator", "layout", "features", "unlike", "settings"))
         features = checked_names(about["features"])
         unlike = about.get("unlike")
         if type(unlike) is not bool:

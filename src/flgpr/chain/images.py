@@ -11,7 +11,7 @@ import xarray as xr
 from flgpr.chain.engine import PlannedPass
 from flgpr.chain.model import Model
 from flgpr.chain.recipe import ImageTable, Recipe
-from flgpr.chain.stages import ClutterStage, ComplexArray, Setup
+from flgpr.chain.stages import ClutterStage, ComplexArray, Setup, make_stage
 from flgpr.imaging import ScanImager
 from flgpr.model import Lane, lane_to_scan, scan_to_lane
 
@@ -60,7 +60,7 @@ class RunImages:
         before = self._raw
         for name, named in recipe.named().items():
             if issubclass(named.stage_class, ClutterStage):
-                stage = named.stage_class(named.settings, self.setup, model.stages.get(name))
+                stage = make_stage(name, named, self.setup, model.stages.get(name))
                 stage.before = before
                 self.stages[name] = stage
                 before = stage.data

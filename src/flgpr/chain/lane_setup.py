@@ -18,7 +18,14 @@ from flgpr.chain.memory import CACHE
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
 from flgpr.chain.recipe import Recipe, as_imaged
 from flgpr.chain.sections import Section, kept_rows, lane_threshold
-from flgpr.chain.stages import FeatureStage, FloatArray, MapStage, ScreenStage, Stage
+from flgpr.chain.stages import (
+    FeatureStage,
+    FloatArray,
+    MapStage,
+    ScreenStage,
+    Stage,
+    make_stage,
+)
 from flgpr.chain.steps import Steps, check_confidence
 from flgpr.model import Lane
 from flgpr.screen import RunViewSums, view_array
@@ -89,7 +96,7 @@ class LaneSetup:
         for name, named in self.recipe.named().items():
             if not name.startswith("clutter."):
                 learnt = self.model.stages.get(name)
-                stages[name] = named.stage_class(named.settings, self.setup, learnt)
+                stages[name] = make_stage(name, named, self.setup, learnt)
         return stages
 
     def _first_stage(self, kind: type[Any]) -> Any:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
@@ -24,7 +23,7 @@ from flgpr.chain.stages import (
     ScreenNamed,
     Table,
 )
-from flgpr.door import read_named
+from flgpr.door import parse_toml, read_named
 from flgpr.features import PatchShape
 from flgpr.kernels.windows import WINDOWS, ramp
 from flgpr.model import POLARIZATIONS, Grid, Lane, scan_to_lane
@@ -559,9 +558,11 @@ def course_lane(recipe: Recipe, poses: FloatArray, end: float | None = None) -> 
 def parse_recipe(text: str, source: str = "recipe") -> Recipe:
     """Validate the TOML text of a recipe; the ValueError names every entry at fault with its line."""
     try:
-        return Recipe.model_validate(tomllib.loads(text))
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        tables = parse_toml(text)
+    except ValueError as error:
         raise ValueError(f"recipe {source}: not valid TOML: {error}") from None
+    try:
+        return Recipe.model_validate(tables)
     except ValidationError as error:
         faults = [_fault(text, fault) for fault in error.errors()]
         raise ValueError(f"recipe {source}: " + "; ".join(faults)) from None

@@ -28,7 +28,7 @@ from flgpr.chain.images import imager_of
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
 from flgpr.chain.recipe import RANKS, Recipe, course_lane
 from flgpr.chain.recipe_for_run import alias_faults, check_channels
-from flgpr.chain.stages import FeatureStage, MapStage, Setup, Stage
+from flgpr.chain.stages import FeatureStage, MapStage, Setup, Stage, make_stage
 from flgpr.chain.steps import CleanedScan, Steps, check_confidence
 from flgpr.clutter import CausalBackground
 from flgpr.clutter.streaming import LEAST_SPAN, LEAST_WARM_UP
@@ -771,7 +771,7 @@ def _build_stages(
     stages = {}
     columns: list[str] = []
     for name, entry in recipe.named().items():
-        stage = entry.stage_class(entry.settings, setup, model.stages.get(name))
+        stage = make_stage(name, entry, setup, model.stages.get(name))
         stages[name] = stage
         if isinstance(stage, FeatureStage):
             columns.extend(stage.columns)

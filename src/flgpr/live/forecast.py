@@ -127,7 +127,9 @@ def forecast_of(recipe: Recipe, model: Model) -> Forecast | None:
         return None
     shapes = {name: array.shape for name, array in learnt.items()}
     expected = {"mean": (3,), "spread": (2,), "correlation": ()}
-    if shapes != expected or not all(np.isfinite(array).all() for array in learnt.values()):
+    are_numbers = all(array.dtype == np.float64 for array in learnt.values())
+    are_finite = are_numbers and all(np.isfinite(array).all() for array in learnt.values())
+    if shapes != expected or not are_finite:
         raise ValueError(
             f"model must hold finite {NAME} of shapes {expected}, got {shapes}: train it again"
         )

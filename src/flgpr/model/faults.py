@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from difflib import get_close_matches
 from importlib.resources.abc import Traversable
@@ -11,7 +10,7 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from flgpr.door import read_named
+from flgpr.door import parse_toml, read_named
 
 # Names that pydantic inserts into a location where an entry may be of several types.
 _TYPE_NAMES = ("float", "str", "Variable")
@@ -40,10 +39,11 @@ def parse_entries(
 ) -> Entries:
     """Read TOML, which errors call ``what``; see :func:`describe_fault` for ``file_name``."""
     try:
-        text = data if isinstance(data, str) else data.decode("utf-8")
-        return schema.model_validate(tomllib.loads(text))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        tables = parse_toml(data)
+    except ValueError as error:
         raise ValueError(f"{what}: not valid TOML: {error}") from None
+    try:
+        return schema.model_validate(tables)
     except ValidationError as error:
         raise ValueError(f"{what}: {first_fault(error, schema, file_name)}") from None
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializeAsAny, ValidationError
 
+from flgpr.detect.scorers.checks import Checked
 from flgpr.model.bounds import Entries
 from flgpr.model.bounds import Positive as Positive
 from flgpr.model.faults import describe_fault
@@ -113,6 +114,16 @@ class Stage:
         else a :class:`TrainingView`.
         """
         raise NotImplementedError(f"{cls.__name__} does not learn")
+
+    @classmethod
+    def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:  # noqa: ARG003
+        """Take the arrays that :meth:`fit` gave, by name, type and shape.
+
+        A model may come from anybody. Whatever ``fit`` cannot have given for these settings is a
+        ValueError, before anything is worked out with it. Whoever does not write this for a stage
+        takes any arrays.
+        """
+        learnt.take_all()
 
     @classmethod
     def margin(cls, settings: Any) -> float:  # noqa: ARG003
@@ -273,6 +284,21 @@ def _named(kind: str) -> Callable[[Any], Any]:
         return Named(stage=table["stage"], settings=settings, stage_class=stage_class)
 
     return read
+
+
+def make_stage(name: str, named: Named, setup: Setup, learnt: Arrays | None) -> Any:
+    """Make a stage that a recipe names, with what a model holds for it.
+
+    Arrays that its ``fit`` cannot have given are a ValueError that names the stage and the array.
+    """
+    if learnt is not None:
+        checked = Checked({}, learnt)
+        try:
+            named.stage_class.check_learnt(named.settings, setup, checked)
+            checked.done()
+        except ValueError as error:
+            raise ValueError(f"model's stage {name} does not fit this recipe: {error}") from None
+    return named.stage_class(named.settings, setup, learnt)
 
 
 ClutterNamed = Annotated[Named, BeforeValidator(_named("clutter"))]

@@ -18,6 +18,7 @@ from scipy.special import logsumexp
 from flgpr.chain.engine import Accumulator, Arrays, sum_accumulator
 from flgpr.chain.stages import ComplexArray, FloatArray, MapStage, Positive, Setup, Table
 from flgpr.chain.too_few import Tally, TooFewExamplesError, clear_change
+from flgpr.detect.scorers.checks import Checked
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, Sensor, lane_to_scan, load_sensor, scan_to_lane
 from flgpr.model.bounds import Spacing
@@ -99,7 +100,7 @@ class LikelihoodMap(MapStage):
     def __init__(self, settings: Any, setup: Setup, learnt: Arrays | None = None) -> None:
         super().__init__(settings, setup, learnt)
         grid = setup.images
-        self._metres = max(1, math.ceil(grid.extent()[3] - grid.y_min))
+        self._metres = _metres_of(grid)
         down, across = (max(1, round(settings.step / each)) for each in (grid.dy, grid.dx))
         self._rows, self._columns = (
             np.arange(each, count - each, each)
@@ -116,6 +117,20 @@ class LikelihoodMap(MapStage):
         self._bands: dict[
             tuple[int, int], tuple[NDArray[np.intp], ComplexArray, ComplexArray, FloatArray]
         ] = {}
+
+    @classmethod
+    def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:
+        """Take, by metre ahead, what whitens a chip, and directions and shares of the signatures."""
+        metres = _metres_of(setup.images)
+        size = 9 * len(setup.imaged) * len(setup.imager.subbands)
+        learnt.array("whitener", (metres, size, size), np.complex64)
+        for signature, share in (("signature", "share"), ("stone", "stone_share")):
+            if signature == "stone" and not learnt.has(signature):
+                continue
+            rank = learnt.array(share, (metres, None)).shape[1]
+            if rank > settings.rank:
+                raise ValueError(f"array {share!r} must have at most {settings.rank}, got {rank}")
+            learnt.array(signature, (metres, rank, size), np.complex64)
 
     def map(self, image: xr.DataArray) -> NDArray[np.float32]:
         """Return the log-likelihood ratio with the contrast and ``offset`` added."""
@@ -461,6 +476,11 @@ def contrasts(image: xr.DataArray, table: LikelihoodSettings) -> NDArray[np.floa
 
 def _single(values: NDArray[Any]) -> ComplexArray:
     return np.asarray(values, dtype=np.complex64)
+
+
+def _metres_of(images: Grid) -> int:
+    """Count the metres ahead that scan images reach over, begun ones too."""
+    return max(1, math.ceil(images.extent()[3] - images.y_min))
 
 
 def _between(pixels: NDArray[np.int64], count: int) -> FloatArray:

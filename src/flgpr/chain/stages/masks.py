@@ -43,6 +43,7 @@ from flgpr.clutter import (
     subtract_standing,
     suppress_by_model,
 )
+from flgpr.detect.scorers.checks import Checked
 from flgpr.imaging import ImagingOperator, ScanImager
 from flgpr.model import (
     Grid,
@@ -162,6 +163,16 @@ class MaskedSuppression(ClutterStage):
             raise ValueError(
                 f"model {word} a second band: give the runs as in training (--with {settings.second or 'NAME'}=RUN)"
             )
+
+    @classmethod
+    def check_learnt(cls, settings: Any, setup: Any, learnt: Checked) -> None:  # noqa: ARG003
+        """Take a threshold for each sub-region, and how many looks at targets it comes from."""
+        regions = len(settings.edges) - 1
+        for name in ("vv", "vh", "low_vh"):
+            learnt.array(name, (regions,), finite=False)
+        learnt.array("looks", (regions,), np.int64)
+        if learnt.has("second"):
+            learnt.array("second", (regions,), finite=False)
 
     def _other(self, name: str) -> ScanImager | None:
         """Imager of the second band, where its run was given."""
