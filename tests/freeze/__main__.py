@@ -12,12 +12,13 @@ not those of the tables.
 """
 
 import argparse
+import shutil
 import tempfile
 from pathlib import Path
 
 import pandas as pd
 
-from freeze import formats, frozen, recipes
+from freeze import commands, formats, frozen, names, recipes
 from freeze.lanes import make_lanes
 
 
@@ -57,7 +58,36 @@ def write_formats() -> None:
     frozen.write_json(formats.TABLE, table)
 
 
-PARTS = {"recipes": lambda: write_recipes(check=False), "formats": write_formats}
+def write_commands() -> None:
+    """Write the tables of the command line."""
+    with tempfile.TemporaryDirectory() as home:
+        frozen.write_json(commands.TABLE, commands.command_table(Path(home)))
+    with tempfile.TemporaryDirectory() as home:
+        inputs = Path(home) / "inputs"
+        inputs.mkdir()
+        commands.make_inputs(inputs)
+        keys = {}
+        for name in commands.PRINTED:
+            output = Path(home) / "out"
+            output.mkdir()
+            keys[name] = commands.printed(name, inputs, output)
+            shutil.rmtree(output)
+        frozen.write_json(commands.KEYS, keys)
+
+
+def write_names() -> None:
+    """Write the tables of public names and of what a user may set."""
+    frozen.write_json(names.TABLE, names.name_table())
+    frozen.write_json(names.SETTINGS, names.settings())
+    frozen.write_json(names.RECIPES, names.packaged_recipes())
+
+
+PARTS = {
+    "recipes": lambda: write_recipes(check=False),
+    "formats": write_formats,
+    "commands": write_commands,
+    "names": write_names,
+}
 
 
 def main() -> None:

@@ -1,7 +1,8 @@
-"""The command line as a table: commands, what they take, what they print as JSON, and how they end."""
+"""The command line as a table: what commands take, what they print as JSON, and how they end."""
 
 import json
 import os
+import re
 import typing
 from enum import Enum
 from pathlib import Path
@@ -9,11 +10,14 @@ from pathlib import Path
 import typer.main
 from typer.testing import CliRunner
 
+import every_command
+import io_gpr
 from flgpr.commands.app import app
-from freeze.frozen import DATA
+from flgpr.store import verdict_bytes
+from freeze.frozen import DATA, json_shape
 
 TABLE = DATA / "commands.json"
-VALUES = ("format", "version")
+KEYS = DATA / "printed.json"
 
 
 def walk(command=None, words=()):
@@ -24,25 +28,30 @@ def walk(command=None, words=()):
         yield from walk(inner, (*words, name))
 
 
-def parameters(command) -> dict[str, dict]:
+def parameters(command) -> dict[str, str]:
     """Describe arguments, by their place, and options, by their names."""
     described = {}
     place = 0
     for one in command.params:
-        entry = {
-            "type": _kind(one),
-            "default": _plain(one.default),
-            "required": one.required,
-            "values": one.nargs,
-            "repeats": bool(getattr(one, "multiple", False)),
-        }
         if one.param_type_name == "argument":
             place += 1
-            described[f"argument {place}: {one.name}"] = entry
+            name = f"argument {place}: {one.name}"
         else:
-            entry["flag"] = one.is_flag
-            described[" / ".join([*one.opts, *one.secondary_opts])] = entry
+            name = " / ".join([*one.opts, *one.secondary_opts])
+        described[name] = _parameter(one)
     return described
+
+
+def _parameter(one) -> str:
+    """Describe a parameter: type, default, and what is unusual about it."""
+    words = [_kind(one), "required" if one.required else f"default {_plain(one.default)}"]
+    if getattr(one, "is_flag", False):
+        words[0] = "flag"
+    if one.nargs == -1 or getattr(one, "multiple", False):
+        words.append("any number")
+    elif one.nargs > 1:
+        words.append(f"{one.nargs} values")
+    return ", ".join(words)
 
 
 def _kind(parameter) -> str:
@@ -59,13 +68,11 @@ def _kind(parameter) -> str:
     return f"{kind.__name__} from {parameter.min} to {parameter.max}"
 
 
-def _plain(value):
+def _plain(value) -> str:
     if callable(value):
         return "computed"
     if isinstance(value, tuple | list):
-        return [_plain(one) for one in value]
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
+        return ", ".join(_plain(one) for one in value)
     return str(value)
 
 
@@ -93,7 +100,7 @@ def with_missing_files(command) -> list[str]:
 
 
 def exit_codes(words, command, folder: Path) -> dict[str, int]:
-    """Return how a command ends that is asked for help or given too little, a strange option or missing files."""
+    """Return how a command ends that is asked for help, or given too little, or missing files."""
     codes = {"--help": run([*words, "--help"], folder).exit_code}
     codes["--nothing"] = run([*words, "--nothing"], folder).exit_code
     if any(one.required for one in command.params):
@@ -102,38 +109,111 @@ def exit_codes(words, command, folder: Path) -> dict[str, int]:
     return codes
 
 
-def json_shape(value, folder: Path):
-    """Return the structure of a JSON value: keys and types of values, those of a list's entries as one.
-
-    What stands under ``format`` and ``version`` is kept as it is.
-    """
-    if isinstance(value, dict):
-        shape = {}
-        for key, one in value.items():
-            plain = one if key in VALUES else json_shape(one, folder)
-            shape[key.replace(str(folder), "FOLDER")] = plain
-        return shape
-    if isinstance(value, list):
-        shapes = [json_shape(one, folder) for one in value]
-        return [_merged(shapes)] if shapes else []
-    names = {bool: "boolean", int: "number", float: "number", str: "text", type(None): "null"}
-    return names[type(value)]
+def command_table(folder: Path) -> dict[str, dict]:
+    """Describe every command: what it takes, and how it ends where it is given too little."""
+    table = {}
+    for words, command in walk():
+        table[" ".join(["flgpr", *words])] = {
+            "parameters": parameters(command),
+            "exit codes": exit_codes(words, command, folder),
+        }
+    return table
 
 
-def _merged(shapes):
-    """Merge structures into one that says what each of them may be."""
-    if all(isinstance(one, dict) for one in shapes):
-        keys = sorted({key for one in shapes for key in one})
-        merged = {}
-        for key in keys:
-            held = [one[key] for one in shapes if key in one]
-            name = key if len(held) == len(shapes) else f"{key} (not always)"
-            merged[name] = _merged(held)
-        return merged
-    if all(isinstance(one, list) for one in shapes):
-        inner = [entry for one in shapes for entry in one]
-        return [_merged(inner)] if inner else []
-    distinct = sorted({json.dumps(one, sort_keys=True) for one in shapes})
-    if len(distinct) == 1:
-        return shapes[0]
-    return " or ".join(text.strip('"') for text in distinct)
+SHORT = {
+    "AREA": "--area -1.5 1.8 5.5 8.5 --spacing 0.15",
+    "BODY": "--body pmn --depth 0.05 --site prepared-sand --rms 0.003 --band 0.75e9 1.35e9",
+    "BOOK": "--book OUT/book.jsonl",
+    "CLOCK": "--offsets 3.2 3.6 --step 0.1",
+    "LANE": "--lane IN/lane.toml",
+    "RECIPE": "--recipe IN/small.toml",
+    "REFLECTORS": "--reflectors IN/reflectors.csv",
+    "TRUTH": "--truth IN/truth.csv",
+    "WITNESS": "--witness OUT/witness.jsonl",
+}
+PRINTED = {
+    "anchor": [
+        "anchor IN/points.csv --crs EPSG:4326 --accuracy 0.02 --write OUT/a.toml LANE",
+    ],
+    "calibrate clock": ["calibrate clock IN/rail.zarr AREA CLOCK"],
+    "calibrate joint": ["calibrate joint IN/rail.zarr REFLECTORS CLOCK --biases -0.5 1"],
+    "calibrate permittivity": [
+        "import gpr IN/long.dt1 -o OUT/a.zarr --time-zero 4 --band 1.25e8 1e9 --separation 0.2",
+        "prepare OUT/a.zarr -o OUT/b.zarr --background",
+        "calibrate permittivity OUT/b.zarr",
+    ],
+    "calibrate range-bias": ["calibrate range-bias IN/posed.zarr REFLECTORS"],
+    "demo": ["demo -o OUT/demo"],
+    "design": ["design sri-array --signal-to-clutter BODY"],
+    "detect": ["detect IN/lane.zarr RECIPE LANE -o OUT/result"],
+    "detect in sections": ["detect IN/lane.zarr RECIPE LANE --section 4 -o OUT/result"],
+    "detect a survey": ["detect IN/lane.zarr IN/other-lane.zarr RECIPE LANE LANE -o OUT/all"],
+    "image": ["image IN/run.zarr --spacing 0.2 -o OUT/a.png"],
+    "image depth": ["image IN/line.zarr --permittivity 9 --x -0.2 0.2 --depth 0.2 -o OUT/a.npz"],
+    "image recording": ["image IN/line.dt1 --gain -o OUT/a.npz"],
+    "info": ["info IN/run.zarr"],
+    "info recipes": ["info IN/run.zarr --recipes"],
+    "info file": ["info IN/lane_a.npz"],
+    "info files": ["info IN/mapped.npz IN/track.csv"],
+    "info model": [
+        "train IN/lane.zarr TRUTH LANE RECIPE --feature C_HH_F1 -o OUT/model",
+        "info OUT/model",
+    ],
+    "plan check": [
+        "plan lane IN/lane.toml IN/sorts.csv --seed 3 --spacing 0.5 --edge 0.1 --halo 0.3 BOOK "
+        "-o OUT/plan.csv",
+        "plan register IN/small.toml BOOK WITNESS",
+        "score IN/alarms.csv --truth OUT/plan.csv LANE --halo 0.3 RECIPE BOOK -o OUT/score",
+        "plan check OUT/book.jsonl --report OUT/score/roc.json WITNESS",
+    ],
+    "replay": ["replay IN/result"],
+    "score": ["score IN/result TRUTH -o OUT/score"],
+    "score a list": ["score IN/alarms.csv TRUTH LANE -o OUT/score"],
+    "score agreement": ["score --agreement IN/first.json IN/second.json"],
+    "score sealed": ["score IN/alarms.csv --sealed IN/sealed -o OUT/score"],
+    "score several sealed": [
+        "score IN/alarms.csv IN/others.csv --sealed IN/sealed -o OUT/score",
+    ],
+    "score side by side": ["score IN/alarms.csv IN/others.csv TRUTH LANE -o OUT/score"],
+}
+"""Commands to give, the last of each with ``--json``; all commands that have it are among them.
+
+``IN`` stands for the folder of inputs, ``OUT`` for that of outputs, and other capitals for what is
+in ``SHORT``.
+"""
+
+
+def make_inputs(folder: Path) -> None:
+    """Make what ``PRINTED`` reads: inputs of all commands, a longer recording, and verdicts."""
+    every_command.make_inputs(folder)
+    io_gpr.write_dt1(folder / "long.dt1", io_gpr.section(60))
+    for name, verdicts in (("first", ("mine", "clutter")), ("second", ("mine", "mine"))):
+        notes = [
+            {"result": "lane", "detection": "main", "alarm_id": f"alarm-{k}", "verdict": verdict}
+            for k, verdict in enumerate(verdicts)
+        ]
+        (folder / f"{name}.json").write_bytes(verdict_bytes(notes))
+
+
+def printed(name: str, inputs: Path, output: Path):
+    """Return the structure of what the last command of a case prints with ``--json``."""
+    *before, last = PRINTED[name]
+    told = ""
+    for text in [*before, f"{last} --json"]:
+        words = _words(text, inputs, output)
+        done = CliRunner().invoke(app, words, input=f"{every_command.PHRASE}\n")
+        assert done.exit_code == 0, (words, done.output, done.exception)
+        told = done.stdout
+    # What is asked for, as a passphrase is, ends in a line of its own.
+    return json_shape(json.loads(told.strip().splitlines()[-1]), output.parent)
+
+
+def _words(text: str, inputs: Path, output: Path) -> list[str]:
+    """Split a command of ``PRINTED`` into words with all that they stand for."""
+    spelled = []
+    for word in text.split():
+        spelled += SHORT.get(word, word).split()
+    folders = {"IN/": f"{inputs}/", "OUT/": f"{output}/"}
+    for short, folder in folders.items():
+        spelled = [re.sub(f"^{short}", folder, word) for word in spelled]
+    return spelled

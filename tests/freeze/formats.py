@@ -1,4 +1,4 @@
-"""Files of today's formats, small ones of each kind: how they are made, read, and what is in them."""
+"""Small files of each of today's formats: how they are made and read, and what is in them."""
 
 import csv
 import json
@@ -26,8 +26,7 @@ from flgpr.store import (
     verdict_bytes,
     write_bundle,
 )
-from freeze.commands import json_shape
-from freeze.frozen import DATA, array_digest, digest, json_digest
+from freeze.frozen import DATA, array_digest, digest, json_digest, json_shape
 from freeze.recipes import flgpr
 from small_lane import cut_down, small_recipe, small_run
 
@@ -70,7 +69,8 @@ def make_formats(folder: Path) -> None:
     """Write small files of every format to a folder."""
     _write_inputs(folder)
     _write_unfinished(folder / "unfinished.zarr")
-    write_bundle(folder / "arrays.bundle", _arrays(), {"words": "näher", "numbers": [1, 2.5, None]})
+    about = {"words": "näher", "numbers": [1, 2.5, None]}
+    write_bundle(folder / "arrays.bundle", _arrays(), about)
     lane = folder / "lane.toml"
     run = folder / "run.zarr"
     recipe = folder / "features.toml"
@@ -120,7 +120,7 @@ def tiny_run():
 
 
 def begin_writing(path: Path, scans: int) -> int:
-    """Begin to write the tiny run, or go on with it, up to so many scans; return how many were there."""
+    """Write the tiny run, or go on with it, up to so many scans; return how many were there."""
     run = tiny_run()
     fixed = [
         run[name].values for name in ("frequency", "polarization", "tx_position", "rx_position")
@@ -157,13 +157,13 @@ def _arrays():
 def live(folder: Path, output: Path) -> None:
     """Take the scans that came, or the rest of them, with the recipe of one channel."""
     flgpr(
-        "live", folder / "incoming", "--recipe", folder / "simple.toml", "--lane", folder / "lane.toml",
-        "--warm-up", 3, "--looks", 1, "-o", output, "--quiet",
+        "live", folder / "incoming", "--recipe", folder / "simple.toml",
+        "--lane", folder / "lane.toml", "--warm-up", 3, "--looks", 1, "-o", output, "--quiet",
     )  # fmt: skip
 
 
 def _write_live(folder: Path) -> None:
-    """Write scans to come live, the snapshot after the first of them, and what a whole live run leaves."""
+    """Write live scans, the snapshot after some of them, and what a whole live run leaves."""
     feed(folder / "run.zarr", folder / "incoming", np.inf, count=FIRST)
     end = folder / "incoming" / "end.json"
     end.write_text("{}")
@@ -201,12 +201,13 @@ def _write_test_plan(folder: Path) -> None:
     )
     alarms = folder / "result" / "alarms.csv"
     flgpr(
-        "score", alarms, "--truth", truth, "--lane", lane, "--halo", 0.3, "-o", folder / "score", "--quiet"
+        "score", alarms, "--truth", truth, "--lane", lane, "--halo", 0.3,
+        "-o", folder / "score", "--quiet",
     )  # fmt: skip
 
 
 def file_table(folder: Path) -> dict:
-    """Describe every file below a folder: keys, columns, arrays with type and shape, or only that it is there."""
+    """Describe every file below a folder: keys, columns, types and shapes, or its size."""
     paths = sorted(path for path in folder.rglob("*") if path.is_file())
     return {path.relative_to(folder).as_posix(): _describe(path) for path in paths}
 
@@ -288,7 +289,7 @@ def _zarr(content: dict) -> dict:
 
 
 def values(folder: Path) -> dict:
-    """Read files by the package's own readers and return their words, and digests of their numbers."""
+    """Read files by the package's readers and return their words, and digests of their numbers."""
     result = read_result(folder / "result")
     detection = result.detections[0]
     sections = read_sections(folder / "sections")
@@ -340,7 +341,7 @@ def _table(table) -> dict[str, str]:
 
 
 def copy_formats(source: Path, target: Path) -> None:
-    """Copy what is kept of a folder of ``make_formats``: no pages and pictures, and no snapshot of the end."""
+    """Copy what is committed of ``make_formats``: no pages and pictures, no snapshot of the end."""
     shutil.rmtree(target, ignore_errors=True)
     unwanted = shutil.ignore_patterns("*.html", "*.png", "*.pdf")
     shutil.copytree(source, target, ignore=unwanted)

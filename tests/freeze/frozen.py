@@ -24,6 +24,8 @@ DATA = Path(__file__).parent / "data"
 DIGESTS = DATA / "digests.json"
 TOLERANCE = 1e-3
 FORMAT = "%.6g"
+VALUES = ("format", "version")
+"""Keys of JSON whose values are frozen as well."""
 
 
 def digest(data: bytes) -> str:
@@ -116,3 +118,40 @@ def check_table(table: pd.DataFrame, path: Path) -> None:
             )
         else:
             np.testing.assert_array_equal(values.astype(str), expected.astype(str), err_msg=message)
+
+
+def json_shape(value, folder: Path):
+    """Return keys and types of a JSON value, those of a list's entries as one.
+
+    What stands under ``format`` and ``version`` is kept as it is.
+    """
+    if isinstance(value, dict):
+        shape = {}
+        for key, one in value.items():
+            plain = one if key in VALUES else json_shape(one, folder)
+            shape[key.replace(str(folder), "FOLDER")] = plain
+        return shape
+    if isinstance(value, list):
+        shapes = [json_shape(one, folder) for one in value]
+        return [_merged(shapes)] if shapes else []
+    names = {bool: "boolean", int: "number", float: "number", str: "text", type(None): "null"}
+    return names[type(value)]
+
+
+def _merged(shapes):
+    """Merge structures into one that says what each of them may be."""
+    if all(isinstance(one, dict) for one in shapes):
+        keys = sorted({key for one in shapes for key in one})
+        merged = {}
+        for key in keys:
+            held = [one[key] for one in shapes if key in one]
+            name = key if len(held) == len(shapes) else f"{key} (not always)"
+            merged[name] = _merged(held)
+        return merged
+    if all(isinstance(one, list) for one in shapes):
+        inner = [entry for one in shapes for entry in one]
+        return [_merged(inner)] if inner else []
+    distinct = sorted({json.dumps(one, sort_keys=True) for one in shapes})
+    if len(distinct) == 1:
+        return shapes[0]
+    return " or ".join(text.strip('"') for text in distinct)

@@ -1,4 +1,4 @@
-"""Lanes of point scatterers for the array of ``systems.lanes``, and the packaged recipes cut down to it.
+"""Lanes of point scatterers for the array of ``systems.lanes``, and recipes cut down to it.
 
 No simulator makes them, so that a change of the simulator does not change what is found here.
 """
@@ -29,7 +29,7 @@ MINE = np.array([1.0, 0.8, 0.06, 0.06])
 
 
 def make_lanes(folder: Path) -> None:
-    """Write a lane to train on, one to test on, a second band of both, scans to come live, and the recipes."""
+    """Write lanes to train and to test on, both in two bands, live scans, and recipes."""
     _write_lane(folder, "train", seed=21, length=20.0, mines=11)
     _write_lane(folder, "test", seed=22, length=14.0, mines=6)
     feed(folder / "test.zarr", folder / "incoming", rate=np.inf)
@@ -58,7 +58,7 @@ def _write_lane(folder: Path, name: str, seed: int, length: float, mines: int) -
 
 
 def make_lane(rng, targets, length, step):
-    """Make the run of a lane: echoes of mines, clutter and bright roadsides, coupling, and noise."""
+    """Make the run of a lane: echoes of mines, clutter and roadsides, coupling, and noise."""
     y = np.arange(-6.0, length - 3.0, step)
     pose = np.zeros((y.size, 6))
     pose[:, 0] = 0.05 * rng.normal(size=y.size)

@@ -19,8 +19,8 @@ RECIPES = DATA / "recipes.json"
 ROOT = Path(flgpr.__file__).parent
 EXTENDED = {
     "flgpr.chain.stages": [
-        "ClutterStage", "FeatureStage", "MapStage", "ScreenStage", "Setup", "Stage", "Table", "TrainingView",
-        "find_stage",
+        "ClutterStage", "FeatureStage", "MapStage", "ScreenStage", "Setup", "Stage", "Table",
+        "TrainingView", "find_stage",
     ],
     "flgpr.accessor": ["RunAccessor"],
 }  # fmt: skip
@@ -48,7 +48,7 @@ def name_table() -> dict[str, dict]:
 
 
 def describe(value):
-    """Describe a function or package that is called by its signature, a class by its members, or a value."""
+    """Describe what is called by its signature, a class by its members as well, or a value."""
     if isinstance(value, ModuleType):
         called = value.__dict__.get("__verb__")
         if called is None:
@@ -145,7 +145,7 @@ def _member(value) -> str:
 
 
 def settings() -> dict[str, dict]:
-    """Return what may stand in a recipe, a scene and a sensor: names, types, limits and defaults."""
+    """Return what recipes, scenes and sensors may hold: names, types, limits and defaults."""
     return {
         one.__name__: _without_words(one.model_json_schema()) for one in (Recipe, Scene, Sensor)
     }

@@ -81,8 +81,9 @@ class Case:
         if self.name in PACKAGED_LANE:
             return
         flgpr(
-            "train", self.lanes / "train.zarr", "--truth", self.lanes / "train.csv", "--recipe", self.recipe,
-            "--lane", self.lanes / "train-lane.toml", *self._second_band("train"), "-o", self.model, "--quiet",
+            "train", self.lanes / "train.zarr", "--truth", self.lanes / "train.csv",
+            "--recipe", self.recipe, "--lane", self.lanes / "train-lane.toml",
+            *self._second_band("train"), "-o", self.model, "--quiet",
         )  # fmt: skip
 
     def detect(self, output: str, *more: object) -> Path:
@@ -106,7 +107,8 @@ class Case:
         """Return the words of the command that detects on scans as they come."""
         words = [
             "live", self.lanes / "incoming", "--recipe", self.recipe, "--model", self.model,
-            "--lane", self.lanes / "test-lane.toml", "--speed", 10, *more, "-o", self.folder / output, "--quiet",
+            "--lane", self.lanes / "test-lane.toml", "--speed", 10, *more,
+            "-o", self.folder / output, "--quiet",
         ]  # fmt: skip
         return [str(word) for word in words]
 

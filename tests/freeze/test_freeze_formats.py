@@ -1,4 +1,4 @@
-"""Files of today's formats open, hold what they held and are gone on with; new files are made alike."""
+"""Files of today's formats open, hold what they held and are resumed; new ones are made alike."""
 
 import json
 import shutil
@@ -72,7 +72,7 @@ def test_a_store_that_an_older_writer_left_is_finished(files):
 
 
 def test_a_live_run_that_an_older_program_left_resumes(files, monkeypatch):
-    """The snapshot belongs to the version that wrote it; that a newer one refuses it is not the matter here."""
+    """A snapshot belongs to the version that wrote it: the reader pretends to be of that one."""
     manifest = json.loads((files / "result" / "manifest.json").read_text())
     monkeypatch.setattr(package, "__version__", manifest["flgpr"], raising=False)
     output = files / "live-so-far"
@@ -98,8 +98,8 @@ def test_a_result_of_an_older_program_is_replayed_and_scored(files):
 
 def test_a_truth_that_an_older_program_sealed_is_scored(files):
     told = flgpr(
-        "score", files / "result" / "alarms.csv", "--sealed", files / "sealed", "-o", files / "blind", "--json",
-        typed=f"{PHRASE}\n",
+        "score", files / "result" / "alarms.csv", "--sealed", files / "sealed",
+        "-o", files / "blind", "--json", typed=f"{PHRASE}\n",
     )  # fmt: skip
     [score] = json.loads(told)["detections"].values()
-    assert {point["n_targets"] for point in score["points"]} == {2}
+    assert max(point["n_targets"] for point in score["points"]) == 2

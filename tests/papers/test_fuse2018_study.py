@@ -425,8 +425,8 @@ def test_a_course_that_fell_back_is_told(calibration):
     frames = make_frames("A", 2, 3)
     stage = trained(frames.stage, calibration.learnt)
     stage.setup = replace(
-        stage.setup, known={"masks-000000": {"fallen": np.array([True, False, True])}}
+        stage.setup, results={"masks-000000": {"fallen": np.array([True, False, True])}}
     )
     assert stage.notes() == {"suppressions_fallen_back": 2}
-    stage.setup = replace(stage.setup, known={"masks-000000": {"fallen": np.array([False])}})
+    stage.setup = replace(stage.setup, results={"masks-000000": {"fallen": np.array([False])}})
     assert stage.notes() == {}

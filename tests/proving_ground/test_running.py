@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 import flgpr
 from flgpr.commands.app import app
+from flgpr.execution.survey import RunOptions
 from flgpr.proving_ground import (
     load_ground,
     oracle,
@@ -132,7 +133,8 @@ def test_a_second_run_gives_the_same_table_to_the_digit(field, tmp_path):
     # Of the lanes the workers make one anew; the fingerprints of all are taken again.
     anew = shutil.ignore_patterns("gravel-test-1*", SEALED, PRINTS)
     shutil.copytree(field / "out" / "lanes", tmp_path / "again" / "lanes", ignore=anew)
-    again = run_benchmark(entries, tmp_path / "again", workers=2, ground=field / "ground.toml")
+    how = RunOptions(workers=2)
+    again = run_benchmark(entries, tmp_path / "again", how=how, ground=field / "ground.toml")
     write_table([again], again)
     for name in ("scores.csv", f"lanes/{PRINTS}"):
         assert (again / name).read_bytes() == (field / "out" / name).read_bytes()
@@ -324,7 +326,7 @@ def test_the_oracle_bounds_what_is_found(field, tmp_path):
 def test_the_oracle_finds_echoes_that_are_there_and_no_others(field):
     lane = load_ground(False, field / "ground.toml").lanes["arid-bare-1"]
     clutter = oracle.Clutter(
-        oracle._chain(str(field / "out"), lane, field / "one.toml"), lane.scene.lane
+        oracle._cleaned(str(field / "out"), lane, field / "one.toml"), lane.scene.lane
     )
     rng = np.random.default_rng(0)
     looks = clutter.looks

@@ -14,10 +14,10 @@ from flgpr.store import write_whole
 NAME = "proving-ground-1"
 FILES = {
     "flgpr.proving_ground/proving-ground-1.toml": "5a7463213ae4a6194f0e027dd1afa14c4952115053bf7b58cd823bd338d18600",
-    "flgpr.simulate/sites/arid-sand.toml": "0688489fef1f50b2554978114aaf9e28b2beffa730d1427f19b0f6addd7c97de",
-    "flgpr.simulate/sites/temperate.toml": "3ed1c5b11577fbdb8a34b117e8a52adca0e3940126ee2e77094129cf91bd7f2a",
-    "flgpr.simulate/sites/gravel.toml": "b7314a9f107825793f0dd0ec2dd070a4d3049b175fb1b57980e70453e5c2a24a",
-    "flgpr.simulate/sites/wet-clay.toml": "74a301a18700ac1147285c6f32da26daa645d5e613dea665dd713a4597c35a9f",
+    "flgpr.simulate.scene/sites/arid-sand.toml": "0688489fef1f50b2554978114aaf9e28b2beffa730d1427f19b0f6addd7c97de",
+    "flgpr.simulate.scene/sites/temperate.toml": "3ed1c5b11577fbdb8a34b117e8a52adca0e3940126ee2e77094129cf91bd7f2a",
+    "flgpr.simulate.scene/sites/gravel.toml": "b7314a9f107825793f0dd0ec2dd070a4d3049b175fb1b57980e70453e5c2a24a",
+    "flgpr.simulate.scene/sites/wet-clay.toml": "74a301a18700ac1147285c6f32da26daa645d5e613dea665dd713a4597c35a9f",
 }
 """SHA-256 of what the lanes are made from."""
 LANES = {
