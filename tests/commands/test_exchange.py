@@ -10,6 +10,7 @@ from flgpr.chain.detection import Detection
 from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.commands import exporting as exchange
 from flgpr.commands.app import app
+from flgpr.commands.imports import import_cphd, import_mapped
 from flgpr.geo.anchor import read_anchor
 from flgpr.results.description import describe_run
 from flgpr.results.result import write_result
@@ -152,7 +153,7 @@ def test_run_to_cphd_and_back(small_run, anchor, tmp_path):
     pytest.importorskip("sarkit")
     save_run(small_run, tmp_path / "a.zarr")
     exchange.export_run(tmp_path / "a.zarr", tmp_path / "a.cphd", anchor)
-    exchange.import_cphd(tmp_path / "a.cphd", tmp_path / "b.zarr")
+    import_cphd(tmp_path / "a.cphd", tmp_path / "b.zarr")
     back = open_run(tmp_path / "b.zarr").load()
     np.testing.assert_allclose(back["signal"].values, small_run["signal"].values, rtol=1e-6)
     assert back.drop_vars("signal").identical(small_run.drop_vars("signal"))
@@ -173,7 +174,7 @@ def test_import_with_a_track_or_a_survey(tmp_path):
     (tmp_path / "m.toml").write_text(MAPPING)
     fixes = "time_s,x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n0,0,0,2,0,0,0\n100,0,200,2,0,0,0\n"
     (tmp_path / "t.csv").write_text(fixes)
-    exchange.import_with_mapping(
+    import_mapped(
         tmp_path / "m.toml",
         tmp_path / "r.zarr",
         track=tmp_path / "t.csv",
@@ -188,22 +189,16 @@ def test_import_with_a_track_or_a_survey(tmp_path):
         "x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n" + "0,1,2,0,0,0\n" * 2
     )
     with pytest.raises(ValueError, match="pose"):
-        exchange.import_with_mapping(
-            tmp_path / "m.toml", tmp_path / "q.zarr", survey=tmp_path / "s.csv"
-        )
+        import_mapped(tmp_path / "m.toml", tmp_path / "q.zarr", survey=tmp_path / "s.csv")
     assert not (tmp_path / "q.zarr").exists()
     (tmp_path / "s.csv").write_text(
         "x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n" + "0,1,2,0,0,0\n" * 3
     )
     track = (tmp_path / "r-track.csv").read_bytes()
     with pytest.raises(FileExistsError):
-        exchange.import_with_mapping(
-            tmp_path / "m.toml", tmp_path / "r.zarr", survey=tmp_path / "s.csv"
-        )
+        import_mapped(tmp_path / "m.toml", tmp_path / "r.zarr", survey=tmp_path / "s.csv")
     with pytest.raises(FileExistsError):
-        exchange.import_with_mapping(
-            tmp_path / "m.toml", tmp_path / "r.zarr", track=tmp_path / "t.csv"
-        )
+        import_mapped(tmp_path / "m.toml", tmp_path / "r.zarr", track=tmp_path / "t.csv")
     assert (tmp_path / "r-track.csv").read_bytes() == track
 
 
@@ -263,7 +258,7 @@ def test_an_anchored_import_remembers_where_its_lane_lies(anchor, tmp_path):
         "x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n" + "0,1,2,0,0,0\n" * 3
     )
     files = {"survey": tmp_path / "s.csv", "anchor": anchor}
-    exchange.import_with_mapping(tmp_path / "m.toml", tmp_path / "r.zarr", **files)
+    import_mapped(tmp_path / "m.toml", tmp_path / "r.zarr", **files)
     run = open_run(tmp_path / "r.zarr")
     tied = run.attrs["georeference"]
     origin, ahead = on_the_ellipsoid(np.array([[0.0, 0.0, 0.0], [0.0, 50.0, 0.0]]))

@@ -145,6 +145,7 @@ def test_one_process_compiles_and_the_others_wait_but_not_for_ever(tmp_path, mon
 DEMO = """
 import sys
 import numpy as np
+import flgpr
 from flgpr.detect import RelevanceVectorClassifier
 from flgpr.io import sample_lane
 from flgpr.kernels import ahead

@@ -14,6 +14,7 @@ from flgpr.commands.app import app
 from flgpr.commands.beside import BESIDE_DEMO
 from flgpr.commands.replay import replay
 from flgpr.commands.scoring import score_result
+from flgpr.execution.driver import results_at
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.results.result import read_result
@@ -120,8 +121,8 @@ def test_two_workers_that_are_stopped_and_one_that_goes_on_give_the_same_bytes(s
 
 
 def test_sections_find_the_same_alarms(system):
-    homes = system.detect("sections", section=12.5)
-    assert len(homes) == 3
+    system.detect("sections", section=12.5)
+    assert len(results_at(system.folder / "sections")) == 3
     whole = pd.read_csv(system.folder / "result" / "alarms.csv")
     parts = pd.read_csv(system.folder / "sections" / "alarms.csv")
     pd.testing.assert_frame_equal(
