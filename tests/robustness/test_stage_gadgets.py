@@ -8,12 +8,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from flgpr.cli import app
 from typer.testing import CliRunner
 
 from flgpr.chain.model import Model, save_model
 from flgpr.chain.recipe import recipe_text
 from flgpr.chain.stages import PACKAGED, Named, Stage, Table, find_stage, make_stage
+from flgpr.commands.app import app
 from flgpr.model import Grid
 from flgpr.store import sample_lane
 

@@ -138,7 +138,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "kernels/compiled.py _text": ({"read_bytes"}, OWN),
     "lazy.py face": ({"read_text"}, OWN),
     "model/faults.py load_preset": ({"read_bytes"}, OWN),
-    "commands/recipe.py recipe_list": ({"tomllib.loads"}, OWN),
+    "commands/recipe.py list_recipes": ({"tomllib.loads"}, OWN),
     "simulate/scene/scene.py site_tables": ({"read_text", "tomllib.loads"}, OWN),
     "simulate/bodies/signature/table.py load_table": ({"read_bytes"}, OWN),
     "commands/simulation.py write_gprmax_decks": ({"read_text", "tomllib.loads"}, OWN),
