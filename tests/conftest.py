@@ -19,12 +19,12 @@ import pytest
 import typer.main
 from PIL import Image
 
-from flgpr import tasks
+from flgpr.commands.demo import demo as run_demo
 from flgpr.model import make_run
 
 DATA = Path(__file__).parent / "data"
 DRAWING = {
-    "papers", "tasks", "test_basemap", "test_recording", "test_scoring_side_by_side", "test_kit", "test_score_page",
+    "papers", "commands", "test_basemap", "test_recording", "test_scoring_side_by_side", "test_kit", "test_score_page",
     "test_design_page", "test_docs_theory",
 }  # fmt: skip
 """Folders and files whose tests look at pictures."""
@@ -52,7 +52,7 @@ HEAVY = (
     "test_demo",
     "test_bench",
     "test_cuda",
-    "test_kernel_cache",
+    "test_compiled",
     "test_docs_theory",
     "test_raw_data",
     "test_skeleton_and_sweep",
@@ -177,7 +177,7 @@ def demo(tmp_path_factory):
     """One demo run for all tests that need a result; none looks at its pictures."""
     with pytest.MonkeyPatch.context() as patch:
         _draw_nothing(patch)
-        return tasks.demo(tmp_path_factory.mktemp("demo") / "result")
+        return run_demo(tmp_path_factory.mktemp("demo") / "result")
 
 
 @pytest.fixture(scope="session")

@@ -8,18 +8,23 @@ from pathlib import Path
 import numpy as np
 from typer.testing import CliRunner
 
+import flgpr
 import io_gpr
 from calibrate.echoes import echo
-from flgpr import tasks
-from flgpr.cli import app
+from flgpr.commands import simulation
+from flgpr.commands.anchoring import anchor_from_points, write_anchor
+from flgpr.commands.app import app
+from flgpr.commands.imports import import_gpr
+from flgpr.commands.plan import plan_lane
+from flgpr.commands.scoring import seal
 from flgpr.formats.cphd import write_cphd
 from flgpr.geo.anchor import fit_anchor
+from flgpr.live.feeding import feed
 from flgpr.model import make_run
 from flgpr.model.track import make_track
 from flgpr.simulate.bodies.signature import build
 from flgpr.simulate.bodies.signature import table as nodes
 from flgpr.store import open_run, sample_lane, save_run, write_table
-from flgpr.tasks import simulation
 from io_geodesy import LANE, on_the_ellipsoid
 from io_gprmax import lane_and_sensor, write_output
 from robust import digests
@@ -341,7 +346,7 @@ def make_inputs(home):
         fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02),
     )
     io_gpr.write_dt1(home / "line.dt1", io_gpr.section(24))
-    tasks.import_gpr(home / "line.dt1", home / "line.zarr", height=0.5)
+    import_gpr(home / "line.dt1", home / "line.zarr", height=0.5)
     _make_mapped(home)
     _make_decks(home)
     _make_scenes(home)
@@ -362,17 +367,13 @@ def _make_anchors(home):
         f"{x},{y},{e:.9f},{n:.9f}\n" for (x, y, _), (e, n) in zip(LANE, places, strict=True)
     )
     (home / "points.csv").write_text("lane_x_m,lane_y_m,longitude_deg,latitude_deg\n" + rows)
-    tasks.write_anchor(
-        tasks.anchor_from_points(home / "points.csv", "EPSG:4326", 0.02), home / "anchor.toml"
-    )
+    write_anchor(anchor_from_points(home / "points.csv", "EPSG:4326", 0.02), home / "anchor.toml")
     turned = on_the_ellipsoid(LANE, azimuth=0.3)
     rows = "".join(
         f"{x},{y},{e:.9f},{n:.9f}\n" for (x, y, _), (e, n) in zip(LANE, turned, strict=True)
     )
     (home / "turned.csv").write_text("lane_x_m,lane_y_m,longitude_deg,latitude_deg\n" + rows)
-    tasks.write_anchor(
-        tasks.anchor_from_points(home / "turned.csv", "EPSG:4326", 0.02), home / "turned.toml"
-    )
+    write_anchor(anchor_from_points(home / "turned.csv", "EPSG:4326", 0.02), home / "turned.toml")
 
 
 MAPPED = line_mapping("mapped.npz", TIME)
@@ -425,16 +426,16 @@ def _make_lane(home):
     (home / "other.toml").write_text(text.replace("radius = 0.4", "radius = 0.5"))
     (home / "lane.toml").write_text(LANE_TOML)
     (home / "truth.csv").write_text(TRUTH)
-    result = tasks.detect_run(
+    result = flgpr.detect(
         home / "lane.zarr", home / "small.toml", home / "result", home / "lane.toml"
     )
     alarms = result.detections[0].alarms
     write_table(alarms[["x", "y", "confidence"]], home / "alarms.csv")
     write_table(alarms[["x", "y", "confidence"]].iloc[::2], home / "others.csv")
-    tasks.feed(home / "lane.zarr", home / "incoming", rate=np.inf)
+    feed(home / "lane.zarr", home / "incoming", rate=np.inf)
     save_run(run.assign_attrs(title="another"), home / "other-lane.zarr")
-    tasks.feed(home / "other-lane.zarr", home / "other-incoming", rate=np.inf)
-    tasks.seal(home / "truth.csv", home / "lane.toml", home / "sealed", PHRASE)
+    feed(home / "other-lane.zarr", home / "other-incoming", rate=np.inf)
+    seal(home / "truth.csv", home / "lane.toml", home / "sealed", PHRASE)
 
 
 def _make_rail(home):
@@ -460,9 +461,7 @@ def _make_rail(home):
 
 def _make_plan(home):
     (home / "sorts.csv").write_text("kind,depth,count\nmetal,0.05,3\nplastic,0.1,2\n")
-    tasks.plan_lane(
-        home / "lane.toml", home / "sorts.csv", 3, home / "plan.csv", spacing=0.5, edge=0.1
-    )
+    plan_lane(home / "lane.toml", home / "sorts.csv", home / "plan.csv", 3, spacing=0.5, edge=0.1)
     rows = (home / "plan-sheet.csv").read_text().splitlines()
     head = rows[0].split(",")
     cells = [row.split(",") for row in rows[1:]]

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from flgpr.chain.recipe import Recipe, load_recipe, recipe_names
 from flgpr.chain.stages import PACKAGED, find_stage
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.model import Sensor, load_sensor, sensor_presets
 from flgpr.model.bounds import LARGEST, Entries, Largest
 from flgpr.model.faults import describe_fault

@@ -1,4 +1,8 @@
 from flgpr.chain.recipe import Recipe, load_recipe
+from flgpr.commands.detect import detect
+from flgpr.commands.replay import replay
+from flgpr.commands.score import score
+from flgpr.commands.train import train
 from flgpr.imaging.operator import ImagingOperator
 from flgpr.imaging.scan import ScanImager
 from flgpr.model.frames import Grid
@@ -13,10 +17,6 @@ from flgpr.simulate.simulator import simulate
 from flgpr.store.run_store import open_run, save_run
 from flgpr.store.sample import sample_lane
 from flgpr.store.tables import read_lane, read_table
-from flgpr.tasks.detection import detect_run as detect
-from flgpr.tasks.results import replay
-from flgpr.tasks.scoring import score_result as score
-from flgpr.tasks.training import train_runs as train
 
 __version__: str
 

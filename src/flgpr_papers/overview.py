@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from flgpr.chain.progress import Track, silent
-from flgpr.execution.executors import Here, Processes
+from flgpr.execution.workers import InProcess, Processes
 from flgpr.store import write_whole
 from flgpr.store.outputs import tell_finished
 from flgpr_papers.kit.findings import OPEN, read_findings
@@ -75,7 +75,7 @@ def reproduce(
         for name in sorted(PAPERS, reverse=True)
     ]
     pages: dict[str, Path] = {}
-    with Processes(workers) if workers > 1 else Here() as executor:
+    with Processes(workers) if workers > 1 else InProcess() as executor:
         if workers > 1:
             parts = [(*job, part) for job in jobs for part in parts_of(job[0], quick)]
             parts.sort(key=lambda job: job[-1] is not None)  # whole studies take longest

@@ -12,9 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from bag import drive
-from flgpr import tasks
-from flgpr.cli import app
 from flgpr.clutter import Thresholds
+from flgpr.commands.app import app
+from flgpr.commands.simulate import simulate_lane
 from flgpr.model import SPEED_OF_LIGHT, Grid, load_sensor
 from flgpr.simulate import Scene
 from flgpr.simulate.scene.scene import load_scene
@@ -58,8 +58,11 @@ def made(tmp_path_factory, demo):
         )
     )
     for seed, name in enumerate(("c1", "c2", "lane"), 1):
-        tasks.simulate_lane(
-            folder / "tiny.toml", folder / "array.toml", seed, folder / f"{name}.zarr"
+        simulate_lane(
+            folder / "tiny.toml",
+            sensor=folder / "array.toml",
+            seed=seed,
+            output=folder / f"{name}.zarr",
         )
     shutil.copytree(demo[0].folder, folder / "result")
     shutil.copy(sample_lane() / "truth.csv", folder / "truth.csv")
@@ -145,7 +148,7 @@ BEFORE = {
     "wang2007": before_wang,
 }
 NOT_HERE = (
-    "flgpr info line7",  # tests/tasks/test_picture_lines.py goes from recordings to pictures
+    "flgpr info line7",  # tests/commands/test_picture_lines.py goes from recordings to pictures
     "flgpr import gpr",
     "flgpr prepare",
     "flgpr calibrate permittivity",

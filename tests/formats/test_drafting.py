@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.formats import explain_files, import_mapped
 from flgpr.formats.mapping import parse_mapping
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr import tasks
-from flgpr.cli import app
+from flgpr.commands.app import app
+from flgpr.commands.imports import import_gpr
 from flgpr.formats import explain_file, gpr_run, read_gpr
 from flgpr.formats.gpr_files import NOT_READ
 from flgpr.geo import fit_anchor
@@ -406,7 +406,7 @@ def test_units_of_the_command_line(tmp_path):
     assert run.attrs["first_sample_s"] == pytest.approx(-4e-9)
     assert 2e8 <= run["frequency"].values[0] < run["frequency"].values[-1] <= 8e8
     with pytest.raises(FileExistsError):
-        tasks.import_gpr(path, store)
+        import_gpr(path, store)
 
 
 def test_segyio_writes_what_is_read(tmp_path):

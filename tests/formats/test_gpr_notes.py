@@ -4,17 +4,13 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from damage import FUZZ
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.formats import explain_file, gpr_run, read_gpr
 from flgpr.store import open_run
 from io_gpr import (
     SEPARATION,
-    STEP,
     write_dt1,
     write_dzt,
     write_ids,
@@ -60,53 +56,6 @@ def test_every_entry_that_is_missing_is_told(kind, tmp_path):
         read = read_gpr(path)
         same = read.distance is not None and np.array_equal(read.distance, usual.distance)
         assert set(read.history) - set(usual.history) or not same or entry == "DATA TYPE"
-
-
-@FUZZ
-@given(
-    step=st.sampled_from([STEP, -STEP, 0.0]),
-    still=st.booleans(),
-    back=st.booleans(),
-    lost=st.booleans(),
-    unit=st.sampled_from(["m", "cm", "", "paces"]),
-    zero=st.booleans(),
-    midnight=st.booleans(),
-)
-def test_what_differs_from_the_file_is_in_the_notes(
-    step, still, back, lost, unit, zero, midnight, tmp_path
-):
-    """Every place that is given differs from the words in the file only where a note says so."""
-    places = step * np.arange(TRACES)
-    places[12] = places[11] if still else places[12]
-    places[20] = places[18] if back else places[20]
-    places[25] = np.nan if lost else places[25]
-    entries = {"POSITION_UNITS": unit} | ({} if zero else {"TIMEZERO_AT_POINT": ""})
-    path = dt1_at(tmp_path / "a.dt1", COUNTS, places, **entries)
-    if midnight:
-        set_dt1_words(path, "second", [(86_395 + k) % 86_400 for k in range(TRACES)])
-    read = read_gpr(path)
-    said = "\n".join(read.history)
-    np.testing.assert_array_equal(read.traces[:, 0], COUNTS)
-    metre = {"cm": 0.01, "paces": None}.get(unit, 1.0)
-    if metre is None:
-        assert read.distance is None
-        assert "POSITION UNITS" in said
-    elif read.distance is None or not np.array_equal(
-        read.distance, np.float32(places) * np.float64(metre)
-    ):
-        assert (
-            any(
-                word in said
-                for word in ("no numbers", "no places", "fall from trace", "equal steps")
-            )
-            or step == 0
-        )
-    assert ("stand where the one before was" in said) == (
-        metre is not None and step != 0 and (still or back)
-    )
-    assert ("POSITION UNITS are not told" in said) == (unit == "")
-    assert ("no time zero" in said) == (not zero)
-    assert ("midnight" in said) == midnight
 
 
 def test_notes_are_in_info_in_the_run_and_on_the_screen(tmp_path):

@@ -1,7 +1,5 @@
 """SEG-Y as radars write it: revisions, sample counts, coordinates."""
 
-import warnings
-
 import numpy as np
 import pytest
 
@@ -119,24 +117,3 @@ def test_coordinates_that_never_change_are_told(tmp_path):
     assert notes_with(
         read, "source coordinates (bytes 73-80) are the same in all traces: they are not used"
     )
-
-
-def test_segyio_reads_the_same_of_every_variant(tmp_path):
-    segyio = pytest.importorskip("segyio")
-    for name, path in {
-        "extra headers": with_extra_headers(
-            write_segy(tmp_path / "a.sgy", COUNTS), TRACES, b"\2\1", 1, ">h"
-        ),
-        "big": write_segy(tmp_path / "b.sgy", COUNTS, code=5),
-        "little": write_segy(tmp_path / "c.sgy", COUNTS, code=2, order="<"),
-    }.items():
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            try:
-                opened = segyio.open(
-                    path, ignore_geometry=True, endian="little" if name == "little" else "big"
-                )
-            except RuntimeError:  # versions before 2.0 know no extra headers
-                continue
-            with opened:
-                np.testing.assert_array_equal(read_gpr(path).traces[:, 0], opened.trace.raw[:])

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from damage import in_forks
+from flgpr.commands.importing import import_gprmax_decks
+from flgpr.commands.simulation import write_gprmax_decks
 from flgpr.formats import GprmaxRun, explain_file, read_gprmax
 from flgpr.store import open_run, read_lane
-from flgpr.tasks.simulation import import_gprmax_results, write_gprmax_decks
 from io_gprmax import dipole_field, lane_and_sensor, write_output
 from robust import digests
 
@@ -39,7 +40,7 @@ def folder(tmp_path_factory):
 
 def test_results_become_a_run_with_the_echo_of_the_point(folder, tmp_path):
     results, place = folder
-    import_gprmax_results(results, tmp_path / "run.zarr")
+    import_gprmax_decks(results, tmp_path / "run.zarr")
     run = open_run(tmp_path / "run.zarr")
     np.testing.assert_allclose(run["frequency"], TONES)
     assert run["signal"].shape == (1, 3, 2, 15)
@@ -99,7 +100,7 @@ def test_missing_and_damaged_results_are_one_clear_error_each(folder, tmp_path):
 
     def refused(match):
         with pytest.raises(ValueError, match=match):
-            import_gprmax_results(copy, tmp_path / "run.zarr")
+            import_gprmax_decks(copy, tmp_path / "run.zarr")
         assert not (tmp_path / "run.zarr").exists()
 
     one.write_bytes(whole[: len(whole) // 2])
@@ -124,7 +125,7 @@ def test_missing_and_damaged_results_are_one_clear_error_each(folder, tmp_path):
     manifest.unlink()
     refused("must hold the manifest.json")
     with pytest.raises(FileNotFoundError, match="nothing"):
-        import_gprmax_results(tmp_path / "nothing", tmp_path / "run.zarr")
+        import_gprmax_decks(tmp_path / "nothing", tmp_path / "run.zarr")
     scene, sensor = lane_and_sensor()
     with pytest.raises(FileExistsError):
         write_gprmax_decks(scene, sensor, 1, copy, cells_per_wavelength=12)  # its manifest is gone
@@ -136,7 +137,7 @@ def test_a_stopped_import_goes_on_unless_a_result_has_changed(folder, tmp_path, 
     runs = [{**run, "scan": scan} for scan in range(3) for run in manifest["runs"]]
     told = {"runs": runs, "pose": manifest["pose"] * 3, "time": [0.0, 1.0, 2.0]}
     (copy / "manifest.json").write_text(json.dumps(manifest | told))
-    whole = import_gprmax_results(copy, tmp_path / "whole.zarr")
+    whole = import_gprmax_decks(copy, tmp_path / "whole.zarr")
     made = []
     scan = GprmaxRun.scan
 
@@ -147,7 +148,7 @@ def test_a_stopped_import_goes_on_unless_a_result_has_changed(folder, tmp_path, 
         return scan(run, index)
 
     def begin():
-        return import_gprmax_results(copy, tmp_path / "run.zarr")
+        return import_gprmax_decks(copy, tmp_path / "run.zarr")
 
     monkeypatch.setattr(GprmaxRun, "scan", stopped)
     with pytest.raises(KeyboardInterrupt):
@@ -172,6 +173,6 @@ def test_a_result_with_values_that_are_not_finite_is_a_missing_sweep(folder, tmp
     with h5py.File(one, "r+") as file:
         file["rxs/rx1/Ex"][50] = np.nan
     assert read_gprmax(one).steps > 100
-    import_gprmax_results(copy, tmp_path / "run.zarr")
+    import_gprmax_decks(copy, tmp_path / "run.zarr")
     valid = open_run(tmp_path / "run.zarr")["valid"].values[0]
     np.testing.assert_array_equal(valid, [[False, True], [True, True], [True, True]])

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from damage import in_forks
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.formats.gprmax import pulse
 from flgpr.store import open_run
 from io_gprmax import SPEED, dipole_field

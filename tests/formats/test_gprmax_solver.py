@@ -8,10 +8,10 @@ import sys
 import numpy as np
 import pytest
 
+from flgpr.commands.simulation import write_gprmax_decks
 from flgpr.formats import GprmaxRun
 from flgpr.model import Sensor
 from flgpr.simulate import Scene
-from flgpr.tasks.simulation import write_gprmax_decks
 from io_gprmax import dipole_field
 
 PYTHON = os.environ.get("FLGPR_GPRMAX_PYTHON") or (

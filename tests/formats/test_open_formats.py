@@ -7,7 +7,7 @@ import pytest
 from pyproj import Transformer
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.formats import explain_file, gpr_run, open_arrays, read_gpr
 from io_gpr import INTERVAL, NOMINAL, STEP, section
 from io_open import CHANNELS, COUNTS, SAMPLES, SLICES, way, write_ogpr, write_su

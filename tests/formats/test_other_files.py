@@ -11,7 +11,7 @@ from scipy.sparse import eye_array
 from typer.testing import CliRunner
 
 from bag import drive
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.explain import explain_file, propose_mapping
 from flgpr.formats.mapped import import_mapped

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from bag import EPOCH, MAPPING, drive
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.cdr import message_decoder
 from flgpr.formats.explain import explain_file

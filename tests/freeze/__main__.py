@@ -37,9 +37,8 @@ def write_recipes(check: bool) -> None:
             for table, values in recipes.result_tables(folder).items():
                 put(values, recipes.frozen_table(name, table))
             digests[name] = recipes.result_digests(folder)
-            if name not in recipes.IN_ONE_PIECE:
-                folder = case.detect("sections", "--section", recipes.SECTION[name])
-                digests[f"{name} in sections"] = recipes.section_digests(folder)
+            folder = case.detect("sections", "--section", recipes.SECTION[name])
+            digests[f"{name} in sections"] = recipes.section_digests(folder)
             if name in recipes.CAUSAL:
                 recipes.flgpr(*case.live("live"))
                 table = pd.read_csv(case.folder / "live" / "alarms.csv")

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import every_command
 import io_gpr
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.store import verdict_bytes
 from freeze.frozen import DATA, json_shape
 

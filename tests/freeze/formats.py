@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from flgpr import tasks
+from flgpr.commands.detect import detect
 from flgpr.live.feeding import feed
 from flgpr.model import make_run
 from flgpr.results.result import read_result
@@ -80,9 +80,9 @@ def make_formats(folder: Path) -> None:
         "-o", folder / "model", "--quiet",
     )  # fmt: skip
     learnt = folder / "model"
-    tasks.detect_run(run, recipe, folder / "result", lane, model=learnt, report=False)
+    detect(run, recipe, folder / "result", lane, model=learnt, report=False)
     recipe = folder / "simple.toml"
-    tasks.detect_long(run, recipe, folder / "sections", lane, section=0.9, report=False)
+    detect(run, recipe, folder / "sections", lane, section=0.9, report=False)
     _write_live(folder)
     _write_test_plan(folder)
     (folder / "verdicts.json").write_bytes(verdict_bytes([NOTE]))

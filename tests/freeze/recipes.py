@@ -12,21 +12,25 @@ import numpy as np
 import pandas as pd
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.store import Bundle, sample_lane
 from freeze.frozen import DATA, array_digest, digest, json_digest
 from systems.lanes import SMALL
 
 LEARNING = sorted(SMALL)
 """Recipes that are cut down to the small array and trained on its lane."""
-PACKAGED_LANE = ("demo", "miniature")
+PACKAGED_LANE = (
+    "demo",
+    "demo-mean-self-signature",
+    "demo-median-self-signature",
+    "demo-roadside-suppressed",
+    "miniature",
+)
 """Recipes of the array of the packaged lane, which learn nothing."""
 RECIPES = sorted([*LEARNING, *PACKAGED_LANE])
 CAUSAL = ("fused", "wang2007", "wang2007-printed")
 """Recipes that run live."""
 SECOND_BAND = ("fuse2018",)
-IN_ONE_PIECE = ("demo",)
-"""Recipes with variants, which are not taken in sections."""
 SECTION = {name: 2.1 if name in PACKAGED_LANE else 6.0 for name in RECIPES}
 """Longest section, m."""
 KILLED = ("flsar2004", "fuse2018", "wang2007")
@@ -221,7 +225,7 @@ def killed(words: list[str], suffix: str, count: int) -> int:
     returned.
     """
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["flgpr.execution.ready"])
+    context.set_forkserver_preload(["flgpr.execution.preload"])
     process = context.Process(target=_run_and_die, args=(words, suffix, count))
     process.start()
     process.join()

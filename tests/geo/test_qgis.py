@@ -13,9 +13,9 @@ import pytest
 from pyproj import CRS
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
+from flgpr.commands.exporting import export_qgis, map_bytes
 from flgpr.geo import own_anchor, qgis, read_anchor
-from flgpr.tasks import export_qgis, map_bytes
 from io_geodesy import distance
 from small_results import small_result
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.formats import nmea_places
 from flgpr.geo import anchor_from_fixes
 from flgpr.store import open_run

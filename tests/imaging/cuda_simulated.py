@@ -11,10 +11,11 @@ from numba import config, cuda
 
 from flgpr.chain.images import imager_of
 from flgpr.chain.recipe import parse_recipe, recipe_text
+from flgpr.commands import imaging_peers as bench_peers
+from flgpr.commands import imaging_speed as bench
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging import cuda as engine
 from flgpr.store import open_run, sample_lane
-from flgpr.tasks import bench, bench_peers
 
 TONES = 500e6 + 40e6 * np.arange(20)
 TX = np.array([[-1.5, 0.0, 5.0], [-1.5, 0.0, 5.0], [1.5, 0.0, 5.2]])

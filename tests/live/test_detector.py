@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 from scipy.spatial import cKDTree
 
+from flgpr.chain.alarm_features import AlarmSums
 from flgpr.chain.classifier import Classifier, make_training_set
-from flgpr.chain.detect import detect
 from flgpr.chain.estimators import train_estimator
-from flgpr.chain.gathering import AlarmSums
+from flgpr.chain.method import detect
 from flgpr.chain.recipe import load_recipe, parse_recipe
 from flgpr.chain.stages import ClutterStage, FeatureStage
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer
@@ -60,7 +60,7 @@ def played(run, recipe, scans):
 
 @pytest.fixture(scope="module")
 def whole(run, recipe):
-    return detect(run, recipe, LANE)[0]
+    return detect(run, recipe, LANE)
 
 
 @pytest.fixture(scope="module")
@@ -200,10 +200,10 @@ def test_a_classifier_gives_the_confidence_that_batch_gives(run, recipe, scans):
         names, normalizer, FisherDiscriminant().fit(normalizer.transform(values), label)
     )
     detector = start(run, recipe, model=model)
-    assert detector.reads.subbands == ["F1"]
+    assert detector.steps.subbands == ["F1"]
     play(detector, scans)
     live = seen(detector.table(), scans)
-    whole = seen(detect(run, recipe, LANE, model=model)[0].alarms, scans)
+    whole = seen(detect(run, recipe, LANE, model=model).alarms, scans)
     top = whole.head(6)
     assert near(top, live).all()
     _, at = cKDTree(live[["x", "y"]]).query(top[["x", "y"]])
@@ -236,7 +236,7 @@ def test_a_scan_at_which_the_features_fail_does_not_spoil_those_after_it(
             continue
         with monkeypatch.context() as patch:
             patch.setattr(
-                "flgpr.chain.gathering.AlarmSums.add",
+                "flgpr.chain.alarm_features.AlarmSums.add",
                 lambda *_: (_ for _ in ()).throw(ValueError("no")),
             )
             with pytest.raises(ValueError, match="no"):
@@ -264,7 +264,7 @@ def sharp(run, tmp_path_factory):
         for folder in (PLUGIN, about.parent):
             patch.syspath_prepend(str(folder))
         recipe = parse_recipe(small_recipe() + STAGE + DETECTOR)
-    found = detect(run, recipe, LANE)[0]
+    found = detect(run, recipe, LANE)
     truth = pd.DataFrame(TARGETS, columns=["x", "y"]).assign(
         kind="metal", depth=0.05, target_id=list("abcde")
     )
@@ -282,9 +282,9 @@ def sharp_played(run, scans, sharp):
 def test_named_features_and_an_estimator_run_live(run, scans, sharp, sharp_played):
     recipe, model = sharp
     detector, _ = sharp_played
-    assert detector.reads.subbands == list(recipe.image.subbands)  # a stage sees the whole image
+    assert detector.steps.subbands == list(recipe.image.subbands)  # a stage sees the whole image
     live, whole = (
-        seen(t, scans) for t in (detector.table(), detect(run, recipe, LANE, model=model)[0].alarms)
+        seen(t, scans) for t in (detector.table(), detect(run, recipe, LANE, model=model).alarms)
     )
     top = whole.head(5)
     assert near(top, live).all()
@@ -297,14 +297,14 @@ def test_a_named_feature_is_the_mean_over_the_scans_so_far(run, scans, sharp):
     detector = start(run, sharp[0], model=sharp[1])
     for scan in scans[:30]:
         detector.add(scan)
-    (stage,) = detector.reads.stages.values()
+    (stage,) = detector.steps.stages.values()
     alarms = pd.DataFrame([vars(one) for one in detector.alarms.values()])
-    sums = AlarmSums(detector.reads, alarms)
+    sums = AlarmSums(detector.steps, alarms)
     each = []
     for one in detector.history:
         sums.add(one)
         local = [lane_to_scan([x, y, 0.0], one.pose)[:2] for x, y in alarms[["x", "y"]].to_numpy()]
-        each.append(stage.of_image(detector.reads.labelled(one), np.array(local))["sharp_VV"])
+        each.append(stage.of_image(detector.steps.labelled(one), np.array(local))["sharp_VV"])
     some = np.isfinite(each).any(axis=0)
     assert some.sum() > 3
     np.testing.assert_allclose(
@@ -317,10 +317,10 @@ def test_a_named_feature_is_the_mean_over_the_scans_so_far(run, scans, sharp):
 def test_only_what_decides_is_gathered(run, sharp):
     """Without a model no stage is asked, and one whose columns the model does not read is not either."""
     recipe = sharp[0]
-    assert not start(run, recipe).reads.stages
-    assert start(run, recipe).reads.subbands == ["F1"]
+    assert not start(run, recipe).steps.stages
+    assert start(run, recipe).steps.subbands == ["F1"]
     other = Classifier(("C_HH_F1",), HistogramNormalizer(), FisherDiscriminant())
-    assert not start(run, recipe, model=other).reads.stages
+    assert not start(run, recipe, model=other).steps.stages
 
 
 class OfTheView(FeatureStage):
@@ -367,10 +367,10 @@ def test_the_magnitude_can_be_the_confidence(run, scans):
 
 
 def test_only_the_sub_bands_that_decide_are_imaged(run, recipe):
-    assert start(run, recipe).reads.subbands == ["F1"]
+    assert start(run, recipe).steps.subbands == ["F1"]
     names = ("C_HH_F1", "P_H_F2")
     model = Classifier(names, HistogramNormalizer(), FisherDiscriminant())
-    assert start(run, recipe, model=model).reads.subbands == ["F1", "F2"]
+    assert start(run, recipe, model=model).steps.subbands == ["F1", "F2"]
     with pytest.raises(ValueError, match=r"paper\.P_H_F1"):
         start(
             run,

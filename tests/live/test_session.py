@@ -16,7 +16,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.live.feeding import feed
 from flgpr.live.senders import SocketWatch
 from flgpr.live.session import LiveOptions, LiveRun
@@ -243,6 +243,11 @@ def test_a_run_that_was_killed_goes_on(home, whole, tmp_path, after):
     assert mine == usual[-len(mine) :]
 
 
+def run_command(words):
+    """Run the command line in a process of its own, which takes functions of modules alone."""
+    app(words)
+
+
 def test_a_live_process_that_is_killed_again_and_again_ends_alike(home, whole, tmp_path):
     """SIGKILL after so many lines of the event file, three times, snapshots being written all along; one is whole."""
     incoming = tmp_path / "in"
@@ -259,9 +264,9 @@ def test_a_live_process_that_is_killed_again_and_again_ends_alike(home, whole, t
         "3",
     ]
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["flgpr.execution.ready"])
+    context.set_forkserver_preload(["flgpr.execution.preload"])
     for line in (12, 45, 70):
-        process = context.Process(target=app, args=([*words, "--quiet"],), daemon=True)
+        process = context.Process(target=run_command, args=([*words, "--quiet"],), daemon=True)
         process.start()
         wait_for(lambda at=line, one=process: not one.is_alive() or lines_of(output) >= at)
         if line == 70:  # where the disk is slow, none may be there yet

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from flgpr.chain.classifier import make_training_set
-from flgpr.chain.detect import detect
 from flgpr.chain.estimators import train_estimator
+from flgpr.chain.method import detect
 from flgpr.chain.recipe import parse_recipe
 from flgpr.live.detector import LiveDetector
 from flgpr.live.intake import Intake
@@ -72,7 +72,7 @@ def sharp(run, tmp_path_factory):
         for folder in (PLUGIN, about.parent):
             patch.syspath_prepend(str(folder))
         recipe = parse_recipe(small_recipe() + STAGE + DETECTOR)
-    found = detect(run, recipe, LANE)[0]
+    found = detect(run, recipe, LANE)
     truth = pd.DataFrame(TARGETS, columns=["x", "y"]).assign(
         kind="metal", depth=0.05, target_id=list("abcde")
     )

@@ -14,7 +14,7 @@ import flgpr_papers.cosgrove2004.reasons as cosgrove2004
 import flgpr_papers.flsar2004.reasons as flsar2004
 import flgpr_papers.fuse2018.reasons as fuse2018
 import flgpr_papers.wang2007.reasons as wang2007
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.model import Grid, Lane
 from flgpr.scoring import clopper_pearson
 from flgpr_papers import overview

@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr import tasks
-from flgpr.cli import app
+import flgpr
+from flgpr.commands.app import app
+from flgpr.execution.survey import RunOptions
 from flgpr.proving_ground import (
     load_ground,
     oracle,
@@ -132,9 +133,8 @@ def test_a_second_run_gives_the_same_table_to_the_digit(field, tmp_path):
     # Of the lanes the workers make one anew; the fingerprints of all are taken again.
     anew = shutil.ignore_patterns("gravel-test-1*", SEALED, PRINTS)
     shutil.copytree(field / "out" / "lanes", tmp_path / "again" / "lanes", ignore=anew)
-    again = run_benchmark(
-        entries, tmp_path / "again", how=tasks.How(workers=2), ground=field / "ground.toml"
-    )
+    how = RunOptions(workers=2)
+    again = run_benchmark(entries, tmp_path / "again", how=how, ground=field / "ground.toml")
     write_table([again], again)
     for name in ("scores.csv", f"lanes/{PRINTS}"):
         assert (again / name).read_bytes() == (field / "out" / name).read_bytes()
@@ -219,9 +219,9 @@ def test_training_on_shared_images_is_that_of_train_and_detect(field, tmp_path):
         [out / "lanes" / f"{name}{end}" for name in lanes]
         for end in (".zarr", "-truth.csv", "-lane.toml")
     )
-    tasks.train_runs(runs, truths, field / "two.toml", tmp_path / "model", lanes=areas)
+    flgpr.train(runs, truths, field / "two.toml", tmp_path / "model", lanes=areas)
     home = out / "lanes"
-    result = tasks.detect_run(
+    result = flgpr.detect(
         home / "arid-test-1.zarr", field / "two.toml", tmp_path / "result", home / "arid-test-1-lane.toml",
         model=tmp_path / "model", report=False,
     )  # fmt: skip
@@ -284,8 +284,8 @@ def test_a_stage_that_spends_all_its_mines_enters(field):
         [out / f"{name}-known-1{end}" for name in ("arid", "gravel")]
         for end in (".zarr", "-truth.csv", "-lane.toml")
     )
-    tasks.train_runs(runs, truths, field / "matched.toml", field / "amf", lanes=areas)
-    result = tasks.detect_run(
+    flgpr.train(runs, truths, field / "matched.toml", field / "amf", lanes=areas)
+    result = flgpr.detect(
         out / "arid-test-1.zarr", field / "matched.toml", field / "by-amf", out / "arid-test-1-lane.toml",
         model=field / "amf", report=False,
     )  # fmt: skip
@@ -326,7 +326,7 @@ def test_the_oracle_bounds_what_is_found(field, tmp_path):
 def test_the_oracle_finds_echoes_that_are_there_and_no_others(field):
     lane = load_ground(False, field / "ground.toml").lanes["arid-bare-1"]
     clutter = oracle.Clutter(
-        oracle._chain(str(field / "out"), lane, field / "one.toml"), lane.scene.lane
+        oracle._cleaned(str(field / "out"), lane, field / "one.toml"), lane.scene.lane
     )
     rng = np.random.default_rng(0)
     looks = clutter.looks

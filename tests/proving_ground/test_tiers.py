@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.proving_ground import load_ground, run_benchmark, run_oracle, score_entries, write_table
 from flgpr.proving_ground.figures import tiers_figure
 from flgpr.proving_ground.running import ALARMS, PRINTS, SEALED, passphrase

@@ -26,6 +26,7 @@ from damage import (
 )
 from flgpr import door
 from flgpr.chain.model import describe_model, load_model, save_model
+from flgpr.commands.registering import find_entrant
 from flgpr.door import DoorError, Folder, Listed, parse_json, read_named
 from flgpr.execution.checkpoint import Checkpoint, begin
 from flgpr.formats import gprmax
@@ -47,7 +48,6 @@ from flgpr.store import (
 from flgpr.store.scan_file import RUN_FILE, RunDescription, read_description, write_description
 from flgpr.store.tables import parse_columns
 from flgpr.store.verdicts import verdict_bytes
-from flgpr.tasks.registering import find_entrant
 from flgpr.viewer.scores import ScoreFiles
 from flgpr.viewer.session import LiveFile, ResultFiles, open_source
 from small_results import small_result

@@ -19,6 +19,7 @@ from test_flips import learnt_stage, small_classifier
 from damage import CASES, FUZZ, damaged, refusal
 from flgpr.chain.model import MODEL_FILE, load_model, save_model
 from flgpr.chain.recipe import load_recipe, recipe_text
+from flgpr.commands.scoring import read_lanes
 from flgpr.formats.fullwave import import_fullwave
 from flgpr.live.state import read_snapshot, write_snapshot
 from flgpr.model import load_sensor, make_run
@@ -40,7 +41,6 @@ from flgpr.store import (
 from flgpr.store.files import canonical_json
 from flgpr.store.journal import JOURNAL, Journal, WrittenScan
 from flgpr.store.run_store import _digests
-from flgpr.tasks.scoring import read_lanes
 from flgpr.trials.ledger import read_register, register
 from small_lane import LANE_TOML
 from small_results import small_result

@@ -132,15 +132,16 @@ GUARDED = "a library reads it, of a file that `existing` let pass; of damaged on
 IN_HAND = "no file: text or bytes in hand, or what this process made"
 PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "proving_ground/ground.py load_ground": ({"read_text"}, OWN),
-    "proving_ground/running.py packaged_entries": ({"read_text"}, OWN),
+    "proving_ground/running.py packaged_entries": ({"read_text", "tomllib.loads"}, OWN),
     "proving_ground/table.py same_lanes": ({"read_text"}, OWN),
     "chain/recipe.py recipe_text": ({"read_text"}, OWN),
     "kernels/compiled.py _text": ({"read_bytes"}, OWN),
     "lazy.py face": ({"read_text"}, OWN),
     "model/faults.py load_preset": ({"read_bytes"}, OWN),
-    "simulate/scene/scene.py site_tables": ({"read_text"}, OWN),
+    "commands/recipe.py list_recipes": ({"tomllib.loads"}, OWN),
+    "simulate/scene/scene.py site_tables": ({"read_text", "tomllib.loads"}, OWN),
     "simulate/bodies/signature/table.py load_table": ({"read_bytes"}, OWN),
-    "tasks/simulation.py write_gprmax_decks": ({"read_text"}, OWN),
+    "commands/simulation.py write_gprmax_decks": ({"read_text", "tomllib.loads"}, OWN),
     "viewer/server.py _static": ({"read_bytes"}, OWN),
     "store/bundle.py write_bundle": ({"open"}, JUST_WRITTEN),
     "formats/cphd.py write_cphd": ({"open"}, JUST_WRITTEN),
@@ -155,8 +156,8 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "results/result.py _listing": ({"read_bytes"}, JUST_WRITTEN),
     "trials/blind.py seal_truth": ({"open"}, JUST_WRITTEN),
     "simulate/bodies/signature/build.py _work": ({"open"}, JUST_WRITTEN),
-    "tasks/exchange.py export_qgis": ({"read_bytes"}, JUST_WRITTEN),
-    "tasks/exchange.py map_bytes": ({"read_bytes"}, JUST_WRITTEN),
+    "commands/exporting.py export_qgis": ({"read_bytes"}, JUST_WRITTEN),
+    "commands/exporting.py map_bytes": ({"read_bytes"}, JUST_WRITTEN),
     "formats/cphd.py read_cphd": ({"open"}, RECORDING),
     "formats/explain.py explain_file": ({"open"}, RECORDING),
     "formats/explain.py _explain_cphd": ({"open"}, RECORDING),
@@ -172,13 +173,13 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "formats/gprmax.py _read": ({"File"}, GUARDED),
     "formats/arrays.py _open_mat": ({"load"}, IN_HAND),
     "formats/child.py unpack": ({"open"}, IN_HAND),
-    "cli/design.py design": ({"json.loads"}, IN_HAND),
-    "cli/picture.py image": ({"json.loads"}, IN_HAND),
-    "cli/show.py score_summary": ({"json.loads"}, IN_HAND),
+    "commands/design.py _as_json": ({"json.loads"}, IN_HAND),
+    "commands/image.py _as_json": ({"json.loads"}, IN_HAND),
+    "commands/score_words.py score_summary": ({"json.loads"}, IN_HAND),
     "formats/recording.py _from_json": ({"json.loads"}, IN_HAND),
     "store/run_store.py RunWriter.__init__": ({"json.loads"}, IN_HAND),
     "trials/blind.py seals": ({"json.loads"}, IN_HAND),
-    "tasks/simulation.py _hash": ({"json.loads"}, IN_HAND),
+    "execution/simulated_lane.py _digest": ({"json.loads"}, IN_HAND),
 }
 READS = {
     "read_bytes",
@@ -218,8 +219,8 @@ def reading(call):
     function = call.func
     name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
     base = ast.unparse(function.value) if isinstance(function, ast.Attribute) else ""
-    if base == "json" and name in ("load", "loads"):
-        return f"json.{name}"
+    if base in ("json", "tomllib") and name in ("load", "loads"):
+        return f"{base}.{name}"
     if base in ("np", "numpy") and name == "load":
         return "" if in_hand(call) else name
     if name not in READS or (name == "read_csv" and in_hand(call)):
@@ -253,6 +254,7 @@ def test_no_file_is_read_past_the_door():
         "path.read_bytes()",
         "json.loads(path.read_text())",
         "json.loads(data)",
+        "tomllib.loads(text)",
         "np.load(path, allow_pickle=False)",
         "np.load(file, allow_pickle=False)",
         "pd.read_csv(path)",
@@ -277,6 +279,7 @@ def test_the_check_of_doors_finds_what_it_looks_for(text):
         "pd.read_csv(io.BytesIO(data))",
         "np.load(io.BytesIO(data), allow_pickle=False)",
         "parse_json(data)",
+        "parse_toml(data)",
     ],
 )
 def test_the_check_of_doors_lets_doors_be(text):

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from flgpr import append_log
 from flgpr.append_log import AppendLog, LogHeldError, read_log
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.model import Lane
 from flgpr.trials import (
     WitnessedRegister,

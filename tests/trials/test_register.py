@@ -8,18 +8,17 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
-from flgpr.store import read_table
-from flgpr.tasks import (
-    plan_lane,
-    register_recipe,
+from flgpr.commands.app import app
+from flgpr.commands.plan import plan_lane, register_recipe, survey_plan
+from flgpr.commands.scoring import (
+    compare_alarms,
+    compare_sealed,
     score_alarms,
     score_result,
     score_sealed,
     seal,
-    survey_plan,
 )
-from flgpr.tasks.scoring import compare_alarms, compare_sealed
+from flgpr.store import read_table
 from flgpr.trials import content_hash, open_truth, read_register, register, require_registered
 
 PHRASE = "correct horse battery"
@@ -39,7 +38,7 @@ def planned(tmp_path_factory):
     for name in ("mine", "other"):
         (home / f"{name}.toml").write_text(f"name = '{name}'\n")
     plan, _ = plan_lane(
-        home / "lane.toml", home / "sorts.csv", 7, home / "plan.csv", recipe=home / "mine.toml"
+        home / "lane.toml", home / "sorts.csv", home / "plan.csv", 7, recipe=home / "mine.toml"
     )
     near = plan[["x", "y"]] + 0.1
     near.assign(confidence=np.arange(len(plan))).to_csv(home / "a.csv", index=False)
@@ -158,7 +157,7 @@ def test_an_altered_register_opens_nothing(trial, book, sealed):
 def test_another_lanes_register_opens_nothing(trial, book, sealed):
     (trial / "far.toml").write_text(LANE.replace("60", "80"))
     plan_lane(
-        trial / "far.toml", trial / "sorts.csv", 8, trial / "far.csv", recipe=trial / "other.toml"
+        trial / "far.toml", trial / "sorts.csv", trial / "far.csv", 8, recipe=trial / "other.toml"
     )
     strange = trial / "far.csv.register.jsonl"
     with pytest.raises(ValueError, match="must be the register that"):

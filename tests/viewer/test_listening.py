@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr import view
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.store import sample_lane
 from flgpr.viewer import Viewer
 from flgpr.viewer.listening import listening_socket

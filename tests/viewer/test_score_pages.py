@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
+from flgpr.commands.scoring import compare_alarms, score_alarms, score_sealed, seal
 from flgpr.model import Lane
 from flgpr.store import lane_text
 from flgpr.store.tables import write_table
-from flgpr.tasks import compare_alarms, score_alarms, score_sealed, seal
 from flgpr.viewer.session import open_source, open_sources
 from small_results import small_result
 

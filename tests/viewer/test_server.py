@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.door import Listed
 from flgpr.store import sample_lane, sha256
 from flgpr.viewer import Viewer

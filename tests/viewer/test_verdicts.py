@@ -6,9 +6,9 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
+from flgpr.commands.scoring import analyst_agreement
 from flgpr.store import read_verdicts
-from flgpr.tasks import analyst_agreement
 from flgpr.viewer import Viewer
 from small_results import small_result
 

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+from flgpr.chain.detection import Detection
 from flgpr.chain.evidence import (
     MOST_SCANS,
     EvidenceSums,
@@ -14,7 +15,6 @@ from flgpr.chain.evidence import (
     focused_trace,
     range_kernel,
 )
-from flgpr.chain.lane_chain import Detection
 from flgpr.features import PatchShape
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.results.result import read_result

@@ -10,6 +10,9 @@ from flgpr.calibrate.health import health_summary as health_summary
 from flgpr.calibrate.joint import BiasFit as BiasFit
 from flgpr.calibrate.joint import estimate_joint as estimate_joint
 from flgpr.calibrate.joint import estimate_range_bias as estimate_range_bias
+from flgpr.calibrate.peaks import image_peaks as image_peaks
+from flgpr.calibrate.permittivity import GroundFit as GroundFit
+from flgpr.calibrate.permittivity import estimate_permittivity as estimate_permittivity
 from flgpr.calibrate.pose import LeverFit as LeverFit
 from flgpr.calibrate.pose import estimate_lever_arm as estimate_lever_arm
 from flgpr.calibrate.pose import remove_in_scan_motion as remove_in_scan_motion

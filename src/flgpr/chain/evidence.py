@@ -84,7 +84,9 @@ def in_order(evidence: Evidence, rows: NDArray[np.intp]) -> Evidence:
     return replace(evidence, scans=scans, blocks=blocks, polarimetric=points, causes=causes)
 
 
-def caused(evidence: Evidence, slope: float, confidence: ArrayLike) -> pd.DataFrame:
+def confidence_contributions(
+    evidence: Evidence, slope: float, confidence: ArrayLike
+) -> pd.DataFrame:
     """Split confidences, linear in the map with this slope, into what each part adds and a ``constant``.
 
     NaN where an alarm is not explained.
@@ -219,7 +221,7 @@ class EvidenceSums:
         return [{scan for _, scan in sorted(some)[:MOST_SCANS]} for some in seeing]
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Give every look that is kept, and the coherency of the alarms in sight, to be taken in by another."""
+        """Return every look that is kept, and the coherency of the alarms in sight, to be taken in by another."""
         looks = [(number, look) for number, some in enumerate(self._looks) for look in some]
         seen = np.flatnonzero(self._seen)
         polarization, subband = self._channels
@@ -273,7 +275,7 @@ class EvidenceSums:
         )
 
     def _caused(self) -> list[NDArray[np.float64]]:
-        """Give every alarm's looks, nearest first, with their shares of the weight."""
+        """Return every alarm's looks, nearest first, with their shares of the weight."""
         columns = 3 + sum(map(len, self._names))
         alarm = np.concatenate([one for one, _ in self._causes] or [np.zeros(0, np.intp)])
         rows = np.concatenate([rows for _, rows in self._causes] or [np.zeros((0, columns))])

@@ -15,7 +15,6 @@ from flgpr.formats.gpr_files import GprSection as GprSection
 from flgpr.formats.gpr_files import is_gpr as is_gpr
 from flgpr.formats.gpr_files import read_gpr as read_gpr
 from flgpr.formats.gpr_import import gpr_run as gpr_run
-from flgpr.formats.gpr_survey import LINE_STARTS as LINE_STARTS
 from flgpr.formats.gpr_survey import LineLayout as LineLayout
 from flgpr.formats.gpr_survey import place_by_marks as place_by_marks
 from flgpr.formats.gpr_survey import read_line_ends as read_line_ends

@@ -212,10 +212,12 @@ def _open_hdf5(path: Path, _: int, about: list[str], *_notes: list[str]) -> _Ope
             line.split("\t", 1) for line in file.read().decode(errors="replace").splitlines()
         )
     infos: list[ArrayInfo] = []
+    visited: set[str] = set()
 
     def visit(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or name.startswith("#"):
             return
+        visited.add(repr(name))
         if item.shape is None:
             about.append(f"{name}: empty")
             return
@@ -229,11 +231,14 @@ def _open_hdf5(path: Path, _: int, about: list[str], *_notes: list[str]) -> _Ope
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
+    about += [f"{name[1:-1]}: not read: {damaged[name]}" for name in damaged if name not in visited]
 
     def read(name: str) -> Any:
         # MATLAB stores its column-major arrays with the order of the dimensions turned round.
         with h5py.File(path, "r") as file:
             item = file[name]
+            if item.is_virtual or item.external is not None:
+                raise ValueError(f"{name} must hold its numbers itself, they lie in other files")
             check_expansion(name, item.nbytes, item.id.get_storage_size())
             values = item[()]
             if h5py.check_string_dtype(item.dtype):

@@ -16,8 +16,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+def parts_elsewhere(file: Any) -> dict[str, str]:
+    """Find what an HDF5 file does not hold itself: why, by name. Nothing of it is opened.
+
+    Links lead to other files, and arrays may say that their numbers lie in others, whichever these are.
+    """
+    import h5py
+
+    found: dict[str, str] = {}
+
+    def look_at_link(name: bytes, info: Any) -> None:
+        if info.type == h5py.h5l.TYPE_EXTERNAL:
+            found[name.decode(errors="replace")] = "it is a link to another file"
+
+    def look_at_item(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and (item.is_virtual or item.external is not None):
+            found[name] = "its numbers lie in other files: copy them into this one"
+
+    file.id.links.visit(look_at_link, info=True)
+    file.visititems(look_at_item)
+    return found
+
+
 def look(path: str) -> None:
-    """Read all attributes and all but the largest arrays of an HDF5 file; name those that are damaged, a line each."""
+    """Read all attributes and all but the largest arrays of an HDF5 file; name those that cannot be read, a line each.
+
+    What lies in other files is not read.
+    """
     import h5py
 
     def notes(item: Any) -> None:
@@ -27,15 +52,18 @@ def look(path: str) -> None:
 
     def visit(name: str, item: Any) -> None:
         notes(item)
-        if isinstance(item, h5py.Dataset) and item.size is not None and item.size < 10_000_000:
+        if name in elsewhere or not isinstance(item, h5py.Dataset):
+            return
+        if item.size is not None and item.size < 10_000_000:
             try:
                 item[()]
             except Exception as error:
                 reason = " ".join(str(error).split())[:120] or type(error).__name__
                 damaged.append(f"{name!r}\tdamaged ({reason})")
 
-    damaged: list[str] = []
     with h5py.File(path, "r") as file:
+        elsewhere = parts_elsewhere(file)
+        damaged = [f"{name!r}\t{reason}" for name, reason in elsewhere.items()]
         notes(file)
         file.visititems(visit)
     print(*damaged, sep="\n", end="\n" if damaged else "")

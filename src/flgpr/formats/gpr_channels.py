@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from flgpr.formats.gpr_files import GprSection, read_gpr
-from flgpr.formats.gpr_import import OCTAVE, gpr_run
+from flgpr.formats.gpr_import import OCTAVE, ReasonedBand, gpr_run
 from flgpr.store.store_layout import MAX_MEMORY
 
 _NYQUIST_SHARE = 0.9  # of half the sampling rate, up to which a recording is looked at
@@ -49,7 +49,7 @@ def channels_run(
     places = _places(channel_x, count)
     options.setdefault("band", None)
     if options["band"] is None:
-        options["band"], options["band_reason"] = common_band(section)
+        options["band"] = common_band(section)
     runs = [gpr_run(section, channel, **options) for channel in range(count)]
     tones = runs[0]["frequency"].values
     for channel, run in enumerate(runs):
@@ -85,8 +85,8 @@ def preview_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
     """
     section = read_gpr(path, max_memory)
     step = None if section.distance is not None else 1.0
-    band = _widest_band(section)
-    options: dict[str, Any] = {"step": step, "band": band, "band_reason": "all that is recorded"}
+    band = ReasonedBand(*_widest_band(section), "all that is recorded")
+    options: dict[str, Any] = {"step": step, "band": band}
     more = [] if step is None else ["no trace spacing is known: traces are put 1 m apart"]
     try:
         run = channels_run(section, **options)
@@ -110,17 +110,19 @@ def _places(channel_x: Sequence[float] | None, count: int) -> list[float]:
     return places
 
 
-def common_band(section: GprSection) -> tuple[tuple[float, float], str]:
-    """Return a band, Hz, that holds those of all antennas, else all that is recorded; and which of both it is."""
+def common_band(section: GprSection) -> ReasonedBand:
+    """Return a band, Hz, that holds those of all antennas, else all that is recorded."""
     known = [frequency for frequency in section.frequencies if frequency is not None]
     lowest, highest = _widest_band(section)
     if len(known) < section.traces.shape[1]:
-        return (lowest, highest), "all that is recorded: an antenna's frequency is unknown"
+        reason = "all that is recorded: an antenna's frequency is unknown"
+        return ReasonedBand(lowest, highest, reason)
     low = max(min(known) / 4, lowest)
     high = min(2 * max(known), highest)
     if high < OCTAVE * low:
-        return (lowest, highest), "all that is recorded, which hardly holds any of the antennas'"
-    return (low, high), "a quarter of the lowest to twice the highest antenna's"
+        reason = "all that is recorded, which hardly holds any of the antennas'"
+        return ReasonedBand(lowest, highest, reason)
+    return ReasonedBand(low, high, "a quarter of the lowest to twice the highest antenna's")
 
 
 def _widest_band(section: GprSection) -> tuple[float, float]:

@@ -56,7 +56,7 @@ def read_ids(path: Path, limit: int) -> dict[str, Any]:
     record = np.dtype(
         [("mark", "u1", 4), ("samples", "<i2", samples), ("rest", "u1", size - 4 - 2 * samples)]
     )
-    table = read_records(path, start, record, stated, notes, limit)
+    table = read_records(path, start, record, stated or None, notes, limit)
     if (table["mark"][:, 0] != ord("R")).any():
         bad = int(np.argmax(table["mark"][:, 0] != ord("R")))
         raise ValueError(f"trace {bad} must begin with R, got byte {table['mark'][bad, 0]:#04x}")

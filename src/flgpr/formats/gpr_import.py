@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -32,6 +33,14 @@ _LEVEL = 0.01  # m of height, that are none
 _CLOSE = 20.0  # m that the way of a receiver without corrections may be off
 
 
+class ReasonedBand(NamedTuple):
+    """A band to keep, Hz, and what the notes say of why."""
+
+    lowest: float
+    highest: float
+    reason: str
+
+
 def gpr_run(
     section: GprSection,
     channel: int = 0,
@@ -39,14 +48,13 @@ def gpr_run(
     step: float | None = None,
     time_zero: float | None = None,
     window: float | None = None,
-    band: tuple[float, float] | None = None,
+    band: tuple[float, float] | ReasonedBand | None = None,
     separation: float | None = None,
     across: bool = False,
     height: float = 0.0,
     polarization: str = "HH",
     anchor: Anchor | None = None,
     topography: bool = False,
-    band_reason: str = "given",
 ) -> xr.Dataset:
     """Make a run of a line: one scan per trace, one pair, along +y of the lane from the line's start, at x = 0.
 
@@ -54,12 +62,13 @@ def gpr_run(
     time ``window``, s, and the antennas' ``separation``, m. The antennas lie one behind the other, receiver ahead, or
     side by side with ``across``, ``height`` m above the ground.
 
-    ``band``, Hz, is by default a quarter to twice the antenna's nominal frequency, or up to half of what the sampling
-    holds where that is unknown or less than an octave of it is recorded; ``band_reason`` is what the notes say of a
-    given one. With an ``anchor`` the satellite receiver's positions put the traces in the lane; traces before its first
-    and after its last are left out; with ``topography`` they are put on the receiver's heights, which else are not
-    used. ``import_notes`` say what was assumed. What the headers do not tell and is not given, or does not fit, is a
-    ValueError.
+    ``band``, Hz, is by default a quarter to twice the antenna's nominal frequency, or up to half of
+    what the sampling holds where that is unknown or less than an octave of it is recorded; the
+    notes give the reason of a :class:`ReasonedBand`. With an ``anchor`` the satellite receiver's
+    positions put the traces in the lane; traces before its first and after its last are left out;
+    with ``topography`` they are put on the receiver's heights, which else are not used.
+    ``import_notes`` say what was assumed. What the headers do not tell and is not given, or does
+    not fit, is a ValueError.
     """
     channels, samples = section.traces.shape[1:]
     if not 0 <= channel < channels:
@@ -84,7 +93,7 @@ def gpr_run(
         )
     notes += _given_instead(section, channel, step, time_zero, window, separation)
     nominal = section.frequencies[channel]
-    chosen = _band(band, band_reason, nominal, delay, notes)
+    chosen = _band(band, nominal, delay, notes)
     keep, pose = _poses(section, step, height, anchor, topography, notes)
     if section.marks:
         notes.append(f"{len(section.marks)} marks of the operator are not kept in the run")
@@ -173,8 +182,7 @@ def _delay(
 
 
 def _band(
-    given: tuple[float, float] | None,
-    given_reason: str,
+    given: tuple[float, float] | ReasonedBand | None,
     nominal: float | None,
     delay: NDArray[np.float64],
     notes: list[str],
@@ -192,8 +200,8 @@ def _band(
             f"frequencies up to {nyquist / 1e6:g} MHz: are antenna and time window right?"
         )
     if given is not None:
-        low, high = given
-        reason = given_reason
+        low, high = given[:2]
+        reason = given.reason if isinstance(given, ReasonedBand) else "given"
     elif nominal:
         least = max(nominal / 4, lowest)
         most = min(2 * nominal, 0.9 * nyquist)

@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from flgpr.formats.gpr_channels import channels_run, common_band
 from flgpr.formats.gpr_files import GprSection
-from flgpr.formats.gpr_import import gpr_run
+from flgpr.formats.gpr_import import ReasonedBand, gpr_run
 from flgpr.geo.anchor import Anchor
+from flgpr.model import LINE_STARTS
 from flgpr.store.tables import read_columns
 
 FloatArray = NDArray[np.float64]
-LINE_STARTS = "line_starts"
-"""Attribute of a run of several lines: the number of the first scan of each."""
 _CLOSE = 0.02  # of a line's length, that its ends may lie apart more or less than it measured
 
 
@@ -123,9 +122,10 @@ def survey_run(
     if not sections:
         raise ValueError("a survey must have at least one line, got none")
     if options.get("band") is None:
-        bands = [common_band(section)[0] for section in sections]
-        options["band"] = max(low for low, _ in bands), min(high for _, high in bands)
-        options["band_reason"] = "common to all lines and their antennas"
+        bands = [common_band(section) for section in sections]
+        lowest = max(band.lowest for band in bands)
+        highest = min(band.highest for band in bands)
+        options["band"] = ReasonedBand(lowest, highest, "common to all lines and their antennas")
     if anchor is None and layout.spacing is None and layout.ends is None and len(sections) > 1:
         raise ValueError(
             "lines of a survey need an anchor, line-spacing or a table of lines, which tell where they lie"

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.door import MOST_CHECKED, MOST_JSON, Folder, parse_json
 from flgpr.formats.arrays import LIMIT, open_arrays
+from flgpr.formats.child import parts_elsewhere
 from flgpr.store.files import canonical_json
 
 FloatArray = NDArray[np.float64]
@@ -106,6 +107,7 @@ def _read(path: Path) -> GprmaxOutput:
             raise ValueError(
                 f"{path}: the root must have the attribute gprMax, got {', '.join(file.attrs) or 'none'}"
             )
+        _refuse_parts_elsewhere(file)
         if merged_fields(file):
             raise ValueError(f"{path}: {_MERGED}")
         told = {
@@ -136,6 +138,12 @@ def _read(path: Path) -> GprmaxOutput:
             path, _text(told["gprMax"]), _text(file.attrs.get("Title", "")), step, steps,
             np.asarray(told["dx_dy_dz"], dtype=np.float64), receivers, sources, _excitation(file),
         )  # fmt: skip
+
+
+def _refuse_parts_elsewhere(file: Any) -> None:
+    """Refuse a file that leads to others: groups are found by their names, and links would be followed."""
+    for name, reason in parts_elsewhere(file).items():
+        raise ValueError(f"{file.filename}: {name} must lie in this file, {reason}")
 
 
 def _numbered(file: Any, name: str) -> list[Any]:
@@ -239,6 +247,7 @@ def explain_merged(path: Path) -> tuple[list[str], str]:
     """Tell in lines what a merged B-scan holds, and draft the mapping that imports it; no lines if it is none."""
     try:
         with h5py.File(path, "r") as file:
+            _refuse_parts_elsewhere(file)
             fields = merged_fields(file)
             if not fields:
                 return [], ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,13 @@ from flgpr.model.frames import heading_matrix
 from flgpr.store.files import existing, faults_of
 
 FloatArray = NDArray[np.float64]
+_FILE_OF_SYSTEMS = re.compile(r"\binit\s*=\s*(?!epsg:\d+\b)", re.IGNORECASE)
+"""A PROJ string whose system stands in a file; such files are opened when the string is read."""
+_FILE_IN_WKT = re.compile(
+    r'PARAMETERFILE\s*\[\s*"[^"]*"\s*,\s*"(?!@null")|grids\s*=\s*(?!@null\b)|\bfile\s*=',
+    re.IGNORECASE,
+)
+"""WKT of a system whose points are shifted by what a file holds; ``@null`` is none."""
 GEODETIC = "EPSG:4979"
 GEOCENTRIC = "EPSG:4978"
 
@@ -271,9 +279,12 @@ def east_north_up(origin: tuple[float, float, float]) -> FloatArray:
 
 
 def transform_lonlat(lonlat: ArrayLike, crs: str) -> FloatArray:
-    """Take WGS 84 longitude and latitude (..., 2), degrees, to easting and northing of a projected system, m."""
+    """Take WGS 84 longitude and latitude (..., 2), degrees, to easting and northing of a projected system, m.
+
+    A system that is none, or that names a file to be read, is a ValueError.
+    """
     points = np.moveaxis(np.asarray(lonlat, dtype=np.float64), -1, 0)
-    return np.stack(_geodesy("EPSG:4326", crs).transform(*points), axis=-1)
+    return np.stack(_geodesy("EPSG:4326", reference_system(crs)).transform(*points), axis=-1)
 
 
 def lonlat_of(points: ArrayLike, crs: str) -> FloatArray:
@@ -290,13 +301,27 @@ def _geodesy(source: Any, target: Any) -> Transformer:
     return Transformer.from_crs(source, target, always_xy=True)
 
 
-def _system(crs: str, geographic: bool | None) -> CRS:
+def reference_system(crs: str) -> CRS:
+    """Read a reference system: a name of a registry, such as EPSG:32633, WKT or a PROJ string.
+
+    One that names a file, such as a grid of shifts, is a ValueError: it could be any file, and it
+    would be read, or waited for, when the first point is taken there. Grids that PROJ itself knows
+    for a system of a registry are used.
+    """
+    wanted = f"crs must be a reference system such as EPSG:32633, got {crs!r}"
+    if _FILE_OF_SYSTEMS.search(crs):
+        raise ValueError(f"{wanted}, which names a file")
     try:
         system = CRS.from_user_input(crs)
     except CRSError:
-        raise ValueError(
-            f"crs must be a reference system such as EPSG:32633, got {crs!r}"
-        ) from None
+        raise ValueError(wanted) from None
+    if _FILE_IN_WKT.search(system.to_wkt()):
+        raise ValueError(f"{wanted}, which names a file")
+    return system
+
+
+def _system(crs: str, geographic: bool | None) -> CRS:
+    system = reference_system(crs)
     if not (system.is_geographic or system.is_projected):
         raise ValueError(f"crs must be geographic or projected, got {crs!r} ({system.type_name})")
     if geographic is not None and geographic != system.is_geographic:

@@ -61,6 +61,8 @@ def map_backdrop(
     y = np.arange(y_max - pixel / 2, y_min, -pixel)
     try:
         with rasterio.open(file, driver=driver) as source:
+            if source.tags(ns="OVERVIEWS"):
+                raise ValueError("it must hold its overviews itself, it names a file of them")
             if source.crs is None:
                 raise ValueError("it must tell its reference system, it does not")
             if any(kind != "uint8" for kind in source.dtypes) or source.count > 4:

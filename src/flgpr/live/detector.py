@@ -22,13 +22,14 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.fitting import alias_faults, check_channels
-from flgpr.chain.gathering import AlarmFeatures, AlarmSums, CleanedScan, check_confidence, look_sums
+from flgpr.chain.alarm_features import AlarmSums
+from flgpr.chain.engine import Arrays
 from flgpr.chain.images import imager_of
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
-from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import RANKS, Recipe, course_lane
-from flgpr.chain.stages import FeatureStage, MapStage, Setup, Stage
+from flgpr.chain.recipe_for_run import alias_faults, check_channels
+from flgpr.chain.stages import FeatureStage, MapStage, Setup, Stage, make_stage
+from flgpr.chain.steps import CleanedScan, Steps, check_confidence
 from flgpr.clutter import CausalBackground
 from flgpr.clutter.streaming import LEAST_SPAN, LEAST_WARM_UP
 from flgpr.features import FEATURES, POLARIMETRIC
@@ -39,7 +40,6 @@ from flgpr.model.plausible import PoseGate, Sighting, Verdict
 from flgpr.screen import (
     counts,
     density_threshold,
-    local_maxima,
     look_weight,
     seen_along,
     view_array,
@@ -130,8 +130,8 @@ class LiveDetector:
             stages = _build_stages(description, recipe, self.lane, self.model)
         maps = [stage for stage in stages.values() if isinstance(stage, MapStage)]
         self.mapper = maps[0] if maps else None
-        self.reads = _alarm_features(description, recipe, self.model, stages)
-        self.grid = self.reads.grid
+        self.steps = _steps_of(description, recipe, self.model, stages)
+        self.grid = self.steps.grid
 
         image = recipe.image
         (median_rows, _), (mean_rows, _) = recipe.smoothing[:2]
@@ -283,7 +283,7 @@ class LiveDetector:
         newest_pose = self.newest[1]
         if background is None:
             return LiveUpdate("warm-up", [])
-        cleaned = self.reads.clean(
+        cleaned = self.steps.clean(
             scan.number, pose, image, gain, background, own=self.mapper is not None
         )
         earlier_sums = self._extend_history(cleaned)
@@ -434,7 +434,7 @@ class LiveDetector:
             vehicle_to_scan(radar.tx_position, pose),
             vehicle_to_scan(radar.rx_position, pose),
             self._pixels,
-            [table.subbands[name] for name in self.reads.subbands],
+            [table.subbands[name] for name in self.steps.subbands],
             table.tolerance,
             window=self._taper,
             device=table.device,
@@ -462,13 +462,13 @@ class LiveDetector:
         """
         first, rows = self._window(pose)
         grid = self._view_grid(first, rows)
-        sums = look_sums(self.recipe.run_view, grid)
+        sums = self.steps.view_sums(grid)
         if self.view:
             sums.merge(self.view | {"row": self.view["row"] - first})
         if self.mapper is not None:
-            values = self.mapper.map(self.reads.labelled(scan))
+            values = self.mapper.map(self.steps.labelled(scan))
         else:
-            values = scan.magnitude[self.reads.channel(self.recipe.prescreen)]
+            values = scan.magnitude[self.steps.channel(self.recipe.prescreen)]
         sums.add(values, self.grid, scan.pose)
         self.view = sums.state() | {"row": np.array(first)}
         return first, view_array(*sums.result(), grid, {})
@@ -494,7 +494,7 @@ class LiveDetector:
     ) -> list[LiveAlarm]:
         """Update the open alarms from the run-view, and close the ground that is passed."""
         spacing = self.recipe.run_view.spacing
-        maxima = local_maxima(view, self.recipe.prescreen.radius)
+        maxima = self.steps.maxima(view)
         column = np.rint((maxima["x"] - view["x"].values[0]) / spacing).to_numpy(int)
         row = np.rint((maxima["y"] - view["y"].values[0]) / spacing).to_numpy(int)
         seen = view["looks"].values[row, column] >= self.settings.looks
@@ -552,19 +552,19 @@ class LiveDetector:
         positions = positions.iloc[order].reset_index(drop=True)
         pixel = pixel[order]
 
-        sums = AlarmSums(self.reads, positions, pixel)
+        sums = AlarmSums(self.steps, positions, pixel)
         new = np.ones(len(pixel), bool)
         with _one_thread():
             if earlier_sums is not None:
                 sums.merge(earlier_sums.state())
                 new = ~np.isin(pixel, earlier_sums.rows)
             if new.any() and len(self.history) > 1:
-                earlier = AlarmSums(self.reads, positions[new], pixel[new])
+                earlier = AlarmSums(self.steps, positions[new], pixel[new])
                 earlier.add(*self.history[:-1])
                 sums.merge(earlier.state())
             sums.add(self.history[-1])
         features = sums.table().iloc[np.argsort(order)].reset_index(drop=True)
-        confidence = self.reads.confidence(features, alarms["magnitude"], self.model.detector)
+        confidence = self.steps.confidence(features, alarms["magnitude"])
         self._sums = sums
         return {"confidence": confidence, "scans": features["scans"]}
 
@@ -685,10 +685,10 @@ def _one_thread() -> Iterator[None]:
         numba.set_num_threads(before)
 
 
-def _alarm_features(
+def _steps_of(
     description: RunDescription, recipe: Recipe, model: Model, stages: Mapping[str, Stage]
-) -> AlarmFeatures:
-    """Return the features that decide on alarms.
+) -> Steps:
+    """Return the recipe's steps with those features alone that decide on alarms.
 
     What the model's detector reads, without one the contrast.
     """
@@ -733,8 +733,14 @@ def _alarm_features(
         if any(f"{feature}_{band}" in names for feature in POLARIMETRIC):
             polarimetric.append(band)
     reduced = recipe.model_copy(update={"features": features})
-    return AlarmFeatures(
-        reduced, labels, subbands, recipe.near_grid(), feature_stages, tuple(polarimetric)
+    return Steps(
+        reduced,
+        labels,
+        subbands,
+        recipe.near_grid(),
+        feature_stages,
+        tuple(polarimetric),
+        model.detector,
     )
 
 
@@ -765,7 +771,7 @@ def _build_stages(
     stages = {}
     columns: list[str] = []
     for name, entry in recipe.named().items():
-        stage = entry.of(entry.settings, setup, model.stages.get(name))
+        stage = make_stage(name, entry, setup, model.stages.get(name))
         stages[name] = stage
         if isinstance(stage, FeatureStage):
             columns.extend(stage.columns)
@@ -781,5 +787,7 @@ def check_causal(recipe: Recipe) -> None:
     ValueError
         With every reason why the recipe cannot run live.
     """
-    if recipe.waits():
-        raise ValueError(f"recipe {recipe.name!r} cannot run live: {'; '.join(recipe.waits())}")
+    if recipe.not_live_because():
+        raise ValueError(
+            f"recipe {recipe.name!r} cannot run live: {'; '.join(recipe.not_live_because())}"
+        )

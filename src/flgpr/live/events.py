@@ -56,6 +56,7 @@ class EventFile:
         self._write(self._rate.admit(events))
 
     def _write(self, events: Iterable[Event]) -> None:
+        """Append events to the file in one piece."""
         text = "".join(as_line(event) for event in events)
         write_all(self._file, text.encode())
 

@@ -195,6 +195,7 @@ class _FolderSink(AbstractContextManager["_FolderSink"]):
         pass
 
     def begin(self, description: RunDescription) -> None:
+        """Hand over the description of the run."""
         path = self._folder / RUN_FILE
         if not path.exists():
             write_description(description, self._folder)
@@ -207,11 +208,13 @@ class _FolderSink(AbstractContextManager["_FolderSink"]):
             )
 
     def scan(self, number: int, frame: bytes, is_repeat: bool) -> None:
+        """Hand over a frame."""
         name = Path(scan_name(number))
         file_name = f"{name.stem}-again{name.suffix}" if is_repeat else name
         write_whole(self._folder / file_name, frame)
 
     def end(self, scans: int) -> None:
+        """Announce the end of the run."""
         write_whole(self._folder / END_FILE, json.dumps({"scans": scans}) + "\n")
 
 
@@ -233,10 +236,13 @@ class _SocketSink(AbstractContextManager["_SocketSink"]):
         self._socket.close()
 
     def begin(self, description: RunDescription) -> None:
+        """Hand over the description of the run."""
         self._socket.sendall(encode_frame("run", description.as_json()))
 
     def scan(self, number: int, frame: bytes, is_repeat: bool) -> None:  # noqa: ARG002
+        """Hand over a frame."""
         self._socket.sendall(frame)
 
     def end(self, scans: int) -> None:
+        """Announce the end of the run."""
         self._socket.sendall(encode_frame("end", {"scans": scans}))

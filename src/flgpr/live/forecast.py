@@ -24,9 +24,9 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.chain.engine import Arrays
 from flgpr.chain.estimators import TrainedEstimator
 from flgpr.chain.model import Model
-from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import Recipe
 from flgpr.live.detector import LiveDetector
 from flgpr.live.updates import LiveAlarm
@@ -103,7 +103,7 @@ def foresees(recipe: Recipe, model: Model) -> bool:
     detector = model.detector
     if not isinstance(detector, TrainedEstimator) or not detector.linear_in_magnitude:
         return False
-    return recipe.run_view.look == "mean" and not recipe.waits()
+    return recipe.run_view.look == "mean" and not recipe.not_live_because()
 
 
 def forecast_of(recipe: Recipe, model: Model) -> Forecast | None:
@@ -127,7 +127,9 @@ def forecast_of(recipe: Recipe, model: Model) -> Forecast | None:
         return None
     shapes = {name: array.shape for name, array in learnt.items()}
     expected = {"mean": (3,), "spread": (2,), "correlation": ()}
-    if shapes != expected or not all(np.isfinite(array).all() for array in learnt.values()):
+    are_numbers = all(array.dtype == np.float64 for array in learnt.values())
+    are_finite = are_numbers and all(np.isfinite(array).all() for array in learnt.values())
+    if shapes != expected or not are_finite:
         raise ValueError(
             f"model must hold finite {NAME} of shapes {expected}, got {shapes}: train it again"
         )

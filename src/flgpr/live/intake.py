@@ -284,8 +284,10 @@ def _with_pose(
 
 
 def _poses_as_json(poses: list[NumberedPose]) -> list[list[Any]]:
+    """Return numbered poses as JSON values."""
     return [[number, pose.tolist()] for number, pose in poses]
 
 
 def _poses_from_json(entries: list[list[Any]]) -> list[NumberedPose]:
+    """Return numbered poses from JSON values."""
     return [(int(number), np.asarray(pose, dtype=np.float64)) for number, pose in entries]

@@ -532,6 +532,7 @@ def _percentiles(latency: list[float]) -> dict[str, float]:
 
 
 def _milliseconds(seconds: Any) -> float:
+    """Return a duration in ms with one decimal."""
     return round(1e3 * float(seconds), 1)
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.chain.gathering import CleanedScan
+from flgpr.chain.steps import CleanedScan
 from flgpr.live.detector import LiveDetector
 from flgpr.live.intake import Intake
 from flgpr.live.updates import LiveAlarm
@@ -108,10 +108,12 @@ def _header(
 
 
 def _pose_as_json(pose: NDArray[np.float64] | None) -> list[float] | None:
+    """Return a pose as JSON values."""
     return None if pose is None else pose.tolist()
 
 
 def _pose_from_json(values: list[float] | None) -> NDArray[np.float64] | None:
+    """Return a pose from JSON values."""
     return None if values is None else np.asarray(values, dtype=np.float64)
 
 
@@ -244,6 +246,7 @@ class SnapshotWriter:
             raise self._error
 
     def _write_in_background(self, snapshot: Snapshot) -> None:
+        """Write a snapshot in this thread, at the lowest priority."""
         # On Linux threads have priorities of their own: scans come first.
         if sys.platform == "linux":
             with suppress(OSError):  # a service may be forbidden to
@@ -251,6 +254,7 @@ class SnapshotWriter:
         self._write(snapshot)
 
     def _write(self, snapshot: Snapshot) -> None:
+        """Write a snapshot; an error is stored for the caller's thread."""
         try:
             write_snapshot(self._path, snapshot)
         except OSError as error:

@@ -57,15 +57,18 @@ class ArrivalQueue(queue.Queue[Arrival]):
         self._bytes = 0
 
     def _put(self, item: Arrival) -> None:
+        """Add an arrival and count its bytes."""
         super()._put(item)
         self._bytes += len(item.data)
 
     def _get(self) -> Arrival:
+        """Remove an arrival and its bytes."""
         item = super()._get()
         self._bytes -= len(item.data)
         return item
 
     def _qsize(self) -> int:
+        """Return the number of arrivals; the largest one if there are too many bytes."""
         return self.maxsize if self._bytes >= self._most_bytes else super()._qsize()
 
 

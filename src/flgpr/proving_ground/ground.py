@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import tomllib
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -17,13 +16,13 @@ import pandas as pd
 from pydantic import Field, ValidationError, model_validator
 
 from flgpr.chain.stages import Positive, Table
-from flgpr.door import read_named
+from flgpr.door import parse_toml, read_named
+from flgpr.execution.simulated_lane import simulate_to_store
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.faults import describe_fault
 from flgpr.simulate import Scene, draw_world
 from flgpr.store import laid_over, lane_text, open_run, read_table, sample_lane, write_whole
 from flgpr.store.files import existing, faults_of
-from flgpr.tasks.simulation import simulate_to_store
 
 GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-1")
 """The packaged descriptions, the first by default."""
@@ -348,7 +347,7 @@ def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground
                 else read_named(existing(name, "proving ground")).decode("utf-8")
             )
     with faults_of(name if isinstance(source, Path) else "ground"):
-        data = tomllib.loads(text)
+        data = parse_toml(text)
     over = data.pop("quick", {})
     if quick and not over:
         raise ValueError(

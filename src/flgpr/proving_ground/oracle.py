@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.special import ive
 
-from flgpr.chain.lane_chain import LaneChain
+from flgpr.chain.lane_setup import LaneSetup
+from flgpr.chain.method import engine_of
 from flgpr.chain.recipe import load_recipe
-from flgpr.execution.executors import Report
-from flgpr.execution.survey import PLAINLY, How
+from flgpr.execution.survey import DEFAULTS, RunOptions
+from flgpr.execution.workers import Report
 from flgpr.model import Grid, Lane, ground_points, lane_to_scan
 from flgpr.proving_ground.ground import Ground, GroundLane, load_ground
 from flgpr.proving_ground.running import SEALED, passphrase, read_ground
@@ -48,7 +49,10 @@ def oracle_file(ground: Ground) -> str:
 
 
 def run_oracle(
-    folder: str | Path, recipe: str = "wang2007", how: How = PLAINLY, tier: str | None = None
+    folder: str | Path,
+    recipe: str = "wang2007",
+    how: RunOptions = DEFAULTS,
+    tier: str | None = None,
 ) -> pd.DataFrame:
     r"""Tell for every mine of the test lanes at how many false alarms it would be found by who knows it beforehand.
 
@@ -75,7 +79,7 @@ def run_oracle(
         written there, of a ground with tiers ``oracle-TIER.csv`` for each.
     recipe : str
         Recipe whose images it looks at, with their self-signature and gain.
-    how : How, optional
+    how : RunOptions, optional
         Who does the work.
     tier : str, optional
         The tier to look at; by default, and with "all", every tier of the ground.
@@ -124,7 +128,7 @@ def _needed(ground: Ground) -> list[str]:
 
 
 def _look_at_tier(
-    ground: Ground, home: Path, recipe: str, how: How, truth: pd.DataFrame
+    ground: Ground, home: Path, recipe: str, how: RunOptions, truth: pd.DataFrame
 ) -> pd.DataFrame:
     """Look at a ground or at one of its tiers, and write what was found."""
     jobs: list[tuple[Any, ...]] = []
@@ -175,11 +179,11 @@ def _of_site(
 ) -> Report:
     """Find the false alarms per m² of every mine of a site; the first of the lanes is the one without."""
     (bare, *tested), rows = (load_ground(*form).lanes[name] for name in names), pd.DataFrame(truth)
-    clutter = Clutter(_chain(home, bare, recipe), bare.lane)
+    clutter = Clutter(_cleaned(home, bare, recipe), bare.lane)
     found = []
     for lane in tested:
         mines = rows[rows["lane"] == lane.name]
-        seen, own = _mines(_chain(home, lane, recipe), lane, mines)
+        seen, own = _mines(_cleaned(home, lane, recipe), lane, mines)
         for number, mine in enumerate(mines.to_dict("records")):
             at = seen.place == number
             rates = clutter.rates(seen.ahead[at], seen.chip[at], own[at])
@@ -192,9 +196,9 @@ def _of_site(
 class Clutter:
     """Target-free ground of a site, by all looks at its places; covariances are those of a metre of distance ahead."""
 
-    def __init__(self, chain: LaneChain, lane: Lane) -> None:
+    def __init__(self, setup: LaneSetup, lane: Lane) -> None:
         self.grid = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), STEP)
-        self.looks = looks_at(chain, self.grid.points().reshape(-1, 3))
+        self.looks = looks_at(setup, self.grid.points().reshape(-1, 3))
         self.area = lane.area
         metre = self.looks.ahead.astype(int)
         self._inverse = {
@@ -246,33 +250,34 @@ def _evened(chip: ComplexArray, inverse: NDArray[np.complex128]) -> ComplexArray
     return np.asarray(chip / np.sqrt(np.maximum(power, 1e-12))[:, None], dtype=np.complex64)
 
 
-def _chain(home: str, lane: GroundLane, recipe: str) -> LaneChain:
+def _cleaned(home: str, lane: GroundLane, recipe: str) -> LaneSetup:
+    """Return a lane with its background."""
     run = open_run(Path(home) / "lanes" / f"{lane.name}.zarr")
-    chain = LaneChain(run, load_recipe(recipe), lane.lane, explains=False)
-    chain.go(names=("signature", "gain"))
-    return chain
+    setup = LaneSetup(run, load_recipe(recipe), lane.lane, explains=False)
+    engine_of(setup).run(names=("signature", "gain"))
+    return setup
 
 
-def looks_at(chain: LaneChain, points: FloatArray) -> Looks:
+def looks_at(setup: LaneSetup, points: FloatArray) -> Looks:
     """Cut the chips about places (place, 3), in the lane frame (m), out of all scans that see them."""
     parts = []
-    for index in range(len(chain.cleaned)):
-        image = chain.cleaned.coherent(index)
-        seen, where = _seen(chain, points, image)
-        parts.append(Looks(seen, where[:, 1], _chips(image.values, chain.cleaned.grid, where)))
+    for index in range(len(setup.cleaned)):
+        image = setup.cleaned.coherent(index)
+        seen, where = _seen(setup, points, image)
+        parts.append(Looks(seen, where[:, 1], _chips(image.values, setup.cleaned.grid, where)))
     return _joined(parts)
 
 
-def _mines(chain: LaneChain, lane: GroundLane, mines: pd.DataFrame) -> tuple[Looks, ComplexArray]:
+def _mines(setup: LaneSetup, lane: GroundLane, mines: pd.DataFrame) -> tuple[Looks, ComplexArray]:
     """Cut the chips about the mines of a lane, and what the mines' bodies add to them."""
     simulator = Simulator(lane.scene, lane.sensor, lane.seed)
-    cleaned = chain.cleaned
+    cleaned = setup.cleaned
     points = ground_points(mines)
     parts = []
     own = []
     for index, scan in enumerate(int(one) for one in cleaned.imager.scans):
         image = cleaned.coherent(index)
-        seen, where = _seen(chain, points, image)
+        seen, where = _seen(setup, points, image)
         if len(seen):
             echo = cleaned.imager.image(scan, simulator.bodies(scan)).values
             echo = echo / (cleaned.gains[index][..., None, None] * cleaned.background.gain)
@@ -291,13 +296,13 @@ def _joined(parts: Sequence[Looks]) -> Looks:
 
 
 def _seen(
-    chain: LaneChain, points: FloatArray, image: xr.DataArray
+    setup: LaneSetup, points: FloatArray, image: xr.DataArray
 ) -> tuple[NDArray[np.int64], FloatArray]:
     """Tell which places have their chips in what the run-view takes of an image, and where in the scan frame."""
     where = lane_to_scan(points, np.asarray(image.attrs["pose"]))[:, :2]
-    x_min, x_max, y_min, _ = chain.cleaned.grid.extent()
+    x_min, x_max, y_min, _ = setup.cleaned.grid.extent()
     edge = 2 * STEP
-    far = chain.recipe.run_view.y_max
+    far = setup.recipe.run_view.y_max
     inside = (where[:, 0] > x_min + edge) & (where[:, 0] < x_max - edge)
     seen = np.flatnonzero(inside & (where[:, 1] > y_min + edge) & (where[:, 1] <= far))
     return seen, where[seen]

@@ -19,14 +19,13 @@ import pandas as pd
 
 from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.door import Folder
-from flgpr.execution.executors import Report
-from flgpr.execution.lane_work import code_versions
-from flgpr.execution.survey import PLAINLY, How
+from flgpr.execution.job import code_versions
+from flgpr.execution.survey import DEFAULTS, RunOptions, detect_survey
+from flgpr.execution.training import train_on_lanes, training_lanes
+from flgpr.execution.workers import Report
 from flgpr.proving_ground.ground import Ground, GroundLane, load_ground
 from flgpr.store import open_run, read_manifest, sha256, write_table, write_whole
 from flgpr.store.tables import parse_columns, read_table_in
-from flgpr.tasks.detection import detect_runs
-from flgpr.tasks.training import train_runs
 from flgpr.trials import seal_truth
 
 SEALED = "truth.sealed.json"
@@ -111,7 +110,9 @@ def passphrase(ground: Ground) -> str:
     return f"the truth of {ground.title}"
 
 
-def make_lanes(ground: Ground, home: Path, how: How, tiers: Sequence[Ground] | None = None) -> None:
+def make_lanes(
+    ground: Ground, home: Path, how: RunOptions, tiers: Sequence[Ground] | None = None
+) -> None:
     """Simulate the lanes that are not there yet, of all tiers or of some.
 
     The truth of all test lanes is sealed, that of the others lies beside. Fingerprints are taken of all lanes that are
@@ -194,7 +195,9 @@ def read_costs(folder: Path) -> Costs:
 class Course:
     """An entry on its way over the ground: ``home`` has the lanes, ``folder`` takes what the entry makes."""
 
-    def __init__(self, ground: Ground, entry: Entry, home: Path, folder: Path, how: How) -> None:
+    def __init__(
+        self, ground: Ground, entry: Entry, home: Path, folder: Path, how: RunOptions
+    ) -> None:
         self.ground = ground
         self.home = home
         self.folder = folder
@@ -233,7 +236,9 @@ class Course:
         results = self.folder / "results"
         with self._spending(results) as (how, spent):
             runs, borders = self._files(tested)
-            detect_runs(runs, self.file, results, borders, model, report=False, how=how)
+            detect_survey(
+                runs, recipe_text(self.file), results, borders, model, report=False, how=how
+            )
         self.costs |= spent
         found = [
             read_table_in(results, f"{one.name}/alarms.csv", "alarms").assign(lane=one.name)
@@ -249,15 +254,13 @@ class Course:
         if not model.is_dir():
             with self._spending(model.with_name(f"{name}-costs")) as (how, spent):
                 runs, borders, truths = self._files(known, "-truth.csv")
-                train_runs(
-                    runs,
-                    truths,
-                    self.file,
-                    model,
-                    lanes=borders,
-                    label_radius=self.ground.table.halo,
-                    how=how,
+                text = recipe_text(self.file)
+                others: list[dict[str, Path]] = [{} for _ in runs]
+                lanes = training_lanes(
+                    parse_recipe(text), runs, truths, borders, others, how.max_memory
                 )
+                radius = self.ground.table.halo
+                train_on_lanes(text, lanes, model, (), radius, how, overwrite=True)
             self.costs[f"training {name}"] = {
                 "processor_seconds": sum(one["processor_seconds"] for one in spent.values()),
                 "peak_bytes": max(one["peak_bytes"] for one in spent.values()),
@@ -272,7 +275,7 @@ class Course:
         ]
 
     @contextmanager
-    def _spending(self, folder: Path) -> Iterator[tuple[How, Costs]]:
+    def _spending(self, folder: Path) -> Iterator[tuple[RunOptions, Costs]]:
         """Give what counts processor time and memory by lane, and the counts, which a folder keeps after a stop."""
         path = folder / COSTS
         spent = read_costs(folder)
@@ -289,7 +292,7 @@ class Course:
             write_whole(path, json.dumps(spent, indent=1) + "\n")
 
 
-def run_entry(ground: Ground, entry: Entry, home: Path, folder: Path, how: How) -> None:
+def run_entry(ground: Ground, entry: Entry, home: Path, folder: Path, how: RunOptions) -> None:
     """Train an entry, freeze it and write its alarms, or take over alarm lists made elsewhere."""
     if Folder(folder).has(ABOUT) and Folder(folder).json(ABOUT).get("made_of") != made_of(entry):
         shutil.rmtree(folder)  # what another recipe or program found
@@ -346,7 +349,7 @@ def run_benchmark(
     entries: Sequence[str | Path],
     output: str | Path,
     quick: bool = False,
-    how: How = PLAINLY,
+    how: RunOptions = DEFAULTS,
     ground: str | Path | None = None,
     tier: str | None = None,
 ) -> Path:
@@ -365,7 +368,7 @@ def run_benchmark(
         where there are tiers.
     quick : bool
         The quick form, which shows that everything runs.
-    how : How, optional
+    how : RunOptions, optional
         Who does the work.
     ground : str or path, optional
         Name of a packaged proving ground, by default the newest, or TOML file of one's own, as
@@ -405,7 +408,7 @@ def run_benchmark(
     write_whole(folder / "ground.toml", chosen.text)
     write_whole(folder / MARK, json.dumps({"ground": chosen.title, "quick": quick}) + "\n")
     make_lanes(chosen, folder / "lanes", how, tiers)
-    how = replace(how, kept=folder / "kept")
+    how = replace(how, pass_cache=folder / "kept")
     jobs = list(itertools.product(tiers, found))
     for part, entry in how.track(jobs, "entries", len(jobs)):
         own_folder = entry_folder(folder, entry.name, part)

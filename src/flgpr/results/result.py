@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import flgpr
 from flgpr.archive import Archive
-from flgpr.chain.lane_chain import MAIN, Detection
+from flgpr.chain.detection import MAIN, Detection
 from flgpr.chain.model import MODEL_FILE, Detector, Model, as_model, load_model, save_model
 from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.door import DoorError, Folder
@@ -57,7 +57,7 @@ class Result:
     manifest: dict[str, Any]  #: version, run, recipe and digests
     recipe: Recipe
     lane: Lane  #: ground that was searched
-    detections: list[Detection]  #: main result and variants
+    detections: list[Detection]  #: that of its recipe first, then those of recipes beside it
     recipe_text: str = ""  #: TOML of the recipe
 
     def files(self) -> Folder:
@@ -70,6 +70,15 @@ class Result:
         if name not in self.manifest["files"]:
             return None
         return load_model(self.files().path(MODEL), self.manifest["files"][name])
+
+    def _repr_html_(self) -> str:
+        from flgpr.results.notebook_html import detection_html
+
+        return detection_html(self.detections[0], self.lane, self.manifest["run"]["title"])
+
+    def __repr__(self) -> str:
+        alarms = len(self.detections[0].alarms)
+        return f"result of {self.recipe.name}: {alarms} alarms, in {self.folder}"
 
 
 def write_result(
@@ -140,7 +149,7 @@ def _write_files(
 
 
 def _write_detection(folder: Path, detection: Detection, reference: Any, recipe_text: str) -> None:
-    """Write the tables and the run-view of a main result or a variant."""
+    """Write the tables and the run-view of one detection, and its recipe where it is not the result's own."""
     write_table(detection.alarms, folder / "alarms.csv")
     _write_points(detection.alarms, folder, reference, sha256(recipe_text.encode()))
     write_whole(folder / "run_view.npz", _view_bytes(detection.view))
@@ -148,6 +157,8 @@ def _write_detection(folder: Path, detection: Detection, reference: Any, recipe_
         write_table(detection.features, folder / "features.csv")
     if detection.frames is not None:
         write_whole(folder / FRAMES, _frames_bytes(*detection.frames))
+    if detection.recipe_text:
+        write_whole(folder / "recipe.toml", detection.recipe_text)
 
 
 def _write_points(alarms: pd.DataFrame, folder: Path, reference: Any, processing_id: str) -> None:
@@ -399,6 +410,14 @@ def join_sections(folder: Path, homes: Sequence[Path], most: int = 2400) -> Resu
     return replace(first, folder=folder, lane=sections.lane(), detections=[joined])
 
 
+def read_lane_result(folder: str | Path) -> Result:
+    """Read the result of a lane; of one that was taken in sections they are joined."""
+    home = Path(folder)
+    if not Folder(home).has(SECTIONS):
+        return read_result(home)
+    return join_sections(home, read_sections(home).homes)
+
+
 def thinned(view: xr.DataArray, step: int) -> xr.DataArray:
     """Return a run-view with the largest value of every ``step`` neighbouring rows."""
     if step == 1:
@@ -418,7 +437,7 @@ def _thinned_view(view: xr.DataArray, step: int) -> xr.DataArray:
 
 
 def _read_detection(files: Folder, entry: dict[str, Any]) -> Detection:
-    """Read a main result or a variant, as the manifest's entry names it."""
+    """Read one detection, as the manifest's entry names it."""
     prefix = "" if entry["name"] == MAIN else f"variants/{entry['name']}/"
     data = files.read(f"{prefix}run_view.npz")
     try:
@@ -436,6 +455,7 @@ def _read_detection(files: Folder, entry: dict[str, Any]) -> Detection:
         frames = None if frames_data is None else _parse_frames(frames_data)
     except Exception as error:  # the parser raises whatever it stumbles over
         raise ResultError(f"{files.root}: {prefix}{FRAMES} cannot be read ({error!r})") from None
+    own_recipe = files.read_if_listed(f"{prefix}recipe.toml") if prefix else None
     return Detection(
         entry["name"],
         entry["title"],
@@ -444,6 +464,7 @@ def _read_detection(files: Folder, entry: dict[str, Any]) -> Detection:
         entry["notes"],
         features=features,
         frames=frames,
+        recipe_text="" if own_recipe is None else own_recipe.decode("utf-8"),
     )
 
 

@@ -18,9 +18,9 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.chain.detection import MAIN, Detection
 from flgpr.chain.evidence import Evidence, decibels
-from flgpr.chain.lane_chain import MAIN, Detection, variations_of
-from flgpr.chain.recipe import Recipe
+from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.model import Lane
 from flgpr.results.description import left_out_scans
 from flgpr.store import write_whole
@@ -47,7 +47,7 @@ def write_view(
     folder : Path
         Result folder.
     detections : sequence of Detection
-        Main result first, then its variants.
+        That of the recipe first, then those of recipes beside it.
     lane : Lane
         Ground that was searched.
     run : mapping
@@ -107,32 +107,31 @@ def _titled_views(
     detections: Sequence[Detection], recipe: Recipe
 ) -> list[tuple[str, str, xr.DataArray]]:
     """Return the run-views with their names and what they show, that before suppression first."""
-    titles = _stage_titles(recipe)
     views = []
     if detections[0].before is not None:
-        views.append(("before", titles["before"], detections[0].before))
+        views.append(("before", shown_before(recipe), detections[0].before))
     for detection in detections:
-        title = titles.get(detection.name, titles[MAIN])
-        views.append((detection.name, title, detection.view))
+        own = parse_recipe(detection.recipe_text) if detection.recipe_text else recipe
+        views.append((detection.name, shown_stage(own), detection.view))
     return views
 
 
-def _stage_titles(recipe: Recipe) -> dict[str, str]:
-    """Return what the run-views show, by detection and ``before``.
+def shown_stage(recipe: Recipe) -> str:
+    """Return what a recipe's run-view shows: suppression is named only where clutter is removed."""
+    if recipe.map is not None:
+        return f"map by {recipe.map.stage}"
+    if _removes_clutter(recipe):
+        return "after clutter suppression"
+    return "without clutter suppression"
 
-    Suppression is named only where clutter is removed.
-    """
-    titles = {}
-    for variation in variations_of(recipe):
-        name = variation.name
-        has_signature = variation.signature != "none"
-        removes = bool(recipe.clutter) or has_signature or variation.suppressed
-        titles[name] = "after clutter suppression" if removes else "without clutter suppression"
-        if name == MAIN:
-            titles["before"] = "before clutter suppression" if removes else "as imaged"
-        if recipe.map is not None:
-            titles[name] = f"map by {recipe.map.stage}"
-    return titles
+
+def shown_before(recipe: Recipe) -> str:
+    """Return what the run-view before the background is removed shows."""
+    return "before clutter suppression" if _removes_clutter(recipe) else "as imaged"
+
+
+def _removes_clutter(recipe: Recipe) -> bool:
+    return bool(recipe.clutter) or recipe.background.self_signature != "none"
 
 
 def pyramid(level: NDArray[np.float16]) -> Iterable[NDArray[np.float16]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -22,6 +23,10 @@ from flgpr.store.files import canonical_json, sha256, writing
 
 PARTIAL = ".partial"
 _KINDS = "biufcU"
+_TYPE = re.compile(r"[<>|][biufcU][0-9]{1,9}")
+"""Types of numbers and text as NumPy spells them. It reads much more, and parses some of that without a bound."""
+_MOST_AXES = 32
+_LONGEST_AXIS = 2**53
 _ALIGN = 64
 _LONGEST_HEAD = 2**26
 _PIECE = 2**20
@@ -178,14 +183,38 @@ def _read_head(file: BinaryIO) -> tuple[dict[str, Any], dict[str, dict[str, Any]
     if sha256(text) != digest:
         raise ValueError("the head is damaged")
     head = parse_json(text)
-    arrays = {entry["name"]: entry for entry in head["arrays"]}
-    for entry in arrays.values():
-        dtype = np.dtype(entry["dtype"])
-        places = [entry["at"], *entry["shape"]]
-        whole = all(type(number) is int and number >= 0 for number in places)
-        if dtype.kind not in _KINDS or not dtype.itemsize or not whole:
-            raise ValueError(f"type {entry['dtype']} {entry['shape']} at {entry['at']}")
+    arrays: dict[str, dict[str, Any]] = {}
+    for entry in head["arrays"]:
+        _check_entry(entry)
+        if entry["name"] in arrays:
+            raise ValueError(f"the array {_short(entry['name'])} is there twice")
+        arrays[entry["name"]] = entry
     return dict(head["about"]), arrays, file.tell()
+
+
+def _check_entry(entry: Mapping[str, Any]) -> None:
+    """Refuse an array that the head describes in another way than :func:`write_bundle` does."""
+    name, spelling, shape, place = (entry[key] for key in ("name", "dtype", "shape", "at"))
+    if not isinstance(name, str):
+        raise ValueError(f"names of arrays must be text, got {_short(name)}")
+    is_known = isinstance(spelling, str) and _TYPE.fullmatch(spelling) is not None
+    if not is_known or not np.dtype(spelling).itemsize:
+        raise ValueError(
+            f"{_short(name)} must hold numbers or text, got the type {_short(spelling)}"
+        )
+    if not isinstance(shape, list) or len(shape) > _MOST_AXES:
+        raise ValueError(f"{_short(name)} must have at most {_MOST_AXES} axes, got {_short(shape)}")
+    for number in (place, *shape):
+        if type(number) is not int or not 0 <= number < _LONGEST_AXIS:
+            raise ValueError(
+                f"{_short(name)} must have a shape and place of whole numbers from 0, got {_short(shape)} at "
+                f"{_short(place)}"
+            )
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _laid_out(arrays: Mapping[str, dict[str, Any]]) -> int:

@@ -381,18 +381,22 @@ def serve(
 
 
 def _read_index(source: Source, at: Mapping[str, int]) -> bytes:  # noqa: ARG001
+    """Return the index of a source."""
     return source.index_bytes()
 
 
 def _read_score(source: Source, at: Mapping[str, int]) -> bytes:  # noqa: ARG001
+    """Return the score of a source, null where there is none."""
     return source.score_bytes() or b"null"
 
 
 def _read_tile(source: Source, at: Mapping[str, int]) -> bytes | None:
+    """Return a tile of a source."""
     return source.tile(at["layer"], at["level"], at["tile"])
 
 
 def _read_evidence(source: Source, at: Mapping[str, int]) -> bytes | None:
+    """Return what explains an alarm of a source."""
     return source.evidence(at["detection"], at["alarm"])
 
 

@@ -35,7 +35,7 @@ class Training:
     """What a lane's training looks teach."""
 
     whitener: ClutterWhitener  #: mean and covariance of the clutter
-    # : (n_samples, n_features) whitened target cuts, taken where the mines are brightest
+    #: (n_samples, n_features) whitened target cuts, taken where the mines are brightest
     white: ComplexArray
     #: (n_samples, n_features) whitened target cuts, taken where survey and refraction place the
     #: mines

@@ -274,6 +274,7 @@ def depth_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Fi
 
 
 def _stacked(axes: Axes, recipe: StudyRecipe) -> None:
+    """Label the polarizations of a feature vector and separate them."""
     length = recipe.cut.length
     axes.axvline(length - 0.5, color="#999", lw=0.8)
     for k, name in enumerate(recipe.cut.polarizations):
@@ -292,4 +293,5 @@ def _stacked(axes: Axes, recipe: StudyRecipe) -> None:
 
 
 def _level(level: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return magnitudes in dB, at least -120."""
     return np.asarray(20 * np.log10(np.maximum(level, 1e-6)))

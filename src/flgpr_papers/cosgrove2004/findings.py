@@ -62,8 +62,8 @@ def interval(
     if np.ptp(sample) == 0:
         if bounds is None:
             return mean, low, high
-        level_of_rest = 1 - ((1 - level) / 2) ** (1 / sample.size)
-        return mean, mean - level_of_rest * (mean - low), mean + level_of_rest * (high - mean)
+        widening = 1 - ((1 - level) / 2) ** (1 / sample.size)
+        return mean, mean - widening * (mean - low), mean + widening * (high - mean)
     half = float(
         stdtrit(sample.size - 1, (1 + level) / 2) * sample.std(ddof=1) / math.sqrt(sample.size)
     )
@@ -243,6 +243,7 @@ def _eigenvalue_statements(cases: Sequence[Case]) -> list[Finding]:
 
 
 def _open_questions(recipe: StudyRecipe, table: pd.DataFrame) -> list[Finding]:
+    """Return our own questions about the detectors' Pd, which have no verdict."""
     deflection = f"rank {recipe.detector.rank}"
     pd_name = _pd_name(recipe)
     titles = {name: site.title for name, site in recipe.sites.items()}
@@ -382,6 +383,7 @@ def premise_findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -
 
 
 def _within(rule: tuple[float, float]) -> str:
+    """Return a rule in words."""
     return f"to lie in {rule[0]:g} to {rule[1]:g}"
 
 
@@ -402,6 +404,7 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def _pd_name(recipe: StudyRecipe) -> str:
+    """Return the name of Pd at the study's P_FA."""
     return f"Pd at {recipe.score.pfa:g} per m²"
 
 

@@ -203,6 +203,7 @@ def signature_looks(recipe: StudyRecipe, name: str) -> list[Look]:
 
 
 def _seed(recipe: StudyRecipe, name: str, seed: int) -> int:
+    """Return the seed of a site's lane, which is another for every site."""
     return 1000 * seed + 10 * sorted(recipe.sites).index(name)
 
 
@@ -413,6 +414,7 @@ def wide_image(recipe: StudyRecipe, seed: int) -> xr.DataArray:
 def _image(
     recipe: StudyRecipe, sensor: Sensor, scene: Scene, seed: int, grid: Grid, errors: bool
 ) -> xr.DataArray:
+    """Image a scene without the radar's self-signature."""
     quiet = sensor.errors.model_copy(update={"self_signature_db": None})
     simulator = Simulator(scene, sensor.model_copy(update={"errors": quiet}), seed, errors)
     check_tones(sensor, (grid.x[0], grid.x[-1]), (grid.y[0], grid.y[-1]))

@@ -56,6 +56,7 @@ def page_html(
 
 
 def _detector_rows(table: pd.DataFrame, site: str) -> list[list[str]]:
+    """Tabulate the detectors' Pd at a site."""
     rows_of_site = table[table["site"] == site]
     rows = []
     for name in dict.fromkeys(rows_of_site["detector"]):
@@ -69,6 +70,7 @@ def _detector_rows(table: pd.DataFrame, site: str) -> list[list[str]]:
 
 
 def _contrast_rows(recipe: StudyRecipe, lanes: Mapping[str, Sequence[Case]]) -> list[Row]:
+    """Tabulate the contrast of mines and clutter by site and depth."""
     return [
         (
             recipe.sites[row["site"]].title,

@@ -154,6 +154,7 @@ def small_twin(recipe: StudyRecipe) -> StudyRecipe:
 
 
 def _key(recipe: StudyRecipe, name: str) -> str:
+    """Return the key of a change's records on disk."""
     return key_of(recipe.model_dump(mode="json"), asdict(CHANGES[name]), SHIFTS, FILLED)
 
 
@@ -482,12 +483,15 @@ def visibility_trials(levels: Sequence[Sequence[float]]) -> list[Trial]:
 
 
 def _moment(records: Records, name: str, measure: str = "fourth_moment") -> Interval:
+    """Return a measure's interval over seeds."""
     return interval([record[measure] for record in records[name]])
 
 
 def _ratio(records: Records, name: str, number: int, measure: str = "ratios") -> Interval:
+    """Return the interval over seeds of one ratio of eigenvalues."""
     return interval([record[measure][number - 1] for record in records[name]])
 
 
 def _sample(records: Records) -> str:
+    """Return the number of seeds in words."""
     return f"{len(records['nothing'])} seeds"

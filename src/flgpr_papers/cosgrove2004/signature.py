@@ -154,6 +154,7 @@ def _wide_boxes(recipe: StudyRecipe, image: xr.DataArray) -> list[tuple[float, F
 
 
 def _cut_measures(recipe: StudyRecipe, cuts: NDArray[Any]) -> dict[str, list[Any]]:
+    """Return the measures of cuts by polarization."""
     length = recipe.cut.length
     measures: dict[str, list[Any]] = {}
     for number, name in enumerate(recipe.cut.polarizations):

@@ -170,6 +170,7 @@ def _run_cases(
 
 
 def _seed_cases(recipe: StudyRecipe, folder: Path, seed: int) -> dict[str, dict[str, Case]]:
+    """Return the cases of a seed, or read them if they are on disk."""
     share = recipe.study.share
     models = folder / "models" if seed == 1 else None
     path = folder / "lanes" / f"seed-{seed}-{key_of(recipe.model_dump(mode='json'))}.json"
@@ -189,10 +190,12 @@ def make_part(folder: Path, seed: str, quick: bool, world: str = OWN) -> None:
 
 
 def _seeds(recipe: StudyRecipe) -> range:
+    """Return the seeds of the study."""
     return range(1, 1 + recipe.study.seeds)
 
 
 def _one_per_depth(looks: Sequence[Look]) -> list[Look]:
+    """Return the first look at each depth, of three depths at most."""
     first = {look.depth: look for look in reversed(looks)}
     return [first[depth] for depth in sorted(first)][:3]
 
@@ -200,6 +203,7 @@ def _one_per_depth(looks: Sequence[Look]) -> list[Look]:
 def _figures(
     recipe: StudyRecipe, cases: Cases, responses: Mapping[str, PointResponse], seed: int
 ) -> dict[str, Figure]:
+    """Draw the figures of the page by name."""
     image = wide_image(recipe, seed)
     drawn = {
         "figure-1": figures.geometry(recipe),

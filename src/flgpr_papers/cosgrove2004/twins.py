@@ -104,6 +104,7 @@ def _numbers(
 
 
 def _geometry_rows(recipe: StudyRecipe) -> Rows:
+    """Tabulate the geometry of the paper and ours."""
     sensor = study_sensor(recipe)
     tx, _ = sensor.pairs()
     tones = sensor.tones.axis()
@@ -152,6 +153,7 @@ def _pd_rows(recipe: StudyRecipe, table: pd.DataFrame) -> Rows:
 
 
 def _resolution_rows(responses: Mapping[str, PointResponse]) -> Rows:
+    """Tabulate the resolution of the paper and ours."""
     rows = []
     for axis, (name, paper) in enumerate(
         (("down-range", "about 10 cm"), ("cross-range", "about 40 cm"))

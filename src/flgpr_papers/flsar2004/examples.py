@@ -194,6 +194,7 @@ def _with_features(
     table: pd.DataFrame,
     magnitude: bool = True,
 ) -> tuple[pd.DataFrame, FloatArray]:
+    """Return examples with their correlations with the templates."""
     table = table.assign(site=site.name).drop(columns=["clutter", "subset"], errors="ignore")
     table["target"] = table["target"].fillna("") if "target" in table else ""
     image = site.image if magnitude else site.wave

@@ -80,7 +80,10 @@ FEWEST_EXAMPLES = 6
 SURFACE = -0.05
 """Depth above which a mine lies on the surface, m."""
 FIG5_FAR = 0.04
-"""False alarms per m² at which the curves of Fig. 5 are compared: the lower end of what the paper names (par. 50)."""
+"""False alarms per m² at which the curves of Fig. 5 are compared.
+
+It is the lower end of what the paper names (par. 50).
+"""
 _STATEMENTS = tomllib.loads(packaged_text("flsar2004", "statements"))
 
 
@@ -244,6 +247,7 @@ def templates(material: Material) -> Results:
 
 
 def _first_share(settings: Settings, site: Site, magnitude: bool) -> float:
+    """Return the mean share of energy in the first principal component."""
     chips = signatures(settings, site, False, magnitude)[0]
     return float(
         np.mean(

@@ -86,11 +86,11 @@ def _lane(settings: Settings, site: Site) -> Figure:
 
 
 def _ellipse(settings: Settings, site: Site) -> Figure:
-    """Fig. 2.
+    """Draw Fig. 2: energy inside the ellipse and in the rest of the rectangle.
 
-    Energy inside the ellipse against energy in the rest of the rectangle, as the prescreener takes
-    them. The origin is the cluster's brightest pixel; the rectangle is twice as long and wide as
-    the ellipse.
+    Energy inside the ellipse is compared with energy in the rest of the rectangle, as the
+    prescreener takes them. The origin is the cluster's brightest pixel; the rectangle is twice as
+    long and wide as the ellipse.
     """
     ellipse = fit_ellipse(make_templates(settings, site)[0, 0], settings.spacing)
     figure = Figure(figsize=(5, 4), layout="constrained")
@@ -206,20 +206,20 @@ def margin_figure() -> Figure:
 def _rocs(
     curves: Curves, names: Sequence[str], shape: tuple[int, int], notes: dict[str, Any]
 ) -> Figure:
+    """Draw ROC curves by name, a panel each."""
     size = (11, 10) if shape[0] > 1 else (5.2 * shape[1], 3.8)
     figure = Figure(figsize=size, layout="constrained")
     for axes, name in zip(np.ravel(figure.subplots(*shape, squeeze=False)), names, strict=True):
         for label, curve in curves.get(name, {}).items():
-            legend_place = (
-                "sum of the correlations" in label or "binary" in label
-            )  # not in the paper's figure
+            # Not in the paper's figure.
+            is_our_addition = "sum of the correlations" in label or "binary" in label
             axes.step(
                 curve["far"],
                 curve["pd"],
                 where="post",
                 label=label,
-                lw=1.0 if legend_place else 1.6,
-                ls="--" if legend_place else "-",
+                lw=1.0 if is_our_addition else 1.6,
+                ls="--" if is_our_addition else "-",
             )
         axes.set(
             title=TITLES[name],
@@ -245,6 +245,7 @@ def _rocs(
 
 
 def _vectors(kept: dict[str, list[float]]) -> Figure:
+    """Draw histograms of the share of examples kept as vectors."""
     figure = Figure(figsize=(5, 3), layout="constrained")
     axes = figure.subplots()
     bins = np.linspace(0, max(max(values) for values in kept.values()) * 1.05, 40)

@@ -16,7 +16,10 @@ from flgpr_papers.kit.findings import Interval
 
 FloatArray = NDArray[np.float64]
 FAR_LIMIT = 0.07
-"""False alarms per m² up to which areas are taken: the paper compares its ROCs at 0.04 to 0.07 (par. 50)."""
+"""False alarms per m² up to which areas are taken.
+
+The paper compares its ROCs at 0.04 to 0.07 (par. 50).
+"""
 _CHUNK = 50  # bootstrap draws at a time
 
 
@@ -65,7 +68,7 @@ class Measure:
 
     area: float  #: searched, m²
     far: float = FAR_LIMIT
-    # : whether Pd at ``far``, else the mean over 0 to ``far``: the partial area over its width
+    #: whether Pd at ``far``, else the mean over 0 to ``far``: the partial area over its width
     at: bool = False
 
     def chance(self, scores: HeldOut) -> float:
@@ -76,7 +79,7 @@ class Measure:
         return self.far / most / 2 if self.far <= most else 1 - most / self.far / 2
 
     def of(self, scores: HeldOut, mines: FloatArray, tiles: FloatArray) -> FloatArray:
-        """Return the number (draw,) for weights of mines (draw, n) and of clutter examples (draw, m).
+        """Return the number (draw,) for weights of mines (draw, n) and of clutter (draw, m).
 
         The clutter's outputs are gone through from the strongest; each is a false alarm for its
         weight, and Pd is the weight of the mines above it. The outputs of a novelty detector's

@@ -191,6 +191,7 @@ def study_sensor(settings: Settings) -> Sensor:
 
 
 def _scene(settings: Settings, site: str) -> Scene:
+    """Return the scene of a site's lane."""
     draws = [
         TargetDraw(kind=kind, depth=mines.depth, count=count, position_jitter=0.2)
         for mines in settings.mines
@@ -221,6 +222,7 @@ def _scene(settings: Settings, site: str) -> Scene:
 
 
 def _track(settings: Settings) -> Drive:
+    """Return the stops of a drive."""
     first = -settings.ranges[-1] - settings.step
     last = settings.length - settings.ranges[0] + settings.step
     return Drive(positions=tuple(np.arange(first, last + 0.1, settings.step).tolist()))
@@ -235,6 +237,7 @@ def _one_pass(
     path: Path,
     track: Track,
 ) -> Pass:
+    """Return the lane images of a drive in one direction, or read them from a folder."""
     m = settings.margin
     dx, dy = settings.spacing
     x = np.arange(settings.lane[0] - m, settings.lane[1] + m + dx / 2, dx)

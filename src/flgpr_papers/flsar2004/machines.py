@@ -32,9 +32,13 @@ BoolArray = NDArray[np.bool_]
 Scorer = Callable[[FloatArray], FloatArray]
 """A trained classifier: scores (n,) of features (n, feature)."""
 Classifier = Callable[[FloatArray, BoolArray], tuple[Scorer, float]]
-"""Trains on features and labels (True for a mine); gives the scorer and the share of the examples kept as vectors."""
+"""Trains on features and labels (True for a mine).
+
+Returns the scorer and the share of the examples that are kept as vectors.
+"""
 NOVELTY_RIVALS = (*(f"rvm, {name}" for name in FORMULATIONS), "svm", "gmm")
 """One-class machines: relevance vectors by formulation, support vectors, a Gaussian mixture."""
+_FORMULATION_OF = {f"rvm, {name}": name for name in FORMULATIONS}
 
 
 @dataclass(frozen=True)
@@ -53,19 +57,18 @@ class TunedClassifier:
 
 
 def rvm(settings: Classify, kernel: str = "rbf", rate: float = 1.0) -> TunedClassifier:
-    """Relevance vector machine with the paper's Laplacian prior (par. 30).
+    """Return a relevance vector machine with the paper's Laplacian prior (par. 30).
 
-    Its kernel is that of the SVM (par. 48).
-
-    ``rate`` is λ² of the prior ``exp(-λ |w|)``, of which the paper says nothing.
+    Its kernel is that of the SVM (par. 48). ``rate`` is λ² of the prior ``exp(-λ |w|)``, of which
+    the paper says nothing.
     """
     return _rvm_on_the_kernel_of_the_svm(settings, kernel, prior="laplacian-map", rate=rate)
 
 
 def rvm_by_evidence(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
-    """Another reading of the prior.
+    """Return a relevance vector machine by another reading of the prior.
 
-    Exponential on the variances of the weights, found by the evidence.
+    It is exponential on the variances of the weights, which the evidence gives.
     """
     return _rvm_on_the_kernel_of_the_svm(settings, kernel, prior="laplacian", n_starts=3, tol=1e-4)
 
@@ -73,6 +76,8 @@ def rvm_by_evidence(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
 def _rvm_on_the_kernel_of_the_svm(
     settings: Classify, kernel: str, **option: Any
 ) -> TunedClassifier:
+    """Return a relevance vector machine whose kernel is that of the chosen SVM."""
+
     def choose(X: FloatArray, y: BoolArray) -> Classifier:
         chosen = search_svm(settings, kernel, X, y)[-1].get_params()
         kernel_options = {name: chosen[name] for name in ("kernel", "gamma", "degree", "coef0")}
@@ -82,33 +87,34 @@ def _rvm_on_the_kernel_of_the_svm(
 
 
 def evidence_rvm(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
-    """Relevance vector machine of our own choice.
+    """Return a relevance vector machine of our own choice.
 
-    ARD prior, width by the evidence of the training examples.
+    It has the ARD prior, and its width is chosen by the evidence of the training examples.
     """
 
     def choose(X: FloatArray, y: BoolArray) -> Classifier:
         Z = StandardScaler().fit_transform(X)
         options = [{"kernel": kernel, "gamma": width / X.shape[1]} for width in settings.widths]
-        trials = [
-            RelevanceVectorClassifier(n_starts=1, tol=1e-3, **option).fit(Z, y)
-            for option in options
-        ]
-        best = options[int(np.argmax([trial.log_evidence_ for trial in trials]))]
+        evidence = []
+        for option in options:
+            machine = RelevanceVectorClassifier(n_starts=1, tol=1e-3, **option).fit(Z, y)
+            evidence.append(machine.log_evidence_)
+        best = options[int(np.argmax(evidence))]
         return lambda train, label: _relevance(train, label, n_starts=3, tol=1e-4, **best)
 
     return TunedClassifier(choose)
 
 
 def _relevance(X: FloatArray, y: BoolArray, **option: Any) -> tuple[Scorer, float]:
+    """Train a relevance vector machine; return its scorer and the share of relevance vectors."""
     machine = make_pipeline(StandardScaler(), RelevanceVectorClassifier(**option)).fit(X, y)
     return machine.decision_function, len(machine[-1].relevance_) / len(X)
 
 
 def svm(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
-    """Support vector machine.
+    """Return a support vector machine.
 
-    C and width or degree by cross-validation inside the training examples.
+    C and width or degree are chosen by cross-validation inside the training examples.
     """
 
     def choose(X: FloatArray, y: BoolArray) -> Classifier:
@@ -128,9 +134,14 @@ def search_svm(settings: Classify, kernel: str, X: FloatArray, y: BoolArray) -> 
 
     Its kernel is that of both machines.
 
-    By the mean area under the ROC of three folds, whose kernels are computed once for all costs: a
-    grid search of whole pipelines takes twice as long. With fewer than three mines there are as
-    many folds as mines; one mine or one clutter example alone is a ValueError.
+    The criterion is the mean area under the ROC of three folds, whose kernels are computed once for
+    all costs: a grid search of complete pipelines takes twice as long. With fewer than three mines
+    there are as many folds as mines.
+
+    Raises
+    ------
+    ValueError
+        If there is only one mine or one clutter example.
     """
     folds = int(min(3, y.sum(), (~y).sum()))
     if folds < 2:
@@ -151,9 +162,8 @@ def search_svm(settings: Classify, kernel: str, X: FloatArray, y: BoolArray) -> 
             scaled = scaler.transform(X[train])
             new = scaler.transform(X[test])
             for k, option in enumerate(options):
-                inner, outer = (
-                    pairwise_kernels(Z, scaled, kernel, **option) for Z in (scaled, new)
-                )
+                inner = pairwise_kernels(scaled, scaled, kernel, **option)
+                outer = pairwise_kernels(new, scaled, kernel, **option)
                 for j, cost in enumerate(settings.costs):
                     machine = SVC(C=cost, kernel="precomputed").fit(inner, y[train])
                     score = machine.decision_function(outer)
@@ -166,9 +176,9 @@ def search_svm(settings: Classify, kernel: str, X: FloatArray, y: BoolArray) -> 
 
 
 def sum_of_correlations(X: FloatArray, y: BoolArray) -> tuple[Scorer, float]:
-    """Add the correlations with the templates up.
+    """Return the sum of the correlations with the templates as a scorer.
 
-    What the features tell without a machine. Nothing is trained.
+    It shows what the features give without a machine: nothing is trained.
     """
     del X, y
     return lambda new: np.asarray(new.sum(axis=1)), 0.0
@@ -193,25 +203,20 @@ def one_class(settings: Classify, kind: str = NOVELTY_RIVALS[0]) -> Classifier:
     def fit(X: FloatArray, y: BoolArray) -> tuple[Scorer, float]:
         mines = X[y]
         if kind == "svm":
-            pipeline = make_pipeline(
-                StandardScaler(), OneClassSVM(nu=0.1, gamma=median_width(mines))
-            ).fit(mines)
+            machine = OneClassSVM(nu=0.1, gamma=median_width(mines))
+            pipeline = make_pipeline(StandardScaler(), machine).fit(mines)
             return pipeline.decision_function, len(pipeline[-1].support_) / len(mines)
         if kind == "gmm":
             return GaussianMixtureNovelty(random_state=0).fit(mines).score_samples, 1.0
-        formulation = next(
-            formulation_name
-            for formulation_name in FORMULATIONS
-            if kind == f"rvm, {formulation_name}"
-        )
-        machine = OneClassRelevanceVectorMachine(
+        relevance_machine = OneClassRelevanceVectorMachine(
             gamma=median_width(mines),
             prior="laplacian-map",
             p0=settings.p0,
-            formulation=formulation,
+            formulation=_FORMULATION_OF[kind],
             random_state=0,
         ).fit(mines)
-        return machine.score_samples, len(machine.relevance_) / len(mines)
+        kept_share = len(relevance_machine.relevance_) / len(mines)
+        return relevance_machine.score_samples, kept_share
 
     return fit
 
@@ -221,7 +226,7 @@ class HeldOut:
     """Scores of examples by classifiers that have not seen them."""
 
     mine: FloatArray  #: (n,) scores of the mines; -inf for one that a prescreener lost
-    # : (m, repeats) scores of the clutter; a novelty detector scores it in every fold (par. 52)
+    #: (m, repeats) scores of the clutter; a novelty detector scores it in every fold (par. 52)
     clutter: FloatArray
     #: target, tile: mine that each score belongs to, and name of each clutter example
     target: NDArray[Any]
@@ -234,9 +239,8 @@ def held_out(
 ) -> HeldOut:
     """Score every example by a classifier trained without its mine.
 
-    All looks at the mine are left out together.
-
-    ``folds`` is the number of groups that the mines are dealt to.
+    All looks at the mine are left out together. ``folds`` is the number of groups that the mines
+    are dealt to.
     """
     y = _is_mine(table)
     score = np.full(len(table), np.nan)
@@ -297,33 +301,27 @@ def retrained(
 ) -> FloatArray:
     """Return the area under the ROC (draw,) with mines and clutter drawn anew.
 
-    The classifier is trained on what was drawn.
-
-    Looks at one mine are drawn together, and all copies of an example are held out together.
+    The classifier is trained on what was drawn. Looks at one mine are drawn together, and all
+    copies of an example are held out together.
     """
     rng = np.random.default_rng(seed)
-    machines = []
+    areas = []
     y = _is_mine(table)
-    mines = [
-        np.flatnonzero(table["target"].to_numpy(dtype=str) == name)
-        for name in np.unique(_names(table, y))
-    ]
+    targets = table["target"].to_numpy(dtype=str)
+    mines = [np.flatnonzero(targets == name) for name in np.unique(_names(table, y))]
     for _ in range(draws):
         chosen = [mines[k] for k in rng.integers(len(mines), size=len(mines))]
         rows = np.concatenate([*chosen, rng.choice(np.flatnonzero(~y), int((~y).sum()))])
-        names = np.where(
-            y[rows],
-            table["target"].to_numpy(dtype=str)[rows],
-            np.char.add("clutter ", rows.astype(str)),
-        )
+        names = np.where(y[rows], targets[rows], np.char.add("clutter ", rows.astype(str)))
         group = np.unique(names, return_inverse=True)[1]
         fold = rng.permutation(group.max() + 1) % folds
         score = np.full(len(rows), np.nan)
         for k in range(folds):
             test = fold[group] == k
-            score[test] = classifier(X[rows][~test], y[rows][~test])[0](X[rows][test])
-        machines.append(roc_auc_score(y[rows], score))
-    return np.array(machines)
+            scorer, _ = classifier(X[rows][~test], y[rows][~test])
+            score[test] = scorer(X[rows][test])
+        areas.append(roc_auc_score(y[rows], score))
+    return np.array(areas)
 
 
 def across(
@@ -332,11 +330,18 @@ def across(
     classifier: Classifier,
 ) -> HeldOut:
     """Train on one site and test on the other (par. 39)."""
-    y, z = (_is_mine(table) for table, _ in (train, test))
-    scorer, share = classifier(train[1], y)
-    score = scorer(test[1])
-    tiles = np.arange((~z).sum()).astype(str)
-    return HeldOut(score[z], score[~z][:, None], _names(test[0], z), tiles, np.array([share]))
+    train_table, train_features = train
+    test_table, test_features = test
+    scorer, share = classifier(train_features, _is_mine(train_table))
+    score = scorer(test_features)
+    is_mine = _is_mine(test_table)
+    return HeldOut(
+        score[is_mine],
+        score[~is_mine][:, None],
+        _names(test_table, is_mine),
+        np.arange((~is_mine).sum()).astype(str),
+        np.array([share]),
+    )
 
 
 def with_lost(scores: HeldOut, seen: pd.DataFrame, offered: pd.DataFrame) -> HeldOut:
@@ -345,9 +350,8 @@ def with_lost(scores: HeldOut, seen: pd.DataFrame, offered: pd.DataFrame) -> Hel
     ``seen`` has a row per scored mine, ``offered`` one per mine and drive, both with target and
     direction.
     """
-    of_look = dict(
-        zip(zip(seen["target"], seen["direction"], strict=True), scores.mine, strict=True)
-    )
+    seen_looks = zip(seen["target"], seen["direction"], strict=True)
+    of_look = dict(zip(seen_looks, scores.mine, strict=True))
     looks = zip(offered["target"], offered["direction"], strict=True)
     mine_scores = np.array([of_look.get(look, -np.inf) for look in looks])
     return HeldOut(
@@ -356,12 +360,15 @@ def with_lost(scores: HeldOut, seen: pd.DataFrame, offered: pd.DataFrame) -> Hel
 
 
 def _mine_groups(table: pd.DataFrame, y: BoolArray, folds: int) -> list[Any]:
+    """Return the folds, in which all looks at a mine are together."""
     return splits(table, "target", folds=min(folds, len(np.unique(_names(table, y)))))
 
 
 def _is_mine(table: pd.DataFrame) -> BoolArray:
+    """Return which examples are mines."""
     return np.asarray(table["kind"] != "clutter", dtype=np.bool_)
 
 
 def _names(table: pd.DataFrame, is_mine: BoolArray) -> NDArray[Any]:
+    """Return the names of the mines, one per look."""
     return table["target"].to_numpy(dtype=str)[is_mine]

@@ -72,6 +72,7 @@ def _twins(found: Sequence[Finding], pictures: Mapping[str, bytes]) -> Iterator[
 
 
 def _sizes(settings: Settings, notes: Mapping[str, Any]) -> list[Row]:
+    """Tabulate numbers of mines and examples in the paper and here."""
     loo = notes["vectors, leave-one-out"]
     metal = sum(mines.metal for mines in settings.mines)
     plastic = sum(mines.plastic for mines in settings.mines)
@@ -140,6 +141,7 @@ def _areas(results: Results) -> list[Row]:
 
 
 def _short(value: Any) -> str:
+    """Return a value as text, a number with two decimals."""
     return f"{value:.2f}" if isinstance(value, float) else str(value)
 
 
@@ -160,6 +162,7 @@ def _variants(summary: Mapping[str, Any]) -> list[Row]:
 
 
 def _registration(summary: Mapping[str, Any]) -> list[Row]:
+    """Tabulate how well the fiducials register the images."""
     rows = []
     for site, by_pass in summary.items():
         for name, registered in by_pass.items():

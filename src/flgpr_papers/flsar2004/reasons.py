@@ -128,6 +128,7 @@ def trials(
 
 
 def _trial(row: Mapping[str, Any]) -> Trial:
+    """Return a trial from its JSON."""
     pairs = {
         name: None if row[name] is None else tuple(row[name]) for name in ("interval", "predicted")
     }
@@ -215,6 +216,7 @@ def prescreener_trials(material: Material) -> list[Trial]:
 
 
 def _site_prescreener_trials(settings: Settings, site: Site) -> list[Trial]:
+    """Return the trials of the second prescreener at a site."""
     statement = f"the standard deviation removes false alarms, {site.name}"
     quantity = "share of the clutter's clusters past amplitude and size that it removes"
     metal = site.mines[site.mines["subset"] & (site.mines["kind"] == "metal")]
@@ -237,7 +239,10 @@ def _site_prescreener_trials(settings: Settings, site: Site) -> list[Trial]:
         on_it = "the mines on the surface set that limit"
         add(f"{len(surface)} mines on the surface left out", buried, on_it)
     value, clusters = removed_share(settings, site, by_strength, relative=True)
-    scale = "a deviation in units of the image grows with brightness, and mines are brighter than clutter"
+    scale = (
+        "a deviation in units of the image grows with brightness, "
+        "and mines are brighter than clutter"
+    )
     changed = "deviation over the mean amplitude of the cluster"
     trial_list.append(
         Trial(statement, scale, changed, quantity, value, f"{clusters} clusters", REMOVES)
@@ -441,21 +446,23 @@ def between_site_trials(material: Material) -> list[Trial]:
         metal = buried(arid, arid, variant, "metal")
         add(f"{name}, trained on metal of the arid site", across(metal, test, detector), area, "")
         words = quantity.replace("one-class", "binary")
-        both_scores = across(train, test, rvm(settings.classify))
+        binary_scores = across(train, test, rvm(settings.classify))
         add(
             f"{name}, trained at the arid site",
-            both_scores,
+            binary_scores,
             area,
             none if magnitudes else "",
             words,
         )
-        both_scores = held_out(pair_of_site[0], pair_of_site[1], rvm(settings.classify), folds)
-        add(f"{name}, trained at the temperate site", both_scores, area, "", words)
+        binary_scores = held_out(pair_of_site[0], pair_of_site[1], rvm(settings.classify), folds)
+        add(f"{name}, trained at the temperate site", binary_scores, area, "", words)
     return trial_list
 
 
 def _name_of(variant: Variant) -> str:
-    return next(name for name, variant_entry in VARIANTS.items() if variant_entry == variant)
+    """Return the name of a declared variant."""
+    names = [name for name, declared in VARIANTS.items() if declared == variant]
+    return names[0]
 
 
 EXPERIMENTS: dict[str, Callable[[Material], list[Trial]]] = {

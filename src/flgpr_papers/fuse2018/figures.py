@@ -61,7 +61,8 @@ def geometry_figure(recipe: FuseRecipe) -> Figure:
         height = np.array([0.0, 0.0, sensor.height])
         for side, mark in (("tx", "^"), ("rx", "v")):
             places = np.unique(sensor.pairs()[side == "rx"], axis=0) + height
-            label = f"{band.upper()} band, {len(places)} {'transmitters' if side == 'tx' else 'receivers'}"
+            antennas = "transmitters" if side == "tx" else "receivers"
+            label = f"{band.upper()} band, {len(places)} {antennas}"
             axes.plot(
                 *places.T,
                 mark,
@@ -153,6 +154,7 @@ def regions_figure(example: Arrays) -> Figure:
 
 
 def _masks(example: Arrays, parts: Mapping[str, str]) -> Figure:
+    """Draw two masks side by side."""
     figure = Figure(figsize=(8.6, 3.1), layout="constrained")
     for axes, (name, title) in zip(figure.subplots(1, 2, sharey=True), parts.items(), strict=True):
         _mask(axes, example, example[name], title)
@@ -181,6 +183,7 @@ def variants_figure(example: Arrays) -> Figure:
 def _many(
     example: Arrays, chosen: Mapping[str, str], size: tuple[float, float], columns: int
 ) -> Figure:
+    """Draw chosen images of an example in columns, on one scale."""
     figure = Figure(figsize=size, layout="constrained")
     rows = -(-len(chosen) // columns)
     places = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
@@ -378,6 +381,7 @@ def fullwave_figure(study: FullwaveStudy) -> Figure:
 
 
 def _image(axes: Axes, example: Arrays, magnitude: NDArray[Any], top: float | None = None) -> Any:
+    """Draw a magnitude in dB under its top."""
     level = 20 * np.log10(np.maximum(magnitude / (top or magnitude.max()), 1e-8))
     return axes.imshow(
         level,
@@ -391,6 +395,7 @@ def _image(axes: Axes, example: Arrays, magnitude: NDArray[Any], top: float | No
 
 
 def _mask(axes: Axes, example: Arrays, mask: NDArray[Any], title: str) -> None:
+    """Draw a mask."""
     axes.imshow(
         mask, origin="lower", extent=_extent(example), cmap="gray", aspect="auto", vmin=0, vmax=1
     )
@@ -398,12 +403,14 @@ def _mask(axes: Axes, example: Arrays, mask: NDArray[Any], title: str) -> None:
 
 
 def _extent(example: Arrays) -> tuple[float, float, float, float]:
+    """Return the edges of an example's images, m."""
     x = example["x_axis"]
     y = example["y_axis"]
     return float(x[0]), float(x[-1]), float(y[0]), float(y[-1])
 
 
 def _dress(axes: Axes, example: Arrays, boxes: bool = False) -> None:
+    """Mark mines, and the boxes if wanted, on an image."""
     x_min, x_max, y_min, y_max = _extent(example)
     for x, y in example["mines"]:
         if x_min <= x <= x_max and y_min <= y <= y_max:

@@ -214,11 +214,13 @@ def paper_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Find
 
 
 def _in_words(interval: Interval, unit: str = " dB", digits: int = 1) -> str:
+    """Return an interval in words."""
     value, low, high = (f"{number:z.{digits}f}" for number in interval)
     return f"{value}{unit} ({low} to {high})"
 
 
 def _gap(boxes: pd.DataFrame, values: FloatArray, recipe: FuseRecipe) -> Interval:
+    """Return the mean of values over boxes with its interval over clusters."""
     return clustered(values, boxes["cluster"], recipe.boxes.draws)
 
 
@@ -253,6 +255,7 @@ def _pairs(boxes: pd.DataFrame, values: FloatArray) -> pd.Series:
 def _figure_finding(
     claim: str, boxes: pd.DataFrame, values: FloatArray, figure: float, recipe: FuseRecipe
 ) -> Finding:
+    """Judge a figure of the paper by the boxes of one frame."""
     gap = one_frame(boxes, values, figure)
     every = _gap(boxes, values, recipe)
     ours = f"two boxes of a frame {_in_words((gap[0] + figure, gap[1] + figure, gap[2] + figure))}"
@@ -379,6 +382,7 @@ def own_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, 
 
 
 def _mine_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Finding]:
+    """Judge what the paper says of the mines' peaks."""
     changes, targets = own_changes(lanes, "iteration")
     mean = clustered(changes, targets, recipe.boxes.draws)
     peaks, cluster = mine_changes(lanes, "iteration")
@@ -418,6 +422,7 @@ def _mine_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Find
 
 
 def _roc_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Finding]:
+    """Judge what the paper says of the ROC, by both conventions of FAR."""
     findings = []
     for lane in lanes:
         for convention, convention_title in CONVENTIONS.items():
@@ -433,7 +438,8 @@ def _roc_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Findi
                     interval=(comparison.difference, comparison.low, comparison.high),
                     asks=_MORE,
                     bounds=SHARE_DIFFERENCE,
-                    note=f"Pd averaged over FAR up to {recipe.score.far_max:g} per m², {comparison.n_targets} "
+                    note=f"Pd averaged over FAR up to {recipe.score.far_max:g} per m², "
+                    f"{comparison.n_targets} "
                     f"{'looks' if convention == 'frames' else 'mines'}; at {comparison.far:g} per "
                     f"m² {comparison.only_a} mines are "
                     f"found more often with it, {comparison.only_b} without",
@@ -445,6 +451,8 @@ def _roc_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Findi
 def _own_findings(
     lanes: Sequence[LaneResult], loose: LaneResult, boxes: pd.DataFrame, recipe: FuseRecipe
 ) -> list[Finding]:
+    """Judge our own questions about the variants."""
+
     def against(claim: str, better: str, worse: str) -> list[Finding]:
         gap = _gap(boxes, power_db(boxes, worse) - power_db(boxes, better), recipe)
         change, cluster = mine_changes(lanes, better)
@@ -629,5 +637,6 @@ def follow(alarms: pd.DataFrame, gate: float, hits: int) -> pd.DataFrame:
 
 
 def _place(track: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the position of a track, weighed by the magnitudes of its alarms."""
     points = np.array(track)
     return np.asarray(np.average(points[:, :2], axis=0, weights=points[:, 2]))

@@ -42,7 +42,10 @@ ROADSIDES = {
     "scaled with the image": (0.4 * HALF_WIDTH, HALF_WIDTH),
     "beside the lane": (1.0, HALF_WIDTH),
 }
-"""The paper's roadside begins at 4 of 10 m; the lane of this run is 1 m to either side of the middle."""
+"""The lane of this run is 1 m to either side of the middle.
+
+The paper's roadside begins at 4 of 10 m.
+"""
 LANE = Lane(-1.0, 1.0, 2.0, 6.2)
 _GRID = Grid.spanning(
     (-HALF_WIDTH, HALF_WIDTH), (2.56, 6.2), 0.025
@@ -138,6 +141,7 @@ class _Frames:
         self.level = np.array([_medians(image, self.region) for image in self.images])
 
     def _stack(self, points: NDArray[np.float64]) -> FrameStack:
+        """Return the frames' operators on points as one."""
         return FrameStack([make(points) for make in self.operators])
 
     def mask(self, limits: Thresholds, side: tuple[float, float]) -> NDArray[np.bool_]:
@@ -176,6 +180,7 @@ def _operator_on(
     taper: NDArray[np.float64],
     pose: NDArray[np.float64],
 ) -> Callable[[NDArray[np.float64]], ImagingOperator]:
+    """Return the imaging operator of a run's antennas, for given points."""
     tx, rx = (vehicle_to_lane(run[name].values, pose) for name in ("tx_position", "rx_position"))
     return lambda points: ImagingOperator(frequency, tx, rx, points, window=taper)
 
@@ -187,7 +192,10 @@ def _medians(image: NDArray[np.complex64], region: NDArray[np.int64]) -> NDArray
 
 
 def _calibrate(run: xr.Dataset, worlds: int) -> dict[str, Thresholds]:
-    """Learn thresholds on simulated lanes with the same array, soil and kinds of things at other places."""
+    """Learn thresholds on simulated lanes with the same array and soil.
+
+    The same kinds of bodies lie at other positions.
+    """
     learnt = {name: ThresholdCalibration(len(_EDGES) - 1) for name in ROADSIDES}
     sensor = _sensor(run)
     reach = 0.4
@@ -206,6 +214,7 @@ def _calibrate(run: xr.Dataset, worlds: int) -> dict[str, Thresholds]:
 
 
 def _sensor(run: xr.Dataset) -> Sensor:
+    """Return the sensor of a full-wave run."""
     f = run["frequency"].values
     sensor = Sensor.model_validate(
         {
@@ -295,6 +304,7 @@ def _fate(
     mask: NDArray[np.bool_],
     alarms: pd.DataFrame,
 ) -> dict[str, Any]:
+    """Return what becomes of a target's peak, and the share of it that is masked."""
     name, x, y = target
     near = np.hypot(_GRID.points()[..., 0] - x, _GRID.points()[..., 1] - y) <= 0.4
     peaks = {

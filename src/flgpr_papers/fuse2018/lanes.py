@@ -17,9 +17,9 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field
 
+from flgpr.chain.engine import Arrays, Engine
 from flgpr.chain.images import RunImages
 from flgpr.chain.model import Model
-from flgpr.chain.passes import Arrays, Chain
 from flgpr.chain.progress import Track
 from flgpr.chain.recipe import Recipe, recipe_text
 from flgpr.chain.stages.masks import MaskedSuppression
@@ -258,7 +258,7 @@ def masks_stage(runs: Mapping[str, xr.Dataset], recipe: FuseRecipe) -> MaskedSup
     known: dict[str, Any] = {}
     other_runs = {band: run for band, run in runs.items() if band != "l"}
     images = RunImages(runs["l"], recipe.chain(), recipe.lane, Model(), known, other_runs)
-    Chain(images.passes(), len(images.imager), known).go()
+    Engine(images.passes(), len(images.imager), known).run()
     return cast("MaskedSuppression", images.stages["clutter.masks"])
 
 

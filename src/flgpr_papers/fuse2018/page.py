@@ -132,11 +132,13 @@ def _points(recipe: FuseRecipe, lanes: Sequence[LaneResult]) -> Iterator[Row]:
 
 
 def _lane_row(recipe: FuseRecipe, lane: LaneResult) -> Row:
+    """Return the row of a lane: its length, mines, frames and objects."""
     count = ((lane.objects["kind"] == kind).sum() for kind in ("bush", "post", "rock"))
     return lane.name, f"{recipe.lanes.length:g} m", len(lane.truth), lane.frames, *count
 
 
 def _threshold_rows(calibration: Calibration) -> list[Row]:
+    """Tabulate the learnt thresholds, dB."""
     names = {"VV": "vv", "VH": "vh", "X": "second", "VH, roadside": "low_vh"}
     learnt = calibration.learnt
     rows: list[Row] = []
@@ -148,6 +150,7 @@ def _threshold_rows(calibration: Calibration) -> list[Row]:
 
 
 def _course_rows(lanes: Sequence[LaneResult]) -> list[Row]:
+    """Tabulate how the residual goes by variant."""
     table = pd.concat([lane.courses for lane in lanes])
     rows = []
     for name, title in VARIANTS.items():
@@ -170,6 +173,7 @@ def _course_rows(lanes: Sequence[LaneResult]) -> list[Row]:
 
 
 def _loss_rows(study: PoseStudy) -> list[Row]:
+    """Tabulate the loss by wrong poses, by formula and measured."""
     losses = {f"formula, {band.upper()} band, dB": study.predicted[band] for band in ("l", "x")}
     losses["reflectors, L band, median, dB"] = np.median(study.measured, axis=1)
     rows: list[Row] = []
@@ -179,6 +183,7 @@ def _loss_rows(study: PoseStudy) -> list[Row]:
 
 
 def _peak_rows(table: pd.DataFrame) -> list[Row]:
+    """Tabulate the peaks of the full-wave run by method."""
     return [
         (
             r["roadside"],

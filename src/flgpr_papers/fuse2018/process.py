@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.passes import Arrays
+from flgpr.chain.engine import Arrays
 from flgpr.chain.progress import Track
 from flgpr.chain.stages.masks import Aperture, MaskedSuppression, OperatorOn
 from flgpr.clutter import (
@@ -45,7 +45,9 @@ VARIANTS = {
     "regions": "iteration, masks intersected by connected region (another reading of Sec. 2.4)",
     "least squares": "least squares at equal cost, one reflectivity for all frames",
     "least squares per frame": "least squares at equal cost, a reflectivity for every frame",
-    "least squares spared": "least squares, the road fitted too and not subtracted, as many iterations",
+    "least squares spared": (
+        "least squares, the road fitted too and not subtracted, as many iterations"
+    ),
     "L band alone": "iteration, masks from VV and VH alone",
 }
 """What is compared, and how it is called in full."""
@@ -67,7 +69,7 @@ MASKS = {"regions": "region", "L band alone": "L", "calibrated roadside": "calib
 class Calibration:
     """What the calibration lane teaches."""
 
-    # : thresholds of the masks as the stage takes them, and the looks at targets that they rest on
+    #: thresholds of the masks as the stage takes them, and the looks at targets that they rest on
     learnt: Arrays
     #: (row,) median magnitude of VV between the roadsides at every distance ahead: alarms are
     #: measured in units of it
@@ -322,6 +324,7 @@ def stage_images(cleaned: Cleaned, chosen: BoolArray) -> dict[str, ComplexArray]
 def _record_boxes(
     records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
 ) -> None:
+    """Record the power in the boxes of roadside objects."""
     objects = roadside_objects(frames, cleaned.pose, recipe)
     if objects.empty:
         return
@@ -346,6 +349,7 @@ def _record_boxes(
 def _record_mines(
     records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
 ) -> None:
+    """Record the mines' peaks under each variant."""
     strength = np.abs(cleaned.aperture.vv)
     for row, position in targets_in_area(frames, cleaned.pose, recipe):
         halo = halo_of(cleaned.stage.grid, position, recipe.score.halo / 2)
@@ -470,6 +474,7 @@ def _frame_alone(
 def _record_alarms(
     records: LaneRecords, cleaned: Cleaned, levels: dict[str, FloatArray], recipe: FuseRecipe
 ) -> None:
+    """Record the alarms of a frame by variant, in the lane frame."""
     for name, level in levels.items():
         alarms = frame_alarms(level, cleaned.stage.grid, recipe.area, recipe.score.radius)
         x, y, _ = scan_to_lane(ground_points(alarms), cleaned.pose).T

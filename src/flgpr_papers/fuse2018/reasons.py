@@ -159,6 +159,7 @@ def half_the_array(
 
 
 def _of_some_pairs(make: OperatorOn, factor: NDArray[np.float32]) -> OperatorOn:
+    """Return operators in which pairs have a factor."""
     return lambda points: cast("ImagingOperator", SomePairs(make(points), factor))
 
 
@@ -270,6 +271,7 @@ def loss_trials(rows: pd.DataFrame, spared: Interval, recipe: FuseRecipe) -> lis
 
 
 def _mean(rows: pd.DataFrame, draws: int) -> Interval:
+    """Return the mean change with its interval over mines."""
     return clustered(rows["change_db"], rows["mine"], draws)
 
 
@@ -281,6 +283,7 @@ def _trial(
     explanation: str = "",
     predicted: Bounds | None = None,
 ) -> Trial:
+    """Return a trial of the looks at the mines."""
     sample = "all looks of the study"
     if rows is not None:
         sample = f"{len(rows)} looks at {rows['mine'].nunique()} mines"

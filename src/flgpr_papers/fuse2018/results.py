@@ -40,7 +40,7 @@ class LaneResult:
     truth: pd.DataFrame
     objects: pd.DataFrame
     frames: int  #: number of apertures
-    # : (frame, 6) of each aperture's latest frame, by number of the frame; NaN for frames without
+    #: (frame, 6) of each aperture's latest frame, by number of the frame; NaN for frames without
     # one
     poses: FloatArray
     #: alarms, boxes, mines, courses, coherence, own, bands: as :class:`LaneRecords` describes them
@@ -51,7 +51,7 @@ class LaneResult:
     coherence: pd.DataFrame
     own: pd.DataFrame
     bands: pd.DataFrame
-    # : mean magnitude over the background of all looks, by variant; NaN where there was no look
+    #: mean magnitude over the background of all looks, by variant; NaN where there was no look
     maps: Arrays
 
 

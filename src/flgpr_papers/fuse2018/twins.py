@@ -102,6 +102,7 @@ def own_drawings(shown: Shown) -> Iterator[Drawing]:
 
 
 def _geometry(shown: Shown) -> Drawing:
+    """Return the twin of the paper's geometry."""
     image = shown.recipe.image
     step = shown.recipe.lanes.step
     borders = ", ".join(f"{edge:g}" for edge in image.edges)
@@ -120,6 +121,7 @@ def _geometry(shown: Shown) -> Drawing:
 
 
 def _procedure(shown: Shown) -> Drawing:
+    """Return the twin of the paper's procedure."""
     numbers = [
         ("roadside", "4 to 10 m on either side", f"{_span(shown.recipe.mask.roadside)} m"),
         (
@@ -140,6 +142,7 @@ def _procedure(shown: Shown) -> Drawing:
 
 
 def _images(shown: Shown) -> Iterator[Drawing]:
+    """Yield the twins of the images and masks of both bands."""
     for number, (band, title) in _MASKS.items():
         if band not in shown.example:
             continue
@@ -147,7 +150,10 @@ def _images(shown: Shown) -> Iterator[Drawing]:
             "(a) SAR image; (b) binary mask for the fundamental part. Triangles: buried targets."
         )
         if band == "vv":
-            caption += " Rectangles: the two clutter regions of Fig. 8, the strongest object at either roadside."
+            caption += (
+                " Rectangles: the two clutter regions of Fig. 8, "
+                "the strongest object at either roadside."
+            )
         figure = figures.mask_figure(shown.example, band, f"mask {band}", title, boxes=band == "vv")
         numbers = [("pixels of the mask", "not told", _percent(shown.example[f"mask {band}"]))]
         name = number.lower().replace(". ", "ure-")
@@ -155,6 +161,7 @@ def _images(shown: Shown) -> Iterator[Drawing]:
 
 
 def _mixed(shown: Shown) -> Drawing:
+    """Return the twin of the mixed mask."""
     numbers = [
         (
             "targets under the mask",
@@ -171,6 +178,7 @@ def _mixed(shown: Shown) -> Drawing:
 
 
 def _averages(shown: Shown) -> Drawing:
+    """Return the twin of the averaged images."""
     numbers = [("targets' own peaks", "signals still remain", shown.ours(KEPT))]
     caption = "(a) #1, (b) #3, (c) #4, (d) #6, in dB under the peak of Fig. 3(a)."
     figure = figures.stages_figure(shown.example)
@@ -180,6 +188,7 @@ def _averages(shown: Shown) -> Drawing:
 
 
 def _clutter_power(shown: Shown) -> Drawing:
+    """Return the twin of the clutter power over iterations."""
     numbers = [
         ("fall of the clutter, #6", f"{PAPER_DB:g} dB", shown.ours(FALL)),
         ("of it by averaging", f"{PAPER_MEAN_DB:g} dB", shown.ours(BY_MEAN)),
@@ -202,6 +211,7 @@ def _clutter_power(shown: Shown) -> Drawing:
 
 
 def _roc(shown: Shown) -> Drawing:
+    """Return the twin of the ROC."""
     score = shown.recipe.score
     numbers = [
         (
@@ -224,7 +234,10 @@ def _roc(shown: Shown) -> Drawing:
                     text,
                 )
             )
-    caption = "(a) Lane A, (b) lane B. Every frame counts its area, the same ground again in each. Dotted: chance."
+    caption = (
+        "(a) Lane A, (b) lane B. Every frame counts its area, the same ground again in each. "
+        "Dotted: chance."
+    )
     return Drawing(
         "figure-9",
         "Fig. 9",
@@ -236,8 +249,10 @@ def _roc(shown: Shown) -> Drawing:
 
 
 def _percent(mask: NDArray[Any]) -> str:
+    """Return the share of a mask in percent."""
     return f"{100 * np.mean(mask):.1f} %"
 
 
 def _span(limits: Sequence[float]) -> str:
+    """Return two limits in words."""
     return f"{limits[0]:g} to {limits[1]:g}"

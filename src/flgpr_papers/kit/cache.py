@@ -12,10 +12,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.chain.progress import Track
+from flgpr.execution.simulated_lane import simulate_to_store
 from flgpr.model import Lane
 from flgpr.simulate import Scene, Sensor, draw_world
 from flgpr.store import Bundle, canonical_json, read_manifest, sha256, write_bundle, write_whole
-from flgpr.tasks.simulation import simulate_to_store
 
 Arrays = dict[str, NDArray[Any]]
 

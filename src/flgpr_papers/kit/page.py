@@ -80,6 +80,7 @@ def detections_at(matched: Match, subset: Any, far: float, **area: Any) -> tuple
 
 
 def _read(curve: pd.DataFrame, far: float) -> tuple[int, int, float]:
+    """Return targets found, all targets and chance at an allowed FAR."""
     row = curve.iloc[int(operating_row(curve, far))]
     return int(row["n_detected"]), int(row["n_targets"]), float(row["chance"])
 
@@ -87,7 +88,9 @@ def _read(curve: pd.DataFrame, far: float) -> tuple[int, int, float]:
 def pd_in_words(n_found: int, targets: int, by_chance: float) -> str:
     """Write a Pd with its counts, exact interval and chance level."""
     low, high = clopper_pearson(n_found, targets)
-    return f"{n_found} of {targets} = {n_found / max(targets, 1):.0%} ({low:.0%} to {high:.0%}), chance {by_chance:.0%}"
+    share = n_found / max(targets, 1)
+    interval = f"{share:.0%} ({low:.0%} to {high:.0%})"
+    return f"{n_found} of {targets} = {interval}, chance {by_chance:.0%}"
 
 
 def point_rows(

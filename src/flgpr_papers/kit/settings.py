@@ -18,7 +18,9 @@ T = TypeVar("T", bound=BaseModel)
 PAPERS = {
     "cosgrove2004": "Cosgrove, Milanfar & Kositsky 2004: trained detection by deflection",
     "flsar2004": "flsar2004: prescreeners, templates and relevance vector machines",
-    "fuse2018": "Fuse, Gonzalez-Valdes, Martinez-Lorenzo & Rappaport 2018: model-based clutter suppression",
+    "fuse2018": (
+        "Fuse, Gonzalez-Valdes, Martinez-Lorenzo & Rappaport 2018: model-based clutter suppression"
+    ),
     "wang2007": "Wang, Keller, Gader & Sjahputera 2007: sub-bands and ten features",
 }
 """Every paper that can be run again: authors, year and subject by name."""

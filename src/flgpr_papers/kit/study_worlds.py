@@ -19,7 +19,10 @@ from flgpr_papers.kit.settings import Table, packaged_text
 OWN = "own"
 AS_FOUND = "as-found"
 STUDY_WORLDS = (OWN, AS_FOUND)
-"""Prepared lanes as the paper describes them, and roads with stones, holes, growth and waves as they are found."""
+"""Prepared lanes as the paper describes them, and roads as they are found.
+
+Those have stones, holes, growth and waves.
+"""
 Claim = tuple[str, str, str]
 """What tells a statement from others: claim, quantity and group."""
 

@@ -39,7 +39,7 @@ class World:
     number: int  #: of the world; its lanes are drawn from seeds of their own
     roughness: float  #: rms height of the surface, mm
     permittivity: float  #: ε' at 1 GHz
-    # : "mironov", that of the soil model at the moisture which gives the permittivity, or "low"
+    #: "mironov", that of the soil model at the moisture which gives the permittivity, or "low"
     loss: str
     contents: str  #: what is in the soil: "nothing", "prepared" or "natural", that of a site
     roadside: str  #: "none", "posts" or "bushes"
@@ -98,6 +98,7 @@ def worlds() -> list[World]:
 
 @cache
 def _design_rows() -> list[dict[str, str]]:
+    """Return the rows of the declared design."""
     text = (_FILES / "worlds.csv").read_text(encoding="utf-8")
     return list(csv.DictReader(text.splitlines()))
 

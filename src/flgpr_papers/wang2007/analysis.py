@@ -35,7 +35,10 @@ METHODS = {
 SUBBANDS = ("F1", "F2", "F3", "F4")
 FAR_MAX = 0.1
 AREA: AreaRule = "paper"
-"""Area of FAR by the paper's rule 6 (Sec. II-F): lane less N·π·r², halos counted whole wherever they lie."""
+"""Area of FAR by the paper's rule 6 (Sec. II-F): lane less N·π·r².
+
+Every halo counts with all of its area, wherever it lies.
+"""
 FloatArray = NDArray[np.float64]
 
 
@@ -96,13 +99,12 @@ class Pool:
         false = false[np.argsort(-self.reference.confidence[false], kind="stable")]
         block = make_scores(self.reference, design).block
         hit = self.labels["target"].to_numpy()
-        mines, wanted_clutter = (
-            select_targets(self.reference.truth, targets) for targets in (MINES, subset)
-        )
+        mines = select_targets(self.reference.truth, MINES)
+        wanted_targets = select_targets(self.reference.truth, subset)
         while count:
             target, weight = design.draw(rng)
             several = len(np.unique(design.target_lane[target > 0])) > 1 or len(self.lanes) == 1
-            if several and target[mines].any() and target[wanted_clutter].any():
+            if several and target[mines].any() and target[wanted_targets].any():
                 alarm = np.where(hit >= 0, target[hit], 1.0)
                 alarm[false] = weight[block]
                 count -= 1
@@ -139,6 +141,7 @@ class Pool:
         duplicate: bool,
         draw: Draw | None = None,
     ) -> Fold:
+        """Return a fold of lanes; a draw weighs its examples."""
         labels = self.labels
         use = train & (labels["label"] != "neither").to_numpy()
         training_lanes = set(labels["lane"][train])
@@ -411,10 +414,12 @@ def all_forty() -> list[str]:
 
 
 def _settings(method: str) -> tuple[bool, bool]:
+    """Return whether a method cross-validates, and whether it duplicates mines."""
     return method in "CD", method in "AC"
 
 
 def _refit(folds: Sequence[Fold], samples: int) -> FloatArray:
+    """Return confidences by discriminants trained anew in every fold."""
     confidence = np.full(samples, -np.inf)
     for fold in folds:
         direction = np.linalg.lstsq(fold.scatter, fold.difference, rcond=1e-12)[0]

@@ -26,7 +26,10 @@ from flgpr_papers.wang2007.findings import SETS, blind_scores
 MEDIAN_STEP = 3
 """``background.median_step`` of the recipe wang2007."""
 DETECTORS = {"C_HH": ("C_HH_F1",), **SETS, "all ten": tuple(f"{name}_F1" for name in FEATURES)}
-"""Columns that each detector reads: local contrast alone and untrained, the paper's two classifiers, all of F1."""
+"""Columns that each detector reads.
+
+They are local contrast alone and untrained, the paper's two classifiers, and all of F1.
+"""
 UNTRAINED = "C_HH"
 _GAIN = "shared."
 _PSI = "circular."
@@ -87,23 +90,23 @@ def cost_table(printed: Lanes, coarse: Lanes, draws: int) -> pd.DataFrame:
     """
     before = _matches(printed, PRINTED)
     rows = []
-    for difference_entry in DIFFERENCES:
-        after = _matches(coarse if difference_entry.coarse else printed, difference_entry)
+    for difference in DIFFERENCES:
+        after = _matches(coarse if difference.coarse else printed, difference)
         for (detector, where), first in before.items():
             second = after[detector, where]
-            value, low, high = paired_cost(first, second, MINES, AREA, difference_entry.area, draws)
+            value, low, high = paired_cost(first, second, MINES, AREA, difference.area, draws)
             rows.append(
                 {
-                    "difference": difference_entry.entry,
-                    "printed": difference_entry.printed,
-                    "changed": difference_entry.changed,
+                    "difference": difference.entry,
+                    "printed": difference.printed,
+                    "changed": difference.changed,
                     "detector": detector,
                     "lanes": where,
                     "targets": int((first.truth["kind"] != "simulant").sum()),
                     "alarms": len(first.alarms),
                     "alarms_changed": len(second.alarms),
                     "pd_mean": pd_mean_of(first, MINES, AREA),
-                    "pd_mean_changed": pd_mean_of(second, MINES, difference_entry.area),
+                    "pd_mean_changed": pd_mean_of(second, MINES, difference.area),
                     "cost": value,
                     "low": low,
                     "high": high,

@@ -299,17 +299,20 @@ def classifier_figure(
 
 
 def _figure(width: float, height: float, rows: int, columns: int) -> tuple[Figure, Any]:
+    """Return a figure of so many inches, and its panels."""
     figure = Figure(figsize=(width, height), layout="constrained")
     return figure, figure.subplots(rows, columns)
 
 
 def _at(examples: Examples, polarization: str, subband: str) -> tuple[int, int]:
+    """Return the indices of a polarization and a sub-band."""
     return list(examples["polarization"]).index(polarization), list(examples["subband"]).index(
         subband
     )
 
 
 def _decibel(image: NDArray[Any]) -> NDArray[np.float64]:
+    """Return an image in dB, at least -240."""
     return np.asarray(
         20 * np.log10(np.maximum(np.nan_to_num(np.asarray(image, np.float64)), 1e-12))
     )
@@ -372,10 +375,12 @@ def _colour_bar(figure: Figure, axes: Any, label: str) -> None:
 
 
 def _step(axis: Axes, curve: pd.DataFrame, label: str, colour: str, dash: str) -> None:
+    """Draw a ROC as steps."""
     axis.step(curve["far"], curve["pd"], where="post", label=label, color=colour, ls=dash, lw=1.3)
 
 
 def _roc_axes(axis: Axes, title: str, far_max: float) -> None:
+    """Draw chance and label the axes of a ROC."""
     rates = np.linspace(0, far_max, 101)
     axis.plot(rates, random_pd(rates, 1.0), color="0.5", ls=":", lw=1, label="chance")
     axis.set(xlim=(0, far_max), ylim=(0, 1.02), xlabel="FAR (per m²)", ylabel="Pd")

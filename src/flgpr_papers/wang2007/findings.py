@@ -217,7 +217,8 @@ def _clutter_findings(results: Sequence[LaneResult]) -> list[Finding]:
             "Sub-band F1 has the lowest level of clutter, in VV and HH",
             "appears so, in general (Fig. 8)",
             intervals,
-            note="99 % quantile of the run-view away from targets over its median, dB, by stretches of 10 m.",
+            note="99 % quantile of the run-view away from targets over its median, dB, "
+            "by stretches of 10 m.",
         )
     ]
 
@@ -439,6 +440,7 @@ def _duplication_gap(scores: Mapping[str, FloatArray]) -> Any:
 
 
 def _slope(pool: Pool, searches: Mapping[str, list[SearchStep]], draws: int) -> Interval:
+    """Return how resubstitution and cross-validation part as features grow."""
     drawn = pool.searches_in(F1, "AC", draws)
     score_gaps = np.array(
         [a.score - c.score for a, c in zip(searches["A"], searches["C"], strict=True)]
@@ -448,6 +450,7 @@ def _slope(pool: Pool, searches: Mapping[str, list[SearchStep]], draws: int) -> 
 
 
 def _distribution_findings(pool: Pool, draws: int) -> list[Finding]:
+    """Judge what the paper says of the features' distributions."""
     findings = []
     note = (
         "The text says a higher P_tau for mines and calls it more symmetric, but by its Eq. 15 tau "
@@ -619,7 +622,10 @@ def _retrained(
     method: str = "A",
     subset: Any = MINES,
 ) -> Interval:
-    """Return the difference of PD_mean of two sets of features by a method A-D, both trained anew in every draw."""
+    """Return the difference of PD_mean of two sets of features by a method A-D.
+
+    Both are trained anew in every draw.
+    """
     scorer = pool.scorer_of(subset)
     scores = [scorer(pool.confidence(list(columns), method)) for columns in (first, second)]
     drawn = [
@@ -630,5 +636,6 @@ def _retrained(
 
 
 def _turned(interval: Interval, limit: float) -> Interval:
+    """Return a limit less an interval."""
     value, low, high = interval
     return limit - value, limit - high, limit - low

@@ -162,6 +162,7 @@ def _pool(draw: Mapping[str, Any]) -> tuple[str, bool]:
 
 
 def _counts(lanes: Mapping[str, list[dict[str, Any]]]) -> dict[tuple[str, bool], int]:
+    """Count the mines that share a deal of bodies."""
     counts: dict[tuple[str, bool], int] = {}
     for draws in lanes.values():
         for draw in draws:
@@ -184,6 +185,7 @@ def _stack(mix: str, count: int) -> Iterator[str]:
 
 
 def _body_draw(draw: Mapping[str, Any], body: str, count: int) -> dict[str, Any]:
+    """Return a draw of mines with a body; a surface mine stands on the ground."""
     depth = -body_size(body)["height"] if draw["depth"] < 0 else draw["depth"]
     return {**draw, "body": body, "depth": depth, "count": count}
 
@@ -208,6 +210,7 @@ def _scene(
     site: str,
     surface: dict[str, Any] | None = None,
 ) -> Scene:
+    """Return the scene of a lane."""
     tables = {
         "name": name,
         "site": site,
@@ -220,4 +223,5 @@ def _scene(
 
 
 def _draw(kind: str, depth: float, count: int) -> dict[str, Any]:
+    """Return a draw of mines of a kind at a depth."""
     return {"kind": kind, "depth": depth, "count": count}

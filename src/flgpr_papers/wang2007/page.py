@@ -152,6 +152,7 @@ def _retrained_rows(pool: Pool, draws: int) -> list[Row]:
 
 
 def _lane_row(result: LaneResult) -> Row:
+    """Return the row of a lane: its length, mines and alarms."""
     length = result.lane.y_max - result.lane.y_min
     count = ((result.truth["kind"] == kind).sum() for kind in ("metal", "plastic", "simulant"))
     surface = (result.truth["depth"] < 0).sum()
@@ -160,6 +161,7 @@ def _lane_row(result: LaneResult) -> Row:
 
 
 def _two_digits(values: Any) -> list[str]:
+    """Return values with two decimals."""
     return [f"{value:.2f}" for value in values]
 
 
@@ -169,10 +171,12 @@ def _steps(order: Iterable[int], score: Iterable[float]) -> list[str]:
 
 
 def _found_steps(search: Sequence[SearchStep]) -> list[str]:
+    """Return the steps of a search of ours as Table II writes them."""
     return _steps([step.feature + 1 for step in search], [step.score for step in search])
 
 
 def _single_rows(table: pd.DataFrame) -> list[Row]:
+    """Tabulate single features by method, the paper's and ours (Table I)."""
     rows: list[Row] = []
     for method, meaning in METHODS.items():
         rows.append((f"({method}) {meaning}", "paper", *_two_digits(PAPER["singles"][method])))
@@ -181,6 +185,7 @@ def _single_rows(table: pd.DataFrame) -> list[Row]:
 
 
 def _search_rows(searches: Mapping[str, Sequence[SearchStep]]) -> list[Row]:
+    """Tabulate searches by method, the paper's and ours (Table II)."""
     rows: list[Row] = []
     for method in METHODS:
         rows.append((f"({method})", "paper", *_steps(*PAPER["searches"][method])))
@@ -189,6 +194,7 @@ def _search_rows(searches: Mapping[str, Sequence[SearchStep]]) -> list[Row]:
 
 
 def _set_rows(sets: Mapping[str, Sequence[SearchStep]]) -> list[Row]:
+    """Tabulate the best sets by sub-band, the paper's and ours."""
     rows = []
     for band in SUBBANDS:
         paper, score = PAPER["sets"][band]
@@ -198,6 +204,7 @@ def _set_rows(sets: Mapping[str, Sequence[SearchStep]]) -> list[Row]:
 
 
 def _variant_rows(pool: Pool) -> list[Row]:
+    """Tabulate single features by other readings of the paper: regions and gain."""
     shared = pool.singles([f"shared.{name}_F1" for name in FEATURES[6:]], "A")
     return [
         ("as printed", *_two_digits(table_one(pool, "F1").loc["A"])),

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 import flgpr
-from flgpr.chain.detect import detect
-from flgpr.chain.lane_chain import CleanedRun, LaneChain
+from flgpr.chain.cleaned import CleanedRun
+from flgpr.chain.lane_setup import LaneSetup
+from flgpr.chain.method import detect, engine_of
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
 from flgpr.model import lane_to_scan
@@ -153,6 +154,7 @@ def trials(
 
 
 def _job(kind: str, name: str, quick: bool, world: str) -> tuple[Any, Scene]:
+    """Return how a changed lane is recorded, and its scene."""
     if kind == "clutter":
         return clutter_record, clutter_scene(name, quick, world)
     return mine_record, mine_scene(name, quick)
@@ -207,6 +209,7 @@ def _scene(
     quick: bool,
     world: str,
 ) -> Scene:
+    """Return a lane with draws of mines and changed tables."""
     track = {**TRACK, "step": (2.6, 3.0), "start": -14.0} if quick else TRACK
     scene = Scene.model_validate(
         {
@@ -234,9 +237,9 @@ def clutter_record(scene: Scene, seed: int) -> dict[str, Any]:
     radar = sensor().model_copy(update={"polarization": ("HH", "VV")})
     run, truth = simulate(scene, radar, seed)
     recipe = parse_recipe(recipe_text("wang2007"))
-    chain = LaneChain(run, recipe, scene.lane, explains=False)
-    chain.go(silent, ("signature", "gain"))
-    view, scans = _run_view(chain.cleaned, run, recipe, scene, truth)
+    setup = LaneSetup(run, recipe, scene.lane, explains=False)
+    engine_of(setup).run(silent, ("signature", "gain"))
+    view, scans = _run_view(setup.cleaned, run, recipe, scene, truth)
     result = LaneResult("twin", scene.lane, truth, pd.DataFrame(), pd.DataFrame(), view, None)
     levels = clutter_levels([result], CLEAR).drop(columns="lane")
     return {"view": levels.to_dict("records"), "scans": scans}
@@ -292,7 +295,7 @@ def mine_record(scene: Scene, seed: int) -> dict[str, Any]:
     """
     run, truth = simulate(scene, sensor(F1_BAND), seed)
     recipe = recipe_of_f1()
-    alarms = detect(run, recipe, scene.lane)[0].alarms
+    alarms = detect(run, recipe, scene.lane).alarms
     by = {"contrast": alarms, "prescreener": alarms.assign(confidence=alarms["magnitude"])}
     table = truth[["kind", "depth"]].copy()
     for name, ranked in by.items():
@@ -358,6 +361,7 @@ def _gap_trial(
     predicted: Bounds | None = None,
     band: str = "F2",
 ) -> Trial:
+    """Return a trial of a band's clutter less that of F1."""
     table = pd.concat([pd.DataFrame(record[where]) for record in records[name]])
     gap = (table[f"HH {band}"] - table["HH F1"]).dropna().to_numpy(dtype=np.float64)
     unit_of_sample = "stretches" if where == "view" else "scan images"

@@ -14,7 +14,10 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.lane_chain import CleanedRun, LaneChain
+from flgpr.chain.cleaned import CleanedRun
+from flgpr.chain.detection import detection_of
+from flgpr.chain.lane_setup import LaneSetup
+from flgpr.chain.method import engine_of
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.clutter import Background
@@ -127,6 +130,7 @@ def _text_of_f1() -> str:
 
 
 def _lanes(quick: bool, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
+    """Return the calibration and the blind lanes."""
     return quick_scenes(world=world) if quick else (calibration_scenes(world), blind_scenes(world))
 
 
@@ -156,10 +160,10 @@ def lane_result(
     is_complete = (extras.is_file() or not wide) and (pictures.is_file() or not examples)
     if not (is_complete and _is_done(result_folder, store, text)):
         run = open_run(store)
-        chain = LaneChain(run, recipe, lane, explains=False, whole=True)
-        chain.go(track, ("signature", "gain", "view", "alarms", "features"))
-        cleaned = chain.cleaned
-        detection = chain.detection()
+        setup = LaneSetup(run, recipe, lane, explains=False, whole_background=True)
+        engine_of(setup).run(track, ("signature", "gain", "view", "alarms", "features"))
+        cleaned = setup.cleaned
+        detection = detection_of(setup)
         extras.parent.mkdir(parents=True, exist_ok=True)
         if examples:
             save_examples(pictures, cleaned, run, recipe, truth, detection.alarms)
@@ -208,6 +212,7 @@ def wide_view(
 
 
 def _is_done(result_folder: Path, store: Path, text: str) -> bool:
+    """Return whether a result is of this store and recipe."""
     try:
         manifest: dict[str, Any] = read_result(result_folder).manifest
     except ResultError:
@@ -347,6 +352,7 @@ def _distances(alarms: pd.DataFrame, targets: pd.DataFrame) -> NDArray[np.float6
 
 
 def _scan_before(imager: ScanImager, poses: NDArray[np.float64], y: float) -> int:
+    """Return the scan from which a position is nearest to the usual distance ahead."""
     ahead = y - poses[imager.scans, 1]
     return int(imager.scans[int(np.argmin(np.abs(ahead - _AHEAD)))])
 

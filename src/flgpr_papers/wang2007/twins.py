@@ -101,6 +101,7 @@ def drawings(shown: Shown) -> Iterator[Drawing]:
 
 
 def _geometry(shown: Shown) -> Drawing:
+    """Return the twin of the array's geometry."""
     sensor = shown.radar
     image = shown.recipe.image
     tones = shown.radar.tones.axis()
@@ -130,6 +131,7 @@ def _geometry(shown: Shown) -> Drawing:
 
 
 def _polarizations(shown: Shown) -> Drawing:
+    """Return the twin of a scan in all polarizations."""
     numbers = (
         ("polarizations", "HH, VV, HV", ", ".join(_POLARIZATIONS)),
         ("sub-band", "F0", "F0"),
@@ -146,6 +148,7 @@ def _polarizations(shown: Shown) -> Drawing:
 
 
 def _subbands(shown: Shown) -> Drawing:
+    """Return the twin of a scan in all sub-bands."""
     numbers = [("polarization", "VV", "VV")]
     middle = float(np.mean(shown.recipe.image.y))
     for name in _BANDS:
@@ -155,7 +158,10 @@ def _subbands(shown: Shown) -> Drawing:
         )
         stated = "about 25 cm" if name != "F0" else _NOT_GIVEN
         numbers.append((f"range resolution, {name}", stated, f"{100 * down:.0f} cm"))
-    caption = f"The scan of Fig. 2 in VV. Resolution: half-power width of a point on the ground {middle:g} m ahead."
+    caption = (
+        "The scan of Fig. 2 in VV. "
+        f"Resolution: half-power width of a point on the ground {middle:g} m ahead."
+    )
     return Drawing(
         "Fig. 3",
         "One scan in five sub-bands",
@@ -166,6 +172,7 @@ def _subbands(shown: Shown) -> Drawing:
 
 
 def _series(shown: Shown) -> Drawing:
+    """Return the twin of a series of scans."""
     ahead = shown.examples["series_place"][:, 1]
     steps = np.abs(np.diff(ahead))
     numbers = (
@@ -199,6 +206,7 @@ def likeness(series: NDArray[Any]) -> float:
 
 
 def _background(shown: Shown) -> Drawing:
+    """Return the twin of self-signature and gain background."""
     median, mean, step = shown.recipe.smoothing
     every = "" if step == 1 else f", at every {step}th both ways"
     numbers = (
@@ -206,12 +214,16 @@ def _background(shown: Shown) -> Drawing:
         ("median filter", "21 x 21 pixels", f"{median[0]} x {median[1]} pixels{every}"),
         ("averaging filter", "51 x 51 pixels", f"{mean[0]} x {mean[1]} pixels"),
     )
-    caption = "(a) scan, (b) self-signature, (c) the scan less it, (d) gain background, (e) the one over the other."
+    caption = (
+        "(a) scan, (b) self-signature, (c) the scan less it, (d) gain background, "
+        "(e) the one over the other."
+    )
     figure = figures.background_figure(shown.examples)
     return Drawing("Fig. 5", "Background removal and normalisation", caption, figure, numbers)
 
 
 def _run_view(shown: Shown) -> Drawing:
+    """Return the twin of the run-view."""
     view = shown.recipe.run_view
     numbers = (
         ("channel", "HH, F1", "HH, F1"),
@@ -227,6 +239,7 @@ def _run_view(shown: Shown) -> Drawing:
 
 
 def _alarms(shown: Shown) -> Drawing:
+    """Return the twin of the prescreener's alarms."""
     screen = shown.recipe.prescreen
     lanes = shown.calibration
     area = sum(
@@ -249,6 +262,7 @@ def _alarms(shown: Shown) -> Drawing:
 
 
 def _clean_bands(shown: Shown) -> Drawing:
+    """Return the twin of cleaned images by sub-band."""
     levels = clutter_levels(shown.calibration)
     numbers = [
         ("top row, VV", "metal mine, 15 cm", shown.example("metal")),
@@ -267,6 +281,7 @@ def _clean_bands(shown: Shown) -> Drawing:
 
 
 def _prescreener(shown: Shown) -> Drawing:
+    """Return the twin of the prescreener's ROC."""
     numbers = [
         ("Pd of HH F1 at 0.15 per m²", "100 %", _pd(shown.prescreener["HH", "F1"], MINES, 0.15))
     ]
@@ -284,6 +299,7 @@ def _prescreener(shown: Shown) -> Drawing:
 
 
 def _patches(shown: Shown) -> Drawing:
+    """Return the twin of patches at alarms."""
     patch = shown.recipe.contrast
     numbers = (
         (
@@ -307,6 +323,7 @@ def _patches(shown: Shown) -> Drawing:
 
 
 def _regions(shown: Shown) -> Drawing:
+    """Return the twin of the contrast's regions."""
     patch = shown.recipe.contrast
     inner, guard = ("{} x {} pixels".format(*size) for size in (patch.inner, patch.guard))
     numbers = (
@@ -320,6 +337,7 @@ def _regions(shown: Shown) -> Drawing:
 
 
 def _normalisation(shown: Shown) -> Drawing:
+    """Return the twin of the normalised features."""
     lanes = [
         (result.name, result.alarms, result.features, result.truth, result.lane)
         for result in shown.calibration
@@ -341,6 +359,7 @@ def _normalisation(shown: Shown) -> Drawing:
 
 
 def _best_feature(shown: Shown) -> Drawing:
+    """Return the twin of the best feature's ROC."""
     contrast = shown.classifiers["A"]
     numbers = [
         ("C_HH over the prescreener", "very significant, metal and plastic", "see the statements")
@@ -361,6 +380,7 @@ def _best_feature(shown: Shown) -> Drawing:
 
 
 def _classifiers(shown: Shown) -> Drawing:
+    """Return the twin of the classifiers' ROC."""
     numbers = []
     for name, match in shown.blind.items():
         numbers.append(

@@ -237,11 +237,13 @@ def _repeated_rows(
 
 
 def _log_determinant(information: FloatArray) -> float:
+    """Return the rounded log determinant of an information matrix; -inf if it is singular."""
     sign, value = np.linalg.slogdet(information)
     return round(float(value), _DIGITS) if sign > 0 else -np.inf
 
 
 def _level_numbers(table: pd.DataFrame, axis: str, levels: Sequence[Any]) -> NDArray[np.intp]:
+    """Return the index of each row's level; refuse an unknown level."""
     number = {level: index for index, level in enumerate(levels)}
     unknown = [value for value in table[axis] if value not in number]
     if unknown:

@@ -12,7 +12,7 @@ from scipy.optimize import brentq, minimize
 from scipy.special import expit
 
 from flgpr.chain.progress import Track, silent
-from flgpr.execution.executors import Executor
+from flgpr.execution.workers import Executor
 from flgpr_papers.kit.worlds import AXES, DECLARED, World, design_worlds
 from flgpr_papers.worlds.design import marginal_row, model_matrix, term_columns
 from flgpr_papers.worlds.effects import Fit, fit_means, fit_shares
@@ -37,6 +37,7 @@ def jobs(quick: bool = False) -> list[LaneJob]:
 
 
 def _job(world: World, declared: dict[str, float]) -> LaneJob:
+    """Return the lane of a world."""
     about = {
         "number": world.number,
         **{axis: getattr(world, axis) for axis in AXES},

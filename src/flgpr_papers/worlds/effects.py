@@ -145,6 +145,7 @@ def fit_means(matrix: FloatArray, values: ArrayLike) -> Fit:
 
 
 def _check(matrix: FloatArray) -> None:
+    """Refuse a matrix that cannot be fitted: too few rows or dependent columns."""
     rows, columns = matrix.shape
     rank = int(np.linalg.matrix_rank(matrix))
     if rows <= columns or rank < columns:

@@ -337,5 +337,6 @@ def _draw_margins(axes: Axes, worlds: pd.DataFrame) -> None:
 
 
 def _label_levels(axes: Axes, across: list[Any], down: list[Any]) -> None:
+    """Label the ticks of both axes with levels."""
     axes.set_xticks(range(len(across)), [f"{level:g}" for level in across], fontsize=6)
     axes.set_yticks(range(len(down)), [f"{level:g}" for level in down], fontsize=6)

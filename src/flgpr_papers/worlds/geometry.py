@@ -13,7 +13,7 @@ import pandas as pd
 from scipy.special import stdtrit
 
 from flgpr.chain.progress import Track, silent
-from flgpr.execution.executors import Executor
+from flgpr.execution.workers import Executor
 from flgpr.scoring import clopper_pearson
 from flgpr.simulate.scene.scene import site_tables
 from flgpr_papers.kit.worlds import DECLARED

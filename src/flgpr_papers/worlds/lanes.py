@@ -22,10 +22,10 @@ import numpy as np
 import pandas as pd
 
 import flgpr
-from flgpr.chain.detect import detect
+from flgpr.chain.method import detect
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
-from flgpr.execution.executors import Executor
+from flgpr.execution.workers import Executor
 from flgpr.model import Sensor, load_sensor
 from flgpr.scoring import assign, chance, match, operating_row, roc_of
 from flgpr.simulate import Scene, draw_world, simulate
@@ -100,7 +100,7 @@ def run_job(job: Mapping[str, Any], folder: str) -> dict[str, Any]:
     targets_found = []
     for ground in lane.ground or (None,):
         recipe = lane_recipe(ground)
-        alarms = detect(run, recipe, scene.lane)[0].alarms
+        alarms = detect(run, recipe, scene.lane).alarms
         targets_found.append(_scored(alarms, truth, scene, ground))
     ratios: list[float] = []
     if lane.ratios:

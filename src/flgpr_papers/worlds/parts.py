@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from flgpr.execution.survey import PLAINLY, How
+from flgpr.execution.survey import DEFAULTS, RunOptions
 from flgpr.store import write_whole
 from flgpr_papers.worlds import ablation, detection, geometry, statements
 from flgpr_papers.worlds.figures import draw_figures
@@ -27,7 +27,10 @@ _FORM = "worlds.json"
 
 
 def map_worlds(
-    output: str | Path, parts: Sequence[str] = tuple(RUN), quick: bool = False, how: How = PLAINLY
+    output: str | Path,
+    parts: Sequence[str] = tuple(RUN),
+    quick: bool = False,
+    how: RunOptions = DEFAULTS,
 ) -> Path:
     """Run parts of the map of worlds and write their tables, figures and the page.
 
@@ -44,7 +47,7 @@ def map_worlds(
     quick : bool
         Few worlds and short lanes with other seeds, which only show that everything runs; the page
         says so.
-    how : How
+    how : RunOptions
         Who works, each at a lane or at a study in a world, and who is shown progress.
 
     Returns

@@ -28,7 +28,7 @@ from scipy.special import stdtrit
 
 import flgpr
 from flgpr.chain.progress import Track, silent
-from flgpr.execution.executors import Executor
+from flgpr.execution.workers import Executor
 from flgpr.store import write_whole
 from flgpr_papers.kit.cache import key_of
 from flgpr_papers.kit.findings import (

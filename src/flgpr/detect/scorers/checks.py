@@ -55,21 +55,43 @@ class Checked:
         self._settings = dict(settings)
         self._arrays = dict(arrays)
 
-    def array(self, name: str, shape: Sequence[int | None], integer: bool = False) -> NDArray[Any]:
-        """Return an array of finite float64, or of int64; None in ``shape`` allows any length."""
+    def array(
+        self,
+        name: str,
+        shape: Sequence[int | None],
+        *types: type[np.generic],
+        finite: bool = True,
+    ) -> NDArray[Any]:
+        """Return an array of one of some ``types``, by default of float64, whose numbers are finite.
+
+        None in ``shape`` allows any length of an axis. Without ``finite``, infinity may be among
+        the numbers, but NaN may not.
+        """
         if name not in self._arrays:
             raise ValueError(f"array {name!r} is missing")
         value = self._arrays.pop(name)
-        dtype = np.dtype(np.int64 if integer else np.float64)
-        if value.dtype != dtype:
-            raise ValueError(f"array {name!r} must hold {dtype}, got {value.dtype}")
+        allowed = [np.dtype(kind) for kind in types or (np.float64,)]
+        if value.dtype not in allowed:
+            names = " or ".join(map(str, allowed))
+            raise ValueError(f"array {name!r} must hold {names}, got {value.dtype}")
         if not _shape_fits(value.shape, shape):
             described = ", ".join("any" if length is None else str(length) for length in shape)
             raise ValueError(f"array {name!r} must have the shape ({described}), got {value.shape}")
-        if not integer and not np.isfinite(value).all():
-            infinite = np.count_nonzero(~np.isfinite(value))
-            raise ValueError(f"array {name!r} must be finite, got {infinite} that are not")
+        bad = ~np.isfinite(value) if finite else np.isnan(value)
+        if bad.any():
+            rule = "be finite" if finite else "be numbers"
+            raise ValueError(
+                f"array {name!r} must {rule}, got {np.count_nonzero(bad)} that are not"
+            )
         return value
+
+    def take_all(self) -> None:
+        """Take all arrays that are left, whatever they are."""
+        self._arrays = {}
+
+    def has(self, name: str) -> bool:
+        """Tell whether an array of this name is there and was not taken yet."""
+        return name in self._arrays
 
     def number(self, name: str, low: float = -math.inf, high: float = math.inf) -> float:
         """Return a finite number from ``low`` to ``high``."""

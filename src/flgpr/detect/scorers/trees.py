@@ -90,10 +90,10 @@ class Trees:
         value = checked.array("value", (None,))
         count = len(value)
         trees = cls(
-            checked.array("first", (None,), integer=True),
-            checked.array("left", (count,), integer=True),
-            checked.array("right", (count,), integer=True),
-            checked.array("feature", (count,), integer=True),
+            checked.array("first", (None,), np.int64),
+            checked.array("left", (count,), np.int64),
+            checked.array("right", (count,), np.int64),
+            checked.array("feature", (count,), np.int64),
             checked.array("split", (count,)),
             value,
         )
