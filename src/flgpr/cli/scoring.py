@@ -87,7 +87,8 @@ def score(
     witness: Annotated[
         Path | None,
         Option(
-            help="With --book: a file elsewhere that must know the register's lines; told of new ones."
+            help="A file elsewhere that must know the lines of the register (--book), or else of the log of looks "
+            "(--sealed); told of new ones."
         ),
     ] = None,
     agreement: Annotated[
@@ -119,7 +120,8 @@ def score(
     given |= {"halo": halo, "far": far, "show": show, "recipe": recipe or None}
     given |= {"columns": columns, "truth-columns": truth_columns, "anchor": anchor}
     with plain_errors(quiet):
-        watched = with_witness(book, witness)
+        of_looks = witness if sealed is not None and book is None else None
+        watched = with_witness(book, None if of_looks else witness)
         if agreement:
             more = {"output": output, "book": book, "seal": seal or None}
             _refuse(
@@ -154,6 +156,7 @@ def score(
                 "--sealed scores by the rules that the truth was sealed with",
             )
             tasks.require_seal()
+            how["witness"] = of_looks
             if not overwrite and tasks.holds_sealed_score(alarms, sealed, home, recipes, watched):
                 if as_json:
                     name = "comparison.json" if several else "roc.json"
