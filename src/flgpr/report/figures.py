@@ -299,6 +299,7 @@ def _legend(truth: pd.DataFrame | None, objects: pd.DataFrame | None) -> list[Li
 # inches of a panel at most
 _WIDE = 7.5
 _HIGH = 6.0
+_MARGIN = 0.08  # of a panel, beside whose edge a number would be cut off
 
 
 def image_figure(
@@ -318,7 +319,7 @@ def image_figure(
     ratio = np.clip(sizes[up] / sizes[across], 0.12, 2.5)
     width = min(_WIDE, _HIGH / ratio)
     figure = Figure(
-        figsize=(width * len(shown) + 1.6, (width * ratio + 1.1) * len(labels)), layout="constrained"
+        figsize=(width * len(shown) + 1.6, (width * ratio + 1.1) * len(labels)), layout="compressed"
     )  # fmt: skip
     panels = figure.subplots(len(labels), len(shown), squeeze=False)
     for row, (label, line) in enumerate(zip(labels, panels, strict=True)):
@@ -341,16 +342,7 @@ def image_figure(
             axes.axis(window)
             axes.set(xlabel=f"{a} (m)", ylabel=f"{b} (m)")
             if row == 0:
-                for number, peak in enumerate(peaks[[a, b]].to_numpy(), 1):
-                    axes.annotate(
-                        str(number),
-                        peak,
-                        xytext=(6, 6),
-                        textcoords="offset points",
-                        color="white",
-                        fontsize=8,
-                    )
-                    axes.plot(*peak, "o", mfc="none", mec="white", markersize=9)
+                _number_points(axes, peaks[[a, b]].to_numpy())
         bar = figure.colorbar(drawn, ax=line[-1], shrink=0.8, pad=0.02)
         # On two lines, so that the bar of a low panel holds its label as a whole.
         bar.set_label(f"{label}, dB re its\nstrongest pixel", fontsize=9)
@@ -359,3 +351,24 @@ def image_figure(
         ", ".join(part for part in (str(image.attrs.get("title", "")), fixed) if part), fontsize=10
     )
     return figure
+
+
+def _number_points(axes: Axes, points: NDArray[np.float64]) -> None:
+    """Circle points (point, 2) and number them from 1 on, each number on the side where the panel goes on."""
+    left, right, bottom, top = axes.axis()
+    for number, (across, up) in enumerate(points.tolist(), 1):
+        near_right = across > right - _MARGIN * (right - left)
+        near_top = up > top - _MARGIN * (top - bottom)
+        text = axes.annotate(
+            str(number),
+            (across, up),
+            xytext=(-6 if near_right else 6, -6 if near_top else 6),
+            textcoords="offset points",
+            ha="right" if near_right else "left",
+            va="top" if near_top else "bottom",
+            color="white",
+            fontsize=8,
+        )
+        text.set_in_layout(False)  # what lies in the panel moves no label out of the figure
+        axes.plot(across, up, "o", mfc="none", mec="white", markersize=9)
+    axes.axis((left, right, bottom, top))

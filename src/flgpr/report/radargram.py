@@ -29,7 +29,8 @@ def radargram_figure(
 
     Traces stand side by side at equal widths. Where their distances (trace,), m, are even, they are the axis below;
     where they are not, that is the traces' numbers, and the axis above has the distances at some of them. What holds
-    no data is left white. The grey scale ends at the 99th percentile of the amplitudes.
+    no data is left white. The grey scale ends at the 99th percentile of the amplitudes;
+    pointed ends of its bar tell that there are larger ones.
     """
     figure = Figure(figsize=(9.5, 5.6), layout="constrained")
     axes = figure.subplots()
@@ -55,7 +56,15 @@ def radargram_figure(
         _distances_above(axes, number, distance)
     if depth is not None:
         _depth_beside(axes, time, depth)
-    figure.colorbar(drawn, ax=axes, label=unit, shrink=0.8, pad=0.02 if depth is None else 0.03)
+    clipped = bool((known > top).any())
+    figure.colorbar(
+        drawn,
+        ax=axes,
+        label=unit,
+        shrink=0.8,
+        pad=0.02 if depth is None else 0.03,
+        extend="both" if clipped else "neither",
+    )
     return figure
 
 

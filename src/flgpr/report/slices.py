@@ -27,7 +27,7 @@ def slices_figure(image: xr.DataArray, pose: NDArray[np.float64], span: float = 
     width = 3.1
     ratio = float(np.clip(np.ptp(y) / np.ptp(x), 0.4, 2.2))
     figure = Figure(
-        figsize=(width * columns + 1.4, (width * ratio + 0.7) * rows + 0.5), layout="constrained"
+        figsize=(width * columns + 1.4, (width * ratio + 0.7) * rows + 0.5), layout="compressed"
     )
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     drawn: Any = None
