@@ -22,6 +22,7 @@ from flgpr.geo.anchor import fit_anchor
 from flgpr.live.feeding import feed
 from flgpr.model import make_run
 from flgpr.model.track import make_track
+from flgpr.proving_ground import run_benchmark
 from flgpr.simulate.bodies.signature import build
 from flgpr.simulate.bodies.signature import table as nodes
 from flgpr.store import open_run, sample_lane, save_run, write_table
@@ -31,6 +32,7 @@ from robust import digests
 from scans_mapping import TIME, line_mapping
 from small_lane import LANE_TOML, small_recipe, small_run
 from systems.lanes import SENSOR
+from systems.lanes import small_recipe as cut_recipe
 
 DATA = Path(__file__).parent / "data"
 PHRASE = "correct horse battery"
@@ -50,6 +52,8 @@ class Command:
     beside: tuple[str, ...] = ()
     #: files that hold times or random numbers: they must be there, with whatever bytes
     loose: tuple[str, ...] = ()
+    #: names with a random number or a digest of one: as many must be there
+    drawn: tuple[str, ...] = ()
     inputs: Path = field(default_factory=Path)
 
     def start(self, output):
@@ -71,10 +75,14 @@ class Command:
     def content(self, output):
         """Digests of all files, but for those with times or random numbers: they are named."""
         found = digests(output)
-        return {
-            name: "there" if any(fnmatch.fnmatch(name, one) for one in self.loose) else digest
-            for name, digest in found.items()
-        }
+        content = dict(found)
+        for pattern in self.loose:
+            content |= dict.fromkeys(fnmatch.filter(found, pattern), "there")
+        for pattern in self.drawn:
+            names = fnmatch.filter(found, pattern)
+            content = {name: one for name, one in content.items() if name not in names}
+            content[pattern] = f"{len(names)} there"
+        return content
 
 
 def make_signatures_cheap(change=setattr):
@@ -325,8 +333,34 @@ COMMANDS = [
         "feed {in}/lane.zarr {out}/in --rate 0 --lead 0",
         "feed {in}/run.zarr {out}/in --rate 0 --lead 0",
     ),
+    Command(
+        "benchmark run",
+        "benchmark run {in}/entry.toml --ground {in}/ground.toml -o {out}/ground",
+        "benchmark run {in}/entry.toml --ground {in}/other-ground.toml -o {out}/ground",
+        loose=(
+            "*costs.csv",
+            "*costs.json",
+            "ground/index.html",
+            "ground/kept/*.json",
+            "*/truth.sealed.json*",
+        ),
+        drawn=("*/score-*.json",),
+    ),
+    Command(
+        "benchmark table",
+        "benchmark table {out}/ground",
+        beside=("ground",),
+        loose=("*costs.csv", "ground/index.html", "*/truth.sealed.json.log.jsonl"),
+        drawn=("*/score-*.json",),
+    ),
+    Command(
+        "benchmark oracle",
+        "benchmark oracle {out}/ground --recipe {in}/entry.toml",
+        beside=("ground",),
+        loose=("*costs.csv", "*costs.json", "ground/index.html", "*/truth.sealed.json.log.jsonl"),
+        drawn=("*/score-*.json",),
+    ),
 ]
-"""What takes minutes, ``benchmark`` and ``reproduce``, has tests of its own."""
 
 
 def make_inputs(home):
@@ -353,6 +387,7 @@ def make_inputs(home):
     _make_lane(home)
     _make_rail(home)
     _make_plan(home)
+    _make_ground(home)
     return {one.name: _with_inputs(one, home) for one in COMMANDS}
 
 
@@ -472,6 +507,50 @@ def _make_plan(home):
     (home / "other-sheet.csv").write_text(
         "\n".join([rows[0], *(",".join(row) for row in cells)]) + "\n"
     )
+
+
+GROUND = """
+name = "small"
+version = {version}
+sensor = "{sensor}"
+halo = 1.0
+fars = [0.02, 0.1]
+far = 0.1
+reference = "entry"
+[scene.surface]
+density = 2.0
+[scene.track]
+positions = [-6.0, -4.0, -2.0, 0.0]
+[sites]
+arid = "arid-sand"
+[sorts]
+metal = {{ kind = "metal" }}
+[lanes.known]
+part = "train"
+length = 8.0
+targets = [["metal", -0.15, 2]]
+[lanes.test]
+part = "test"
+length = 8.0
+targets = [["metal", -0.15, 2]]
+[lanes.bare]
+part = "test"
+length = 8.0
+targets = []
+[splits.standard]
+title = "all"
+folds = [{{ train = ["*-known-*"], test = ["*-test-*", "*-bare-*"] }}]
+"""
+
+
+def _make_ground(home):
+    """Make a proving ground of two short lanes, an entry that is not trained, and what it found."""
+    (home / "ground-sensor.toml").write_text(SENSOR)
+    for name, version in (("ground", 3), ("other-ground", 4)):
+        text = GROUND.format(version=version, sensor=home / "ground-sensor.toml")
+        (home / f"{name}.toml").write_text(text)
+    (home / "entry.toml").write_text(cut_recipe("wang2007"))
+    run_benchmark([home / "entry.toml"], home / "ground", ground=home / "ground.toml")
 
 
 def names_of_commands():

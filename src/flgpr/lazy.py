@@ -63,7 +63,7 @@ class Verb(ModuleType):
     def __doc__(self) -> str:  # type: ignore[override]
         text = self.__dict__.get("__doc__") or ""
         called = f"{self.__name__}{self.__signature__}"
-        return f"{text}\n\n{called}\n\n{inspect.getdoc(self._function())}"
+        return f"{text}\n\n``{called}``\n\n{inspect.getdoc(self._function())}"
 
 
 class Verbs(ModuleType):

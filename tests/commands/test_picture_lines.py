@@ -3,7 +3,11 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
@@ -90,11 +94,36 @@ def test_the_label_of_the_colour_bar_is_whole(line):
 
     made = make_picture(line, View(permittivity=TRUE, z=(-0.4, 0.0)))
     figure = image_figure(made.image, made.peaks, open_run(line)["pose"].values)
-    figure.canvas.draw()
+    FigureCanvasAgg(figure).draw()  # that of a figure without a window draws nothing
     bar = figure.axes[-1]
     box = bar.yaxis.label.get_window_extent()
     assert 0 <= box.y0 < box.y1 <= figure.bbox.y1
     assert box.x1 <= figure.bbox.x1
+
+
+@pytest.mark.parametrize(("across", "along"), [(60, 142), (60, 20), (20, 20), (90, 8)])
+def test_all_words_of_a_picture_lie_in_it(across, along):
+    """Points at the edges have numbers, too, and those move no label out of the figure."""
+    from flgpr.report.figures import image_figure
+
+    x = 0.08 * np.arange(across) - 1.7
+    y = 0.08 * np.arange(along) + 2.4
+    image = xr.DataArray(
+        np.ones((1, 1, along, across), complex),
+        dims=("polarization", "z", "y", "x"),
+        coords={"polarization": ["VV"], "z": [0.0], "y": y, "x": x},
+        attrs={"title": "drive, 6 scans"},
+    )
+    peaks = pd.DataFrame({"x": [x[0], x[-1], x[-1]], "y": [y[0], y[-1], y[0]], "z": 0.0})
+    figure = image_figure(image, peaks, np.zeros((2, 6)))
+    FigureCanvasAgg(figure).draw()  # that of a figure without a window draws nothing
+    texts = [text for text in figure.findobj(Text) if text.get_text() and text.get_visible()]
+    shown = [text for text in texts if text.get_text() in ("x (m)", "y (m)", "1", "2", "3")]
+    assert len(shown) >= 5
+    for text in shown:
+        box = text.get_window_extent()
+        assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1, text.get_text()
+        assert figure.bbox.y0 <= box.y0 < box.y1 <= figure.bbox.y1, text.get_text()
 
 
 def test_noise_tells_no_permittivity_and_an_edge_is_none(line, tmp_path):

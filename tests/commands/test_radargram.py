@@ -117,6 +117,16 @@ def drawn(made):
     return radargram_figure(made.values, made.delay, *parts)
 
 
+def test_a_picture_is_called_by_its_file_and_tells_what_its_grey_scale_leaves_out(tmp_path):
+    made = make_radargram(write_mala(tmp_path / "a.rd3", COUNTS, SITE="meadow"))
+    assert made.title == "meadow (a.rd3)"
+    assert make_radargram(write_dt1(tmp_path / "b.dt1", COUNTS)).title == "b.dt1"
+    bar = drawn(made).axes[-1]
+    assert bar._colorbar.extend == "both"
+    level = make_radargram(write_dt1(tmp_path / "c.dt1", np.sign(COUNTS) * 7))
+    assert drawn(level).axes[-1]._colorbar.extend == "neither"
+
+
 def test_the_axis_below_is_the_distance_where_it_is_even_and_the_trace_where_not(tmp_path):
     made = make_radargram(write_dt1(tmp_path / "a.dt1", COUNTS))
     axes = drawn(made).axes[0]

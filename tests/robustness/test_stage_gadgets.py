@@ -110,7 +110,7 @@ def make(kind, name, arrays):
     stand_in = type(of.__name__, (Taken,), {"check_learnt": of.check_learnt})
     return make_stage(
         f"{kind}.{name}",
-        Named(stage=name, settings=of.Settings(**SETTINGS.get(name, {})), of=stand_in),
+        Named(stage=name, settings=of.Settings(**SETTINGS.get(name, {})), stage_class=stand_in),
         SETUP,
         arrays,
     )
@@ -243,7 +243,7 @@ def test_what_training_does_not_give_is_refused(gadget):
 
 
 def test_stages_of_others_may_leave_it_out():
-    named = Named(stage="own", settings=Table(), of=Taken)
+    named = Named(stage="own", settings=Table(), stage_class=Taken)
     arrays = {"anything": np.ones(3)}
     assert make_stage("features.own", named, SETUP, arrays).learnt is arrays
 

@@ -405,6 +405,67 @@ def test_the_command_checks_a_register_beside_reports_and_a_witness(tmp_path, tr
     ran = CliRunner().invoke(app, ["plan", "check", str(book), "--report", str(tmp_path / "a.csv")])
     assert "report must be the roc.json" in ran.output
     ran = CliRunner().invoke(
-        app, ["score", str(tmp_path / "a.csv"), "--sealed", str(sealed), "--witness", str(witness)]
+        app, ["score", str(tmp_path / "a.csv"), "--truth", "truth.csv", "--witness", str(witness)]
     )
     assert "--witness goes with --book" in ran.output
+
+
+def test_the_log_of_looks_has_a_witness_and_reports_as_a_register_has(tmp_path):
+    """Without a register the log alone tells how often a truth was looked at."""
+    pytest.importorskip("cryptography")
+    sealed = seal_truth(TRUTH, LANE, tmp_path / "sealed", PHRASE)
+    log = tmp_path / "sealed.log.jsonl"
+    witness = tmp_path / "witness.jsonl"
+    ALARMS.to_csv(tmp_path / "a.csv", index=False)
+
+    def look(name):
+        asked = [
+            "score",
+            str(tmp_path / "a.csv"),
+            "--sealed",
+            str(sealed),
+            "--witness",
+            str(witness),
+        ]
+        return CliRunner().invoke(app, [*asked, "-o", str(tmp_path / name)], input=f"{PHRASE}\n")
+
+    for name in ("one", "two"):
+        ran = look(name)
+        assert ran.exit_code == 0, ran.output
+    assert "log: 2 lines, the last is" in ran.output
+    reports = ["--report", str(tmp_path / "one"), "--report", str(tmp_path / "two")]
+    beside = (reports, ["--witness", str(witness)])
+    for some in beside:
+        ran = CliRunner().invoke(app, ["plan", "check", str(log), *some])
+        assert ran.exit_code == 0, ran.output
+    whole = log.read_bytes()
+    for kept in (1, 0):
+        log.write_bytes(b"".join(whole.splitlines(keepends=True)[:kept]))
+        for some in beside:
+            ran = CliRunner().invoke(app, ["plan", "check", str(log), *some])
+            assert ran.exit_code == 2
+            assert f"lacks line {kept + 1}" in ran.output
+        ran = look("three")
+        assert ran.exit_code == 2
+        assert f"lacks line {kept + 1}" in ran.output
+        assert not (tmp_path / "three").exists()
+
+
+def test_a_copy_in_the_same_folder_has_the_same_log(tmp_path):
+    pytest.importorskip("cryptography")
+    sealed = seal_truth(TRUTH, LANE, tmp_path / "sealed", PHRASE)
+    os.mkfifo(tmp_path / "a.log.jsonl")
+    (tmp_path / "b.log.jsonl").write_text("this is another file\n")
+    register(tmp_path / "c.log.jsonl", event="score", sealed="of another truth")
+    copied = shutil.copy(sealed, tmp_path / "copied")
+    os.link(sealed, tmp_path / "linked")
+    looks = [
+        score_blind(ALARMS, one, PHRASE).looks for one in (copied, sealed, tmp_path / "linked")
+    ]
+    assert looks == [1, 2, 3]
+    assert not (tmp_path / "sealed.log.jsonl").exists()
+    (tmp_path / "elsewhere").mkdir()
+    away = shutil.copy(sealed, tmp_path / "elsewhere" / "sealed")
+    assert (
+        score_blind(ALARMS, away, PHRASE).looks == 1
+    )  # another folder: the log did not go with it

@@ -35,7 +35,7 @@ def estimate_permittivity(
     ----------
     image : callable
         Returns the image of the same ground for a permittivity, such as
-        :meth:`flgpr.imaging.section.LineSection.image`.
+        :class:`flgpr.imaging.LineSection`.
     trials : sequence of float
         Permittivities to try, at least three that increase.
     track : callable

@@ -3,7 +3,7 @@
 A pass goes through the scans block by block. What is gathered of a block depends on nothing but the run, the recipe and
 the results of earlier passes; the states of the blocks are merged in the order of the blocks. So the bits of a result
 depend neither on how many work on it, nor where, nor on what was interrupted in between. The engine knows no pass by
-name: what a pass does stands in :mod:`flgpr.chain.passes` and in the stages.
+name: what a pass does stands in ``chain/passes`` and in the stages.
 """
 
 from __future__ import annotations

@@ -231,7 +231,7 @@ class DetectorTable(Table):
     """What is trained on the features of alarms: an estimator, the features it reads, and how.
 
     ``estimator`` is "fisher" (Wang et al. 2007: histogram normaliser, duplication of hits, Fisher discriminant), or one
-    that ``ALLOWED`` in :mod:`flgpr.chain.estimator_classes` names, with its ``options``; ``scale`` "standard" brings
+    that ``ALLOWED`` in ``chain/estimator_classes.py`` names, with its ``options``; ``scale`` "standard" brings
     every feature to zero mean and unit deviation before. With ``on`` "mines" it is shown the mines alone, with
     "clutter" all but these, and what is unlike that scores high. ``features`` are columns; names may end in ``*``.
     """

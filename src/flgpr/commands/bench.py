@@ -32,7 +32,7 @@ def bench_imaging(
     Returns
     -------
     pandas.DataFrame
-        A row for each code and piece of work, see :func:`flgpr.commands.imaging_speed.measure`.
+        A row for each code and piece of work, see ``measure`` in ``commands/imaging_speed.py``.
     """
     from flgpr.commands import imaging_speed
 

@@ -130,11 +130,19 @@ def radargram(section: GprSection, view: RadargramView = RadargramView()) -> Rad
     if (view.dewow or view.gain) and view.window is None:
         notes.append(_assumed_window(section, view))
     distance = None if section.distance is None else section.distance[number]
-    title = section.title if channels == 1 else f"{section.title}, channel {view.channel}"
+    title = _title(section, view.channel)
     return Radargram(
         title, steps.values[:, :samples], delay[:samples], number, distance, view.permittivity, steps.unit,
         tuple(steps.done), tuple(notes),
     )  # fmt: skip
+
+
+def _title(section: GprSection, channel: int) -> str:
+    """Name a line by its file, for several may have one site, and by what its header calls it."""
+    title = section.path.name
+    if section.title not in ("", section.path.stem):
+        title = f"{section.title} ({title})"
+    return title if section.traces.shape[1] == 1 else f"{title}, channel {channel}"
 
 
 @dataclass

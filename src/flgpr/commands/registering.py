@@ -177,19 +177,27 @@ def heads_of_reports(
     path, _ = parts_of(book)
     heads = {}
     for report in reports:
-        for head in _heads_in(report):
+        for head in _heads_in(report, _kinds_of(lines)):
             check_head(lines, head, path, str(report))
             heads[report] = head
     return heads
 
 
-def _heads_in(report: PathLike) -> list[dict[str, Any]]:
-    """List what a report tells of a register, once for every alarm list of it; a ValueError where it tells nothing."""
+def _kinds_of(lines: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Tell under which names a report speaks of these lines: the log of a sealed truth holds looks alone."""
+    if not lines:
+        return ["register", "log"]  # all of them may be missing
+    looks = all("sealed" in line and line.get("event") in ("score", "open") for line in lines)
+    return ["log"] if looks else ["register"]
+
+
+def _heads_in(report: PathLike, kinds: Sequence[str]) -> list[dict[str, Any]]:
+    """List what a report tells of a register or log, once for every alarm list; a ValueError where it tells nothing."""
     place = Path(report)
     try:
         notes = parse_json(_report_bytes(place))["notes"]
         told = [notes, *(one for one in notes.values() if isinstance(one, dict))]
-        heads = [one["register"] for one in told if isinstance(one.get("register"), dict)]
+        heads = [one[kind] for one in told for kind in kinds if isinstance(one.get(kind), dict)]
         known = bool(heads) and all(
             type(one["lines"]) is int and one["lines"] >= 0 and isinstance(one["head"], str)
             for one in heads
@@ -198,7 +206,7 @@ def _heads_in(report: PathLike) -> list[dict[str, Any]]:
         known = False
     if not known:
         raise ValueError(
-            f"report must be the roc.json of a score that was made with a register, got {report}"
+            f"report must be the roc.json of a score that was made with a {' or '.join(kinds)}, got {report}"
         )
     return heads
 

@@ -152,7 +152,8 @@ def score(
     witness: Annotated[
         PathLike | None,
         Option(
-            help="With --book: a file elsewhere that must know the register's lines; told of new ones."
+            help="A file elsewhere that must know the lines of the register (--book), or else of the log of looks "
+            "(--sealed); told of new ones."
         ),
     ] = None,
     agreement: Annotated[
@@ -215,8 +216,9 @@ def score(
         "truth-columns": truth_columns,
         "anchor": anchor,
     }
-    if witness is not None and book is None:
-        raise ValueError(f"--witness goes with --book, got --witness {witness} alone")
+    if witness is not None and book is None and sealed is None:
+        raise ValueError(f"--witness goes with --book or --sealed, got --witness {witness} alone")
+    looks_witness = witness if book is None else None
     register = None if book is None else with_witness(book, witness)
     if agreement:
         given |= {"output": output, "book": book, "seal": seal or None}
@@ -237,10 +239,24 @@ def score(
             return None
         if len(lists) > 1:
             return scoring.compare_sealed(
-                lists, sealed, passphrase, home, recipes=recipes, book=register
+                lists,
+                sealed,
+                passphrase,
+                home,
+                recipes=recipes,
+                book=register,
+                witness=looks_witness,
             )
         own = recipes[0] if recipes else None
-        return scoring.score_sealed(lists[0], sealed, passphrase, home, recipe=own, book=register)
+        return scoring.score_sealed(
+            lists[0],
+            sealed,
+            passphrase,
+            home,
+            recipe=own,
+            book=register,
+            witness=looks_witness,
+        )
     _refuse({"show": show}, (), "--show goes with --seal")
     if truth is None:
         raise ValueError("score needs --truth or --sealed, got neither")

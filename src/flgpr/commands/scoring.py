@@ -294,6 +294,7 @@ def compare_sealed(
     *,
     recipes: Sequence[PathLike] = (),
     book: Book | None = None,
+    witness: PathLike | None = None,
 ) -> SideBySide:
     """Set alarm lists side by side against a sealed truth, each a look; tells points and counts of all targets only.
 
@@ -308,7 +309,8 @@ def compare_sealed(
     matches = {}
     notes = {}
     for name, one, table in zip(names, entrants, tables, strict=True):
-        look = match_blind(table, place, phrase, log, registered=registration(one, book))
+        asked = registration(one, book)
+        look = match_blind(table, place, phrase, log, registered=asked, witness=witness)
         matches[name] = look.matched
         notes[name] = one.notes(look.line) | {"looks": len(look.looks), **look.heads}
         notes[name]["sealed_sha256"] = content_hash(place)
@@ -478,18 +480,20 @@ def score_sealed(
     *,
     recipe: PathLike | None = None,
     book: Book | None = None,
+    witness: PathLike | None = None,
 ) -> BlindScore:
     """Score an alarm list (CSV), or that of a result, against a sealed truth; tells nothing that shows a position.
 
     ``output`` is a folder for ``report.html`` and ``roc.json`` with what the score tells, ``log`` the log of all looks,
-    beside the sealed file by default. ``recipe`` and ``book`` are as for :func:`score_alarms`; a truth that was sealed
-    with a register demands them. Errors are those of :func:`flgpr.trials.score_blind`.
+    beside the sealed file by default, and ``witness`` a file elsewhere that must know the log's
+    lines. ``recipe`` and ``book`` are as for :func:`score_alarms`; a truth that was sealed with a
+    register demands them. Errors are those of :func:`flgpr.trials.score_blind`.
     """
     one = find_entrant(alarms, recipe)
     check_registered([one], book)
     place = existing(sealed, "sealed truth")
     table = one.table()
-    told = score_blind(table, place, passphrase, log, registration(one, book))
+    told = score_blind(table, place, passphrase, log, registration(one, book), witness)
     if output is not None:
         notes = one.notes(told.registered) | {"sealed_sha256": content_hash(place), **told.heads}
         _write(

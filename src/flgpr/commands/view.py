@@ -48,7 +48,7 @@ def view(
 
     Notes
     -----
-    It serves the page until it is interrupted. In a notebook :func:`flgpr.view` shows it.
+    It serves the page until it is interrupted. In a notebook the function ``view`` of the package shows it.
     """
     from flgpr import viewer
 

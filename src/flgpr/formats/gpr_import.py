@@ -64,7 +64,7 @@ def gpr_run(
 
     ``band``, Hz, is by default a quarter to twice the antenna's nominal frequency, or up to half of
     what the sampling holds where that is unknown or less than an octave of it is recorded; the
-    notes give the reason of a :class:`ReasonedBand`. With an ``anchor`` the satellite receiver's
+    notes give the reason of a ``ReasonedBand``. With an ``anchor`` the satellite receiver's
     positions put the traces in the lane; traces before its first and after its last are left out;
     with ``topography`` they are put on the receiver's heights, which else are not used.
     ``import_notes`` say what was assumed. What the headers do not tell and is not given, or does

@@ -357,6 +357,7 @@ def _legend(truth: pd.DataFrame | None, objects: pd.DataFrame | None) -> list[Li
 # largest size of a panel, inches
 _WIDE = 7.5
 _HIGH = 6.0
+_MARGIN = 0.08  # of a panel, beside whose edge a number would be cut off
 
 
 def image_figure(
@@ -385,7 +386,7 @@ def image_figure(
     ratio = np.clip(sizes[up] / sizes[across], 0.12, 2.5)
     width = min(_WIDE, _HIGH / ratio)
     size = (width * len(planes) + 1.6, (width * ratio + 1.1) * len(labels))
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Figure(figsize=size, layout="compressed")
     panels = figure.subplots(len(labels), len(planes), squeeze=False)
     for row, (label, line) in enumerate(zip(labels, panels, strict=True)):
         level = np.abs(image.values[row])
@@ -394,7 +395,7 @@ def image_figure(
             _draw_poses(axes, pose, plane)
             axes.set(xlabel=f"{plane[0]} (m)", ylabel=f"{plane[1]} (m)")
             if row == 0:
-                _draw_peaks(axes, peaks[list(plane)].to_numpy())
+                _number_points(axes, peaks[list(plane)].to_numpy())
         bar = figure.colorbar(mesh, ax=line[-1], shrink=0.8, pad=0.02)
         # On two lines, so that the label fits the bar of a low panel.
         bar.set_label(f"{label}, dB re its\nstrongest pixel", fontsize=9)
@@ -439,15 +440,22 @@ def _draw_poses(axes: Axes, pose: NDArray[np.float64], plane: tuple[str, str]) -
     axes.axis(limits)
 
 
-def _draw_peaks(axes: Axes, peaks: NDArray[np.float64]) -> None:
-    """Draw and number peaks."""
-    for number, peak in enumerate(peaks, 1):
-        axes.annotate(
+def _number_points(axes: Axes, points: NDArray[np.float64]) -> None:
+    """Circle points (point, 2) and number them from 1 on, each number on the side where the panel goes on."""
+    left, right, bottom, top = axes.axis()
+    for number, (across, up) in enumerate(points.tolist(), 1):
+        near_right = across > right - _MARGIN * (right - left)
+        near_top = up > top - _MARGIN * (top - bottom)
+        text = axes.annotate(
             str(number),
-            peak,
-            xytext=(6, 6),
+            (across, up),
+            xytext=(-6 if near_right else 6, -6 if near_top else 6),
             textcoords="offset points",
+            ha="right" if near_right else "left",
+            va="top" if near_top else "bottom",
             color="white",
             fontsize=8,
         )
-        axes.plot(*peak, "o", mfc="none", mec="white", markersize=9)
+        text.set_in_layout(False)  # what lies in the panel moves no label out of the figure
+        axes.plot(across, up, "o", mfc="none", mec="white", markersize=9)
+    axes.axis((left, right, bottom, top))

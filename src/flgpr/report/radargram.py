@@ -30,7 +30,7 @@ def radargram_figure(
     Traces stand side by side at equal widths. Where their distances are even, these are the axis
     below; otherwise that axis has the traces' numbers, and the axis above has the distances at some
     of them. Samples without data are white. The grey scale ends at the 99th percentile of the
-    amplitudes.
+    amplitudes; pointed ends of its bar say that there are larger ones.
 
     Parameters
     ----------
@@ -75,8 +75,15 @@ def radargram_figure(
         _add_distance_axis(axes, number, distance)
     if depth is not None:
         _add_depth_axis(axes, time, depth)
-    padding = 0.02 if depth is None else 0.03
-    figure.colorbar(image, ax=axes, label=unit, shrink=0.8, pad=padding)
+    is_clipped = bool((amplitudes > top).any())
+    figure.colorbar(
+        image,
+        ax=axes,
+        label=unit,
+        shrink=0.8,
+        pad=0.02 if depth is None else 0.03,
+        extend="both" if is_clipped else "neither",
+    )
     return figure
 
 

@@ -37,7 +37,7 @@ def slices_figure(image: xr.DataArray, pose: NDArray[np.float64], span: float = 
     ratio = float(np.clip(shape, 0.4, 2.2))
     width = _PANEL_WIDTH * columns + 1.4
     height = (_PANEL_WIDTH * ratio + 0.7) * rows + 0.5
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), layout="compressed")
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     half_dx = np.diff(x).mean() / 2
     half_dy = np.diff(y).mean() / 2

@@ -242,10 +242,10 @@ def _listing(root: Path) -> dict[str, dict[str, Any]]:
     return {"files": digests, "sizes": sizes}
 
 
+# Digest and size of a file; None for no file, and a size of None where it is not known.
 Version = tuple[str | None, int | None]
-"""Digest and size of a file; None for no file, and a size of None where it is not known."""
+# Versions of the files that are added to a folder later; several of a file while it is written.
 Added = Mapping[str, list[Version]]
-"""Versions of the files that are added to a folder later; several of a file while it is written."""
 
 
 def _manifest(content: dict[str, Any], added: Added) -> bytes:

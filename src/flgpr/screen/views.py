@@ -231,7 +231,7 @@ class RangeViewSums(LaneSums):
     Parameters
     ----------
     grid, y_max, rows
-        As for :class:`LaneSums`.
+        As for :class:`RunViewSums`.
     ranges : sequence of float
         Distances ahead of the array, m.
     within : float

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from flgpr.append_log import sync_directory
-from flgpr.door import MOST_JSON, Folder, Listed, kind_of, open_named, parse_json
+from flgpr.door import MOST_JSON, Folder, Listed, kind_of, open_named, open_own, parse_json
 
 _LFS = b"version https://git-lfs.github.com/spec/v1"
 _LARGEST_POINTER = 1024  # bytes, by Git LFS's specification
@@ -92,12 +92,17 @@ def sync_file(path: Path) -> None:
 def write_whole(path: Path, data: bytes | str) -> None:
     """Write a file, text as UTF-8, so that it holds either its old content or all of the new; its folder must exist.
 
-    Of two processes that write the same file at once the second waits for the first.
+    A file that has these bytes already is left as it is. Of two processes that write the same file at once the second
+    waits for the first.
     """
+    content = data.encode() if isinstance(data, str) else data
     temporary = path.with_name(path.name + ".partial")
     with writing(path), _open_alone(temporary) as file:
+        if _holds(path, content):
+            temporary.unlink(missing_ok=True)
+            return
         try:
-            file.write(data.encode() if isinstance(data, str) else data)
+            file.write(content)
             file.flush()
             os.fsync(file.fileno())
             temporary.replace(path)
@@ -105,6 +110,14 @@ def write_whole(path: Path, data: bytes | str) -> None:
             temporary.unlink(missing_ok=True)
             raise
     sync_directory(path.parent)
+
+
+def _holds(path: Path, content: bytes) -> bool:
+    """Tell whether a regular file, and no link to one, has these bytes."""
+    if path.is_symlink() or not path.is_file() or path.stat().st_size != len(content):
+        return False
+    with open(path, "rb", opener=open_own) as file:
+        return file.read() == content
 
 
 def _open_alone(temporary: Path) -> BinaryIO:

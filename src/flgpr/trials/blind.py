@@ -27,6 +27,7 @@ from flgpr.scoring.matching import LaneLike, Match, as_lanes, match, one_of
 from flgpr.trials.ledger import (
     OPENED,
     Book,
+    WitnessedRegister,
     alarm_hash,
     enter,
     head_of,
@@ -43,6 +44,7 @@ FAR_GRID = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 _COST = 2**17  # N of scrypt: half a second and 128 MiB for every guess; less is not opened either
 _MOST_COST = 2**20  # a sealed file may not make its reader take gigabytes
 _MOST_BYTES = 2**28  # of a sealed file
+_LOG_ENDING = ".log.jsonl"
 _NOTE = "encrypted truth of a blind test; guards against accidents, not against the holder of the passphrase"
 SHOWS = ("curve", "targets")
 """What a blind score may tell: operating points and counts, or also which targets are found, without places."""
@@ -192,7 +194,7 @@ def open_truth(
     passphrase, is a ValueError.
     """
     opened = _decrypted(path, passphrase)
-    _enter(opened.identity, _log_of(path, log), event="open")
+    _enter(opened.identity, _log_of(path, log, opened.identity), event="open")
     return opened.truth, opened.lanes, opened.rules
 
 
@@ -208,7 +210,7 @@ class _Opened:
 
 
 def _enter(
-    identity: str, log: Path, **entry: Any
+    identity: str, log: Book, **entry: Any
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Enter a look into a sealed truth's log; give all its looks so far, this one last, and all lines of the log."""
     lines = enter(log, lambda _: {"sealed": identity, **entry})
@@ -223,9 +225,24 @@ def _looks(identity: str, lines: Sequence[dict[str, Any]]) -> list[dict[str, Any
     ]
 
 
-def _log_of(sealed: str | Path, log: str | Path | None) -> Path:
-    """Find the log of a sealed truth: one for all links to it."""
-    return Path(f"{Path(sealed).resolve()}.log.jsonl") if log is None else Path(log)
+def _log_of(sealed: str | Path, log: str | Path | None, identity: str) -> Path:
+    """Find the log of a sealed truth: one for all links to it, and for copies under other names in its folder."""
+    if log is not None:
+        return Path(log)
+    place = Path(sealed).resolve()
+    own = Path(f"{place}{_LOG_ENDING}")
+    if os.path.lexists(own):
+        return own
+    others = sorted(one for one in place.parent.iterdir() if one.name.endswith(_LOG_ENDING))
+    return next((one for one in others if _knows(one, identity)), own)
+
+
+def _knows(log: Path, identity: str) -> bool:
+    """Tell whether a file is a log with looks at a sealed truth."""
+    try:
+        return bool(_looks(identity, read_register(log)))
+    except (ValueError, OSError):  # another file, or one that was altered, has no say
+        return False
 
 
 def _decrypted(path: str | Path, passphrase: Phrase) -> _Opened:
@@ -307,15 +324,17 @@ def score_blind(
     passphrase: Phrase,
     log: str | Path | None = None,
     registered: Registration | None = None,
+    witness: str | Path | None = None,
 ) -> BlindScore:
     """Score an alarm list against a sealed truth: operating points and counts, nothing that shows a position.
 
     Every call appends the hash of the alarm list to a log beside the sealed file (``<sealed>.log.jsonl`` if no other is
-    named) before anything is shown, so that repeated looks show. What is ``registered`` must stand in its register
-    from before the first look, where the look is entered, too; a truth that was sealed with a register demands it.
-    Alarms, a file, a passphrase, a log or a register that are not valid are a ValueError.
+    named, or the one in its folder that has looks at it already) before anything is shown, so that repeated looks
+    show. A ``witness`` must know all lines of the log, and is told of the new one. What is ``registered`` must stand in
+    its register from before the first look, where the look is entered, too; a truth that was sealed with a register
+    demands it. Alarms, a file, a passphrase, a log or a register that are not valid are a ValueError.
     """
-    look = match_blind(alarms, sealed, passphrase, log, registered=registered)
+    look = match_blind(alarms, sealed, passphrase, log, registered=registered, witness=witness)
     matched = look.matched
     rules = look.rules
     groups: list[tuple[str, Any]] = [("all", None)]
@@ -360,6 +379,7 @@ def match_blind(
     log: str | Path | None = None,
     some: Sequence[str] = (),
     registered: Registration | None = None,
+    witness: str | Path | None = None,
 ) -> BlindLook:
     """Match an alarm list to a sealed truth, once the look is entered.
 
@@ -367,7 +387,7 @@ def match_blind(
     others and their targets are left out.
     """
     opened = _decrypted(sealed, passphrase)
-    place = _log_of(sealed, log)
+    place = _log_of(sealed, log, opened.identity)
     line = _admitted(sealed, place, opened, registered)
     truth = opened.truth
     lanes = opened.lanes
@@ -378,7 +398,8 @@ def match_blind(
         alarms, truth, lanes if list(lanes) != [""] else lanes[""], opened.rules["halo"]
     )
     entry = {"alarms": alarm_hash(matched.alarms), "n_alarms": len(matched.alarms)}
-    looks, lines = _enter(opened.identity, place, event="score", **entry)
+    watched = place if witness is None else WitnessedRegister(place, Path(witness))
+    looks, lines = _enter(opened.identity, watched, event="score", **entry)
     heads = {"log": head_of(lines)}
     if registered is not None:
         opening = {
