@@ -154,6 +154,8 @@ def _format_of(path: Path) -> tuple[str, _Opener]:
     for endings, kind, opener in _FORMATS:
         if re.fullmatch(endings, suffix):
             return kind, opener
+    if suffix == ".zip":
+        raise ValueError(f"{path}: a zip holds other files: unzip it, and give one of them")
     from flgpr.io.gpr_files import READERS  # which are no arrays, but what a user may have meant
 
     raise ValueError(
@@ -226,8 +228,17 @@ def _open_hdf5(path: Path, _: int, about: list[str], *_notes: list[str]) -> _Ope
         kind = "text" if h5py.check_string_dtype(item.dtype) else str(item.dtype)
         infos.append(ArrayInfo(name, tuple(map(int, shape)), kind, _unit_of(item)))
 
+    def visit_link(name: str, link: Any) -> None:
+        if isinstance(link, h5py.ExternalLink):
+            about.append(f"{name}: not read: a link to another file, {str(link.filename)[:80]!r}")
+        elif isinstance(link, h5py.SoftLink):
+            about.append(
+                f"{name}: a link to {str(link.path)[:80]!r}, which is read by its own name"
+            )
+
     with h5py.File(path, "r") as file:
         file.visititems(visit)
+        file.visititems_links(visit_link)
 
     def read(name: str) -> Any:
         # MATLAB stores its column-major arrays with the order of the dimensions turned round.

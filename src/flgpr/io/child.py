@@ -38,6 +38,7 @@ def look(path: str) -> None:
     with h5py.File(path, "r") as file:
         notes(file)
         file.visititems(visit)
+        file.visititems_links(lambda *_: None)
     print(*damaged, sep="\n", end="\n" if damaged else "")
 
 
