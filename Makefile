@@ -7,7 +7,7 @@ CASES ?= 10000
 # What a change needs every time: it takes about a minute.
 QUICK := model kernels features screen clutter calibrate scoring report chain/test_passes.py chain/test_recipe.py \
     simulate/test_sums.py simulate/test_shadow.py docs/test_docs_pages.py test_imports.py
-SLOW := kernels/test_kernel_cache.py scoring/test_scoring_register.py
+SLOW := kernels/test_compiled.py trials/test_register.py
 
 # Whole files go to three processes, heavy ones first (tests/conftest.py): on two cores, for some wait much of their time.
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
@@ -43,7 +43,7 @@ lint: $(VENV)/.test
 # Many more random kills and damaged files than `make test` tries.
 robustness: $(VENV)/.test
 	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(PYTEST) \
-	    tests/robustness tests/io/test_fuzz_exchange.py tests/io/test_outputs.py tests/io/test_store_machines.py \
+	    tests/robustness tests/formats/test_fuzz_exchange.py tests/store/test_outputs.py tests/store/test_store_machines.py \
 	    tests/live/test_live_fuzz.py tests/live/test_live_machines.py
 
 docs: $(VENV)/.docs

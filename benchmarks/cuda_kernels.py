@@ -37,10 +37,10 @@ from cuda.pathfinder import find_nvidia_binary_utility
 from numba import types
 from numba.cuda import compile_ptx
 
+from flgpr.commands.imaging_speed import SUBBANDS, sri_scan
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging.cuda import _groups
 from flgpr.kernels import gpu
-from flgpr.tasks.bench import SUBBANDS, sri_scan
 
 # name, compute capability, multiprocessors, boost clock (GHz), fp32 lanes and most threads of each
 CARDS = (

@@ -24,12 +24,12 @@ import tempfile
 import time
 from pathlib import Path
 
-from flgpr.chain.detect import detect
+from flgpr.chain.method import detect
 from flgpr.chain.recipe import parse_recipe, recipe_text
+from flgpr.commands.imaging_speed import bench_imaging, format_bench
 from flgpr.imaging import ImagingOperator
-from flgpr.io import open_run, write_whole
 from flgpr.model import Lane
-from flgpr.tasks.bench import bench_imaging, format_bench
+from flgpr.store import open_run, write_whole
 from wang2007 import STEP, write_noise_run
 
 TESTS = Path(__file__).parents[1] / "tests/imaging/cuda_simulated.py"
@@ -40,7 +40,7 @@ def seconds_per_kilometre(store: Path, scans: int, device: str) -> tuple[float, 
     text = recipe_text("wang2007").replace("[image]\n", f'[image]\ndevice = "{device}"\n')
     length = STEP * scans - 5
     begun = time.perf_counter()
-    found = detect(open_run(store), parse_recipe(text), Lane(-1.5, 1.5, 0.0, length))[0]
+    found = detect(open_run(store), parse_recipe(text), Lane(-1.5, 1.5, 0.0, length))
     return (time.perf_counter() - begun) * 1000 / length, len(found.alarms)
 
 

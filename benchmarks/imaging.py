@@ -2,7 +2,7 @@
 
 import argparse
 
-from flgpr.tasks.bench import bench_imaging, format_bench
+from flgpr.commands.imaging_speed import bench_imaging, format_bench
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)

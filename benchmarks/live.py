@@ -29,14 +29,14 @@ import pandas as pd
 from scipy.spatial import cKDTree
 
 from flgpr.chain.classifier import Classifier
-from flgpr.chain.detect import detect
+from flgpr.chain.method import detect
 from flgpr.chain.model import load_model, save_model
 from flgpr.chain.recipe import load_recipe
+from flgpr.commands.simulate import simulate_lane
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer
-from flgpr.io import open_run, read_table
 from flgpr.live.feeding import feed
 from flgpr.model import Lane
-from flgpr.tasks import simulate_lane
+from flgpr.store import open_run, read_table
 
 SCENE = """
 name = "live lane"
@@ -157,7 +157,7 @@ def main() -> None:
         if run is None:
             (home / "scene.toml").write_text(SCENE.format(length=options.length))
             run = home / "lane.zarr"
-            simulate_lane(home / "scene.toml", "sri-array", 11, run)
+            simulate_lane(home / "scene.toml", sensor="sri-array", seed=11, output=run)
         pose = open_run(run)["pose"].values
         lane = Lane(-1.5, 1.5, float(pose[:, 1].min()) + 7.0, float(pose[:, 1].max()) + 7.0)
         (home / "lane.toml").write_text(
@@ -186,7 +186,7 @@ def main() -> None:
             )
             if options.agreement:
                 classifier = None if chosen is None else load_model(chosen).detector
-                batch = detect(dataset, load_recipe("wang2007"), lane, model=classifier)[0].alarms
+                batch = detect(dataset, load_recipe("wang2007"), lane, model=classifier).alarms
                 print(f"  {agreement(told['alarms_table'], batch)}", flush=True)
 
 

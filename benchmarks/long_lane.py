@@ -15,6 +15,7 @@ alarms are compared bit by bit.
 from __future__ import annotations
 
 import argparse
+import math
 import resource
 import tempfile
 import time
@@ -24,9 +25,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from flgpr import tasks
+import flgpr
 from flgpr.chain.memory import memory_needed, plan_sections
 from flgpr.chain.recipe import load_recipe
+from flgpr.execution.driver import results_at
 from flgpr.model import Lane
 from flgpr.results.result import read_result
 from wang2007 import write_noise_run
@@ -54,9 +56,10 @@ def main() -> None:
         area.write_text(f"x_min = -1.5\nx_max = 1.5\ny_min = 0.0\ny_max = {arguments.length}\n")
         options = {"lane": area, "report": arguments.compare is None}
         begun = time.process_time()
-        folders = tasks.detect_long(
+        flgpr.detect(
             home / "run.zarr", "wang2007", home / "cut", section=arguments.compare, **options
         )
+        folders = results_at(home / "cut")
         cost = time.process_time() - begun
         most = max(section.stop - section.start for section in plan_sections(SIZES, recipe, lane))
         peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -69,7 +72,9 @@ def main() -> None:
         )
         if arguments.compare is not None:
             begun = time.process_time()
-            whole = tasks.detect_run(home / "run.zarr", "wang2007", home / "whole", **options)
+            whole = flgpr.detect(
+                home / "run.zarr", "wang2007", home / "whole", section=math.inf, **options
+            )
             print(f"in one piece {time.process_time() - begun:.1f} s")
             _compare(folders, whole.detections[0])
 

@@ -23,9 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flgpr.io.gprmax import fourier, pulse, read_gprmax
+from flgpr.formats.gprmax import fourier, pulse, read_gprmax
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.simulate.gprmax_grid import rectangles
+from flgpr.simulate.full_wave.gprmax_grid import rectangles
 
 ARCHIVES = Path(__file__).parent.parent / "tests" / "data" / "signatures"
 FREQUENCY = 442.5e6 + 7.5e6 * np.arange(115)  # Hz, to 1.2975 GHz

@@ -12,10 +12,10 @@ import json
 from hashlib import sha256
 from pathlib import Path
 
-import flgpr.simulate.signature
-from flgpr.simulate.signature import build_table, load_body, packaged_bodies, save_table
+import flgpr.simulate.bodies.signature
+from flgpr.simulate.bodies.signature import build_table, load_body, packaged_bodies, save_table
 
-TABLES = Path(flgpr.simulate.signature.__file__).parent / "tables"
+TABLES = Path(flgpr.simulate.bodies.signature.__file__).parent / "tables"
 
 
 def write_manifest() -> None:

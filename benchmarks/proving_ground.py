@@ -14,12 +14,13 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.special import expit
 
-from flgpr.benchmark.ground import Ground
-from flgpr.benchmark.oracle import oracle_file
-from flgpr.benchmark.running import ALARMS, SEALED, entry_folder, passphrase, read_ground
-from flgpr.io import read_table
-from flgpr.scoring import match, open_truth, roc_of
+from flgpr.proving_ground.ground import Ground
+from flgpr.proving_ground.oracle import oracle_file
+from flgpr.proving_ground.running import ALARMS, SEALED, entry_folder, passphrase, read_ground
+from flgpr.scoring import match, roc_of
 from flgpr.scoring.matching import Match
+from flgpr.store import read_table
+from flgpr.trials import open_truth
 
 LEVELS = {"metal": (0.5, 0.6, 0.7, 0.8, 0.9), "plastic": (0.2, 0.3, 0.4, 0.5)}
 BINS = np.linspace(0, 1, 11)

@@ -24,7 +24,7 @@ from flgpr.design import (
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, load_sensor
 from flgpr.simulate import Scene, Simulator, sites
-from flgpr.simulate.signature import load_body, packaged_bodies
+from flgpr.simulate.bodies.signature import load_body, packaged_bodies
 
 DOCS = Path(__file__).parents[1] / "docs"
 TABLE = DOCS / "evidence" / "signal-to-clutter.csv"

@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flgpr.simulate import Scene
-from flgpr.simulate.roughness import surface_backscatter, surface_heights
-from flgpr.simulate.soil import mironov, one_way_loss
+from flgpr.simulate.ground.roughness import surface_backscatter, surface_heights
+from flgpr.simulate.ground.soil import mironov, one_way_loss
 
 PAIRS = {
     "arid-sand": "prepared-sand",
@@ -146,7 +146,7 @@ def sigma(
 
 def ranges_of(site: str) -> dict[str, tuple[float, float]]:
     """Read the ranges that a site's file tells in lines like ``# range rms_height 0.001 0.004``."""
-    text = (resources.files("flgpr.simulate") / "sites" / f"{site}.toml").read_text(
+    text = (resources.files("flgpr.simulate.scene") / "sites" / f"{site}.toml").read_text(
         encoding="utf-8"
     )
     found = {}

@@ -34,9 +34,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from flgpr.io import RunDescription, Scan, describe_for_live, encode_scan, write_description
-from flgpr.io.scan_file import scan_name
 from flgpr.model import SPEED_OF_LIGHT, make_run
+from flgpr.store import RunDescription, Scan, describe_for_live, encode_scan, write_description
+from flgpr.store.scan_file import scan_name
 
 # scans/s of the radar, m from scan to scan, scans of a lap
 RATE = 4.2
@@ -339,7 +339,7 @@ def draw(record: dict[str, Any], path: Path) -> None:
 
 def main() -> None:
     """Run the soak."""
-    from flgpr.io import read_table
+    from flgpr.store import read_table
 
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter

@@ -15,9 +15,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flgpr.imaging import ScanImager
-from flgpr.io import open_run, read_table, sample_lane
 from flgpr.model import Grid, Sensor, lane_to_scan
 from flgpr.simulate import Scene, Simulator
+from flgpr.store import open_run, read_table, sample_lane
 
 BAND = {"0.45-1.2": (0.45e9, 1.2e9)}  # the full-wave cells are fine enough below 1.2 GHz
 GRID = Grid.spanning((-1.4, 1.4), (1.2, 5.84), 0.025)

@@ -25,11 +25,11 @@ import numba
 import numpy as np
 import pandas as pd
 
-from flgpr.chain.detect import detect
+from flgpr.chain.method import detect
 from flgpr.chain.recipe import load_recipe
-from flgpr.io import RunWriter, open_run
 from flgpr.model import Lane, load_sensor
 from flgpr.scoring import pd_mean, roc
+from flgpr.store import RunWriter, open_run
 
 STEP = 1000 / 600  # m between scans
 
@@ -95,7 +95,7 @@ def main() -> None:
         clock = Clock()
         wall = time.perf_counter()
         cpu = time.process_time()
-        found = detect(open_run(store), recipe, lane, clock)[0]
+        found = detect(open_run(store), recipe, lane, clock)
         score = pd_mean(roc(found.alarms, truth, lane))
         total = ("all", time.perf_counter() - wall, time.process_time() - cpu)
     columns = found.features.shape[1] - 1

@@ -33,11 +33,11 @@ from typing import Any
 import numba
 import numpy as np
 
+import flgpr
 import scaling
-from flgpr import tasks
 from flgpr.chain.recipe import recipe_text
-from flgpr.execution.cluster import Cluster
-from flgpr.execution.lane_work import LaneJob, code_versions, do_part
+from flgpr.execution.job import LaneJob, code_versions, do_block
+from flgpr.execution.workers import Cluster
 from wang2007 import STEP, write_noise_run
 
 
@@ -46,7 +46,7 @@ def once(store: Path, lane: Path, output: Path, workers: int) -> dict[str, Any]:
     reports: list[dict[str, Any]] = []
     begun = time.perf_counter()
     driver = time.process_time()
-    result = tasks.detect_run(
+    result = flgpr.detect(
         store, "wang2007", output, lane, report=False, workers=workers, note=reports.append
     )
     wall = time.perf_counter() - begun
@@ -157,7 +157,7 @@ def scheduler_load(pieces: int) -> None:
                 process.kill()
                 process.wait()
     cost = (after.user + after.system - before.user - before.system) / done
-    size = len(serialize_bytes((do_part, job, "signature", 3)))
+    size = len(serialize_bytes((do_block, job, "signature", 3)))
     print(
         f"{done} pieces, each {1e3 * cost:.2f} ms of the scheduler's processor, {1e3 * wall / done:.2f} ms on the clock"
     )

@@ -4,7 +4,7 @@ import typer
 from docutils import nodes
 from docutils.parsers.rst import Directive
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 
 
 def _walk(command, words):

@@ -33,9 +33,12 @@ suppress_warnings = [
 nitpicky = True  # a reference that leads nowhere is an error
 # The step-by-step pages of the papers name the very function or entry of a recipe; not all of them
 # have a page of their own. That each exists is tested with the names of all pages.
+# Aliases in annotations are printed with the names that they stand for.
 nitpick_ignore = [
-    ("py:class", "collections.abc.Mapping")
-]  # an alias in an annotation, printed whole
+    ("py:class", "collections.abc.Callable"),
+    ("py:class", "collections.abc.Iterator"),
+    ("py:class", "collections.abc.Mapping"),
+]
 nitpick_ignore_regex = [
     ("py:obj", r"flgpr\.(kernels|features|detect|clutter)\.\w+(\.\w+)*"),
     ("py:obj", r"flgpr\.chain\.(recipe|classifier|stages)\.\w+(\.\w+)*"),

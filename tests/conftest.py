@@ -19,23 +19,54 @@ import pytest
 import typer.main
 from PIL import Image
 
-from flgpr import tasks
+from flgpr.commands.demo import demo as run_demo
 from flgpr.model import make_run
 
 DATA = Path(__file__).parent / "data"
 DRAWING = {
-    "papers", "tasks", "test_backdrop", "test_recording", "test_scoring_side_by_side", "test_kit", "test_score_page",
+    "papers", "commands", "test_basemap", "test_recording", "test_scoring_side_by_side", "test_kit", "test_score_page",
     "test_design_page", "test_docs_theory",
 }  # fmt: skip
 """Folders and files whose tests look at pictures."""
 HEAVY = (
-    "test_systems", "test_docs_run", "test_running", "test_fuzz_exchange", "test_wang2007_study", "test_sections",
-    "test_workers", "test_flsar2004_study", "test_live_page", "test_drive_page", "test_fuse2018_study", "test_live_run",
-    "test_cosgrove2004_study", "test_simulator", "test_live_detector", "test_page", "test_simulation", "test_demo",
-    "test_bench", "test_cuda", "test_kernel_cache", "test_docs_theory", "test_raw_data", "test_skeleton_and_sweep",
-    "test_kills", "test_rail", "test_cli", "test_plugin", "test_server", "test_verdicts", "test_notebook",
-    "test_operator_page", "test_score_pages", "test_few_mines",
-)  # fmt: skip
+    "test_systems",
+    "test_freeze_recipes",
+    "test_docs_run",
+    "test_running",
+    "test_fuzz_exchange",
+    "test_wang2007_study",
+    "test_sections",
+    "test_workers",
+    "test_flsar2004_study",
+    "test_live_page",
+    "test_drive_page",
+    "test_fuse2018_study",
+    "test_session",
+    "test_feeding",
+    "test_cosgrove2004_study",
+    "test_simulator",
+    "test_detector",
+    "test_state",
+    "test_page",
+    "test_simulation",
+    "test_demo",
+    "test_bench",
+    "test_cuda",
+    "test_compiled",
+    "test_docs_theory",
+    "test_raw_data",
+    "test_skeleton_and_sweep",
+    "test_kills",
+    "test_rail",
+    "test_cli",
+    "test_plugin",
+    "test_server",
+    "test_verdicts",
+    "test_notebook",
+    "test_operator_page",
+    "test_score_pages",
+    "test_few_mines",
+)
 """Files that take longest: they are begun first, so that the processes end together."""
 hypothesis.settings.register_profile("any machine", deadline=None)  # no test asserts a time
 hypothesis.settings.load_profile("any machine")
@@ -83,8 +114,8 @@ def built_commands():
 def quick_seals(request):
     """Nobody guesses at these passphrases: a key that costs little will do, but where sealing itself is tested."""
     with pytest.MonkeyPatch.context() as patch:
-        if request.path.stem != "test_scoring_blind":
-            patch.setattr("flgpr.scoring.blind._COST", 2**8)
+        if (request.path.parent.name, request.path.stem) != ("trials", "test_blind"):
+            patch.setattr("flgpr.trials.blind._COST", 2**8)
         yield
 
 
@@ -146,7 +177,7 @@ def demo(tmp_path_factory):
     """One demo run for all tests that need a result; none looks at its pictures."""
     with pytest.MonkeyPatch.context() as patch:
         _draw_nothing(patch)
-        return tasks.demo(tmp_path_factory.mktemp("demo") / "result")
+        return run_demo(tmp_path_factory.mktemp("demo") / "result")
 
 
 @pytest.fixture(scope="session")

@@ -122,7 +122,7 @@ def _reader():
 @contextmanager
 def in_forks():
     """Let files be read in a fork of a process that has imported the libraries instead of a new interpreter."""
-    with mock.patch("flgpr.io.arrays.subprocess.run", _forked):
+    with mock.patch("flgpr.formats.arrays.subprocess.run", _forked):
         yield
 
 

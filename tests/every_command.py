@@ -8,24 +8,31 @@ from pathlib import Path
 import numpy as np
 from typer.testing import CliRunner
 
+import flgpr
 import io_gpr
 from calibrate.echoes import echo
-from flgpr import tasks
-from flgpr.cli import app
-from flgpr.io import open_run, sample_lane, save_run, write_table
-from flgpr.io.anchor import fit_anchor
-from flgpr.io.cphd import write_cphd
+from flgpr.commands import simulation
+from flgpr.commands.anchoring import anchor_from_points, write_anchor
+from flgpr.commands.app import app
+from flgpr.commands.imports import import_gpr
+from flgpr.commands.plan import plan_lane
+from flgpr.commands.scoring import seal
+from flgpr.formats.cphd import write_cphd
+from flgpr.geo.anchor import fit_anchor
+from flgpr.live.feeding import feed
 from flgpr.model import make_run
 from flgpr.model.track import make_track
-from flgpr.simulate.signature import build
-from flgpr.simulate.signature import table as nodes
-from flgpr.tasks import simulation
+from flgpr.proving_ground import run_benchmark
+from flgpr.simulate.bodies.signature import build
+from flgpr.simulate.bodies.signature import table as nodes
+from flgpr.store import open_run, sample_lane, save_run, write_table
 from io_geodesy import LANE, on_the_ellipsoid
 from io_gprmax import lane_and_sensor, write_output
-from io_mapping import TIME, line_mapping
 from robust import digests
+from scans_mapping import TIME, line_mapping
 from small_lane import LANE_TOML, small_recipe, small_run
 from systems.lanes import SENSOR
+from systems.lanes import small_recipe as cut_recipe
 
 DATA = Path(__file__).parent / "data"
 PHRASE = "correct horse battery"
@@ -45,6 +52,8 @@ class Command:
     beside: tuple[str, ...] = ()
     #: files that hold times or random numbers: they must be there, with whatever bytes
     loose: tuple[str, ...] = ()
+    #: names with a random number or a digest of one: as many must be there
+    drawn: tuple[str, ...] = ()
     inputs: Path = field(default_factory=Path)
 
     def start(self, output):
@@ -66,10 +75,14 @@ class Command:
     def content(self, output):
         """Digests of all files, but for those with times or random numbers: they are named."""
         found = digests(output)
-        return {
-            name: "there" if any(fnmatch.fnmatch(name, one) for one in self.loose) else digest
-            for name, digest in found.items()
-        }
+        content = dict(found)
+        for pattern in self.loose:
+            content |= dict.fromkeys(fnmatch.filter(found, pattern), "there")
+        for pattern in self.drawn:
+            names = fnmatch.filter(found, pattern)
+            content = {name: one for name, one in content.items() if name not in names}
+            content[pattern] = f"{len(names)} there"
+        return content
 
 
 def make_signatures_cheap(change=setattr):
@@ -320,8 +333,34 @@ COMMANDS = [
         "feed {in}/lane.zarr {out}/in --rate 0 --lead 0",
         "feed {in}/run.zarr {out}/in --rate 0 --lead 0",
     ),
+    Command(
+        "benchmark run",
+        "benchmark run {in}/entry.toml --ground {in}/ground.toml -o {out}/ground",
+        "benchmark run {in}/entry.toml --ground {in}/other-ground.toml -o {out}/ground",
+        loose=(
+            "*costs.csv",
+            "*costs.json",
+            "ground/index.html",
+            "ground/kept/*.json",
+            "*/truth.sealed.json*",
+        ),
+        drawn=("*/score-*.json",),
+    ),
+    Command(
+        "benchmark table",
+        "benchmark table {out}/ground",
+        beside=("ground",),
+        loose=("*costs.csv", "ground/index.html", "*/truth.sealed.json.log.jsonl"),
+        drawn=("*/score-*.json",),
+    ),
+    Command(
+        "benchmark oracle",
+        "benchmark oracle {out}/ground --recipe {in}/entry.toml",
+        beside=("ground",),
+        loose=("*costs.csv", "*costs.json", "ground/index.html", "*/truth.sealed.json.log.jsonl"),
+        drawn=("*/score-*.json",),
+    ),
 ]
-"""What takes minutes, ``benchmark`` and ``reproduce``, has tests of its own."""
 
 
 def make_inputs(home):
@@ -341,13 +380,14 @@ def make_inputs(home):
         fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02),
     )
     io_gpr.write_dt1(home / "line.dt1", io_gpr.section(24))
-    tasks.import_gpr(home / "line.dt1", home / "line.zarr", height=0.5)
+    import_gpr(home / "line.dt1", home / "line.zarr", height=0.5)
     _make_mapped(home)
     _make_decks(home)
     _make_scenes(home)
     _make_lane(home)
     _make_rail(home)
     _make_plan(home)
+    _make_ground(home)
     return {one.name: _with_inputs(one, home) for one in COMMANDS}
 
 
@@ -362,17 +402,13 @@ def _make_anchors(home):
         f"{x},{y},{e:.9f},{n:.9f}\n" for (x, y, _), (e, n) in zip(LANE, places, strict=True)
     )
     (home / "points.csv").write_text("lane_x_m,lane_y_m,longitude_deg,latitude_deg\n" + rows)
-    tasks.write_anchor(
-        tasks.anchor_from_points(home / "points.csv", "EPSG:4326", 0.02), home / "anchor.toml"
-    )
+    write_anchor(anchor_from_points(home / "points.csv", "EPSG:4326", 0.02), home / "anchor.toml")
     turned = on_the_ellipsoid(LANE, azimuth=0.3)
     rows = "".join(
         f"{x},{y},{e:.9f},{n:.9f}\n" for (x, y, _), (e, n) in zip(LANE, turned, strict=True)
     )
     (home / "turned.csv").write_text("lane_x_m,lane_y_m,longitude_deg,latitude_deg\n" + rows)
-    tasks.write_anchor(
-        tasks.anchor_from_points(home / "turned.csv", "EPSG:4326", 0.02), home / "turned.toml"
-    )
+    write_anchor(anchor_from_points(home / "turned.csv", "EPSG:4326", 0.02), home / "turned.toml")
 
 
 MAPPED = line_mapping("mapped.npz", TIME)
@@ -425,16 +461,16 @@ def _make_lane(home):
     (home / "other.toml").write_text(text.replace("radius = 0.4", "radius = 0.5"))
     (home / "lane.toml").write_text(LANE_TOML)
     (home / "truth.csv").write_text(TRUTH)
-    result = tasks.detect_run(
+    result = flgpr.detect(
         home / "lane.zarr", home / "small.toml", home / "result", home / "lane.toml"
     )
     alarms = result.detections[0].alarms
     write_table(alarms[["x", "y", "confidence"]], home / "alarms.csv")
     write_table(alarms[["x", "y", "confidence"]].iloc[::2], home / "others.csv")
-    tasks.feed(home / "lane.zarr", home / "incoming", rate=np.inf)
+    feed(home / "lane.zarr", home / "incoming", rate=np.inf)
     save_run(run.assign_attrs(title="another"), home / "other-lane.zarr")
-    tasks.feed(home / "other-lane.zarr", home / "other-incoming", rate=np.inf)
-    tasks.seal(home / "truth.csv", home / "lane.toml", home / "sealed", PHRASE)
+    feed(home / "other-lane.zarr", home / "other-incoming", rate=np.inf)
+    seal(home / "truth.csv", home / "lane.toml", home / "sealed", PHRASE)
 
 
 def _make_rail(home):
@@ -460,9 +496,7 @@ def _make_rail(home):
 
 def _make_plan(home):
     (home / "sorts.csv").write_text("kind,depth,count\nmetal,0.05,3\nplastic,0.1,2\n")
-    tasks.plan_lane(
-        home / "lane.toml", home / "sorts.csv", 3, home / "plan.csv", spacing=0.5, edge=0.1
-    )
+    plan_lane(home / "lane.toml", home / "sorts.csv", home / "plan.csv", 3, spacing=0.5, edge=0.1)
     rows = (home / "plan-sheet.csv").read_text().splitlines()
     head = rows[0].split(",")
     cells = [row.split(",") for row in rows[1:]]
@@ -473,6 +507,50 @@ def _make_plan(home):
     (home / "other-sheet.csv").write_text(
         "\n".join([rows[0], *(",".join(row) for row in cells)]) + "\n"
     )
+
+
+GROUND = """
+name = "small"
+version = {version}
+sensor = "{sensor}"
+halo = 1.0
+fars = [0.02, 0.1]
+far = 0.1
+reference = "entry"
+[scene.surface]
+density = 2.0
+[scene.track]
+positions = [-6.0, -4.0, -2.0, 0.0]
+[sites]
+arid = "arid-sand"
+[sorts]
+metal = {{ kind = "metal" }}
+[lanes.known]
+part = "train"
+length = 8.0
+targets = [["metal", -0.15, 2]]
+[lanes.test]
+part = "test"
+length = 8.0
+targets = [["metal", -0.15, 2]]
+[lanes.bare]
+part = "test"
+length = 8.0
+targets = []
+[splits.standard]
+title = "all"
+folds = [{{ train = ["*-known-*"], test = ["*-test-*", "*-bare-*"] }}]
+"""
+
+
+def _make_ground(home):
+    """Make a proving ground of two short lanes, an entry that is not trained, and what it found."""
+    (home / "ground-sensor.toml").write_text(SENSOR)
+    for name, version in (("ground", 3), ("other-ground", 4)):
+        text = GROUND.format(version=version, sensor=home / "ground-sensor.toml")
+        (home / f"{name}.toml").write_text(text)
+    (home / "entry.toml").write_text(cut_recipe("wang2007"))
+    run_benchmark([home / "entry.toml"], home / "ground", ground=home / "ground.toml")
 
 
 def names_of_commands():

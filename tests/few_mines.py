@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
-from flgpr import tasks
 from flgpr.chain.recipe import recipe_text
+from flgpr.commands.simulate import simulate_lane
 from small_lane import cut_down
 from systems.lanes import SENSOR, SMALL
 
@@ -52,8 +52,13 @@ def make_lane(folder: Path) -> None:
     (folder / "lane.toml").write_text(LANE)
     run = folder / "run.zarr"
     truth = folder / "truth.csv"
-    tasks.simulate_lane(
-        folder / "scene.toml", folder / "sensor.toml", 1, run, errors=False, truth=truth
+    simulate_lane(
+        folder / "scene.toml",
+        sensor=folder / "sensor.toml",
+        seed=1,
+        output=run,
+        errors=False,
+        truth=truth,
     )
 
 

@@ -9,17 +9,17 @@ import pytest
 from pydantic import BaseModel, ValidationError
 from typer.testing import CliRunner
 
-from flgpr.benchmark.ground import GROUNDS, Description, load_ground
 from flgpr.chain.recipe import Recipe, load_recipe, recipe_names
 from flgpr.chain.stages import PACKAGED, find_stage
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.model import Sensor, load_sensor, sensor_presets
 from flgpr.model.bounds import LARGEST, Entries, Largest
 from flgpr.model.faults import describe_fault
+from flgpr.proving_ground.ground import GROUNDS, Description, load_ground
 from flgpr.simulate import Scene, draw_world
-from flgpr.simulate.scene import sites
-from flgpr.simulate.signature import load_body, packaged_bodies
-from flgpr.simulate.signature.body import Body
+from flgpr.simulate.bodies.signature import load_body, packaged_bodies
+from flgpr.simulate.bodies.signature.body import Body
+from flgpr.simulate.scene.scene import sites
 from flgpr.simulate.simulator import MOST_MEMORY, check_effort, drawing_effort, simulation_effort
 
 SETTINGS = [find_stage(kind, name).Settings for kind, names in PACKAGED.items() for name in names]

@@ -13,8 +13,10 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from flgpr import tasks
-from flgpr.io import open_run, read_table, sample_lane
+import flgpr
+from flgpr.commands.demo import demo
+from flgpr.commands.scoring import outcome_table, score_result
+from flgpr.store import open_run, read_table, sample_lane
 
 home = Path(tempfile.mkdtemp())
 lane = sample_lane()
@@ -24,14 +26,15 @@ for name, size in run.sizes.items():
 print("polarizations:", *run["polarization"].values)
 
 # %%
-# Detection takes a run and a recipe. It never sees the truth.
+# Detection takes a run and a recipe. It never sees the truth. Here the recipe `demo` and three beside it are run on the
+# packaged lane, and then scored.
 
-result = tasks.detect_run(lane / "run.zarr", "demo", home / "result")
+result, _ = demo(home / "result")
 alarms = result.detections[0].alarms
 alarms.head()
 
 # %%
-# The recipe's variants ran beside it. Here is the run-view, the largest responses of all scans laid out on the lane, in
+# Three recipes ran beside it. Here is the run-view, the largest responses of all scans laid out on the lane, in
 # dB over its median: as the recipe has it, and with the modelled response of the roadside post subtracted.
 
 truth = read_table(lane / "truth.csv", "truth")
@@ -68,10 +71,10 @@ figure.colorbar(picture, ax=panels, shrink=0.6, label="dB over the median")
 # Scoring reads the truth, and says what became of each mine. ``n_false`` counts the false alarms with at least the
 # confidence of the mine's best alarm.
 
-_, scored = tasks.score_result(
+_, scored = score_result(
     home / "result", lane / "truth.csv", lane / "objects.csv"
 )
-tasks.outcome_table(scored).round(2)
+outcome_table(scored).round(2)
 
 # %%
 # ``report.html`` in the result folder holds all of it on one page, and ``flgpr view`` shows it in the browser. Three

@@ -14,7 +14,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import flgpr.accessor  # gives every run `run.flgpr`
-from flgpr.io import explain_file, import_mapped, open_run, sample_lane, save_run
+from flgpr.formats import explain_file, import_mapped
+from flgpr.store import open_run, sample_lane, save_run
 
 home = Path(tempfile.mkdtemp())
 known = open_run(sample_lane() / "run.zarr")

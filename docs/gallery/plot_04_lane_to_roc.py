@@ -10,10 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from flgpr import tasks
-from flgpr.scoring import band, match, pd_mean, pd_mean_interval, roc_figure
+import flgpr
+from flgpr.commands.scoring import score_result
+from flgpr.commands.simulate import simulate_lane
+from flgpr.commands.simulation import preview_figure
+from flgpr.scoring import band, match, pd_mean, pd_mean_interval
 from flgpr.simulate import load_scene
-from flgpr.tasks.simulation import preview_figure
+from flgpr.trials import roc_figure
 
 home = Path(tempfile.mkdtemp())
 
@@ -53,15 +56,15 @@ preview = preview_figure(scene, seed=3)
 # 2. The radar drives along it. The world depends on the seed alone, so another radar with the same seed sees the same
 # lane.
 
-files = tasks.simulate_lane(
-    home / "scene.toml", "sri-array", 3, home / "lane.zarr"
+written = simulate_lane(
+    home / "scene.toml", sensor="sri-array", seed=3, output=home / "lane.zarr"
 )
-print(*(path.name for path in files), sep="\n")
+print(*(path.name for path in written.paths), sep="\n")
 
 # %%
 # 3. Detection, by the recipe of Wang et al. 2007. Lane borders are given; truth is not.
 
-result = tasks.detect_run(
+result = flgpr.detect(
     home / "lane.zarr", "wang2007", home / "result", lane=home / "lane-lane.toml"
 )
 alarms = result.detections[0].alarms
@@ -71,7 +74,7 @@ alarms.head()
 # 4. Scoring, by the halo rules: an alarm within 1 m of a mine detects it, further alarms there are ignored, and
 # everything else on the lane is false.
 
-_, scored = tasks.score_result(home / "result", home / "lane-truth.csv")
+_, scored = score_result(home / "result", home / "lane-truth.csv")
 curve = scored[0].curve
 curve[
     ["threshold", "pd", "pd_low", "pd_high", "far", "n_detected", "n_false"]

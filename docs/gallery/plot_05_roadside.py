@@ -13,9 +13,9 @@ import numpy as np
 
 from flgpr.clutter import suppress_by_model
 from flgpr.imaging import ScanImager
-from flgpr.io import open_run, read_table, sample_lane
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import Grid, lane_to_scan
+from flgpr.store import open_run, read_table, sample_lane
 
 lane = sample_lane()
 run = open_run(lane / "run.zarr")
@@ -81,5 +81,5 @@ figure.colorbar(drawn, ax=panels, label="dB, HH", shrink=0.7)
 
 # %%
 # Under the mask nothing can be found any more, by construction: that is the price, and why the mask must never enter
-# the lane. In a recipe, a variant with ``suppress_roadside = true`` does this for every scan, and each alarm gets a
-# column ``roadside``, the share of its amplitude that the modelled roadside explains.
+# the lane. In a recipe, the clutter stage ``roadside`` does this for every scan, and the feature stage of that
+# name gives each alarm a column ``roadside``, the share of its amplitude that the modelled roadside explains.

@@ -14,10 +14,11 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from flgpr import tasks
+import flgpr
 from flgpr.chain.model import load_model
-from flgpr.io import read_lane, read_table
+from flgpr.commands.simulate import simulate_lane
 from flgpr.scoring import label_alarms, match, pd_mean, roc
+from flgpr.store import read_lane, read_table
 
 home = Path(tempfile.mkdtemp())
 (home / "scene.toml").write_text(
@@ -41,8 +42,11 @@ step = [2.0, 3.0]
 """
 )
 for name, seed in (("teach", 11), ("test", 12)):
-    tasks.simulate_lane(
-        home / "scene.toml", "sri-array", seed, home / f"{name}.zarr"
+    simulate_lane(
+        home / "scene.toml",
+        sensor="sri-array",
+        seed=seed,
+        output=home / f"{name}.zarr",
     )
 
 # %%
@@ -50,7 +54,7 @@ for name, seed in (("teach", 11), ("test", 12)):
 # command line: ``flgpr train teach.zarr --truth teach-truth.csv --lane teach-lane.toml --feature C_HH_F1 --feature
 # M_VV_F1 -o model``.
 
-trained_model = tasks.train_runs(
+trained_model = flgpr.train(
     [home / "teach.zarr"],
     [home / "teach-truth.csv"],
     "wang2007",
@@ -69,7 +73,7 @@ print(json.dumps(model.notes, indent=1)[:900])
 # %%
 # Detection with the model, on the lane it has not seen. The truth file is not among what it takes.
 
-result = tasks.detect_run(
+result = flgpr.detect(
     home / "test.zarr",
     "wang2007",
     home / "result",

@@ -13,7 +13,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
-from flgpr import tasks
+from flgpr.commands.plan import plan_lane, plan_mines
+from flgpr.commands.scoring import score_sealed, seal
 
 home = Path(tempfile.mkdtemp())
 
@@ -21,8 +22,8 @@ home = Path(tempfile.mkdtemp())
 # How many mines does a claim take? To show a Pd of at least 0.8 at no more than 0.02 false alarms per m², with 95 %
 # each, for a detector that is believed to do better:
 
-plan, lines = tasks.plan_mines(0.8, 0.02, true_pd=0.95, true_far=0.005)
-print(*lines, sep="\n")
+plan = plan_mines(0.8, 0.02, true_pd=0.95, true_far=0.005)
+plan
 
 # %%
 # Where do they go? The plan is drawn from a seed and entered, with the hash of the recipe that will be scored, into a
@@ -36,7 +37,7 @@ print(*lines, sep="\n")
     "kind,depth,count\nmetal,0.05,20\nplastic,0.05,20\n"
 )
 (home / "recipe.toml").write_text("# the recipe that will be scored\n")
-truth, entry = tasks.plan_lane(
+truth, entry = plan_lane(
     home / "lane.toml",
     home / "sorts.csv",
     seed=2024,
@@ -52,9 +53,7 @@ truth.head()
 # -o sealed`` asks for the passphrase.)
 
 phrase = "a long passphrase"
-sealed = tasks.seal(
-    home / "plan.csv", home / "lane.toml", home / "sealed", phrase
-)
+sealed = seal(home / "plan.csv", home / "lane.toml", home / "sealed", phrase)
 
 # %%
 # The detector's turn. It is played here by random numbers: most mines with an alarm near them, and false alarms.
@@ -81,7 +80,7 @@ pd.concat([hits, noise]).to_csv(home / "alarms.csv", index=False)
 # The score tells operating points and counts, never a position or a threshold, and logs every look before it tells
 # anything. (``flgpr score alarms.csv --sealed sealed --recipe recipe.toml --book plan.csv.register.jsonl``.)
 
-told = tasks.score_sealed(
+told = score_sealed(
     home / "alarms.csv",
     sealed,
     phrase,

@@ -18,11 +18,11 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import pandas as pd
 
-from flgpr import tasks
-from flgpr.io import read_table
+from flgpr.commands.simulate import simulate_lane
 from flgpr.live.feeding import feed
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.vehicle import Vehicle
+from flgpr.store import read_table
 
 home = Path(tempfile.mkdtemp())
 (home / "scene.toml").write_text(
@@ -41,8 +41,8 @@ density = 40.0              # thinned for speed
 step = [1.0, 1.3]           # m between scans: 4.2 m/s at about four scans a second
 """
 )
-files = tasks.simulate_lane(
-    home / "scene.toml", "sri-array", 5, home / "lane.zarr"
+simulate_lane(
+    home / "scene.toml", sensor="sri-array", seed=5, output=home / "lane.zarr"
 )
 
 # %%

@@ -17,7 +17,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from flgpr import tasks
+import flgpr
+from flgpr.commands.simulate import simulate_lane
 from flgpr.results.result import read_result
 
 home = Path(tempfile.mkdtemp())
@@ -39,7 +40,7 @@ lanes = ("north", "south")
 for seed, name in enumerate(lanes):
     scene = home / "scene.toml"
     store = home / f"{name}.zarr"
-    tasks.simulate_lane(scene, "sri-array", seed, store)
+    simulate_lane(scene, sensor="sri-array", seed=seed, output=store)
 runs = [home / f"{name}.zarr" for name in lanes]
 areas = [home / f"{name}-lane.toml" for name in lanes]
 
@@ -76,15 +77,15 @@ address = json.loads(note.read_text())["address"]
 # The same survey twice: in this process, and on the cluster, both lanes at once. Only small values travel through Dask;
 # arrays stay in a work folder beside the output, from which a survey that was stopped goes on.
 
-plain = tasks.detect_runs(runs, "wang2007", home / "here", areas, report=False)
-shared = tasks.detect_runs(
+plain = flgpr.detect(runs, "wang2007", home / "here", areas, report=False)
+shared = flgpr.detect(
     runs,
     "wang2007",
     home / "cluster",
     areas,
     report=False,
     lanes_at_once=2,
-    how=tasks.How(scheduler=address),
+    scheduler=address,
 )
 for helper in reversed(helpers):
     helper.terminate()
@@ -93,10 +94,11 @@ for helper in reversed(helpers):
 # %%
 # The manifests hold the SHA-256 of every file.
 
-for one, other in zip(plain, shared, strict=True):
-    files, others = (read_result(at).manifest["files"] for at in (one, other))
+for ours, theirs in zip(plain, shared, strict=True):
+    files = ours.manifest["files"]
+    others = theirs.manifest["files"]
     different = [name for name in files if files[name] != others[name]]
-    print(one.name, len(files), "files,", len(different), "different")
+    print(ours.folder.name, len(files), "files,", len(different), "different")
 
 # %%
 # And ``survey.json`` tells how each lane went. `Many workers <../cluster.html>`_ says what happens to workers that are

@@ -21,18 +21,18 @@ from flgpr.imaging import ImagingOperator
 from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, load_sensor
 from flgpr.scoring import clopper_pearson, roc
 from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.bodies import cylinder, rim_amplitude, visible_rims
-from flgpr.simulate.refraction import (
+from flgpr.simulate.bodies.rims import cylinder, rim_amplitude, visible_rims
+from flgpr.simulate.bodies.signature import packaged_table
+from flgpr.simulate.bodies.targets import node_weights
+from flgpr.simulate.ground.refraction import (
     apparent_shift,
     interface_path,
     reflection,
     two_way_attenuation,
     two_way_transmission,
 )
-from flgpr.simulate.roughness import surface_backscatter
-from flgpr.simulate.signature import packaged_table
-from flgpr.simulate.soil import mironov, one_way_loss, peplinski_conductivity, topp
-from flgpr.simulate.targets import node_weights
+from flgpr.simulate.ground.roughness import surface_backscatter
+from flgpr.simulate.ground.soil import mironov, one_way_loss, peplinski_conductivity, topp
 
 HOME = Path(__file__).parent.parent / "images"
 ARID = (3.0, 0.03)

@@ -7,10 +7,10 @@ from typing import Any
 from flgpr.lazy import Verbs, face
 
 _load, __dir__, __all__ = face(__name__, __file__)
-# Two of the names are packages, too: they are loaded as such, and called they do what they are
+# These two names are packages as well: they are loaded as such, and called they do what they are
 # named for.
 __verbs__ = {
-    "detect": ("flgpr.tasks.detection", "detect_run"),
+    "detect": ("flgpr.commands.detect", "detect"),
     "simulate": ("flgpr.simulate", "simulate"),
 }
 sys.modules[__name__].__class__ = Verbs

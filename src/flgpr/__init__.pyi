@@ -1,9 +1,10 @@
 from flgpr.chain.recipe import Recipe, load_recipe
+from flgpr.commands.detect import detect
+from flgpr.commands.replay import replay
+from flgpr.commands.score import score
+from flgpr.commands.train import train
 from flgpr.imaging.operator import ImagingOperator
 from flgpr.imaging.scan import ScanImager
-from flgpr.io.run_store import open_run, save_run
-from flgpr.io.sample import sample_lane
-from flgpr.io.tables import read_lane, read_table
 from flgpr.model.frames import Grid
 from flgpr.model.lane import Lane
 from flgpr.model.run import make_run
@@ -11,12 +12,11 @@ from flgpr.model.sensor import Sensor, load_sensor
 from flgpr.notebook import view
 from flgpr.results.result import Result, read_result
 from flgpr.scoring.lane_roc import roc
-from flgpr.simulate.scene import Scene, load_scene
+from flgpr.simulate.scene.scene import Scene, load_scene
 from flgpr.simulate.simulator import simulate
-from flgpr.tasks.detection import detect_run as detect
-from flgpr.tasks.results import replay
-from flgpr.tasks.scoring import score_result as score
-from flgpr.tasks.training import train_runs as train
+from flgpr.store.run_store import open_run, save_run
+from flgpr.store.sample import sample_lane
+from flgpr.store.tables import read_lane, read_table
 
 __version__: str
 

@@ -20,6 +20,7 @@ import errno
 import hashlib
 import json
 import os
+import re
 import stat
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -42,6 +43,21 @@ MOST_NESTING = 100
 _MOST_EXPANSION = 200
 _SMALL = 64 * 2**20
 """What decodes into more than the second number of bytes may take this many times its room in the file, not more."""
+MOST_TOML = 16 * 2**20
+"""Longest file of TOML that is parsed, characters."""
+_TOML_TEXT = re.compile(
+    r"""
+    "{3}(?:[^"\\]|\\.|"(?!""))*+(?:"{3})?  # where the end is missing it takes all that is left,
+    | '{3}(?:[^']|'(?!''))*+(?:'{3})?      # so that no place is looked at twice
+    | "(?:[^"\\\n]|\\[^\n])*+"?
+    | '[^'\n]*+'?
+    | \#[^\n]*+
+    """,
+    re.VERBOSE | re.DOTALL,
+)
+"""Strings and comments of TOML."""
+_TOML_MARKS = re.compile(r"[=,{}\[\]\n]")
+"""What a key of TOML does not have outside its strings."""
 _BLOCK = 2**15
 _FILE = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_NOCTTY
 _FOLDER = os.O_RDONLY | os.O_DIRECTORY
@@ -300,10 +316,20 @@ def parse_json(data: bytes | str, constant: Callable[[str], Any] | None = None) 
     raise ValueError(f"it must be nested at most {MOST_NESTING} deep, got more")
 
 
-def parse_toml(data: bytes) -> dict[str, Any]:
-    """Parse TOML in UTF-8; what is not valid, or nested too deeply, is a ValueError."""
+def parse_toml(data: bytes | str) -> dict[str, Any]:
+    """Parse TOML in UTF-8 of at most :data:`MOST_TOML` characters; what is not valid is a ValueError.
+
+    So are keys of more than :data:`MOST_NESTING` parts, for which the parser takes time that grows
+    with their square, and values in values so deep that it gives up.
+    """
+    text = data if isinstance(data, str) else data.decode("utf-8")
+    if len(text) > MOST_TOML:
+        raise ValueError(f"it must have at most {MOST_TOML} characters, got {len(text)}")
+    without_text = _TOML_TEXT.sub("", text)
+    if any(part.count(".") >= MOST_NESTING for part in _TOML_MARKS.split(without_text)):
+        raise ValueError(f"its keys must have at most {MOST_NESTING} parts, got more")
     try:
-        return tomllib.loads(data.decode("utf-8"))
+        return tomllib.loads(text)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
 

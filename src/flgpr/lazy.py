@@ -1,13 +1,14 @@
-"""Faces of packages that load what is behind them when it is asked for.
+"""Packages that load what they offer when it is asked for.
 
-A package's ``__init__.pyi`` tells its face: type checkers read it, for which it says ``x as x``, and so does
-:func:`face`, so that every name stands in one place. Importing a package costs nothing then, and a command pays only
-for what it uses.
+The names that a package offers stand in its ``__init__.pyi``, which type checkers read, as ``x as x``.
+:func:`face` reads the same file, so that every name stands in one place. Importing a package costs
+nothing then, and a command pays only for what it uses.
 """
 
 from __future__ import annotations
 
 import ast
+import inspect
 import sys
 from collections.abc import Callable
 from importlib import import_module
@@ -19,42 +20,59 @@ from typing import Any
 def face(
     package: str, file: str
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Make a package's ``__getattr__``, ``__dir__`` and ``__all__``; its stub lies beside its ``__file__``."""
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package, by the stub beside its ``__file__``."""
     source: dict[str, tuple[str, str]] = {}
-    for node in ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8")).body:
+    stub = Path(file).with_suffix(".pyi").read_text(encoding="utf-8")
+    for node in ast.parse(stub).body:
         if isinstance(node, ast.ImportFrom) and node.module != "typing":
-            source |= {
-                alias.asname or alias.name: (node.module or "", alias.name) for alias in node.names
-            }
+            for alias in node.names:
+                source[alias.asname or alias.name] = (node.module or "", alias.name)
+    names = sorted(source)
 
     def load(name: str) -> Any:
         if name not in source:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         module, original = source[name]
         value = getattr(import_module(module), original)
-        setattr(sys.modules[package], name, value)  # the next look finds it without coming here
+        setattr(sys.modules[package], name, value)  # the next access does not come here
         return value
 
-    return load, lambda: sorted(source), sorted(source)
+    return load, lambda: list(names), names
 
 
 class Verb(ModuleType):
-    """A package that is named as what it does: calling ``flgpr.detect`` runs a detection."""
+    """A package that has the name of what it does: calling ``flgpr.detect`` runs a detection.
+
+    It shows the signature and the documentation of its function, which is loaded for that.
+    """
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
-        """Do it."""
+        """Call the function."""
+        return self._function()(*arguments, **options)
+
+    def _function(self) -> Callable[..., Any]:
         module, name = self.__dict__["__verb__"]
-        return getattr(import_module(module), name)(*arguments, **options)
+        function: Callable[..., Any] = getattr(import_module(module), name)
+        return function
+
+    @property
+    def __signature__(self) -> inspect.Signature:
+        return inspect.signature(self._function())
+
+    @property
+    def __doc__(self) -> str:  # type: ignore[override]
+        text = self.__dict__.get("__doc__") or ""
+        called = f"{self.__name__}{self.__signature__}"
+        return f"{text}\n\n``{called}``\n\n{inspect.getdoc(self._function())}"
 
 
 class Verbs(ModuleType):
-    """A package some of whose packages are verbs as well: ``__verbs__`` tells the function of each."""
+    """A package some of whose packages are verbs as well, whose functions ``__verbs__`` names."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         verb = self.__dict__["__verbs__"].get(name)
-        if (
-            verb is not None and type(value) is ModuleType
-        ):  # the import system hands over a package it has loaded
+        # The import system sets here a package that it has loaded.
+        if verb is not None and type(value) is ModuleType:
             value.__class__ = Verb
             value.__verb__ = verb  # type: ignore[attr-defined]
         super().__setattr__(name, value)

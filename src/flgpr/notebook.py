@@ -8,7 +8,8 @@ import sys
 import threading
 from pathlib import Path
 
-from flgpr import tasks
+from flgpr.commands.exporting import map_bytes
+from flgpr.commands.raw_run import RawRun
 from flgpr.results.result import Result
 from flgpr.viewer import Viewer
 
@@ -81,9 +82,9 @@ def view(
         live=live,
         score=score,
         anchor=anchor,
-        raw=tasks.RawRun,
+        raw=RawRun,
         framed=True,
-        make_map=tasks.map_bytes,
+        make_map=map_bytes,
     )
     if key in _open:
         _open.pop(key).close()

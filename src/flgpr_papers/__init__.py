@@ -1,7 +1,11 @@
-"""The papers' experiments, run again on simulated lanes: a room and a page per paper, and the ``kit`` they share."""
+"""The papers' experiments, run again on simulated lanes.
+
+A room and a page per paper, and the ``kit`` they share.
+"""
 
 from flgpr_papers.kit.settings import PAPERS
 from flgpr_papers.overview import reproduce
+from flgpr_papers.reasons import explain
 from flgpr_papers.worlds import map_worlds
 
-__all__ = ["PAPERS", "map_worlds", "reproduce"]
+__all__ = ["PAPERS", "explain", "map_worlds", "reproduce"]

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from flgpr.chain.progress import Track, silent
-from flgpr.execution.executors import Here, Processes
-from flgpr.io import write_whole
-from flgpr.io.outputs import tell_finished
+from flgpr.execution.workers import InProcess, Processes
+from flgpr.store import write_whole
+from flgpr.store.outputs import tell_finished
 from flgpr_papers.kit.findings import OPEN, read_findings
 from flgpr_papers.kit.page import study_html
 from flgpr_papers.kit.settings import PAPERS
@@ -26,11 +26,11 @@ def reproduce(
     workers: int = 1,
     world: str = OWN,
 ) -> Path:
-    """Run a paper's experiment again on simulated lanes, or all of them; what was stopped goes on where it was.
+    """Run a paper's experiment again on simulated lanes, or all of them.
 
-    With "all" every paper works in a folder of its own, and the overview is written anew after
-    each, so that a run that was stopped shows what is there. Several processes first take what a
-    study can have made beforehand part by part.
+    What was stopped goes on where it was. With "all" every paper works in a folder of its own, and
+    the overview is written anew after each, so that a run that was stopped shows what is there.
+    Several processes first take what a study can have made beforehand part by part.
 
     A study on roads as found works in the folder ``as-found`` within that of the study, so that the
     two never mix. The page of the study shows its verdicts beside if they are there when it is
@@ -75,7 +75,7 @@ def reproduce(
         for name in sorted(PAPERS, reverse=True)
     ]
     pages: dict[str, Path] = {}
-    with Processes(workers) if workers > 1 else Here() as executor:
+    with Processes(workers) if workers > 1 else InProcess() as executor:
         if workers > 1:
             parts = [(*job, part) for job in jobs for part in parts_of(job[0], quick)]
             parts.sort(key=lambda job: job[-1] is not None)  # whole studies take longest
@@ -95,7 +95,10 @@ def overview_name(world: str) -> str:
 
 
 def write_overview(folder: Path, pages: Mapping[str, Path], quick: bool, world: str) -> None:
-    """Write the overview and the verdicts of the studies that have a page; those on roads as found have own files."""
+    """Write the overview and the verdicts of the studies that have a page.
+
+    Those on roads as found have own files.
+    """
     rows = {
         name: verdict_rows(world_folder(folder / name, world)) for name in PAPERS if name in pages
     }
@@ -120,7 +123,8 @@ def run_study(
 ) -> Path:
     """Run the study of one paper, which is loaded for it; returns its page.
 
-    A folder that has results of the other form, quick or full, or of the other world is a FileExistsError.
+    A folder that has results of the other form, quick or full, or of the other world is a
+    FileExistsError.
     """
     _refuse_other_form(folder, quick, world)
     before = _bytes_of_page(folder)
@@ -145,7 +149,8 @@ def _refuse_other_form(folder: Path, quick: bool, world: str) -> None:
     )  # before there were two worlds, all studies ran on roads as found
     if its_world != world:
         raise FileExistsError(
-            f"output must not exist yet, got {folder} with lanes of the world {its_world!r}: choose another output"
+            f"output must not exist yet, got {folder} with lanes of the world {its_world!r}: "
+            f"choose another output"
         )
 
 
@@ -188,7 +193,10 @@ def _study_with_progress(
 
 
 def verdict_rows(folder: Path) -> list[tuple[str, str, str, str]]:
-    """Read statement, the paper's figure, ours with its interval, and the verdict; open questions are left out."""
+    """Read statement, the paper's figure, ours with its interval, and the verdict.
+
+    Open questions are left out.
+    """
     rows = []
     for one in read_findings(folder):
         if one.verdict == OPEN:

@@ -9,9 +9,9 @@ from flgpr.calibrate import (
     estimate_range_bias,
     fields_over_bias,
     remove_range_bias,
-    subtract_mean_scan,
     with_track,
 )
+from flgpr.clutter import subtract_mean_scan
 from flgpr.imaging import ImagingOperator
 from flgpr.model import make_run
 from flgpr.model.track import make_track
@@ -112,18 +112,6 @@ def test_what_stands_still_would_pass_for_an_echo():
     assert found(run, mark).bias == pytest.approx(-1.0, abs=0.01)
     kept = estimate_range_bias(run, mark, ImagingOperator)
     assert kept.doubt or abs(kept.bias + 1.0) > 0.1
-
-
-def test_a_vehicle_that_waits_leaves_no_ghost_of_where_it_waited():
-    run = rail(noise=0.0, coupling=5.0)[0]
-    waited = run.isel(scan=np.r_[np.zeros(300, int), np.arange(90)])
-    left = subtract_mean_scan(waited)["signal"].values
-    gone = waited["signal"].values - left
-    still = 5.0 * (turned(0.3) + 0.6 * turned(8.0))
-    ghost = waited["signal"].values.mean(axis=0) - still  # what a plain mean would leave
-    assert np.linalg.norm(gone[0, 0, 0] - still) < 0.4 * np.linalg.norm(ghost)
-    with pytest.raises(ValueError, match="five complete scans"):
-        subtract_mean_scan(run.isel(scan=slice(4)))
 
 
 def test_without_a_reflector_nothing_is_told():

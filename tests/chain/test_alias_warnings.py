@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr import tasks
-from flgpr.benchmark.ground import load_ground
-from flgpr.chain.fitting import alias_faults, check_fit, fit_faults, fit_recipe
 from flgpr.chain.recipe import load_recipe, parse_recipe
-from flgpr.cli import app
-from flgpr.io import Scan, describe_for_live, open_run, sample_lane, save_run
+from flgpr.chain.recipe_for_run import alias_faults, check_fit, fit_faults, fit_recipe
+from flgpr.commands.app import app
+from flgpr.commands.run_report import run_info
+from flgpr.execution.simulated_lane import simulate_to_store
 from flgpr.live.detector import LiveDetector
 from flgpr.model import Sensor, load_sensor, make_run, sensor_presets
+from flgpr.proving_ground.ground import load_ground
 from flgpr.simulate import Scene
 from flgpr.simulate.simulator import warn_of_aliases
-from flgpr.tasks.simulation import simulate_to_store
+from flgpr.store import Scan, describe_for_live, open_run, sample_lane, save_run
 
 RECIPES = sorted(
     file.name.removesuffix(".toml")
@@ -171,7 +171,7 @@ def test_the_command_line_tells_it_once_and_detects(tmp_path):
     assert done.exit_code == 0, done.output
     assert done.stderr.count("echoes repeat after 37.47 m of path") == 1
     assert (tmp_path / "result" / "alarms.csv").is_file()
-    looked = tasks.run_info(tmp_path / "run.zarr", tmp_path / "far.toml")
+    looked = run_info(tmp_path / "run.zarr", tmp_path / "far.toml")
     assert "echoes repeat" in str(looked)
 
 

@@ -6,14 +6,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import flgpr
 from calibrate.echoes import echo
-from flgpr.chain.detect import detect
-from flgpr.chain.fitting import fit_recipe
+from flgpr.chain.method import detect
 from flgpr.chain.recipe import lane_of, parse_recipe
+from flgpr.chain.recipe_for_run import fit_recipe
+from flgpr.commands.replay import replay
 from flgpr.imaging import ScanImager, aperture_blocks, aperture_image
-from flgpr.io import save_run
 from flgpr.model import aperture, aperture_pose, aperture_run, lane_to_scan, make_run, way_weights
-from flgpr.tasks import detect_long, replay
+from flgpr.store import save_run
 
 FREQUENCY = np.linspace(2.0e9, 3.0e9, 81)  # ranges repeat after 12 m
 MARKS = np.array([[2.0, -1.0, 0.0], [3.0, 1.2, 0.0]])
@@ -78,7 +79,7 @@ def test_a_radar_that_moves_past_reflectors_finds_them_where_they_are(heading):
     run = rail(heading)
     recipe = parse_recipe(fit_recipe(run))
     assert recipe.image.frames == "all"
-    alarms = detect(run, recipe)[0].alarms
+    alarms = detect(run, recipe).alarms
     top = alarms[["x", "y"]].to_numpy()[:2]
     assert np.linalg.norm(top[np.argsort(top[:, 1])] - MARKS[:, :2], axis=1).max() < 0.08
     assert alarms["confidence"][1] > 3 * alarms["confidence"][2:].max()
@@ -88,7 +89,7 @@ def test_without_summing_the_scans_the_reflectors_are_arcs():
     """The experiment that could prove the aperture needless."""
     run = rail()
     lone = fit_recipe(run).replace('frames = "all"', "frames = 1")
-    alarms = detect(run, parse_recipe(lone), lane_of(run, parse_recipe(fit_recipe(run))))[0].alarms
+    alarms = detect(run, parse_recipe(lone), lane_of(run, parse_recipe(fit_recipe(run)))).alarms
     near = [
         np.linalg.norm(alarms[["x", "y"]].to_numpy()[:2] - mark[:2], axis=1).min() for mark in MARKS
     ]
@@ -100,9 +101,9 @@ def test_stored_detection_is_that_in_memory_and_is_replayed(tmp_path):
     save_run(run, tmp_path / "rail.zarr")
     (tmp_path / "r.toml").write_text(fit_recipe(run))
     recipe = parse_recipe(fit_recipe(run))
-    [folder] = detect_long(tmp_path / "rail.zarr", tmp_path / "r.toml", tmp_path / "found")
+    folder = flgpr.detect(tmp_path / "rail.zarr", tmp_path / "r.toml", tmp_path / "found").folder
     stored = pd.read_csv(folder / "alarms.csv")
-    there = detect(run, recipe)[0]
+    there = detect(run, recipe)
     np.testing.assert_allclose(stored[["x", "y"]], there.alarms[["x", "y"]])
     assert (
         np.isfinite(there.view.values).mean() > 0.95
@@ -121,7 +122,7 @@ def test_what_an_aperture_cannot_do_is_refused(monkeypatch):
         )
         with pytest.raises(ValueError, match="flgpr prepare"):
             parse_recipe(bad)
-    assert any("image.frames" in reason for reason in parse_recipe(text).waits())
+    assert any("image.frames" in reason for reason in parse_recipe(text).not_live_because())
     run = rail()
     run["valid"][:] = False
     with pytest.raises(ValueError, match="without missing sweeps"):

@@ -6,12 +6,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr import tasks
-from flgpr.chain.detect import detect
-from flgpr.chain.recipe import load_recipe, recipe_text
-from flgpr.io import open_run, read_table, sample_lane, save_run, seal, sha256, unseal
+import flgpr
+from flgpr.chain.method import detect
+from flgpr.chain.recipe import load_recipe, parse_recipe, recipe_text
+from flgpr.commands.beside import BESIDE_DEMO
+from flgpr.commands.demo import demo as make_demo
+from flgpr.commands.replay import replay
 from flgpr.results.result import ResultError, read_result
 from flgpr.scoring import roc
+from flgpr.store import open_run, read_table, sample_lane, save_run, seal, sha256, unseal
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +22,7 @@ def untold(tmp_path_factory):
     """The demo's run alone, without truth beside it, detected with the demo's recipe."""
     folder = tmp_path_factory.mktemp("untold")
     shutil.copytree(sample_lane() / "run.zarr", folder / "run.zarr")
-    return tasks.detect_run(folder / "run.zarr", "demo", folder / "result")
+    return flgpr.detect(folder / "run.zarr", "demo", folder / "result")
 
 
 def outcome(scored, name):
@@ -92,20 +95,47 @@ def test_json_and_csv_hold_the_same_alarms_and_no_map_takes_metres_for_degrees(d
     assert table["confidence"].is_monotonic_decreasing
 
 
-def test_the_same_input_gives_the_same_bytes(demo, untold):
+def test_the_same_input_gives_the_same_bytes(demo, untold, tmp_path):
     """And the same identity, which is the digest of all that is compared and of where the run lies."""
+    again, _ = make_demo(tmp_path / "again")
+    assert again.manifest["identity"] == demo[0].manifest["identity"]
+    alone = untold.manifest["files"]
+    shared = {"alarms.csv", "alarms.json", "features.csv", "run_view.npz", "recipe.toml"}
+    assert shared < alone.keys()
+    assert {name: alone[name] for name in shared} == {
+        name: demo[0].manifest["files"][name] for name in shared
+    }
 
-    def content(result):
-        run = {name: value for name, value in result.manifest["run"].items() if name != "path"}
-        outside = ("run", "identity", "added", "added_sizes", "sha256")
-        return run, {name: value for name, value in result.manifest.items() if name not in outside}
 
-    assert content(untold) == content(demo[0])
-    assert len(untold.manifest["files"]) > 5
+def test_the_recipes_beside_the_demo_find_alone_what_they_find_in_it(demo):
+    run = open_run(sample_lane() / "run.zarr")
+    result, _ = demo
+    assert [one.name for one in result.detections] == ["main", *BESIDE_DEMO]
+    for beside in result.detections[1:]:
+        alone = detect(run, load_recipe(f"demo-{beside.name}"))
+        assert beside.recipe_text == recipe_text(f"demo-{beside.name}")
+        np.testing.assert_array_equal(alone.view.values, beside.view.values)
+        np.testing.assert_allclose(alone.alarms["x"], beside.alarms["x"])
+        np.testing.assert_allclose(alone.alarms["confidence"], beside.alarms["confidence"])
+
+
+def test_a_recipe_with_variants_is_told_what_became_of_them():
+    text = recipe_text("demo") + '\n[[variants]]\nname = "other"\n'
+    with pytest.raises(ValueError, match="what was a variant is a recipe of its own"):
+        parse_recipe(text)
+
+
+def test_the_demo_stays_or_is_refused_where_it_may_not_overwrite(demo, tmp_path):
+    folder = shutil.copytree(demo[0].folder, tmp_path / "result")
+    again, _ = make_demo(folder, overwrite=False)
+    assert again.manifest["identity"] == demo[0].manifest["identity"]
+    flgpr.detect(sample_lane() / "run.zarr", "demo", tmp_path / "other", report=False)
+    with pytest.raises(FileExistsError, match="overwrite"):
+        make_demo(tmp_path / "other", overwrite=False)
 
 
 def test_replay_finds_the_same_and_notices_another_run(demo, tmp_path):
-    assert tasks.replay(demo[0].folder) == {
+    assert replay(demo[0].folder) == {
         "identical": True,
         "agrees": True,
         "files": [],
@@ -114,7 +144,7 @@ def test_replay_finds_the_same_and_notices_another_run(demo, tmp_path):
     run = open_run(sample_lane() / "run.zarr").load()
     save_run(run.assign(signal=1.5 * run["signal"]), tmp_path / "louder.zarr")
     with pytest.raises(ValueError, match="must be the one the result was made of"):
-        tasks.replay(demo[0].folder, tmp_path / "louder.zarr")
+        replay(demo[0].folder, tmp_path / "louder.zarr")
 
 
 def test_replay_tells_a_result_that_differs(demo, tmp_path):
@@ -126,7 +156,7 @@ def test_replay_tells_a_result_that_differs(demo, tmp_path):
     manifest["files"]["recipe.toml"] = sha256(other.encode())
     manifest["sizes"]["recipe.toml"] = len(other.encode())
     (folder / "manifest.json").write_bytes(seal(manifest))
-    outcome = tasks.replay(folder)
+    outcome = replay(folder)
     assert not outcome["identical"]
     assert not outcome["agrees"]
     assert "run_view.npz" in outcome["files"]
@@ -143,7 +173,7 @@ def test_a_nan_sweep_masks_its_scan_and_is_counted(tmp_path):
     run["signal"][1, 2, 7, 50] = np.nan
     run["valid"][1, 2, 7] = False
     save_run(run, tmp_path / "run.zarr")
-    result = tasks.detect_run(tmp_path / "run.zarr", "demo", tmp_path / "result")
+    result = flgpr.detect(tmp_path / "run.zarr", "demo", tmp_path / "result")
     assert result.manifest["run"]["masked_scans"] == [1]
     assert result.manifest["run"]["missing_sweeps"] == 1
     assert result.detections[0].view["looks"].max() == 2
@@ -163,7 +193,7 @@ def test_an_altered_result_is_refused(demo, tmp_path):
 def test_output_never_overwrites_other_files(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(FileExistsError, match="other files"):
-        tasks.demo(tmp_path)
+        make_demo(tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
 
 

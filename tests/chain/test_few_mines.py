@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+import flgpr
 from few_mines import counts_of, follow, resized
-from flgpr import tasks
 from flgpr.chain.alarm_steps import count_alarm_steps
 from flgpr.chain.classifier import TrainingSet, make_training_set, train
 from flgpr.chain.estimators import train_estimator
@@ -38,7 +38,7 @@ def lane(three_mines):
 def run_training(lane, text, output, truth="truth.csv"):
     recipe = output.with_suffix(".toml")
     recipe.write_text(text)
-    return tasks.train_runs(
+    return flgpr.train(
         [lane / "run.zarr"], [lane / truth], recipe, output, lanes=[lane / "lane.toml"]
     )
 

@@ -11,10 +11,11 @@ import pandas as pd
 import pytest
 
 from flgpr.chain.classifier import make_training_set, train
-from flgpr.chain.detect import detect
+from flgpr.chain.method import detect
 from flgpr.chain.recipe import load_recipe, parse_recipe
-from flgpr.io import Scan, describe_for_live, open_run, sample_lane
+from flgpr.commands.beside import BESIDE_DEMO
 from flgpr.live.detector import LiveDetector
+from flgpr.store import Scan, describe_for_live, open_run, sample_lane
 from live_lane import LANE as LIVE_LANE
 from live_lane import make_lane_run
 from live_lane import small_recipe as live_recipe
@@ -22,6 +23,7 @@ from small_lane import LANE, TARGETS, small_recipe, small_run
 
 FOLDER = Path(__file__).parent.parent / "data" / "goldens"
 DIGITS = 6
+DEMO = ("demo", *(f"demo-{name}" for name in BESIDE_DEMO))
 
 
 def levels(view):
@@ -41,17 +43,20 @@ def levels(view):
 
 
 def demo():
-    """Alarms of every chain of the recipe demo, and its run-view."""
-    found = detect(open_run(sample_lane() / "run.zarr"), load_recipe("demo"))
-    alarms = pd.concat([one.alarms.assign(chain=one.name) for one in found], ignore_index=True)
-    return {"demo-alarms": alarms, "demo-view": levels(found[0].view)}
+    """Alarms of the recipe demo and of those beside it, and its run-view."""
+    run = open_run(sample_lane() / "run.zarr")
+    found = {name: detect(run, load_recipe(name)) for name in DEMO}
+    alarms = pd.concat(
+        [one.alarms.assign(recipe=name) for name, one in found.items()], ignore_index=True
+    )
+    return {"demo-alarms": alarms, "demo-view": levels(found["demo"].view)}
 
 
 def features():
     """Alarms and features of a small lane, and what a classifier that was trained on them says."""
     run = small_run()
     recipe = parse_recipe(small_recipe())
-    found = detect(run, recipe, LANE)[0]
+    found = detect(run, recipe, LANE)
     truth = pd.DataFrame(
         {
             "target_id": ["a", "b", "c"],
@@ -65,7 +70,7 @@ def features():
         make_training_set([("one", found.alarms, found.features, truth, LANE)], 0.5),
         ("C_HH_F1", "C_VV_F1"),
     )
-    judged = detect(run, recipe, LANE, model=model)[0].alarms
+    judged = detect(run, recipe, LANE, model=model).alarms
     tables = {
         "alarms": found.alarms,
         "features": found.features,

@@ -45,7 +45,7 @@ def stage_of(run, learnt=None, **entries):
     data, file = run
     level = {"gains": np.ones((1, 4, 2)), "gain": np.ones((4, 2, GRID.ny, GRID.nx))}
     setup = SimpleNamespace(
-        run=data, images=GRID, view=GRID, lane=LANE, imaged=[0, 1, 2, 3], known={"gain": level},
+        run=data, images=GRID, view=GRID, lane=LANE, imaged=[0, 1, 2, 3], results={"gain": level},
         imager=ScanImager(data, GRID, BANDS, "hann"),
     )  # fmt: skip
     table = LikelihoodSettings(

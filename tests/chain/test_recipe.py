@@ -47,7 +47,6 @@ def test_a_broken_recipe_names_the_entry_and_the_rule(old, new, words):
 @pytest.mark.parametrize(
     ("name", "old", "new", "words"),
     [
-        ("demo", 'area = "union"', 'area = "frames"', "with variants, got"),
         ("flsar2004", "", "", "with run_view.look and screen, got"),
         (
             "fuse2018",

@@ -8,9 +8,10 @@ import pytest
 import xarray as xr
 from sklearn.covariance import ledoit_wolf
 
-from flgpr import tasks
-from flgpr.chain.detect import detect
-from flgpr.chain.lane_chain import LaneChain
+import flgpr
+from flgpr.chain.detection import rank_alarms
+from flgpr.chain.lane_setup import LaneSetup
+from flgpr.chain.method import detect, engine_of
 from flgpr.chain.model import load_model
 from flgpr.chain.recipe import load_recipe, parse_recipe
 from flgpr.chain.sections import Section, lane_threshold
@@ -18,9 +19,9 @@ from flgpr.chain.stages import TrainingView
 from flgpr.chain.stages.anomaly import Cfar, CfarSettings, Matched, MatchedSettings, Rx, RxSettings
 from flgpr.chain.stages.low_rank import LowRank, LowRankSettings, low_rank_part
 from flgpr.clutter import standing_field, subtract_standing
-from flgpr.io import describe_for_live, save_run
 from flgpr.live.detector import LiveDetector
 from flgpr.model import Lane
+from flgpr.store import describe_for_live, save_run
 from small_lane import LANE, LANE_TOML, TARGETS, small_recipe, small_run
 
 X = np.round(np.arange(-2, 2.05, 0.1), 9)
@@ -236,7 +237,9 @@ def test_ace_does_not_depend_on_strength_but_amf_does():
 def test_the_signature_is_that_of_the_kinds_and_all_that_made_it_is_spent():
     lane = training()
     assert Matched.fit(MatchedSettings(kinds=("metal",)), [lane])[1]["mines_for_signature"] == 2
-    assert [list(one.index) for one in Matched.spent(MatchedSettings(), [lane])] == [[0, 1, 2]]
+    assert [
+        list(one.index) for one in Matched.targets_used_for_training(MatchedSettings(), [lane])
+    ] == [[0, 1, 2]]
     with pytest.raises(ValueError, match="needs targets of the kinds wood that are seen, got none"):
         Matched.fit(MatchedSettings(kinds=("wood",)), [lane])
     with pytest.raises(ValueError, match="needs clutter pixels farther than 30 m from all targets"):
@@ -261,14 +264,14 @@ def drifting(scans=40, pairs=2, tones=96):
 def low_rank(signal, *parts, **settings):
     """What the stage leaves of the signal that it learnt from, or of parts of it."""
     stage = LowRank(
-        LowRankSettings(**settings), SimpleNamespace(known={}, imager=range(len(signal)))
+        LowRankSettings(**settings), SimpleNamespace(results={}, imager=range(len(signal)))
     )
     stage.before = lambda index, count: signal[index : index + 1]
     (work,) = stage.passes()
     gathered = work.start(None)
     for index in range(len(signal)):
         gathered.add(index)
-    stage.setup.known[work.name] = gathered.result()
+    stage.setup.results[work.name] = gathered.result()
     left = [np.stack([stage.clean(0, one) for one in part]) for part in parts or (signal,)]
     return left if parts else left[0]
 
@@ -327,7 +330,7 @@ TRACKED = 'columns]]\nstage = "tracking"\nlevel = 1.5'
 
 
 def test_a_column_of_the_run_view_ranks_without_a_model(run):
-    found = detect(run, recipe("cfar", CFAR, TRACKED), LANE)[0]
+    found = detect(run, recipe("cfar", CFAR, TRACKED), LANE)
     np.testing.assert_array_equal(found.alarms["confidence"], found.features["cfar"])
     assert (np.diff(found.alarms["confidence"]) <= 0).all()
     assert len(found.alarms) > 3
@@ -339,18 +342,18 @@ def test_a_column_of_the_run_view_ranks_without_a_model(run):
 
 def test_sections_rank_alike(run):
     one = recipe("rx", 'columns]]\nstage = "rx"\nguard = [0.4, 0.4]\nouter = [0.8, 2.5]')
-    whole = LaneChain(run, one, LANE, explains=False)
-    whole.go()
-    alarms = whole.ranked_alarms()[0]
-    known = whole.known["alarms"]
+    whole = LaneSetup(run, one, LANE, explains=False)
+    engine_of(whole).run()
+    alarms = rank_alarms(whole).alarms
+    known = whole.results["alarms"]
     rows = whole.grid.ny
     maxima = pd.DataFrame({name: known[f"maximum|{name}"] for name in ("x", "y", "magnitude")})
     threshold = lane_threshold(one, LANE, maxima, int(known["seen"]))
     parts = []
     for section in (Section(0, rows // 2, threshold), Section(rows // 2, rows, threshold)):
-        chain = LaneChain(run, one, LANE, section=section, explains=False)
-        chain.go()
-        parts.append(chain.ranked_alarms()[0])
+        part = LaneSetup(run, one, LANE, section=section, explains=False)
+        engine_of(part).run()
+        parts.append(rank_alarms(part).alarms)
     table = pd.concat(parts).sort_values(["y", "x"])
     want = alarms.sort_values(["y", "x"])
     np.testing.assert_allclose(
@@ -367,18 +370,18 @@ def test_a_learnt_column_ranks_and_no_detector_is_trained_for_it(run, tmp_path):
     with pytest.raises(ValueError, match=r"learns .*features\.matched"):
         detect(run, one, LANE)
     files = [[tmp_path / name] for name in ("run.zarr", "truth.csv", "lane.toml")]
-    model = tasks.train_runs(*files[:2], tmp_path / "amf.toml", tmp_path / "model", lanes=files[2])
+    model = flgpr.train(*files[:2], tmp_path / "amf.toml", tmp_path / "model", lanes=files[2])
     assert model.detector is None
     assert model.notes["features.matched"]["mines_for_signature"] == 3
-    found = detect(run, one, LANE, model=load_model(tmp_path / "model"))[0]
+    found = detect(run, one, LANE, model=load_model(tmp_path / "model"))
     np.testing.assert_array_equal(found.alarms["confidence"], found.features["amf"])
     assert found.features["ace"].abs().max() <= 1
 
 
 def test_a_column_of_scans_ranks_live(run):
     detector = LiveDetector(describe_for_live(run), recipe("tracked", TRACKED), LANE)
-    assert detector.reads.single == "tracked"
-    assert list(detector.reads.stages) == ["features.tracking"]
+    assert detector.steps.single == "tracked"
+    assert list(detector.steps.stages) == ["features.tracking"]
 
 
 def test_a_confidence_that_nothing_makes_is_refused(run):
@@ -389,7 +392,7 @@ def test_a_confidence_that_nothing_makes_is_refused(run):
         recipe("cfra")
     told = r"confidence must be one of contrast, magnitude, tracked, cfar, got 'cfra'"
     with pytest.raises(ValueError, match=told):
-        LaneChain(run, recipe("cfra", TRACKED, CFAR), LANE)
+        LaneSetup(run, recipe("cfra", TRACKED, CFAR), LANE)
     with pytest.raises(
         ValueError, match=r"confidence must be one of contrast, magnitude, tracked, got 'cfra'"
     ):
@@ -397,10 +400,10 @@ def test_a_confidence_that_nothing_makes_is_refused(run):
     with pytest.raises(
         ValueError, match="subband must be one of F1, F2, got 'F9'"
     ):  # before anything is imaged
-        LaneChain(run, recipe("cfar", CFAR.replace("F1", "F9")), LANE)
+        LaneSetup(run, recipe("cfar", CFAR.replace("F1", "F9")), LANE)
 
 
 def test_a_recipe_with_the_clutter_stage_runs_end_to_end(run):
-    found = detect(run, recipe("contrast", 'clutter]]\nstage = "low-rank"\nrank = 1'), LANE)[0]
+    found = detect(run, recipe("contrast", 'clutter]]\nstage = "low-rank"\nrank = 1'), LANE)
     top = found.alarms[["x", "y"]].to_numpy()[:5]
     assert (np.hypot(*(top[:, None] - TARGETS).T).min(axis=1) < 0.3).any()

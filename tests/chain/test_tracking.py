@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from flgpr.chain.detect import detect
+from flgpr.chain.method import detect
 from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.stages.tracking import Tracking, TrackingSettings
 from small_lane import LANE, TARGETS, small_recipe, small_run
@@ -64,7 +64,7 @@ def test_its_column_joins_those_of_a_recipe():
 
 def test_the_targets_of_a_lane_are_tracked_more_than_its_other_alarms():
     text = small_recipe() + '\n[[columns]]\nstage = "tracking"\npolarization = "HH"\nreach = 0.3\n'
-    found = detect(small_run(), parse_recipe(text), LANE)[0]
+    found = detect(small_run(), parse_recipe(text), LANE)
     tracked = found.features["tracked"].to_numpy()
     assert ((tracked >= 0) & (tracked <= 1)).all()
     away = np.hypot(

@@ -7,19 +7,21 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr import tasks
+import flgpr
 from flgpr.chain.classifier import CLASSIFIER_A, make_training_set, train
-from flgpr.chain.detect import detect
-from flgpr.chain.lane_chain import MAIN, CleanedRun, LaneChain
+from flgpr.chain.cleaned import CleanedRun
+from flgpr.chain.detection import MAIN, detection_of
+from flgpr.chain.lane_setup import LaneSetup
+from flgpr.chain.method import detect, engine_of
 from flgpr.chain.model import load_model, save_model
 from flgpr.chain.progress import silent
 from flgpr.chain.recipe import lane_of, parse_recipe, recipe_text
 from flgpr.clutter import gain_background, remove_background, self_signature
 from flgpr.features import FEATURES, local_contrast
 from flgpr.imaging import ScanImager
-from flgpr.io import Bundle, save_run, write_table
 from flgpr.results.result import read_result
 from flgpr.screen import prescreen, run_view, select
+from flgpr.store import Bundle, save_run, write_table
 from flgpr_papers.wang2007.study import save_examples, wide_view
 from small_lane import LANE, TARGETS, cut_down, small_recipe, small_run
 
@@ -49,7 +51,7 @@ def recipe():
 
 @pytest.fixture(scope="module")
 def found(run, recipe):
-    return detect(run, recipe, LANE)[0]
+    return detect(run, recipe, LANE)
 
 
 def test_the_chain_equals_its_plain_parts(run, recipe, found):
@@ -106,7 +108,7 @@ def test_train_and_detect_with_a_model_that_never_sees_truth(tmp_path, run, trut
     save_run(run, tmp_path / "train.zarr")
     write_table(truth, tmp_path / "truth.csv")
     columns = ("C_HH_F1", "M_VV_F1", "R_HH_HV_F2")
-    model = tasks.train_runs(
+    model = flgpr.train(
         [tmp_path / "train.zarr"],
         [tmp_path / "truth.csv"],
         tmp_path / "small.toml",
@@ -120,7 +122,7 @@ def test_train_and_detect_with_a_model_that_never_sees_truth(tmp_path, run, trut
     elsewhere.mkdir()
     shutil.move(tmp_path / "train.zarr", elsewhere / "run.zarr")
     (tmp_path / "truth.csv").unlink()
-    result = tasks.detect_run(
+    result = flgpr.detect(
         elsewhere / "run.zarr", tmp_path / "small.toml", elsewhere / "result", lane, report=False,
         model=tmp_path / "model",
     )  # fmt: skip
@@ -224,31 +226,32 @@ def test_broken_recipes(old, new, words):
 
 def test_training_needs_one_truth_per_run(tmp_path):
     with pytest.raises(ValueError, match="one truth per run"):
-        tasks.train_runs([tmp_path], [], "wang2007", tmp_path / "m")
+        flgpr.train([tmp_path], [], "wang2007", tmp_path / "m")
     with pytest.raises(ValueError, match="features"):
-        tasks.train_runs([tmp_path], [tmp_path], "demo", tmp_path / "m")
+        flgpr.train([tmp_path], [tmp_path], "demo-mean-self-signature", tmp_path / "m")
 
 
 def cleaned_run(run, recipe) -> CleanedRun:
-    chain = LaneChain(run, recipe, LANE, whole=True)
-    chain.go(names=("signature", "gain"))
-    return chain.cleaned
+    setup = LaneSetup(run, recipe, LANE, whole_background=True)
+    engine_of(setup).run(names=("signature", "gain"))
+    return setup.cleaned
 
 
 def test_a_background_as_far_ahead_as_counts_finds_what_that_of_whole_images_does(run):
     recipe = parse_recipe(cut_down(small_recipe(3), [("y = [2.5, 5.5]", "y = [2.5, 8.5]")]))
-    near, whole = (LaneChain(run, recipe, LANE, whole=whole) for whole in (False, True))
-    for chain in (near, whole):
-        chain.go()
+    near, whole = (LaneSetup(run, recipe, LANE, whole_background=whole) for whole in (False, True))
+    for setup in (near, whole):
+        engine_of(setup).run()
     assert (
-        near.known["gain"]["gain"].shape[2]
-        < whole.known["gain"]["gain"].shape[2]
+        near.results["gain"]["gain"].shape[2]
+        < whole.results["gain"]["gain"].shape[2]
         == recipe.image.grid().ny
     )
-    for one, other in zip(near.detections(), whole.detections(), strict=True):
-        np.testing.assert_array_equal(one.view.values, other.view.values)
-        pd.testing.assert_frame_equal(one.alarms, other.alarms, check_exact=True)
-        pd.testing.assert_frame_equal(one.features, other.features, check_exact=True)
+    one = detection_of(near)
+    other = detection_of(whole)
+    np.testing.assert_array_equal(one.view.values, other.view.values)
+    pd.testing.assert_frame_equal(one.alarms, other.alarms, check_exact=True)
+    pd.testing.assert_frame_equal(one.features, other.features, check_exact=True)
 
 
 def test_the_full_range_view_is_that_of_whole_images(run, recipe):

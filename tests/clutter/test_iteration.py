@@ -1,55 +1,33 @@
-"""Eq. 5-8 of Fuse et al. 2018, Table II, coherent sums over frames, and the least-squares form beside them."""
+"""Eq. 5-8 of Fuse et al. 2018 and Table II, and the least-squares form beside them."""
 
 import numpy as np
 import pytest
 from scipy.sparse.linalg import lsqr
 from tests.reference.fuse2018 import equation_3_matrix, equation_5_data, equations_5_to_8
 
+from clutter.masked_scene import (
+    FREQUENCY,
+    GRID,
+    PIXELS,
+    REGION,
+    RNG,
+    RX,
+    TX,
+    data,
+    disc,
+    noise,
+    operator_on,
+)
 from flgpr.clutter import (
     TABLE_II,
-    FrameStack,
     Iterated,
-    accuracy_needed,
     averaged,
-    averaged_frames,
-    coherent_loss_db,
     fallen_back,
-    iterate_frames,
     iterate_suppression,
-    measured_coherence,
     suppress_by_model,
 )
 from flgpr.imaging import ImagingOperator
 from flgpr.model import SPEED_OF_LIGHT, Grid
-
-FREQUENCY = 0.75e9 + 25e6 * np.arange(99)
-TX = np.repeat([[-0.9, 0, 1.5], [0.9, 0, 1.5]], 8, axis=0)
-RX = np.tile(np.column_stack([np.linspace(-1, 1, 8), np.zeros(8), np.full(8, 1.5)]), (2, 1))
-GRID = Grid.spanning((-2, 2), (2.5, 6), 0.05)
-PIXELS = GRID.points()
-REGION = (PIXELS[..., 1] > 4.25).astype(np.int64)
-RNG = np.random.default_rng(8)
-
-
-def operator_on(points, behind=0.0):
-    shift = np.array([0, -behind, 0])
-    return ImagingOperator(FREQUENCY, TX + shift, RX + shift, points, tolerance=1e-5)
-
-
-def data(x, y, amplitude=1.0, behind=0.0):
-    return amplitude * operator_on([[x, y, 0.0]], behind).forward(np.ones((1, 1, 1)))
-
-
-def disc(x, y, radius=0.3):
-    return np.hypot(PIXELS[..., 0] - x, PIXELS[..., 1] - y) <= radius
-
-
-def peak_db(image, x, y):
-    return 20 * np.log10(np.abs(image[0, 0])[disc(x, y, 0.15)].max())
-
-
-def noise(*shape):
-    return (RNG.normal(size=shape) + 1j * RNG.normal(size=shape)).astype(np.complex64)
 
 
 @pytest.mark.parametrize("amplitude", ["region", "whole"])
@@ -71,16 +49,8 @@ def test_equations_5_to_8_term_by_term(amplitude):
     )
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_the_operators_are_exact_adjoints_of_one_another(seed):
-    rng = np.random.default_rng(seed)
-    points = rng.uniform((-2, 2.5, 0), (2, 6, 0.001), (40, 3))
-    stack = FrameStack([operator_on(points, behind) for behind in (0.0, 0.7, 1.5)])
-    x = rng.normal(size=(2, 1, 40)) + 1j * rng.normal(size=(2, 1, 40))
-    b = rng.normal(size=(3, 2, 16, 99)) + 1j * rng.normal(size=(3, 2, 16, 99))
-    left = np.vdot(b, stack.forward(x))
-    right = np.vdot(stack.adjoint(b), x)
-    assert abs(left - right) < 1e-5 * np.linalg.norm(b) * np.linalg.norm(stack.forward(x))
+def peak_db(image, x, y):
+    return 20 * np.log10(np.abs(image[0, 0])[disc(x, y, 0.15)].max())
 
 
 def test_a_scatterer_under_the_mask_goes_and_one_outside_stays():
@@ -319,66 +289,3 @@ def test_least_squares_has_the_iterates_of_lsqr():
         want = b.ravel() - A @ x
         got = suppress_by_model(b, operator_on(points), count).data
         assert np.linalg.norm(got.ravel() - want) < 1e-4 * np.linalg.norm(want)
-
-
-def test_frames_share_one_reflectivity_or_have_their_own():
-    """Where a scatterer changes its phase from frame to frame, only a reflectivity per frame can take it out."""
-    behind = (0.0, 0.6, 1.2)
-    makes = [lambda points, d=d: operator_on(points, d) for d in behind]
-    mask = disc(-1.0, 5.0)
-    steady = np.stack([data(-1.0, 5.0, behind=d) for d in behind])
-    turning = steady * np.exp(2j * np.pi / 3 * np.arange(3))[:, None, None, None].astype(
-        np.complex64
-    )
-
-    def stack_on(points):
-        return FrameStack([make(points) for make in makes])
-
-    def left(cleaned):
-        return np.linalg.norm(cleaned) / np.linalg.norm(steady)
-
-    shared = iterate_suppression(steady, stack_on, PIXELS, mask, REGION)
-    assert left(averaged(shared, 6)) < 0.15
-    assert left(averaged(iterate_suppression(turning, stack_on, PIXELS, mask, REGION), 6)) > 0.5
-    own = iterate_frames(turning, makes, PIXELS, mask, REGION)
-    assert len(own) == 3
-    assert left(averaged_frames(own, 6)) < 0.2
-
-
-def test_frame_stacks_refuse_what_does_not_fit():
-    with pytest.raises(ValueError, match="at least one frame"):
-        FrameStack([])
-    with pytest.raises(ValueError, match="1 frames"):
-        FrameStack([operator_on(PIXELS[:2, :2])]).adjoint(noise(2, 1, 16, 99))
-
-
-def test_the_loss_of_a_coherent_sum_is_the_one_predicted():
-    error = 0.008
-    shift = RNG.normal(0, error, 4000)
-    field = np.exp(-4j * np.pi / SPEED_OF_LIGHT * np.multiply.outer(shift, FREQUENCY))
-    measured = -20 * np.log10(np.abs(field.mean(axis=(0, 1))))
-    assert measured == pytest.approx(coherent_loss_db(error, FREQUENCY), abs=0.3)
-    assert coherent_loss_db(0.0, FREQUENCY) == 0
-    need = accuracy_needed(FREQUENCY, 1.0)
-    assert coherent_loss_db(need, FREQUENCY) == pytest.approx(1.0, abs=1e-6)
-    # One tone: 4.34 (4πfσ/c)² dB.
-    assert accuracy_needed([2e9], 1.0) == pytest.approx(
-        np.sqrt(1 / 4.3429) * SPEED_OF_LIGHT / (8e9 * np.pi), rel=1e-4
-    )
-    with pytest.raises(ValueError, match="loss_db"):
-        accuracy_needed(FREQUENCY, 0.0)
-
-
-def test_coherence_is_measured_at_the_strongest_pixels():
-    behind = 0.5 * np.arange(6)
-    frames = [operator_on(PIXELS, d).adjoint(data(-1.0, 5.0, behind=d))[0, 0] for d in behind]
-    exact = measured_coherence(frames, most=1)
-    assert exact.loss_db[0] == pytest.approx(0, abs=0.05)
-    row, column = exact.at[0]
-    assert np.hypot(*(PIXELS[row, column, :2] - [-1.0, 5.0])) < 0.05
-    turned = [
-        one * np.exp(1j * phase) for one, phase in zip(frames, [0, 2, 4, 0, 2, 4], strict=True)
-    ]
-    assert measured_coherence(turned, most=1).loss_db[0] > 10
-    with pytest.raises(ValueError, match="at least two frames"):
-        measured_coherence(frames[:1])

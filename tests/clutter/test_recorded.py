@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flgpr.clutter import dewow_traces, level_traces, remove_mean_trace
+from flgpr.clutter import dewow_traces, level_traces
 
 RNG = np.random.default_rng(3)
 TRACES = RNG.normal(size=(6, 40))
@@ -27,14 +27,6 @@ def test_dewow_removes_an_offset_and_the_middle_of_a_ramp():
     np.testing.assert_allclose(dewow_traces(np.full((1, 40), 7.0), 9), 0, atol=1e-12)
 
 
-def test_what_is_the_same_in_all_traces_goes_and_the_rest_stays():
-    standing = RNG.normal(size=40)
-    target = np.zeros((6, 40))
-    target[2, 20] = 6.0
-    left = remove_mean_trace(target + standing)
-    np.testing.assert_allclose(left, target - target.mean(axis=0), atol=1e-12)
-
-
 def test_gain_brings_every_time_to_level_one_by_one_curve():
     decay = np.exp(-np.arange(40) / 9)
     signs = np.where(RNG.random((6, 40)) < 0.5, -1.0, 1.0)
@@ -56,7 +48,7 @@ def test_a_trace_without_data_stays_so_and_does_not_count():
     gaps = TRACES.copy()
     gaps[3] = np.nan
     others = [0, 1, 2, 4, 5]
-    for step in (remove_mean_trace, lambda t: level_traces(t, 5), lambda t: dewow_traces(t, 5)):
+    for step in (lambda t: level_traces(t, 5), lambda t: dewow_traces(t, 5)):
         made = step(gaps)
         assert np.isnan(made[3]).all()
         np.testing.assert_allclose(made[others], step(TRACES[others]), atol=1e-12)
@@ -71,10 +63,6 @@ def test_silence_stays_silence():
     [
         (lambda: dewow_traces(TRACES, 2), "window of dewow must be at least 3 samples, got 2"),
         (lambda: level_traces(TRACES, 1), "window of gain must be at least 3 samples, got 1"),
-        (
-            lambda: remove_mean_trace(TRACES[:1]),
-            "background must be estimated from at least 2 traces with data, got 1",
-        ),
         (
             lambda: level_traces(np.full((2, 9), np.nan), 3),
             "gain must be estimated from at least 1 trace with data",

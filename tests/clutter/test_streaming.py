@@ -224,7 +224,7 @@ def test_spreading_out_is_the_mean_over_the_pixels_that_were_looked_at(step, pla
     tool = BackgroundEstimator(*WINDOWS, step=step)
     tool._shape = (1, 2, *plane)
     coarse = np.random.default_rng(4).uniform(1, 2, (2, -(-plane[0] // step), -(-plane[1] // step)))
-    level = tool._spread_out(coarse)[0]
+    level = tool._mean_filtered(coarse)[0]
     for y, x in ((0, 0), (5, 7), (plane[0] - 1, plane[1] - 1), (plane[0] // 2, 3)):
         near = [
             coarse[:, v // step, u // step]

@@ -7,7 +7,6 @@ from flgpr.clutter import (
     band_pass,
     dewow,
     gate,
-    remove_standing,
     shift_time,
     subtract_run,
     time_gain,
@@ -72,26 +71,6 @@ def test_a_band_keeps_its_tones_and_falls_off_at_both_ends():
         band_pass(echoes((20, 1)), 2e9, 3e9)
 
 
-def test_what_stands_still_goes_and_what_moves_stays():
-    moving = np.stack([path_phase(TONES, SPEED_OF_LIGHT * (30 + 3 * k) * 1e-9) for k in range(9)])
-    still = 100 * path_phase(TONES, SPEED_OF_LIGHT * 10e-9)
-    both = run_of((moving + still)[:, None, None])
-    for scans in (None, 5):
-        left = remove_standing(both, scans)
-        assert level_at(left, 10).max() < 0.6
-        assert level_at(left, 30 + 3 * 4)[4] > 0.6
-
-
-def test_a_slow_change_goes_with_a_window_only():
-    drift = np.exp(1j * np.linspace(0, 3, 60))[:, None] * np.linspace(1, 2, 60)[:, None]
-    ground = 100 * path_phase(TONES, SPEED_OF_LIGHT * (10 + 0.02 * np.arange(60)) * 1e-9) * drift
-    run = run_of(ground[:, None, None])
-    whole, window = (
-        np.abs(remove_standing(run, scans)["signal"].values).mean() for scans in (None, 5)
-    )
-    assert window < 0.1 * whole
-
-
 def test_another_run_is_subtracted_scan_by_scan_or_by_its_mean():
     both = echoes((20, 1), (40, 2), scans=4)
     empty = echoes((40, 2), scans=4)
@@ -128,7 +107,7 @@ def test_missing_sweeps_stay_missing_and_do_not_spread():
     signal[2] = np.nan
     run = run_of(signal)
     for made in (
-        shift_time(run, 1e-9), dewow(run, 1e-9), gate(run, 5e-9), time_gain(run, "agc", 5e-9), remove_standing(run),
+        shift_time(run, 1e-9), dewow(run, 1e-9), gate(run, 5e-9), time_gain(run, "agc", 5e-9),
         band_pass(run, 0.3e9, 1e9), subtract_run(run, echoes((30, 1))),
     ):  # fmt: skip
         assert np.isfinite(made["signal"].values).all(axis=(1, 2, 3)).tolist() == [
@@ -148,7 +127,6 @@ def test_missing_sweeps_stay_missing_and_do_not_spread():
         (lambda run: gate(run, 5e-9, 2e-9), "gate must have start < stop"),
         (lambda run: time_gain(run, "log", 1), "gain must be one of power, agc, got 'log'"),
         (lambda run: time_gain(run, "agc", -1), "gain agc must have a positive value, got -1"),
-        (lambda run: remove_standing(run, 2), "at least 3 scans, got 2"),
         (lambda run: band_pass(run, 2, 1), "band must have 0 <= low < high"),
         (lambda run: gate(run.isel(frequency=[0, 1, 5]), 5e-9), "even to tell times"),
     ],

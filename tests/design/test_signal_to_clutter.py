@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.design import (
     PointSpread,
     Viewing,
@@ -15,13 +15,13 @@ from flgpr.design import (
     ground_model,
     measure_signal_to_clutter,
 )
-from flgpr.design.array import Design, Question, _expect, expected_in_words
+from flgpr.design.array import Design, Question, _set_expected, expected_in_words
 from flgpr.model import SPEED_OF_LIGHT, Sensor, load_sensor
-from flgpr.simulate.echoes import incidence
-from flgpr.simulate.refraction import ray_divergence, two_way_transmission
-from flgpr.simulate.roughness import surface_backscatter
+from flgpr.simulate.bodies.echoes import incidence
+from flgpr.simulate.ground.refraction import ray_divergence, two_way_transmission
+from flgpr.simulate.ground.roughness import surface_backscatter
+from flgpr.simulate.ground.soil import one_way_loss
 from flgpr.simulate.simulator import array_state
-from flgpr.simulate.soil import one_way_loss
 
 TOLERANCE = 1.0  # dB between formula and images, as the documentation states
 BAND = (0.75e9, 1.35e9)
@@ -252,7 +252,7 @@ def test_faults(sensor, asked, words):
 
 
 def test_faults_of_measuring(sensor):
-    with pytest.raises(ValueError, match="seeds must be at least 2, to tell an interval, got 1"):
+    with pytest.raises(ValueError, match="seeds must be at least 2, to give an interval, got 1"):
         measure_signal_to_clutter(sensor, smooth(), ["pmn"], seeds=1)
     with pytest.raises(ValueError, match="looks must be at least 1, got 0"):
         measure_signal_to_clutter(sensor, smooth(), ["pmn"], looks=0)
@@ -274,7 +274,7 @@ def made_up_design(name):
 def test_a_design_says_in_words_what_to_expect():
     design = made_up_design("sri-array")
     ground = ground_model("prepared-earth")
-    _expect(design, ground, Question(band=BAND, depth=0.1))
+    _set_expected(design, ground, Question(band=BAND, depth=0.1))
     wanted = expected_signal_to_clutter(
         load_sensor("sri-array"),
         ground,
@@ -291,7 +291,7 @@ def test_a_design_says_in_words_what_to_expect():
 
 def test_a_design_says_why_nothing_is_expected():
     design = made_up_design("dual-band-x")
-    _expect(design, ground_model("arid-sand"), Question())
+    _set_expected(design, ground_model("arid-sand"), Question())
     assert design.expected.empty
     assert "dual-band-x: no signal to clutter by formula" in expected_in_words(design)
     assert "3.225 GHz" in expected_in_words(design)

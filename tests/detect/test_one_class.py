@@ -92,13 +92,6 @@ def test_threshold_gives_up_the_stated_share():
         assert np.mean(machine.fit_predict(X) == -1) == pytest.approx(0.1, abs=0.01)
 
 
-def test_mixture_finds_the_number_of_groups():
-    rng = np.random.default_rng(0)
-    X = np.vstack([rng.normal(c, 0.3, (80, 2)) for c in (-3, 0, 3)])
-    assert GaussianMixtureNovelty(random_state=0).fit(X).n_components_ == 3
-    assert GaussianMixtureNovelty(random_state=0).fit(X[:80]).n_components_ == 1
-
-
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [

@@ -12,13 +12,13 @@ import pytest
 from typer.testing import CliRunner
 
 from bag import drive
-from flgpr import tasks
-from flgpr.cli import app
 from flgpr.clutter import Thresholds
-from flgpr.io import open_run, sample_lane
+from flgpr.commands.app import app
+from flgpr.commands.simulate import simulate_lane
 from flgpr.model import SPEED_OF_LIGHT, Grid, load_sensor
 from flgpr.simulate import Scene
-from flgpr.simulate.scene import load_scene
+from flgpr.simulate.scene.scene import load_scene
+from flgpr.store import open_run, sample_lane
 from io_gpr import section, write_dt1
 from reading import FENCE, ROOT, SHELL, file_shown, read, shell_lines
 from take import take_text
@@ -58,8 +58,11 @@ def made(tmp_path_factory, demo):
         )
     )
     for seed, name in enumerate(("c1", "c2", "lane"), 1):
-        tasks.simulate_lane(
-            folder / "tiny.toml", folder / "array.toml", seed, folder / f"{name}.zarr"
+        simulate_lane(
+            folder / "tiny.toml",
+            sensor=folder / "array.toml",
+            seed=seed,
+            output=folder / f"{name}.zarr",
         )
     shutil.copytree(demo[0].folder, folder / "result")
     shutil.copy(sample_lane() / "truth.csv", folder / "truth.csv")
@@ -145,7 +148,7 @@ BEFORE = {
     "wang2007": before_wang,
 }
 NOT_HERE = (
-    "flgpr info line7",  # tests/tasks/test_picture_lines.py goes from recordings to pictures
+    "flgpr info line7",  # tests/commands/test_picture_lines.py goes from recordings to pictures
     "flgpr import gpr",
     "flgpr prepare",
     "flgpr calibrate permittivity",
@@ -153,15 +156,15 @@ NOT_HERE = (
     "flgpr view line7",
     "flgpr detect both.zarr",  # tests/physics/test_rail.py detects on the rail
     "flgpr info own.npz",
-    "flgpr info scan_0.npy",  # tests/io/test_drafting.py drafts for all files of an array
+    "flgpr info scan_0.npy",  # tests/formats/test_drafting.py drafts for all files of an array
     "flgpr import mapped own.toml",
     "flgpr import mapped drive.toml --data drive.mcap -o vehicle.zarr",
     "flgpr import mapped gotcha.toml",
-    "sh decks/run.sh",  # needs gprMax; tests/io/test_gprmax_files.py imports what it would write
+    "sh decks/run.sh",  # needs gprMax; tests/formats/test_gprmax_files.py imports what it would write
     "flgpr import gprmax",
     "flgpr simulate scene.toml -o lane.zarr --sensor sri-array",  # half a minute
     "flgpr simulate signature ring.toml",  # minutes; tests/simulate makes tables
-    "flgpr plan survey",  # what a crew fills in; tests/scoring/test_scoring_register.py fills it in
+    "flgpr plan survey",  # what a crew fills in; tests/trials/test_register.py fills it in
     # tests/test_cli.py does; here it is scored at another rate
     "flgpr score result --truth truth.csv   ",
     "flgpr score --agreement",  # tests/viewer/test_verdicts.py has analysts

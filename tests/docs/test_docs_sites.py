@@ -8,7 +8,7 @@ import pytest
 
 from flgpr.model import load_sensor
 from flgpr.simulate import Scene, sites
-from flgpr.simulate.roughness import surface_backscatter
+from flgpr.simulate.ground.roughness import surface_backscatter
 from flgpr.simulate.simulator import _surface_spectra
 
 ROOT = Path(__file__).parents[2]

@@ -9,11 +9,16 @@ import pytest
 
 from flgpr.features import cameron, entropy_alpha
 from flgpr.model import SPEED_OF_LIGHT, load_sensor
-from flgpr.scoring import clopper_pearson, sample_size
+from flgpr.scoring import clopper_pearson
 from flgpr.simulate import Scene
-from flgpr.simulate.refraction import interface_path, two_way_attenuation, two_way_transmission
-from flgpr.simulate.roughness import surface_backscatter
-from flgpr.simulate.soil import mironov, one_way_loss
+from flgpr.simulate.ground.refraction import (
+    interface_path,
+    two_way_attenuation,
+    two_way_transmission,
+)
+from flgpr.simulate.ground.roughness import surface_backscatter
+from flgpr.simulate.ground.soil import mironov, one_way_loss
+from flgpr.trials import sample_size
 
 THEORY = Path(__file__).parents[2] / "docs" / "theory"
 

@@ -55,26 +55,10 @@ def test_contrast_does_not_depend_on_calibration(images):
     assert a == pytest.approx(b, rel=1e-5)
 
 
-def test_inner_region_is_five_across_and_three_along():
-    shape = PatchShape()
-    mask = shape.region(shape.inner)
-    assert mask.sum() == 15
-    assert mask.any(axis=0).sum() == 5
-    assert mask.any(axis=1).sum() == 3
-
-
 def test_an_alarm_nobody_sees_has_no_contrast_and_no_alarms_no_rows(images):
     far = pd.DataFrame({"x": [50.0], "y": [4.0]})
     assert np.isnan(local_contrast(images, far, "HH", "F1", 10)["contrast"].item())
     assert local_contrast(images, far.iloc[:0], "HH", "F1", 10).empty
-
-
-@pytest.mark.parametrize(
-    "bad", [{"size": 24}, {"inner": (11, 3)}, {"guard": (25, 7)}, {"spacing": 0.0}]
-)
-def test_bad_patches(bad):
-    with pytest.raises(ValueError, match="patch"):
-        PatchShape(**bad)
 
 
 def test_gathered_scan_by_scan_it_is_the_same(images):

@@ -161,3 +161,17 @@ def test_no_signal_has_no_value_and_bad_input_is_named():
         entropy_alpha(zero, zero, zero, window=(4, 5))
     with pytest.raises(ValueError, match="finite"):
         entropy_alpha(zero + np.nan, zero, zero)
+
+
+def test_entropy_and_alpha_of_canonical_scatterers_and_their_mixtures():
+    trihedral = [1, 0, 0]
+    dihedral = [0, 1, 0]
+    dipole = [1 / np.sqrt(2), 1 / np.sqrt(2), 0]
+    pure = [np.outer(v, v).astype(complex) for v in (trihedral, dihedral, dipole)]
+    mixed = np.diag([1.0, 1.0, 0.0]).astype(complex)
+    matrices = np.array([*pure, np.eye(3), mixed, np.zeros((3, 3))], dtype=complex)
+    entropy, alpha = entropy_alpha_of(matrices)
+    np.testing.assert_allclose(entropy[:5], [0, 0, 0, 1, np.log(2) / np.log(3)], atol=1e-6)
+    np.testing.assert_allclose(np.degrees(alpha[:5]), [0, 90, 45, 60, 45], atol=1e-4)
+    assert np.isnan(entropy[5])
+    assert np.isnan(alpha[5])

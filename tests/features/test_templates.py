@@ -10,7 +10,6 @@ from flgpr.features import (
     max_correlation,
     mean_template,
     principal_templates,
-    register_fiducials,
     template_features,
 )
 from flgpr.model import Grid, Lane
@@ -158,21 +157,3 @@ def test_tiles_neither_overlap_nor_touch_mines():
     assert 3 <= len(lost) <= 12
     with pytest.raises(ValueError, match="size must fit"):
         clutter_tiles(lane, (4.0, 1.0), mines, 0.4)
-
-
-def test_fiducials_give_shift_and_residual(rng):
-    grid = Grid(-3.0, 0.0, 76, 751, 0.08, 0.04)
-    surveyed = np.array([[-2.2, 4.0], [2.2, 4.0], [-2.2, 15.0], [2.2, 15.0], [-2.2, 26.0]])
-    shift = np.array([0.11, -0.17])
-    noise = rng.normal(0, 0.02, surveyed.shape)
-    image = rng.rayleigh(0.05, grid.shape)
-    x, y = np.meshgrid(grid.x, grid.y)
-    for u, v in surveyed + shift + noise:
-        image = image + 10 * np.exp(-(((x - u) / 0.15) ** 2) - ((y - v) / 0.08) ** 2)
-    found = register_fiducials(image, grid, surveyed)
-    assert found.used == 5
-    np.testing.assert_allclose(found.shift, shift, atol=0.03)
-    spread = noise - np.median(noise, axis=0)
-    assert found.residual == pytest.approx(np.sqrt((spread**2).sum(axis=1).mean()), abs=0.02)
-    with pytest.raises(ValueError, match="fiducial"):
-        register_fiducials(image, grid, [[50.0, 50.0]])

@@ -11,10 +11,11 @@ from numba import config, cuda
 
 from flgpr.chain.images import imager_of
 from flgpr.chain.recipe import parse_recipe, recipe_text
+from flgpr.commands import imaging_peers as bench_peers
+from flgpr.commands import imaging_speed as bench
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging import cuda as engine
-from flgpr.io import open_run, sample_lane
-from flgpr.tasks import bench, bench_peers
+from flgpr.store import open_run, sample_lane
 
 TONES = 500e6 + 40e6 * np.arange(20)
 TX = np.array([[-1.5, 0.0, 5.0], [-1.5, 0.0, 5.0], [1.5, 0.0, 5.2]])
@@ -95,7 +96,7 @@ def test_profiles_too_long_for_shared_memory_are_transformed_in_the_device_s(mon
     for maker in makers:
         maker.cache_clear()
     test_both_directions_agree_with_the_direct_sum("odd width")
-    assert engine.CudaEngine._held[1][0].spare.shape[1] > 1
+    assert engine.CudaEngine._shared_lanes[1][0].spare.shape[1] > 1
     for maker in makers:
         maker.cache_clear()
 

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
+from flgpr.commands import imaging_peers as bench_peers
+from flgpr.commands import imaging_speed as bench
 from flgpr.model import Grid
-from flgpr.tasks import bench, bench_peers
 
 
 @pytest.fixture

@@ -13,22 +13,22 @@ from flgpr.chain.classifier import TrainingSet
 from flgpr.chain.estimators import train_estimator
 from flgpr.chain.model import Model, load_model, save_model
 from flgpr.chain.recipe import DetectorTable, parse_recipe
-from flgpr.io import describe_for_live, save_run
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.feeding import feed
 from flgpr.live.forecast import (
     NAME,
     Followed,
     Forecast,
-    _scans,
+    _stored_scans,
     follow,
+    forecast_event,
     forecast_of,
     foresees,
     learn,
-    told,
 )
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.vehicle import Vehicle
+from flgpr.store import describe_for_live, save_run
 from live_lane import LANE, make_lane_run, small_recipe
 from small_lane import cut_down
 
@@ -109,16 +109,18 @@ def test_the_numbers_are_learnt_of_what_alarms_became():
 def test_looks_to_come_weigh_as_they_then_do(run, model):
     detector = started(run, model, looks=1)
     checked = 0
-    for scan in (one for one in _scans(run) if one.number < 30):
-        before = {one.alarm_id: (one, detector.coming(one)) for one in detector.alarms.values()}
-        seen = {name: detector.looked(one)[1] for name, (one, _) in before.items()}
+    for scan in (one for one in _stored_scans(run) if one.number < 30):
+        before = {
+            one.alarm_id: (one, detector.expected_looks(one)) for one in detector.alarms.values()
+        }
+        seen = {name: detector.mean_of_looks(one)[1] for name, (one, _) in before.items()}
         detector.add(scan)
         for name, (alarm, looks) in before.items():
             if alarm.y > detector.closed and looks:
                 np.testing.assert_allclose(
                     np.diff([0.0] + [way for way, _ in looks]), 0.4, atol=0.05
                 )
-                came = detector.looked(alarm)[1] - seen[name]
+                came = detector.mean_of_looks(alarm)[1] - seen[name]
                 assert came == pytest.approx(looks[0][1], rel=0.1) or came == pytest.approx(
                     0.0, abs=1e-12
                 )
@@ -128,10 +130,10 @@ def test_looks_to_come_weigh_as_they_then_do(run, model):
 
 def test_an_alarm_stands_at_the_mean_of_its_looks(run, model):
     detector = started(run, model)
-    for scan in _scans(run):
+    for scan in _stored_scans(run):
         detector.add(scan)
         for alarm in detector.alarms.values():
-            assert detector.looked(alarm)[0] == pytest.approx(alarm.magnitude, rel=1e-5)
+            assert detector.mean_of_looks(alarm)[0] == pytest.approx(alarm.magnitude, rel=1e-5)
 
 
 def test_what_is_followed_is_what_alarms_became(run, model):
@@ -139,7 +141,7 @@ def test_what_is_followed_is_what_alarms_became(run, model):
     assert len(followed) > 100
     detector = started(run, model, looks=2)
     odds = set()
-    for scan in _scans(run):
+    for scan in _stored_scans(run):
         detector.add(scan)
         odds |= {one.confidence for one in detector.alarms.values()}
     assert {one.odds for one in followed} <= odds
@@ -152,42 +154,44 @@ def test_what_is_followed_is_what_alarms_became(run, model):
 
 def test_to_wait_needs_room_and_a_doubt(run, model):
     detector = started(run, model, looks=1)
-    for scan in _scans(run):
+    for scan in _stored_scans(run):
         detector.add(scan)
         if scan.number == 20:
             break
-    alarm = next(one for one in detector.alarms.values() if len(detector.coming(one)) >= 3)
-    step = detector.coming(alarm)[0][0]
-    sure = told(KNOWN, detector, replace(alarm, confidence=20.0), 9.0, 0.0, 0.1)
-    doubt = told(KNOWN, detector, replace(alarm, confidence=0.2), 9.0, 0.0, 0.1)
+    alarm = next(one for one in detector.alarms.values() if len(detector.expected_looks(one)) >= 3)
+    step = detector.expected_looks(alarm)[0][0]
+    sure = forecast_event(KNOWN, detector, replace(alarm, confidence=20.0), 9.0, 0.0, 0.1)
+    doubt = forecast_event(KNOWN, detector, replace(alarm, confidence=0.2), 9.0, 0.0, 0.1)
     assert (sure["wait"], doubt["wait"]) == (False, True)
     assert sure["change"] < 0.05 < 0.3 < doubt["change"]
-    near = told(KNOWN, detector, replace(alarm, confidence=0.2), 0.9 * step, 0.0, 0.1)
+    near = forecast_event(KNOWN, detector, replace(alarm, confidence=0.2), 0.9 * step, 0.0, 0.1)
     assert (near["wait"], near["looks_left"], "last_p" in near) == (False, 0, False)
     assert near["next_p"] == doubt["next_p"]
-    assert told(KNOWN, detector, alarm, 2.5 * step, 0.0, 0.1)["looks_left"] == 2
-    assert "wait" not in told(KNOWN, detector, alarm, None, 0.0, 0.1)
+    assert forecast_event(KNOWN, detector, alarm, 2.5 * step, 0.0, 0.1)["looks_left"] == 2
+    assert "wait" not in forecast_event(KNOWN, detector, alarm, None, 0.0, 0.1)
     low, high = doubt["last_p"]
     assert low < doubt["next_p"][0]
     assert high - low > 0
-    assert not told(KNOWN, detector, replace(alarm, confidence=0.2), 9.0, 8.0, 0.1)["wait"]
+    assert not forecast_event(KNOWN, detector, replace(alarm, confidence=0.2), 9.0, 8.0, 0.1)[
+        "wait"
+    ]
 
 
 def test_no_look_comes_to_who_stands_or_drives_back(run, model):
     detector = started(run, model, looks=1)
-    for scan in _scans(run):
+    for scan in _stored_scans(run):
         detector.add(scan)
         if scan.number == 20:
             break
-    alarm = next(one for one in detector.alarms.values() if len(detector.coming(one)) >= 3)
+    alarm = next(one for one in detector.alarms.values() if len(detector.expected_looks(one)) >= 3)
     history = detector.history
     newest = detector.history[-1].pose
     for step in (0.0, 1e-9, -0.4):
         detector.history = [
             replace(one, pose=newest + [0, step * k, 0, 0, 0, 0]) for k, one in enumerate(history)
         ]
-        assert detector.coming(alarm) == []
-        assert told(KNOWN, detector, alarm, 9.0, 0.0, 0.1)["wait"] is False
+        assert detector.expected_looks(alarm) == []
+        assert forecast_event(KNOWN, detector, alarm, 9.0, 0.0, 0.1)["wait"] is False
 
 
 def test_odds_beyond_all_bounds_end_no_training():
@@ -269,7 +273,8 @@ def test_who_was_told_to_wait_is_told_when_no_look_came(run, model, tmp_path, mo
         last = {line["alarm_id"]: line for line in lines if line["event"] == "alarm"}
         waiting = [line for line in last.values() if line.get("wait")]
         assert all(
-            live._detector.coming(live._detector.alarms[line["alarm_id"]]) for line in waiting
+            live._detector.expected_looks(live._detector.alarms[line["alarm_id"]])
+            for line in waiting
         )
         waited.append(len(waiting))
         return whole

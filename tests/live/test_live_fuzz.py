@@ -14,11 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from damage import FUZZ, damaged
-from flgpr.io import describe_for_live, encode_frame, encode_scan
-from flgpr.io.scan_file import MAGIC, parse_description
 from flgpr.live.events import EventFile
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.stream import FrameStream
+from flgpr.store import describe_for_live, encode_frame, encode_scan
+from flgpr.store.scan_file import MAGIC, parse_description
 from live_lane import make_lane_run, small_recipe
 
 RUN = make_lane_run(scans=2)
@@ -73,7 +73,7 @@ def live(tmp_path_factory):
     (folder / "out").mkdir()
     with EventFile(folder / "out" / "live.jsonl", fresh=True, burst=10**9) as events:
         (arrival,) = FrameStream().take(run_frame(), True)
-        run._announced(arrival, events)
+        run._take_description(arrival, events)
         assert run._intake is not None
         yield run, events, folder / "out" / "live.jsonl"
 
@@ -88,7 +88,7 @@ def given_to(live, data, over=True, stream=None):
             "bad" if arrival.kind == "frame" and arrival.value is not None else arrival.kind
         )
         if arrival.kind == "run":
-            run._announced(arrival, events)
+            run._take_description(arrival, events)
         elif arrival.kind == "frame":
             run._take(arrival, events)
     with path.open() as file:
@@ -232,16 +232,3 @@ def test_the_socket_answers_every_bad_frame_on_one_connection(tmp_path):
         thread.join(60)
     assert not thread.is_alive()
     assert [one in said for one, said in zip(words, told(), strict=True)] == [True] * len(bad)
-
-
-def test_a_length_that_is_too_large_costs_no_frame_that_follows():
-    """A sender that never pauses: what follows the bad frame comes as it is sent, not when the length is filled."""
-    frames = [scan_frame(number) for number in range(40)]
-    head = bytearray(frames[5])
-    struct.pack_into("<Q", head, 12, struct.unpack_from("<Q", head, 12)[0] + 30 * len(frames[0]))
-    stream = FrameStream()
-    kinds = []
-    for sent, frame in enumerate([*frames[:5], bytes(head), *frames[6:]]):
-        kinds += ["bad" if one.value is not None else one.kind for one in stream.take(frame, False)]
-        assert sent < 7 or len(kinds) >= sent
-    assert kinds == ["frame"] * 5 + ["bad"] + ["frame"] * 34

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from flgpr.chain.recipe import parse_recipe
-from flgpr.io import Scan, decode_frame, describe_for_live, encode_frame, encode_scan, save_run
 from flgpr.live import session
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.feeding import feed
 from flgpr.live.intake import Intake
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.state import restore_snapshot, take_snapshot
+from flgpr.store import Scan, decode_frame, describe_for_live, encode_frame, encode_scan, save_run
 from live_lane import LANE, make_lane_run, small_recipe
 
 SCANS = 13

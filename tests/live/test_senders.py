@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import queue
 import select
 import socket
 import struct
@@ -12,13 +11,11 @@ import time
 import numpy as np
 import pytest
 
-from flgpr.io import ScanFileError, describe_for_live, encode_frame, encode_scan, save_run
-from flgpr.io.scan_file import MAGIC
-from flgpr.live.feeding import feed
 from flgpr.live.senders import SenderLimits, SocketWatch
 from flgpr.live.session import LiveOptions, LiveRun
-from flgpr.live.stream import FrameStream, largest_frame
-from flgpr.live.watch import LARGEST_FRAME, Arrival, ArrivalQueue, Inbox
+from flgpr.live.watch import Inbox
+from flgpr.store import ScanFileError, describe_for_live, encode_frame, encode_scan
+from flgpr.store.scan_file import MAGIC
 from live_lane import make_lane_run, small_recipe
 
 RUN = make_lane_run(scans=2)
@@ -160,68 +157,6 @@ def test_time_for_which_a_sender_is_held_back_does_not_count(tmp_path):
         assert not inbox.take_senders()
 
 
-def test_the_queue_is_full_with_so_many_arrivals_or_so_many_bytes():
-    waiting = ArrivalQueue(most=5, most_bytes=1000)
-    large = Arrival("frame", "a", 0.0, bytes(600))
-    waiting.put_nowait(large)
-    waiting.put_nowait(large)
-    with pytest.raises(queue.Full):
-        waiting.put_nowait(Arrival("frame", "b", 0.0))
-    assert waiting.get_nowait() is large
-    for _ in range(4):
-        waiting.put_nowait(Arrival("frame", "b", 0.0))
-    with pytest.raises(queue.Full):
-        waiting.put_nowait(Arrival("frame", "b", 0.0))
-    assert [len(waiting.get_nowait().data) for _ in range(5)] == [600, 0, 0, 0, 0]
-    assert waiting.empty()
-
-
-def stated(size):
-    """The head of a frame of that many bytes in all."""
-    return struct.pack("<8sIQ", MAGIC, 0, size - 24)
-
-
-@pytest.mark.parametrize(
-    ("described", "most"), [(False, 2**22 + 2**10), (True, largest_frame(DESCRIPTION))]
-)
-def test_a_frame_that_is_larger_than_any_of_the_run_is_not_waited_for(described, most):
-    stream = FrameStream(most if described else None)
-    assert list(stream.take(stated(most), False)) == []
-    stream = FrameStream(most if described else None)
-    (arrival,) = stream.take(stated(most + 1), False)
-    assert str(arrival.value) == f"frame must have at most {most} bytes, got {most + 1}"
-    assert stream.waiting < 24
-    assert [one.data for one in stream.take(SCAN, False)] == [SCAN]
-
-
-def test_scans_may_be_as_large_as_their_own_description_makes_them():
-    large = DESCRIPTION.as_json() | {"frequency_hz": list(np.linspace(1e9, 2e9, 200_000))}
-    stream = FrameStream()
-    (arrival,) = stream.take(encode_frame("run", large), False)
-    assert arrival.kind == "run"
-    size = 8 * 200_000 * len(large["polarization"]) * len(large["tx_m"])
-    assert 2**22 < size < LARGEST_FRAME
-    assert list(stream.take(stated(size), False)) == []
-
-
-def test_a_frame_full_of_beginnings_costs_little(monkeypatch):
-    """Each could be that of the next good frame; they are not all tried again with every part that comes."""
-    tried = []
-    monkeypatch.setattr(
-        "flgpr.live.stream.decode_frame", lambda data: tried.append(1) or _no_frame()
-    )
-    stream = FrameStream(2**20)
-    stream._usual = 100
-    beginnings = struct.pack("<8sIQ", MAGIC, 10, 50_000) * 100
-    for part in [stated(2**20), *[beginnings] * 20]:
-        assert list(stream.take(part, False)) == []
-    assert 0 < len(tried) <= 21 * 16
-
-
-def _no_frame():
-    raise ScanFileError("no frame")
-
-
 def test_a_lack_of_descriptors_makes_senders_wait(tmp_path, monkeypatch):
     accept = socket.socket.accept
     failures = [OSError(24, "Too many open files")] * 3
@@ -303,7 +238,7 @@ def test_a_connection_goes_on_at_the_next_frame_after_a_bad_one(live):
     ("name", "words"),
     [
         ("no/such/folder", "its folder does not exist"),
-        ("file/socket", "its folder is none"),
+        ("file/socket", "what should be its folder is a file"),
         ("s" * 200, "too long"),
     ],
 )
@@ -326,13 +261,3 @@ def test_the_socket_of_another_program_stays(tmp_path, kind):
         with pytest.raises(ValueError, match="on which another program listens: give another path"):
             SocketWatch(path, Inbox())
         assert path.is_socket()
-
-
-def test_a_feed_without_a_listener_is_told_in_words(tmp_path):
-    run = tmp_path / "run.zarr"
-    save_run(RUN, run)
-    with pytest.raises(
-        ValueError, match=r"socket must be one that .*, got .*: No such file"
-    ) as told:
-        feed(run, socket_path=tmp_path / "nobody")
-    assert "Errno" not in str(told.value)

@@ -6,7 +6,7 @@ from importlib import resources
 import pytest
 
 from flgpr.chain.recipe import load_recipe, parse_recipe
-from flgpr.io.mapping import parse_mapping
+from flgpr.formats.mapping import parse_mapping
 from flgpr.model import load_sensor
 from flgpr.simulate import load_scene
 

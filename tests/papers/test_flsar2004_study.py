@@ -7,19 +7,17 @@ import numpy as np
 import pandas as pd
 import pytest
 from sklearn.linear_model import LogisticRegression
-from sklearn.metrics import roc_auc_score
 
-from flgpr.detect import OneClassRelevanceVectorMachine, RelevanceVectorClassifier
+from flgpr.detect import OneClassRelevanceVectorMachine
 from flgpr.features import mean_template
 from flgpr.model import Grid, load_sensor
 from flgpr.screen import prescreen_clusters
 from flgpr.simulate.simulator import Simulator
 from flgpr_papers.flsar2004 import examples as ex
 from flgpr_papers.flsar2004 import experiment, figures
-from flgpr_papers.flsar2004 import findings as fi
 from flgpr_papers.flsar2004 import machines as ma
 from flgpr_papers.flsar2004 import study as flsar2004
-from flgpr_papers.flsar2004.lanes import Mines, Pass, _scene, lane_images, load_settings
+from flgpr_papers.flsar2004.lanes import Mines, Pass, _scene, load_settings
 from flgpr_papers.kit.findings import (
     AGREES,
     DISAGREES,
@@ -86,17 +84,6 @@ def site(small):
     return ex.join(small, [a_pass(small, "out", 1), a_pass(small, "back", 2)])
 
 
-def test_settings_are_the_papers(settings):
-    metal, plastic = (
-        sum(getattr(m, kind) for m in settings.mines) for kind in ("metal", "plastic")
-    )
-    shallow = sum(m.metal + m.plastic for m in settings.mines if m.depth <= 0.05)
-    assert (metal, plastic) == (60, 30)
-    assert shallow / 90 == pytest.approx(0.7, abs=0.02)
-    assert settings.ranges == (10.0, 15.0, 20.0)
-    assert load_settings(quick=True).length < settings.length / 2
-
-
 def test_the_way_back_sees_the_same_mines_turned(small):
     sensor = load_sensor(small.sensor)
     sensor = sensor.model_copy(
@@ -109,29 +96,6 @@ def test_the_way_back_sees_the_same_mines_turned(small):
     assert (back.truth["kind"] == out.truth["kind"]).all()
     assert len(back.world.objects) == len(out.world.objects)
     assert len(out.truth) == 30
-
-
-def test_lane_images_show_a_mine_where_it_is():
-    settings = load_settings().model_copy(
-        update={"mines": (Mines(depth=-0.15, metal=1, plastic=0),), "pitch": 8.0}
-    )
-    sensor = load_sensor("sri-van")
-    tones = sensor.tones.model_copy(update={"start": 5e8, "step": 1e7, "count": 81})
-    sensor = sensor.model_copy(update={"tones": tones, "footprint": (-3.0, 3.0, 6.5, 24.5)})
-    scene = _scene(settings, "arid")
-    quiet = scene.surface.model_copy(update={"echo": False, "phase_screen": False})
-    none = scene.clutter.model_copy(update={"rocks": 0, "bushes": 0, "posts": 0, "patches": 0})
-    scene = scene.model_copy(update={"surface": quiet, "clutter": none, "objects": ()})
-    simulator = Simulator(scene, sensor, 0, errors=False)
-    grid = Grid(-2.0, -1.0, 51, 251, 0.08, 0.04)
-    image = np.abs(
-        lane_images(settings, simulator, sensor, grid, range(len(simulator.reported_pose())))
-    )
-    mine = simulator.truth.iloc[0]
-    for p, r in np.ndindex(2, 3):
-        row, column = np.unravel_index(image[p, r].argmax(), grid.shape)
-        assert grid.x[column] == pytest.approx(mine["x"], abs=0.3)
-        assert grid.y[row] == pytest.approx(mine["y"], abs=0.5)
 
 
 def test_join_finds_the_shift_and_keeps_both_looks_of_a_mine_together(small, site):
@@ -173,14 +137,6 @@ def test_prescreen_loses_weak_mines_and_labels_the_rest(small, site):
         assert np.hypot(known["x"] - row.x, known["y"] - row.y).iloc[0] <= small.prescreen.halo
 
 
-def scores_of(mine, clutter, target=None):
-    mine = np.asarray(mine, float)
-    clutter = np.asarray(clutter, float)
-    clutter = clutter[:, None] if clutter.ndim == 1 else clutter
-    target = np.arange(len(mine)).astype(str) if target is None else np.asarray(target)
-    return ma.HeldOut(mine, clutter, target, np.arange(len(clutter)).astype(str), np.ones(1))
-
-
 def test_held_out_scores_come_from_the_others(small):
     rng = np.random.default_rng(0)
     table = pd.DataFrame(
@@ -214,161 +170,6 @@ def test_held_out_scores_come_from_the_others(small):
     assert [int(y.sum()) for _, y in seen] == [19] * 20
 
 
-def some_examples(seed=0, mines=20, clutter=60):
-    rng = np.random.default_rng(seed)
-    y = np.arange(mines + clutter) < mines
-    target = np.where(y, (np.arange(y.size) // 2).astype(str), "")
-    table = pd.DataFrame({"kind": np.where(y, "metal", "clutter"), "target": target})
-    return table, rng.normal(size=(y.size, 3)) + 1.5 * y[:, None]
-
-
-def test_both_machines_have_one_kernel_and_the_papers_prior(settings, monkeypatch):
-    (table, X), machines = some_examples(), []
-
-    class Kept(RelevanceVectorClassifier):
-        def fit(self, X, y):
-            machines.append(self)
-            return super().fit(X, y)
-
-    monkeypatch.setattr(ma, "RelevanceVectorClassifier", Kept)
-    y = (table["kind"] != "clutter").to_numpy()
-    ma.rvm(settings.classify)(X, y)
-    chosen = ma.search_svm(settings.classify, "rbf", X, y)[-1]
-    assert [one.prior for one in machines] == ["laplacian-map"]
-    assert machines[0].gamma == chosen.gamma
-    machines.clear()
-    ma.evidence_rvm(settings.classify)(X, y)
-    assert {one.prior for one in machines} == {"ard"}
-    assert len(machines) == len(settings.classify.widths) + 1
-
-
-def test_the_width_of_a_novelty_detector_is_that_of_the_median_pair():
-    X = np.random.default_rng(3).normal(size=(40, 6)) * [1, 2, 3, 4, 5, 6]
-    Z = (X - X.mean(axis=0)) / X.std(axis=0)
-    distance = ((Z[:, None] - Z) ** 2).sum(axis=2)[np.triu_indices(40, 1)]
-    assert ma.median_width(X) == pytest.approx(1 / np.median(distance))
-
-
-def test_training_anew_in_every_draw_holds_copies_out_together():
-    table, X = some_examples()
-
-    def memory(
-        train, y
-    ):  # remembers every example: it would give itself away if a copy were tested
-        known = {tuple(row): float(label) for row, label in zip(train, y, strict=True)}
-        return (lambda new: np.array([known.get(tuple(row), 0.5) for row in new])), 1.0
-
-    np.testing.assert_allclose(ma.retrained(table, X, memory, 5, 4), 0.5)
-
-    def fisher(train, y):
-        return LogisticRegression().fit(train, y).decision_function, 1.0
-
-    drawn = ma.retrained(table, X, fisher, 5, 30)
-    assert 0.7 < drawn.mean() < 1.0
-    assert drawn.std() > 0.005
-
-
-def test_area_is_scikit_learns_and_its_interval_covers():
-    rng = np.random.default_rng(1)
-    one = scores_of(rng.normal(1, 1, 40), rng.normal(0, 1, 90))
-    label = np.repeat([1, 0], [40, 90])
-    assert fi.auc(one) == pytest.approx(
-        roc_auc_score(label, np.concatenate([one.mine, one.clutter.ravel()]))
-    )
-    # Φ(1/√2)
-    truth = 0.7602
-    hits = 0
-    for seed in range(60):
-        draw = np.random.default_rng(seed)
-        value = fi.auc_interval(scores_of(draw.normal(1, 1, 30), draw.normal(0, 1, 60)), 200)
-        hits += value[1] <= truth <= value[2]
-    assert hits >= 50  # 95 % of 60 less three standard errors
-
-
-def test_looks_at_one_mine_widen_the_interval():
-    rng = np.random.default_rng(2)
-    mine = rng.normal(1, 1, 30)
-    clutter = rng.normal(0, 1, 300)
-    alone = fi.auc_interval(scores_of(mine, clutter), 500)
-    twice = fi.auc_interval(
-        scores_of(np.repeat(mine, 2), clutter, np.repeat(np.arange(30), 2)), 500
-    )
-    wrong = fi.auc_interval(scores_of(np.repeat(mine, 2), clutter), 500)
-    assert twice[2] - twice[1] == pytest.approx(alone[2] - alone[1], rel=0.15)
-    assert wrong[2] - wrong[1] < 0.9 * (twice[2] - twice[1])
-
-
-def test_paired_differences_are_tighter_than_independent_ones():
-    rng = np.random.default_rng(3)
-    mine = rng.normal(1, 1, 50)
-    clutter = rng.normal(0, 1, 100)
-    a = scores_of(mine, clutter)
-    b = scores_of(mine + rng.normal(0, 0.1, 50), clutter)
-    measure = fi.Measure(area=200.0, far=0.07)
-    value, low, high = fi.difference(a, b, measure, 500)
-    assert low <= value <= high
-    alone = measure.interval(a, 500)
-    assert high - low < 0.5 * (alone[2] - alone[1])
-
-
-def test_partial_area_and_pd_are_those_of_the_curve():
-    rng = np.random.default_rng(5)
-    for repeats in (1, 3):
-        one = scores_of(rng.normal(1, 1, 30), rng.normal(0, 1, (80, repeats)))
-        area = 160.0
-        curve = fi.roc(one, area)
-        far = curve["far"].to_numpy()
-        pd_of = curve["pd"].to_numpy()
-        for limit in (0.04, 0.07, 0.3):
-            grid = (np.arange(20_000) + 0.5) / 20_000 * limit
-            step = pd_of[np.searchsorted(far, grid, side="right") - 1]
-            # Each output of clutter stands for the mines above it: the curve's value before it
-            # falls due.
-            assert fi.Measure(area, limit).value(one) == pytest.approx(step.mean(), abs=0.02)
-            at = pd_of[np.searchsorted(far, limit, side="right") - 1]
-            assert fi.Measure(area, limit, at=True).value(one) == pytest.approx(at, abs=1 / 30)
-    whole = scores_of(rng.normal(1, 1, 30), rng.normal(0, 1, 80))
-    assert fi.Measure(160.0, 0.5).value(whole) == pytest.approx(
-        fi.auc(whole)
-    )  # 80 in 160 m²: the whole ROC
-
-
-def test_partial_area_by_chance_is_what_random_scores_give():
-    rng = np.random.default_rng(6)
-    measure = fi.Measure(160.0, 0.07)
-    values = [
-        measure.value(scores_of(rng.normal(size=30), rng.normal(size=80))) for _ in range(200)
-    ]
-    one = scores_of(rng.normal(size=30), rng.normal(size=80))
-    assert np.mean(values) == pytest.approx(measure.chance(one), abs=0.015)
-    values = [dataclasses.replace(measure, at=True).value(scores_of(rng.normal(size=30), rng.normal(size=80)))
-              for _ in range(200)]  # fmt: skip
-    assert np.mean(values) == pytest.approx(
-        dataclasses.replace(measure, at=True).chance(one), abs=0.02
-    )
-
-
-def test_mines_that_the_prescreener_lost_are_found_at_no_threshold():
-    one = scores_of([3.0, 2.0], [1.0, 0.5, 0.1], ["a", "b"])
-    seen = pd.DataFrame({"target": ["a", "b"], "direction": ["out", "back"]})
-    offered = pd.DataFrame({"target": ["a", "a", "b", "b"], "direction": ["out", "back"] * 2})
-    every = ma.with_lost(one, seen, offered)
-    assert every.mine.tolist() == [3.0, -np.inf, -np.inf, 2.0]
-    assert fi.Measure(1.0, 0.0 + 1e-9, at=True).value(every) == 0.5
-    assert (
-        fi.Measure(1.0, 100.0, at=True).value(every) == 0.5
-    )  # however many false alarms are allowed
-    assert fi.Measure(1.0, 100.0).value(every) == pytest.approx(0.5)
-
-
-def test_strength_is_compared_at_the_same_depth_alone():
-    a = pd.DataFrame({"peak": [1.0, 9.0], "depth": [0.0, 0.1], "target": ["s", "t"]})
-    b = pd.DataFrame(
-        {"peak": [2.0, 8.0, 100.0], "depth": [0.0, 0.1, 0.15], "target": ["u", "v", "w"]}
-    )
-    assert fi.stronger_interval(a, b, 20)[0] == 0.5
-
-
 def test_the_second_prescreener_is_counted_where_there_are_no_mines(small, site):
     screen = ex.learn_screen(small, site)
     first, second, third = ex.clutter_past_prescreeners(site, screen, small.prescreen.halo)
@@ -395,41 +196,10 @@ def test_a_statement_that_hangs_on_the_formulation_cannot_be_said():
     assert "rvm, no-bias: 0.30" in results.findings[0].ours
 
 
-def test_one_class_machines_are_told_apart(settings):
-    table, X = some_examples()
-    y = (table["kind"] != "clutter").to_numpy()
-    scores = {name: ma.one_class(settings.classify, name)(X, y)[0](X) for name in ma.NOVELTY_RIVALS}
-    assert len({tuple(np.round(one, 9)) for one in scores.values()}) == len(ma.NOVELTY_RIVALS)
-    with pytest.raises(ValueError, match="kind must be one of"):
-        ma.one_class(settings.classify, "rvm")
-    np.testing.assert_allclose(ma.sum_of_correlations(X, y)[0](X), X.sum(axis=1))
-
-
 def test_difference_of_proportions_matches_newcombes_example():
     # Newcombe 1998, Table II (a): 56/70 - 48/80
     value, low, high = difference_of_shares((56, 70), (48, 80))
     assert (value, low, high) == pytest.approx((0.2, 0.0524, 0.3339), abs=1e-4)
-
-
-def test_pd_at_a_false_alarm_rate():
-    one = scores_of([5, 4, 3, 2, 1, 0.5], [4.5, 2.5, 0.7, 0.1])
-    assert fi.pd_count(one, 100.0, 0.01, np.ones(6, bool)) == (
-        3,
-        6,
-    )  # one false alarm: everything above 2.5
-    assert fi.pd_count(one, 100.0, 0.0, np.array([1, 1, 0, 0, 0, 0], bool)) == (1, 2)
-
-
-def test_templates_of_one_signature_have_one_component():
-    rng = np.random.default_rng(4)
-    signature = rng.random((1, 2, 3, 9, 7))
-    alike = signature * rng.uniform(1, 5, (30, 1, 1, 1, 1))
-    share, cosine = fi.component_interval(alike, 20)
-    assert share[0] == pytest.approx(1)
-    assert cosine[0] == pytest.approx(1)
-    different = rng.normal(size=(30, 2, 3, 9, 7))
-    assert fi.component_interval(different, 20)[0][0] < 0.3
-    assert fi.likeness_interval(alike, 3 * alike, 20)[0] == pytest.approx(1)
 
 
 @pytest.fixture(scope="module")
@@ -521,11 +291,3 @@ def test_complex_templates_do_not_depend_on_the_phase_of_each_signature(small, s
             np.abs(ex.signatures(small, turned, True, False)[0].mean(axis=0)).max()
             < np.abs(ex.signatures(small, site, True, False)[0].mean(axis=0)).max()
         )
-
-
-def test_margin_touches_the_nearest_points():
-    figure = figures.margin_figure()
-    title = figure.axes[0].get_title()
-    below, above = (float(title.split(f"D{side}1 = ")[1].split(",")[0]) for side in "-+")
-    assert below == pytest.approx(above, abs=0.02)  # a hard margin lies in the middle
-    assert 0.1 < below < 2

@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 from flgpr.chain.progress import silent
-from flgpr.chain.recipe import load_recipe
 from flgpr.clutter import equal_cost, standing_field, subtract_standing
 from flgpr.imaging import ImagingOperator
 from flgpr.model import make_run, vehicle_to_lane
@@ -18,14 +17,11 @@ from flgpr_papers.fuse2018 import results as fuse2018_results
 from flgpr_papers.fuse2018 import study as fuse2018
 from flgpr_papers.fuse2018.findings import (
     all_findings,
-    clutter_findings,
-    follow,
     frame_match,
     lane_match,
     mine_changes,
     one_frame,
     own_changes,
-    peaks_kept,
     power_db,
     scored,
     strongest_boxes,
@@ -50,7 +46,7 @@ from flgpr_papers.fuse2018.process import (
     stage_forms,
     suppressed_alone,
 )
-from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS, clustered, without_paper
+from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS, without_paper
 from flgpr_papers.kit.study_worlds import OtherWorld, study_world
 
 TX = np.repeat(np.column_stack([np.linspace(-1, 1, 4), np.zeros(4), np.zeros(4)]), 4, axis=0)
@@ -273,24 +269,6 @@ def test_one_frame_of_the_paper_is_compared_with_frames_of_ours():
     assert 0.02 < wrong / 400 < 0.09
 
 
-def test_what_stays_from_frame_to_frame_is_followed_and_what_does_not_is_dropped():
-    rng = np.random.default_rng(4)
-    still = pd.DataFrame(
-        {"frame": np.repeat(range(4), 2), "x": [0.0, 1.2] * 4, "y": [5.0] * 8, "magnitude": 3.0}
-    )
-    still[["x", "y"]] += rng.normal(0, 0.05, (8, 2))
-    still.loc[0, "magnitude"] = 9.0  # one bright frame does not make a track bright
-    stray = pd.DataFrame({"frame": np.repeat(range(4), 10), "magnitude": 5.0})
-    stray = stray.assign(x=np.arange(40) * 1.5, y=20.0)
-    tracks = follow(pd.concat([stray, still]), 0.5, 2)
-    assert len(tracks) == 2
-    assert sorted(tracks["frames"]) == [4, 4]
-    np.testing.assert_allclose(np.sort(tracks["x"]), [0.0, 1.2], atol=0.1)
-    assert (tracks["confidence"] == 3.0).all()
-    assert follow(stray, 0.5, 2).empty
-    assert len(follow(stray, 0.5, 1)) == 40
-
-
 def test_truth_does_not_reach_masks_suppression_or_alarms(calibration):
     frames = make_frames("A", 2, 4)
     blind = replace(frames, truth=frames.truth.iloc[:0], objects=frames.objects.iloc[:0])
@@ -348,25 +326,6 @@ def test_scores_count_every_frame_or_every_place(lanes):
     assert better[0] >= better[1]
 
 
-def test_intervals_and_verdicts():
-    rng = np.random.default_rng(0)
-    held = 0
-    for seed in range(100):
-        centre = np.repeat(rng.normal(0, 1, 30), 4)
-        mean, low, high = clustered(
-            centre + rng.normal(0, 0.1, 120), np.repeat(np.arange(30), 4), 300, seed
-        )
-        assert low <= mean <= high
-        held += low <= 0 <= high
-    assert 86 <= held <= 99
-    assert np.isnan(clustered([], [], 10)).all()
-    assert [peaks_kept(-0.5, 0.5), peaks_kept(-3, -2), peaks_kept(-2, 0)] == [
-        "agrees",
-        "disagrees",
-        "cannot say",
-    ]
-
-
 def test_what_is_on_disk_is_not_made_again(lanes, calibration, tmp_path):
     path = tmp_path / "calibration.json"
     first = fuse2018_results.stored_calibration(path, lambda: calibration)
@@ -395,18 +354,6 @@ def test_loosened_poses_are_wrong_alike_in_both_bands():
     total = np.hypot(shift[:, :3].std(), RECIPE.radar.position)
     assert total == pytest.approx(RECIPE.study.loose_position, rel=0.15)
     assert not shift[:, 3:].any()
-
-
-def test_reflectors_lose_what_the_formula_says():
-    study = pose_study(
-        RECIPE.model_copy(update={"image": RECIPE.image.model_copy(update={"frames": 5})}), draws=12
-    )
-    measured = np.median(study.measured, axis=1)
-    assert measured[0] < 0.1
-    near = np.asarray(study.errors) <= 0.005
-    np.testing.assert_allclose(measured[near], study.predicted["l"][near], atol=0.5)
-    assert (study.predicted["x"][1:] > study.predicted["l"][1:]).all()
-    assert study.needed["x"] < study.needed["l"]
 
 
 @pytest.fixture(scope="module")
@@ -460,13 +407,6 @@ def test_the_chain_cleans_as_the_study_does(calibration):
     assert not any(np.array_equal(one, other) for one, other in itertools.combinations(data, 2))
 
 
-def test_the_packaged_recipe_is_the_papers_form():
-    """Sec. 2.3: the same mask in each frame; Sec. 2.4: the roadside's average of a frame of the test lane."""
-    (masks,) = (one.settings for one in load_recipe("fuse2018").clutter if one.stage == "masks")
-    assert (masks.method, masks.low_threshold) == ("iteration-per-frame", "frame")
-    assert (masks.iterations, masks.combination, masks.roadside) == (7, 6, (4.0, 10.0))
-
-
 def test_the_extended_masks_threshold_is_that_of_the_frame(calibration):
     frames = make_frames("A", 2, 3)
     forms = stage_forms(frames, calibration)
@@ -485,34 +425,8 @@ def test_a_course_that_fell_back_is_told(calibration):
     frames = make_frames("A", 2, 3)
     stage = trained(frames.stage, calibration.learnt)
     stage.setup = replace(
-        stage.setup, known={"masks-000000": {"fallen": np.array([True, False, True])}}
+        stage.setup, results={"masks-000000": {"fallen": np.array([True, False, True])}}
     )
     assert stage.notes() == {"suppressions_fallen_back": 2}
-    stage.setup = replace(stage.setup, known={"masks-000000": {"fallen": np.array([False])}})
+    stage.setup = replace(stage.setup, results={"masks-000000": {"fallen": np.array([False])}})
     assert stage.notes() == {}
-
-
-def made_up_boxes(powers):
-    """Clutter boxes of many objects whose power falls so much, dB, by stage, with a little spread."""
-    rng = np.random.default_rng(7)
-    count = 40
-    boxes = pd.DataFrame(
-        {"cluster": [f"O{k}" for k in range(count)], "frame": np.arange(count), "lane": "A"}
-    )
-    for stage, fall in powers.items():
-        boxes[stage] = 10 ** ((-fall + rng.normal(0, 0.3, count)) / 10)
-    return boxes.assign(**{"#0": 1.0})
-
-
-@pytest.mark.parametrize(
-    ("third", "verdict"), [(12.0, "agrees"), (25.0, "disagrees"), (20.0, "cannot say")]
-)
-def test_the_best_combination_is_better_than_each_of_the_others(third, verdict):
-    """#6 over #5 does not suffice: here #3 is worse, better, or alike."""
-    falls = {f"#{k}": 3.0 * k for k in range(1, 6)} | {"#3": third, "#6": 20.0}
-    falls |= {f"iteration {k}": 2.0 * k for k in range(8)}
-    found = {one.claim: one for one in clutter_findings(made_up_boxes(falls), RECIPE)}
-    best = found["#6 is the best combination"]
-    assert best.verdict == verdict
-    assert len(best.parts) == 6
-    assert all(f"#{k} less #6" in best.ours for k in range(6))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
-from flgpr.cli.tools import PAPERS
+from flgpr.commands.app import app
+from flgpr.commands.reproduce import PAPERS
 from flgpr_papers import overview
 from flgpr_papers.kit.findings import (
     NO_VERDICT,

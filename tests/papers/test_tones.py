@@ -3,8 +3,8 @@
 import pytest
 
 from flgpr.chain.recipe import parse_recipe
-from flgpr.io import open_run, sample_lane
 from flgpr.model import check_tones
+from flgpr.store import open_run, sample_lane
 from flgpr_papers.cosgrove2004.images import study_sensor
 from flgpr_papers.cosgrove2004.recipe import study_recipe
 from flgpr_papers.flsar2004 import lanes as flsar

@@ -13,13 +13,13 @@ from flgpr.chain.progress import silent
 from flgpr.chain.recipe import load_recipe, parse_recipe
 from flgpr.features import FEATURES, POLARIMETRIC
 from flgpr.imaging import ScanImager
-from flgpr.io import open_run, write_bundle
 from flgpr.model import Lane
 from flgpr.scoring import pd_mean, roc_of
 from flgpr.scoring.bootstrap import Draw, Rescorer, make_design, make_scores
-from flgpr.simulate import Simulator, draw_world
+from flgpr.simulate import Simulator
+from flgpr.store import open_run, write_bundle
 from flgpr_papers.kit.cache import store_lane
-from flgpr_papers.kit.findings import NO_VERDICT, all_of
+from flgpr_papers.kit.findings import NO_VERDICT
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.kit.study_worlds import OtherWorld, study_world
 from flgpr_papers.wang2007 import lanes, study
@@ -32,8 +32,8 @@ from flgpr_papers.wang2007.analysis import (
     matched,
     table_one,
 )
-from flgpr_papers.wang2007.costs import DIFFERENCES, Lanes, cost_table, paired_cost, pd_mean_of
-from flgpr_papers.wang2007.findings import blind_scores, contrast_lead
+from flgpr_papers.wang2007.costs import Lanes, cost_table
+from flgpr_papers.wang2007.findings import blind_scores
 from flgpr_papers.wang2007.page import page_html
 from flgpr_papers.wang2007.twins import likeness
 
@@ -180,13 +180,6 @@ def test_every_draw_for_simulants_holds_one(results):
         next(pool.draws(1, subset={"kind": "bush"}))
 
 
-def test_the_lead_of_local_contrast():
-    scores = np.full(10, 0.3)
-    scores[[FEATURES.index("C_VV"), FEATURES.index("M_HH")]] = 0.8, 0.5
-    assert contrast_lead(scores) == pytest.approx(0.3)
-    np.testing.assert_allclose(contrast_lead(np.stack([scores, 1 - scores])), [0.3, 0.7 - 0.7])
-
-
 def test_five_scans_see_the_mine_and_what_stays_in_place_is_alike():
     poses = np.zeros((40, 6))
     poses[:, 1] = 2.8 * np.arange(40) - 20
@@ -239,12 +232,6 @@ def test_nested_choice_leaves_the_tested_lane_out(results):
     assert Pool(altered).nested(columns, 2)[2][2] == chosen[2]
     assert 0 <= score <= 1
     assert np.isfinite(confidence).sum() >= len(confidence) - 3
-
-
-def test_a_claim_of_several_parts_holds_if_all_do():
-    assert all_of(["agrees", "cannot say"]) == "cannot say"
-    assert all_of(["agrees", "disagrees", "cannot say"]) == "disagrees"
-    assert all_of(["agrees", "agrees"]) == "agrees"
 
 
 def fake_examples(path):
@@ -327,66 +314,6 @@ def test_blind_lanes_are_scored_by_a_classifier_trained_elsewhere(results):
     np.testing.assert_allclose(a["far"], roc_of(plain, MINES)["far"])
 
 
-def test_a_difference_reads_the_columns_that_it_changes():
-    _, gain, psi, area, everything = DIFFERENCES
-    names = ["C_HH_F1", "P_alpha_F1", "P_psi_F1"]
-    assert [gain.column(name) for name in names] == [
-        "C_HH_F1",
-        "shared.P_alpha_F1",
-        "shared.linear.P_psi_F1",
-    ]
-    assert [psi.column(name) for name in names] == ["C_HH_F1", "P_alpha_F1", "circular.P_psi_F1"]
-    assert [area.column(name) for name in names] == names
-    assert [everything.column(name) for name in names] == [
-        "C_HH_F1",
-        "shared.P_alpha_F1",
-        "shared.P_psi_F1",
-    ]
-
-
-def test_the_differences_are_those_of_the_two_recipes():
-    printed = load_recipe("wang2007-printed")
-    changed = load_recipe("wang2007")
-    told = {one.entry: (one.printed, one.changed) for one in DIFFERENCES}
-    for entry in ("background.median_step", "features.gain", "features.psi", "score.area"):
-        table, name = entry.split(".")
-        assert told[entry] == tuple(
-            str(getattr(getattr(one, table), name)) for one in (printed, changed)
-        )
-
-
-def one_lane(places, confidence):
-    """Two mines 20 m apart on a lane of 100 m², and alarms."""
-    lane = Lane(-1.0, 1.0, 0.0, 50.0)
-    truth = pd.DataFrame(
-        {"target_id": ["T0", "T1"], "x": 0.0, "y": [10.0, 30.0], "kind": "metal", "depth": 0.1}
-    )
-    alarms = pd.DataFrame({"x": 0.0, "y": places, "magnitude": 1.0, "confidence": confidence})
-    one = LaneResult("c1", lane, truth, alarms, pd.DataFrame(), None, None)
-    return matched([one], [alarms])
-
-
-def test_the_cost_is_the_difference_of_pd_mean_with_either_area():
-    # Both mines before the false alarm: PD_mean is 1. One behind it: the false alarm takes its
-    # share of the 0.1 per m².
-    first = one_lane([10.0, 30.0, 45.0], [3.0, 2.0, 1.0])
-    second = one_lane([10.0, 30.0, 45.0], [3.0, 1.0, 2.0])
-    assert pd_mean_of(first, MINES, "paper") == 1
-    left = 100 - 2 * np.pi  # m², halos of 1 m lie within the lane: both rules agree
-    behind = 1 - 1 / left / 0.1
-    assert pd_mean_of(second, MINES, "paper") == pytest.approx((1 + behind) / 2)
-    value, low, high = paired_cost(first, second, MINES, "paper", "paper", 200)
-    assert value == pytest.approx((1 - behind) / 2)
-    assert 0 <= low <= value <= high <= 1
-    assert paired_cost(first, first, MINES, "paper", "paper", 50) == (0, 0, 0)
-    # Mines on the edge: the paper counts halos whole, the union what of them lies in the lane: its
-    # area is larger.
-    edge = second.truth.assign(x=1.0)
-    placed = replace(second, truth=edge)
-    value, *_ = paired_cost(placed, placed, MINES, "paper", "union", 50)
-    assert value == pytest.approx((1 / (100 - np.pi) - 1 / left) / 0.1 / 2, abs=1e-3)
-
-
 def test_the_costs_of_what_nobody_reads_are_zero(results):
     blind = [fake_lane("b1", 5)]
     lanes_of = Lanes(results, blind)
@@ -457,22 +384,6 @@ def test_a_blind_lane_in_one_sub_band_gives_what_it_gives_in_all(tmp_path, monke
         np.testing.assert_allclose(
             narrow.sel(subband="F1"), image, atol=2e-3 * float(abs(image).max())
         )
-
-
-def test_the_lanes_hold_what_the_paper_says():
-    kinds = {"surface": 0, "metal": 0, "plastic": 0, "simulant": 0}
-    for scene, seed in lanes.calibration_scenes().values():
-        assert 300 <= scene.length <= 340
-        truth = draw_world(scene, seed).truth()
-        for kind, depth in zip(truth["kind"], truth["depth"], strict=True):
-            kinds["surface" if depth < 0 else kind] += 1
-    assert kinds == {"surface": 15, "metal": 12, "plastic": 20, "simulant": 16}
-    blind = lanes.blind_scenes()
-    assert [scene.length for scene, _ in blind.values()] == [1200.0] * 4
-    for scene, seed in blind.values():
-        truth = draw_world(scene, seed).truth()
-        assert np.abs(truth["depth"] - 0.075).max() < 0.03
-    assert len({seed for _, seed in [*lanes.calibration_scenes().values(), *blind.values()]}) == 7
 
 
 def test_a_stored_lane_is_not_made_again_unless_it_changed(tmp_path, monkeypatch):

@@ -12,12 +12,12 @@ from scipy.stats import t as student
 from typer.testing import CliRunner
 
 import flgpr_papers
-from flgpr.cli import app
-from flgpr.execution.executors import Here
-from flgpr.execution.survey import How
+from flgpr.commands.app import app
+from flgpr.execution.survey import RunOptions
+from flgpr.execution.workers import InProcess
 from flgpr.scoring import clopper_pearson
 from flgpr_papers import worlds as maps
-from flgpr_papers.kit.findings import AGREES, DISAGREES, UNDECIDED, Finding, judge_again, row_of
+from flgpr_papers.kit.findings import AGREES, DISAGREES, UNDECIDED, Finding, row_of
 from flgpr_papers.kit.mines import mix_counts
 from flgpr_papers.kit.worlds import AXES, worlds
 from flgpr_papers.worlds import ablation, detection, geometry, statements
@@ -30,51 +30,6 @@ def larger(*values, asks=("larger", 0.0, 0.0), claim="A beats B"):
     return Finding(
         claim, "", "", UNDECIDED, interval=(min(values), -9.0, 9.0), asks=asks, parts=parts
     )
-
-
-def test_another_interval_is_judged_by_what_the_claim_asks():
-    assert judge_again(larger(0.0), 0.2, 0.1, 0.3) == AGREES
-    assert judge_again(larger(0.0, asks=("larger", 0.15, 0.0)), 0.2, 0.1, 0.3) == UNDECIDED
-    within = Finding("", "", "", UNDECIDED, rule=(0.0, 0.5), interval=(0.1, 0.0, 0.2))
-    assert judge_again(within, 0.7, 0.6, 0.8) == DISAGREES
-    alike = larger(0.0, asks=("alike", 0.15, 0.0))
-    assert judge_again(alike, 0.05, -0.01, 0.1) == AGREES
-    assert judge_again(alike, 0.05, 0.01, 0.1) == DISAGREES
-    assert (
-        judge_again(larger(0.0, asks=("alike", 0.15, 0.1)), 0.05, 0.01, 0.1) == UNDECIDED
-    )  # the paper's own error
-
-
-def test_a_region_is_judged_by_the_mean_over_its_worlds():
-    values = np.random.default_rng(1).normal(0.3, 0.1, 12)
-    count, (mean, low, high), verdict = statements.pooled([larger(value) for value in values], 13)
-    half = student.ppf(1 - 0.025 / 13, 11) * values.std(ddof=1) / math.sqrt(12)
-    assert (count, verdict) == (12, AGREES)
-    assert (mean, low, high) == pytest.approx(
-        (values.mean(), values.mean() - half, values.mean() + half)
-    )
-    two = [larger(value, -value) for value in values]
-    assert statements.pooled(two, 13)[2] == DISAGREES  # one part of the claim is on the wrong side
-    assert statements.pooled(two[: statements.FEWEST - 1], 13)[2] == UNDECIDED
-    assert statements.pooled([*two, larger(math.nan, 0.1)], 13)[0] == 12
-
-
-def test_regions_disagree_by_chance_as_rarely_as_they_should():
-    rng = np.random.default_rng(2)
-    wrong = 0
-    for _ in range(300):
-        regions = [[larger(value) for value in rng.normal(0, 1, 18)] for _ in range(13)]
-        wrong += any(statements.pooled(region, 13)[2] != UNDECIDED for region in regions)
-    assert wrong <= 27  # 5 % of 300 and three standard errors
-
-
-def test_every_paper_is_asked_in_every_world_and_two_sites_once():
-    asked = statements.studies()
-    assert len(asked) == len(set(asked)) == 3 * 48 + sum(world.loss == "low" for world in worlds())
-    assert {world.loss for paper, world in asked if paper == statements.TWO_SITES} == {"low"}
-    quick = statements.studies(quick=True)
-    assert [paper for paper, _ in quick] == list(flgpr_papers.PAPERS)
-    assert not {world.number for _, world in quick} & {world.number for _, world in asked}
 
 
 def write_lane(job, folder, rng):
@@ -200,33 +155,6 @@ def test_effects_tell_what_the_axes_do(made):
     assert not (effects[effects["response"] == "metal 0.02"]["axis"] == "mines").any()
 
 
-@pytest.mark.parametrize("chance", [0.0, 0.2])
-def test_decibels_that_are_missing_bring_the_papers_pd(chance):
-    rng = np.random.default_rng(9)
-    tables = []
-    for roughness, level in ((1.0, 6.0), (2.0, 0.0)):
-        ratio = rng.normal(level, 2.0, 3000)
-        share = chance + (1 - chance) * expit(ratio - 3.0)
-        far = np.where(rng.random(3000) < share, 0.01, 0.5)
-        cell = {
-            "kind": "plastic",
-            "roughness": roughness,
-            "permittivity": 4.5,
-            "ratio_db": ratio,
-            "far": far,
-        }
-        cell |= {"chance_0.02": chance, "chance_0.07": chance}
-        tables.append(pd.DataFrame(cell))
-    missing = detection.missing_decibels(pd.concat(tables)).set_index(["far", "roughness"])[
-        "missing_db"
-    ]
-    assert missing[0.02, 2.0] - missing[0.02, 1.0] == pytest.approx(6.0, abs=0.3)
-    spread = rng.normal(0.0, 2.0, 100_000)
-    raised = chance + (1 - chance) * expit(missing[0.02, 2.0] + spread - 3.0)
-    assert raised.mean() == pytest.approx(0.65, abs=0.03)
-    assert missing[0.02, 1.0] < 0  # more is found than in the paper
-
-
 def test_costs_find_the_part_that_matters(made):
     folder, _ = made
     costs = pd.read_csv(folder / "ablation-costs.csv")
@@ -259,20 +187,6 @@ def test_geometries_are_averaged_over_lanes(made):
     shares = means[~means["response"].str.endswith("ratio_db")]
     assert shares["low"].ge(0).all()
     assert shares["high"].le(1).all()
-
-
-def test_lanes_that_agree_do_not_make_a_geometry_certain():
-    counts = {
-        f"{kind}_{far:g}": [5, 5]
-        for kind in ("metal", "plastic", "simulant")
-        for far in (0.02, 0.07)
-    }
-    targets = {f"{kind}_targets": [14, 14] for kind in ("metal", "plastic", "simulant")}
-    ratios = {f"{kind}_ratio_db": [1.0, 2.0] for kind in ("metal", "plastic", "simulant")}
-    place = {"height": [2.0, 2.0], "nearest": [7.0, 7.0], "farthest": [16.0, 16.0]}
-    means = geometry.means(pd.DataFrame(place | counts | targets | ratios)).set_index("response")
-    low, high = (float(bound) for bound in clopper_pearson(10, 28))
-    assert tuple(means.loc["metal 0.02", ["low", "high"]]) == pytest.approx((low, high))
 
 
 def test_the_map_tells_where_a_statement_holds(made):
@@ -327,8 +241,8 @@ def test_what_is_there_is_not_run_again(made, monkeypatch):
     monkeypatch.setattr(
         "flgpr_papers.worlds.lanes.run_job", lambda *_: pytest.fail("a lane is run again")
     )
-    statements.run(folder, Here())
-    detection.run(folder, Here())
+    statements.run(folder, InProcess())
+    detection.run(folder, InProcess())
     assert done == [(paper, world.number)]
     path.write_bytes(record)
 
@@ -374,7 +288,10 @@ def test_a_cluster_does_what_is_left(tmp_path, monkeypatch):
         n_workers=1, processes=False, dashboard_address="127.0.0.1:0", host="tcp://127.0.0.1"
     ) as cluster:
         page = maps.map_worlds(
-            tmp_path, ["statements"], quick=True, how=How(scheduler=cluster.scheduler_address)
+            tmp_path,
+            ["statements"],
+            quick=True,
+            how=RunOptions(scheduler=cluster.scheduler_address),
         )
     assert page == tmp_path / "index.html"
     assert "quick run" in page.read_text(encoding="utf-8")
@@ -395,7 +312,7 @@ def test_what_cannot_be_run_is_refused(tmp_path):
     found = runner.invoke(
         app, ["reproduce", "wang2007", "--part", "detection", "-o", str(tmp_path / "x")]
     )
-    assert "part must be left out for wang2007: only worlds has parts" in found.stderr
+    assert "part must be left out for wang2007: only worlds and reasons have parts" in found.stderr
     assert not (tmp_path / "x").exists()
     (tmp_path / "worlds.json").write_text('{"quick": true}\n')
     with pytest.raises(FileExistsError, match="with the quick form: choose another output"):

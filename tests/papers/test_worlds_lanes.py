@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.execution.executors import Here
+from flgpr.execution.workers import InProcess
 from flgpr.simulate import Scene
-from flgpr.simulate.scene import site_tables
+from flgpr.simulate.scene.scene import site_tables
 from flgpr_papers.kit.worlds import AXES, DECLARED, World, design_worlds, worlds
 from flgpr_papers.worlds import ablation, detection, geometry
 from flgpr_papers.worlds.lanes import (
@@ -142,7 +142,7 @@ def lane(tmp_path_factory):
         3,
         ground=((7.0, 10.0), (7.0, 16.0)),
     )
-    run_jobs(folder, [job], Here())
+    run_jobs(folder, [job], InProcess())
     return folder, job
 
 
@@ -152,7 +152,7 @@ def test_a_lane_is_kept_and_not_run_again(lane, monkeypatch):
     assert len(record["targets"]) == len(record["ratio_db"]) == 3
     assert [found["ground"] for found in record["found"]] == [[7.0, 10.0], [7.0, 16.0]]
     monkeypatch.setattr("flgpr_papers.worlds.lanes.run_job", lambda *_: pytest.fail("run again"))
-    run_jobs(folder, [job], Here())
+    run_jobs(folder, [job], InProcess())
     other = dataclasses.replace(job, seed=4)
     assert other.path(folder) != job.path(folder)
 

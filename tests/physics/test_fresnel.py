@@ -15,8 +15,8 @@ import pytest
 from scipy.special import hankel2
 
 from flgpr.clutter import subtract_run
+from flgpr.formats.mapped import import_mapped
 from flgpr.imaging import ImagingOperator
-from flgpr.io.mapped import import_mapped
 from reference.cylinders import SPEED, scattered
 
 DISTANCE = 1.67  # m, of source and receivers from the centre

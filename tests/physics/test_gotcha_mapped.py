@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
+from flgpr.formats import import_mapped
 from flgpr.imaging import ImagingOperator
-from flgpr.io import import_mapped
 
 MAPPING = Path(__file__).parent.parent / "data" / "mappings" / "gotcha.toml"
 TARGET = np.array([-15.63, 21.59, 0.0])

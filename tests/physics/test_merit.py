@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flgpr.formats.mapped import import_mapped
 from flgpr.imaging import ImagingOperator
-from flgpr.io.mapped import import_mapped
 
 TARGET = np.array([0.015, 0.0, 0.035])
 MAPPING = Path(__file__).parent.parent / "data" / "mappings" / "merit.toml"

@@ -13,15 +13,15 @@ from flgpr.calibrate import (
     estimate_joint,
     estimate_range_bias,
     remove_range_bias,
-    subtract_mean_scan,
     synthetic_aperture,
     with_track,
 )
-from flgpr.chain.detect import detect
-from flgpr.chain.fitting import fit_recipe
+from flgpr.chain.method import detect
 from flgpr.chain.recipe import parse_recipe
+from flgpr.chain.recipe_for_run import fit_recipe
+from flgpr.clutter import subtract_mean_scan
+from flgpr.formats.mapped import import_mapped
 from flgpr.imaging import ImagingOperator
-from flgpr.io.mapped import import_mapped
 from flgpr.model import SPEED_OF_LIGHT as C
 from flgpr.model import way_weights
 from flgpr.model.track import poses_at
@@ -79,7 +79,7 @@ def test_detection_by_the_runs_own_recipe_finds_both_reflectors(measured, focuse
     run = remove_range_bias(
         with_track(arrived.run, arrived.track, clock.offset).compute(), bias.bias
     )
-    alarms = detect(run, parse_recipe(fit_recipe(run)))[0].alarms[["x", "y"]].to_numpy()[:3]
+    alarms = detect(run, parse_recipe(fit_recipe(run))).alarms[["x", "y"]].to_numpy()[:3]
     for mark in marks:
         assert np.linalg.norm(alarms - mark[:2], axis=1).min() < 0.15
 

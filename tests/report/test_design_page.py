@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.design.array import Design, Question
 from flgpr.model import load_sensor
 from flgpr.report import design_report

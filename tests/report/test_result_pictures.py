@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.chain.lane_chain import Detection
+from flgpr.chain.detection import Detection
 from flgpr.chain.recipe import load_recipe
 from flgpr.model import Grid, Lane
 from flgpr.report import geometry_figure, report_html

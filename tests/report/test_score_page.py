@@ -9,15 +9,8 @@ import pytest
 
 from flgpr.model import Lane
 from flgpr.report import write_score_report
-from flgpr.scoring import (
-    clopper_pearson,
-    figure_bytes,
-    patch_figure,
-    pd_mean,
-    peak_roc,
-    roc,
-    roc_figure,
-)
+from flgpr.scoring import clopper_pearson, pd_mean, peak_roc, roc
+from flgpr.trials import figure_bytes, patch_figure, roc_figure
 
 LANE = Lane(-2.0, 2.0, 0.0, 120.0)
 

@@ -9,12 +9,14 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
-from flgpr.io import read_anchor
+from flgpr.commands.app import app
+from flgpr.commands.plan import plan_lane
+from flgpr.commands.planning import plan_files
+from flgpr.commands.scoring import score_sealed, seal
+from flgpr.geo import read_anchor
 from flgpr.model import Lane
 from flgpr.report.trial_pages import lane_maps
-from flgpr.scoring import register
-from flgpr.tasks import plan_files, plan_lane, score_sealed, seal
+from flgpr.trials import register
 
 LANE = "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 75.0\n"
 ANCHOR = """
@@ -42,7 +44,7 @@ def home(tmp_path):
 
 
 def plan(home, **how):
-    return plan_lane(home / "lane.toml", home / "sorts.csv", 7, home / "plan.csv", **how)[0]
+    return plan_lane(home / "lane.toml", home / "sorts.csv", home / "plan.csv", 7, **how)[0]
 
 
 def test_a_plan_is_written_to_the_millimetre_with_page_and_sheet(home):
@@ -76,7 +78,7 @@ def test_a_plan_is_a_table(home):
     with pytest.raises(
         ValueError, match=r"must be a file name that ends in \.csv, got .*plan\.html"
     ):
-        plan_lane(home / "lane.toml", home / "sorts.csv", 7, home / "plan.html")
+        plan_lane(home / "lane.toml", home / "sorts.csv", home / "plan.html", 7)
 
 
 def test_an_anchored_plan_lies_on_the_earth(home):
@@ -162,7 +164,7 @@ def test_a_seed_is_drawn_and_stands_nowhere_but_on_the_terminal(home):
     first = (home / "plan.csv").read_text()
     for path in home.glob("plan*"):
         path.unlink()
-    plan_lane(home / "lane.toml", home / "sorts.csv", int(seed), home / "plan.csv")
+    plan_lane(home / "lane.toml", home / "sorts.csv", home / "plan.csv", int(seed))
     assert (home / "plan.csv").read_text() == first
 
 

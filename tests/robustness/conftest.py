@@ -2,8 +2,8 @@
 
 import pytest
 
-from flgpr import tasks
-from flgpr.io import save_run
+import flgpr
+from flgpr.store import save_run
 from robust import DetectedLane
 from small_lane import LANE_TOML, small_recipe, small_run
 
@@ -15,7 +15,7 @@ def lane(tmp_path_factory):
     save_run(run, home / "run.zarr")
     (home / "small.toml").write_text(small_recipe().replace("x = [-2.0, 2.0]", "x = [-1.5, 1.5]"))
     (home / "lane.toml").write_text(LANE_TOML)
-    result = tasks.detect_run(
+    result = flgpr.detect(
         home / "run.zarr", home / "small.toml", home / "result", home / "lane.toml", report=False
     )  # fmt: skip
     return DetectedLane(home, result)

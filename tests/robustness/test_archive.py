@@ -9,10 +9,10 @@ import pytest
 
 from damage import memory_within
 from flgpr.archive import Archive, npy_header
-from flgpr.io import seal, sha256, unseal
-from flgpr.io.arrays import open_arrays
+from flgpr.formats.arrays import open_arrays
 from flgpr.results.result import parse_view, read_result
-from flgpr.simulate.signature.table import load_table
+from flgpr.simulate.bodies.signature.table import load_table
+from flgpr.store import seal, sha256, unseal
 from small_results import small_result
 
 SMALL = 40 * 2**20

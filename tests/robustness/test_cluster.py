@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from flgpr import tasks
+import flgpr
 from robust import content
 
 distributed = pytest.importorskip("distributed")
@@ -77,7 +77,7 @@ def test_a_cluster_gives_the_same_bytes_and_a_killed_worker_costs_only_what_it_w
                 )
                 at_kill.update(victim=victim, done=len(done))
 
-        result = tasks.detect_run(
+        result = flgpr.detect(
             *lane.arguments, tmp_path / "result", lane.area, scheduler=scheduler, report=False, note=note
         )  # fmt: skip
     assert content(result.folder) == lane.content
@@ -98,21 +98,19 @@ def test_the_messages_do_not_grow_with_the_images(lane):
     """What goes through the scheduler per piece: the job, the stage and a number one way, a report the other."""
     from distributed.protocol import serialize_bytes
 
-    from flgpr.execution.lane_work import do_part
+    from flgpr.execution.job import do_block
     from robust import small_job
 
     job = small_job(lane, lane.home / "other")
-    assert len(serialize_bytes((do_part, job, "signature", 3))) < 8000
+    assert len(serialize_bytes((do_block, job, "signature", 3))) < 8000
 
 
 def test_no_scheduler_is_said_plainly(lane, tmp_path, monkeypatch):
-    monkeypatch.setattr("flgpr.execution.cluster._PATIENCE", "0.5s")
+    monkeypatch.setattr("flgpr.execution.workers._PATIENCE", "0.5s")
     with pytest.raises(ValueError, match="scheduler must be the address"):
-        tasks.detect_run(
-            *lane.arguments, tmp_path / "result", lane.area, scheduler="tcp://127.0.0.1:9"
-        )
+        flgpr.detect(*lane.arguments, tmp_path / "result", lane.area, scheduler="tcp://127.0.0.1:9")
     with pytest.raises(ValueError, match="exclude"):
-        tasks.detect_run(
+        flgpr.detect(
             *lane.arguments,
             tmp_path / "result",
             lane.area,

@@ -25,12 +25,17 @@ from damage import (
     sparse,
 )
 from flgpr import door
-from flgpr.benchmark.running import read_costs, read_ground
 from flgpr.chain.model import describe_model, load_model, save_model
+from flgpr.commands.registering import find_entrant
 from flgpr.door import DoorError, Folder, Listed, parse_json, read_named
 from flgpr.execution.checkpoint import Checkpoint, begin
-from flgpr.io import (
-    gprmax,
+from flgpr.formats import gprmax
+from flgpr.live.state import FORMAT, SNAPSHOT_FILE, VERSION, read_snapshot
+from flgpr.proving_ground.running import read_costs, read_ground
+from flgpr.results.result import add_files, read_result
+from flgpr.results.score import read_scored_truth
+from flgpr.results.sections import read_sections, write_sections
+from flgpr.store import (
     open_run,
     read_table,
     read_verdicts,
@@ -40,14 +45,9 @@ from flgpr.io import (
     unseal,
     write_bundle,
 )
-from flgpr.io.scan_file import RUN_FILE, RunDescription, read_description, write_description
-from flgpr.io.tables import parse_columns
-from flgpr.io.verdicts import verdict_bytes
-from flgpr.live.state import FORMAT, SNAPSHOT_FILE, VERSION, read_snapshot
-from flgpr.results.result import add_files, read_result
-from flgpr.results.score import read_scored_truth
-from flgpr.results.sections import read_sections, write_sections
-from flgpr.tasks.registering import find_entrant
+from flgpr.store.scan_file import RUN_FILE, RunDescription, read_description, write_description
+from flgpr.store.tables import parse_columns
+from flgpr.store.verdicts import verdict_bytes
 from flgpr.viewer.scores import ScoreFiles
 from flgpr.viewer.session import LiveFile, ResultFiles, open_source
 from small_results import small_result
@@ -240,7 +240,7 @@ def read_manifest_only(folder):
 
 def read_ground_mark(folder):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("flgpr.benchmark.running.load_ground", lambda quick, source: quick)
+        patch.setattr("flgpr.proving_ground.running.load_ground", lambda quick, source: quick)
         return read_ground(folder)
 
 
@@ -372,7 +372,7 @@ def test_a_manifest_of_an_older_version_can_be_added_to_whenever_it_stops(copied
 
 
 def stopping_after(left):
-    from flgpr.io import write_whole
+    from flgpr.store import write_whole
 
     def write(path, data):
         if not left[0]:
@@ -697,7 +697,7 @@ def test_a_work_folder_takes_nothing_else_up(work, name, damage, tmp_path):
 
 def test_arrays_may_not_share_bytes(tmp_path):
     """Else a small file would hold a thousand large arrays."""
-    from flgpr.io.files import canonical_json
+    from flgpr.store.files import canonical_json
 
     body = bytes(6400)
     entry = {"dtype": "<f8", "shape": [800], "sha256": sha256(body)}

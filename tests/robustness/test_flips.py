@@ -6,15 +6,17 @@ import shutil
 import numpy as np
 import pytest
 
+import flgpr
 from flgpr.chain.classifier import Classifier
 from flgpr.chain.model import MODEL_FILE, Model, load_model, save_model
 from flgpr.chain.stages.forms import learnt_of
+from flgpr.commands.replay import replay
 from flgpr.detect import HistogramNormalizer
 from flgpr.detect.fisher import FisherDiscriminant
 from flgpr.detect.linear_quadratic import LinearQuadraticForm
-from flgpr.io import Bundle, open_run, save_run, seal, write_bundle
 from flgpr.results import result as result_module
 from flgpr.results.result import ResultError, add_files, read_result
+from flgpr.store import Bundle, open_run, save_run, seal, write_bundle
 from flgpr.viewer.session import open_source
 from robust import digests
 from small_results import small_result
@@ -167,13 +169,12 @@ def test_a_result_can_be_read_whenever_adding_files_stops(tmp_path, monkeypatch)
 
 
 def test_replay_uses_the_model_of_the_result(lane, tmp_path):
-    from flgpr import tasks
 
     model = save_model(small_classifier(), tmp_path / "model")
-    result = tasks.detect_run(
+    result = flgpr.detect(
         *lane.arguments, tmp_path / "result", lane.area, model=model, report=False
     )
     shutil.rmtree(model)
     assert result.model().detector.notes == {"lanes": ["a"]}
-    told = tasks.replay(result.folder)
+    told = replay(result.folder)
     assert told == {"identical": True, "agrees": True, "files": [], "difference": 0.0}

@@ -1,7 +1,7 @@
 """Every reader of our own formats on damaged files: only documented errors, in bounded memory.
 
 ``FLGPR_CASES`` tells how many cases there are per reader. The readers of other formats have theirs in
-``tests/io/test_fuzz_exchange.py``.
+``tests/formats/test_fuzz_exchange.py``.
 """
 
 import json
@@ -19,7 +19,13 @@ from test_flips import learnt_stage, small_classifier
 from damage import CASES, FUZZ, damaged, refusal
 from flgpr.chain.model import MODEL_FILE, load_model, save_model
 from flgpr.chain.recipe import load_recipe, recipe_text
-from flgpr.io import (
+from flgpr.commands.scoring import read_lanes
+from flgpr.formats.fullwave import import_fullwave
+from flgpr.live.state import read_snapshot, write_snapshot
+from flgpr.model import load_sensor, make_run
+from flgpr.results.result import read_result
+from flgpr.simulate import load_scene
+from flgpr.store import (
     Bundle,
     RunWriter,
     open_run,
@@ -32,16 +38,10 @@ from flgpr.io import (
     unseal,
     write_bundle,
 )
-from flgpr.io.files import canonical_json
-from flgpr.io.fullwave import import_fullwave
-from flgpr.io.journal import JOURNAL, Journal, WrittenScan
-from flgpr.io.run_store import _digests
-from flgpr.live.state import read_snapshot, write_snapshot
-from flgpr.model import load_sensor, make_run
-from flgpr.results.result import read_result
-from flgpr.scoring.ledger import read_register, register
-from flgpr.simulate import load_scene
-from flgpr.tasks.scoring import read_lanes
+from flgpr.store.files import canonical_json
+from flgpr.store.journal import JOURNAL, Journal, WrittenScan
+from flgpr.store.run_store import _digests
+from flgpr.trials.ledger import read_register, register
 from small_lane import LANE_TOML
 from small_results import small_result
 

@@ -16,17 +16,19 @@ import numpy as np
 import pytest
 
 import bag
+import flgpr
 import io_gpr
 from every_command import make_inputs, make_signatures_cheap
-from flgpr import tasks
-from flgpr.execution import checkpoint, lane_work
-from flgpr.execution.lane_run import results_at
-from flgpr.io import open_run
-from flgpr.io.journal import JOURNAL
+from flgpr.commands.imports import import_fullwave, import_gpr, import_mapped
+from flgpr.execution import checkpoint
+from flgpr.execution import job as job_module
+from flgpr.execution.driver import results_at
 from flgpr.results.result import ResultError, read_result
-from flgpr.scoring import blind
-from io_mapping import TIME, line_mapping
+from flgpr.store import open_run
+from flgpr.store.journal import JOURNAL
+from flgpr.trials import blind
 from robust import content, digests
+from scans_mapping import TIME, line_mapping
 
 DATA = Path(__file__).parents[1] / "data"
 KILLS = int(os.environ.get("FLGPR_KILLS", "4"))
@@ -70,7 +72,7 @@ class Killer:
         self.home = home
         self.work = work
         self.context = multiprocessing.get_context("forkserver")
-        self.context.set_forkserver_preload(["flgpr.execution.ready", "every_command", *LATE])
+        self.context.set_forkserver_preload(["flgpr.execution.preload", "every_command", *LATE])
         self.kills = 0
         ours, theirs = self.context.Pipe()
         child = self.start(None, theirs, home / "probe")
@@ -175,8 +177,8 @@ class Detection:
     def __call__(self, output):
         run, recipe, area = self.arguments
         checkpoint.KEEP_EVERY = self.every
-        lane_work.FOLD_BYTES = 1
-        tasks.detect_long(run, recipe, output, area, report=False, section=self.section)
+        job_module.FOLD_BYTES = 1
+        flgpr.detect(run, recipe, output, area, report=False, section=self.section)
 
 
 class Import:
@@ -188,7 +190,7 @@ class Import:
 
     def __call__(self, output):
         output.mkdir(exist_ok=True)
-        getattr(tasks, self.work)(*self.arguments, output / "run.zarr")
+        self.work(*self.arguments, output / "run.zarr")
 
 
 def a_fullwave_lane(home):
@@ -199,25 +201,25 @@ def a_fullwave_lane(home):
         moved[name] = arrays[name][:1] + np.arange(24)[:, None, None] * [0.0, 0.1, 0.0]
     moved["data"] = moved["data"][..., :20] * np.exp(1j * np.arange(24))[:, None, None, None, None]
     np.savez(home / "long.npz", **{**arrays, **moved, "frequency_hz": arrays["frequency_hz"][:20]})
-    return "import_fullwave_lane", home / "long.npz"
+    return import_fullwave, home / "long.npz"
 
 
 def a_mapped_array(home):
     rng = np.random.default_rng(4)
     np.savez(home / "a.npz", s=rng.normal(size=(24, 20)) + 1j, t=np.arange(24.0))
     (home / "m.toml").write_text(MAPPED)
-    return "import_with_mapping", home / "m.toml"
+    return import_mapped, home / "m.toml"
 
 
 def a_recording(home):
     pytest.importorskip("mcap_ros2")
     (home / "drive.mcap").write_bytes(bag.drive(scans=24, poses=150))
     (home / "m.toml").write_text(f'files.data = "drive.mcap"\n{bag.MAPPING}')
-    return "import_with_mapping", home / "m.toml"
+    return import_mapped, home / "m.toml"
 
 
 def a_gpr_line(home):
-    return "import_gpr", io_gpr.write_dt1(home / "line.dt1", io_gpr.section(24))
+    return import_gpr, io_gpr.write_dt1(home / "line.dt1", io_gpr.section(24))
 
 
 MAPPED = line_mapping(

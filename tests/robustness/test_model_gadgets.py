@@ -6,6 +6,7 @@ A gadget is a model file whose digests all fit, as whoever can write a file can 
 import io
 import json
 import shutil
+import tracemalloc
 import zipfile
 from dataclasses import replace
 
@@ -14,14 +15,15 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr import tasks
-from flgpr.chain.classifier import TrainingSet
-from flgpr.chain.estimators import ALLOWED, train_estimator
+from flgpr.chain.classifier import TrainingSet, train
+from flgpr.chain.estimator_classes import ALLOWED
+from flgpr.chain.estimators import train_estimator
 from flgpr.chain.model import MODEL_FILE, Model, describe_model, load_model, save_model
 from flgpr.chain.recipe import DetectorTable
-from flgpr.cli import app
+from flgpr.commands.app import app
+from flgpr.commands.run_report import model_info
 from flgpr.detect.scorers.checks import Checked
-from flgpr.io import Bundle, sample_lane, seal, sha256, unseal, write_bundle
+from flgpr.store import Bundle, sample_lane, seal, sha256, unseal, write_bundle
 
 COLUMNS = ["a", "b"]
 ONE_CLASS = {"one-class-rvm": "mines", "mixture": "mines", "one-class-svm": "mines", "isolation-forest": "clutter",
@@ -58,6 +60,8 @@ def trained(examples, tmp_path_factory):
         )
         folder = tmp_path_factory.mktemp("models") / name
         folders[name] = save_model(Model(train_estimator(examples, table, COLUMNS)), folder)
+    folder = tmp_path_factory.mktemp("models") / "fisher"
+    folders["fisher"] = save_model(Model(train(examples, COLUMNS)), folder)
     return folders
 
 
@@ -69,6 +73,21 @@ def forge(source, folder, change):
     change(about, arrays)
     folder.mkdir(parents=True, exist_ok=True)
     write_bundle(folder / MODEL_FILE, arrays, about)
+    return folder
+
+
+def forge_head(source, folder, change):
+    """Write a model's file with what ``change`` makes of its head, which no writer of ours would write."""
+    data = (source / MODEL_FILE).read_bytes()
+    first, _, rest = data.partition(b"\n")
+    length = int(first.split()[0])
+    head = json.loads(rest[:length])
+    change(head)
+    text = json.dumps(head).encode()
+    folder.mkdir(parents=True)
+    (folder / MODEL_FILE).write_bytes(
+        b"%d %s\n%s%s" % (len(text), sha256(text).encode(), text, rest[length:])
+    )
     return folder
 
 
@@ -314,6 +333,89 @@ def test_a_gadget_is_refused_and_nothing_happens(trained, tmp_path, name):
     assert describe_model(folder)["arrays"]  # told without being loaded
 
 
+HEADS = {
+    "objects": ("dtype", "|O"),
+    "a record with objects": ("dtype", {"names": ["a"], "formats": ["O"]}),
+    "types in one text": ("dtype", "f8,O"),
+    "the default type": ("dtype", None),
+    "a module": ("dtype", "numpy.load"),
+    "text without letters": ("dtype", "<U0"),
+    "an array as the type": ("dtype", "(2,3)f8"),
+    "a shape that is text": ("shape", "22"),
+    "a shape of so many axes": ("shape", [1] * 100_000),
+    "nothing, so many times": ("shape", [0, 10**30]),
+    "a true shape": ("shape", [True]),
+    "a broken length": ("shape", [2.0]),
+    "less than nothing": ("shape", [-1]),
+    "a place before the file": ("at", -64),
+    "a place that is text": ("at", "0"),
+    "a name that is a list": ("name", ["eval"]),
+    "a name that is nothing": ("name", None),
+}
+
+
+@pytest.mark.parametrize("name", HEADS)
+def test_a_head_that_no_writer_of_ours_writes_is_refused_at_once(trained, tmp_path, name):
+    entry, value = HEADS[name]
+    folder = forge_head(
+        trained["logistic"],
+        tmp_path / "model",
+        lambda head: head["arrays"][0].update({entry: value}),
+    )
+    for read in (load_model, describe_model):
+        with pytest.raises(ValueError, match="not a whole file of arrays") as caught:
+            read(folder)
+        assert len(str(caught.value)) < 500
+
+
+def test_the_type_of_an_array_is_not_worked_out(trained, tmp_path):
+    """NumPy evaluates a shape within a type, which takes a thousand times the memory of its text."""
+    endless = f"({'1,' * 100_000})f8"
+    folder = forge_head(
+        trained["logistic"],
+        tmp_path / "model",
+        lambda head: head["arrays"][0].update(dtype=endless),
+    )
+    tracemalloc.start()
+    with pytest.raises(ValueError, match="must hold numbers or text"):
+        load_model(folder)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 10e6
+
+
+def test_a_head_with_an_array_twice_is_refused(trained, tmp_path):
+    folder = forge_head(
+        trained["logistic"],
+        tmp_path / "model",
+        lambda head: head["arrays"].append(head["arrays"][0]),
+    )
+    with pytest.raises(ValueError, match="is there twice"):
+        load_model(folder)
+
+
+@pytest.mark.parametrize(
+    "stages", ["abc", {"a": 1}, [["a"]], [1], ["a", "a"], ["detector"], None, [{}]], ids=str
+)
+def test_stages_are_a_list_of_different_names(trained, tmp_path, stages):
+    folder = forge(
+        trained["svm"], tmp_path / "model", lambda about, arrays: about.update(stages=stages)
+    )
+    with pytest.raises(ValueError, match="stages must be a list of different names"):
+        load_model(folder)
+
+
+@pytest.mark.parametrize("estimator", ["svm", "fisher"])
+def test_words_of_a_detector_that_nothing_reads_are_refused(trained, tmp_path, estimator):
+    folder = forge(
+        trained[estimator],
+        tmp_path / "model",
+        lambda about, arrays: about["detector"].update(func="eval"),
+    )
+    with pytest.raises(ValueError, match="alone, got 'func'"):
+        load_model(folder)
+
+
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), True, "1", [1], {}])
 def test_what_json_can_hold_beside_numbers_is_no_number(value):
     with pytest.raises(ValueError, match="'offset' must be a finite number"):
@@ -410,7 +512,7 @@ def test_info_tells_what_a_model_holds_without_loading_it(trained, tmp_path, mon
     assert max(map(len, ran.output.splitlines())) < 250
     held = json.loads(CliRunner().invoke(app, ["info", str(folder), "--json"]).stdout)
     assert {one["name"] for one in held["arrays"]} >= {"detector.first", "detector.value"}
-    assert tasks.model_info(folder)["bytes"] == sum(one["bytes"] for one in held["arrays"])
+    assert model_info(folder)["bytes"] == sum(one["bytes"] for one in held["arrays"])
 
 
 def test_info_refuses_what_is_no_model(demo, tmp_path):

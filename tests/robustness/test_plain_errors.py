@@ -12,8 +12,8 @@ import pytest
 from typer.testing import CliRunner
 
 from every_command import COMMANDS, make_inputs
-from flgpr.cli import app
-from flgpr.cli.errors import in_words
+from flgpr.commands.app import app
+from flgpr.commands.errors import in_words
 
 SOURCE = Path(__file__).parents[2] / "src"
 DEEP = 20_000
@@ -166,7 +166,7 @@ def test_a_disk_that_cannot_be_written_is_told(
 
 SMALL_DISK = """
 import resource, sys
-from flgpr.cli import app
+from flgpr.commands.app import app
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
 app(sys.argv[2:])
 """

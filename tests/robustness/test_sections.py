@@ -13,18 +13,19 @@ import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
-from flgpr import tasks
+import flgpr
 from flgpr.chain.memory import memory_needed, plan_sections, threads_within
 from flgpr.chain.recipe import load_recipe
 from flgpr.chain.sections import Section, divide, section_lane
-from flgpr.cli import app
-from flgpr.execution import lane_run
+from flgpr.commands.app import app
+from flgpr.commands.replay import replay
+from flgpr.commands.scoring import score_alarms, score_result
+from flgpr.execution import driver
 from flgpr.execution.checkpoint import finish
-from flgpr.execution.executors import Here
-from flgpr.execution.lane_run import detect_lane, results_at
+from flgpr.execution.driver import detect_lane, results_at
+from flgpr.execution.workers import InProcess
 from flgpr.model import Lane
 from flgpr.results.result import ResultError, join_sections, read_result
-from flgpr.tasks.scoring import score_alarms
 from flgpr.viewer.session import open_source
 from robust import content, digests, small_job
 
@@ -34,7 +35,7 @@ SIZES = {"polarization": 3, "pair": 36, "frequency": 1024, "scan": 120_000}
 @pytest.fixture(scope="module")
 def folder(lane, tmp_path_factory):
     output = tmp_path_factory.mktemp("long") / "result"
-    tasks.detect_long(*lane.arguments, output, lane.area, report=False, section=2.0)
+    flgpr.detect(*lane.arguments, output, lane.area, report=False, section=2.0)
     return output
 
 
@@ -107,9 +108,7 @@ def test_the_parts_of_the_lane_meet_and_hold_their_alarms(lane, folder):
 
 def test_sections_do_not_depend_on_who_works(lane, folder, tmp_path):
     other = tmp_path / "result"
-    tasks.detect_long(
-        *lane.arguments, other, lane.area, report=False, section=2.0, how=tasks.How(workers=2)
-    )
+    flgpr.detect(*lane.arguments, other, lane.area, report=False, section=2.0, workers=2)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
     for one, two in zip(results_at(folder), results_at(other), strict=True):
         assert content(one) == content(two)
@@ -136,13 +135,13 @@ def test_sections_go_on_where_they_were_stopped_the_last_step_too(
             raise _Stop
         finish(folder)
 
-    with Here() as executor:
+    with InProcess() as executor:
         for _ in range(2):
             with pytest.raises(_Stop):
                 detect_lane(job, executor, note=note, longest=2.0)
             assert not (tmp_path / "result").exists()
         with monkeypatch.context() as patch:
-            patch.setattr(lane_run, "finish", stop)
+            patch.setattr(driver, "finish", stop)
             with pytest.raises(_Stop):
                 detect_lane(job, executor, note=note, longest=2.0)
         assert len(done) == len(set(done)) > 20
@@ -161,7 +160,7 @@ def test_another_division_begins_anew(lane, tmp_path):
         if report["stage"] == "finish":
             raise _Stop
 
-    with Here() as executor:
+    with InProcess() as executor:
         with pytest.raises(_Stop):
             detect_lane(job, executor, note=stop, longest=2.0)
         detect_lane(job, executor, longest=4.0)
@@ -185,7 +184,7 @@ def test_the_viewer_shows_a_section_and_names_them(folder):
 
 
 def test_a_section_is_replayed(folder):
-    assert tasks.replay(results_at(folder)[1]) == {
+    assert replay(results_at(folder)[1]) == {
         "identical": True,
         "agrees": True,
         "files": [],
@@ -195,7 +194,7 @@ def test_a_section_is_replayed(folder):
 
 def test_one_piece_takes_the_place_of_sections(lane, folder, tmp_path):
     shutil.copytree(folder, tmp_path / "result")
-    tasks.detect_long(*lane.arguments, tmp_path / "result", lane.area, report=False)
+    flgpr.detect(*lane.arguments, tmp_path / "result", lane.area, report=False)
     assert results_at(tmp_path / "result") == [tmp_path / "result"]
     assert not [*(tmp_path / "result").glob("section*")]
 
@@ -203,19 +202,25 @@ def test_one_piece_takes_the_place_of_sections(lane, folder, tmp_path):
 def test_a_survey_with_sections_leaves_out_what_is_done(lane, tmp_path):
     done = []
     options = {
-        "lanes": [lane.area],
+        "lane": [lane.area, lane.area],
         "report": False,
         "section": 4.0,
-        "how": tasks.How(note=done.append),
+        "note": done.append,
     }
-    first = tasks.detect_runs([lane.run], lane.recipe, tmp_path / "out", **options)
-    assert [home.name for home in first] == ["section-01", "section-02"]
+    second = tmp_path / "second.zarr"
+    shutil.copytree(lane.run, second)
+    runs = [lane.run, second]
+    first = flgpr.detect(runs, lane.recipe, tmp_path / "out", **options)
+    names = [home.name for home in results_at(first.folders[0])]
+    assert names == ["section-01", "section-02"]
+    assert first[0].lane == lane.lane
     row = json.loads((tmp_path / "out" / "survey.json").read_text())[0]
     assert row["sections"] == 2
     assert row["alarms"] == len(lane.result.detections[0].alarms)
     assert row["area_m2"] == pytest.approx(lane.lane.area)
     done.clear()
-    assert tasks.detect_runs([lane.run], lane.recipe, tmp_path / "out", **options) == first
+    again = flgpr.detect(runs, lane.recipe, tmp_path / "out", **options)
+    assert again.folders == first.folders
     assert not done
 
 
@@ -267,7 +272,7 @@ def test_the_command_line_takes_and_scores_sections(lane, tmp_path):
     assert json.loads(told.stdout)["targets"] == 3
     halo = lane.result.recipe.score.halo
     score_alarms(lane.result.folder / "alarms.csv", truth, lane.area, tmp_path / "list", halo=halo)
-    tasks.score_result(lane.result.folder, truth, output=tmp_path / "whole")
+    score_result(lane.result.folder, truth, output=tmp_path / "whole")
     sections, one, listed = (
         json.loads((home / "roc.json").read_text())
         for home in (output / "score", tmp_path / "whole", tmp_path / "list")
@@ -340,7 +345,9 @@ def test_a_section_that_the_lane_does_not_reach_is_refused():
 def test_a_stretch_without_scans_has_no_alarms(lane, tmp_path):
     area = tmp_path / "far.toml"
     area.write_text("x_min = -0.75\nx_max = 0.75\ny_min = 3.0\ny_max = 24.0\n")
-    homes = tasks.detect_long(*lane.arguments, tmp_path / "result", area, section=11.0)
+    homes = results_at(
+        flgpr.detect(*lane.arguments, tmp_path / "result", area, section=11.0).folder
+    )
     counts = [len(read_result(home).detections[0].alarms) for home in homes]
     assert counts[0] > 10
     assert counts[-1] == 0

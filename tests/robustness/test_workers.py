@@ -13,21 +13,22 @@ import numba
 import pandas as pd
 import pytest
 
-from flgpr import tasks
-from flgpr.chain import passes
-from flgpr.chain.lane_chain import LaneChain
-from flgpr.execution import checkpoint, lane_work
+import flgpr
+from flgpr.chain import engine
+from flgpr.chain.engine import Engine
+from flgpr.execution import checkpoint
+from flgpr.execution import job as job_module
 from flgpr.execution.checkpoint import WorkError, begin
-from flgpr.execution.executors import Here, LostWorkersError, Processes
-from flgpr.execution.lane_run import detect_lane, passes_of_lane
+from flgpr.execution.driver import detect_lane, passes_of_lane
+from flgpr.execution.workers import InProcess, LostWorkersError, Processes
 from flgpr.imaging import ScanImager
-from flgpr.io import sample_lane, save_run
+from flgpr.store import sample_lane, save_run
 from robust import content, digests, small_job
 
 
 @pytest.mark.parametrize("workers", [1, 4])
 def test_worker_count_does_not_change_a_byte(lane, workers, tmp_path):
-    result = tasks.detect_run(
+    result = flgpr.detect(
         *lane.arguments, tmp_path / "result", lane.area, workers=workers, report=False
     )
     assert content(result.folder) == lane.content
@@ -38,15 +39,15 @@ def test_worker_count_does_not_change_a_byte(lane, workers, tmp_path):
 def test_thread_count_does_not_change_a_byte(lane, threads, tmp_path, monkeypatch):
     monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
     at_work = set()
-    part = LaneChain.part
+    part = Engine.gather_block
 
     def watched(*arguments):
         at_work.add(threading.current_thread().name)
         return part(*arguments)
 
-    monkeypatch.setattr(LaneChain, "part", watched)
+    monkeypatch.setattr(Engine, "gather_block", watched)
     reports = []
-    result = tasks.detect_run(
+    result = flgpr.detect(
         *lane.arguments, tmp_path / "result", lane.area, report=False, note=reports.append
     )
     assert content(result.folder) == lane.content
@@ -64,11 +65,11 @@ def test_a_broken_scan_ends_the_run_by_its_name_and_mended_it_goes_on(lane, tmp_
     data = chunk.read_bytes()
     chunk.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
     with pytest.raises(ValueError, match="signal/c/20"):
-        tasks.detect_run(run, lane.recipe, output, lane.area, report=False)
+        flgpr.detect(run, lane.recipe, output, lane.area, report=False)
     assert not output.exists()
     chunk.write_bytes(data)
     assert (
-        content(tasks.detect_run(run, lane.recipe, output, lane.area, report=False).folder)
+        content(flgpr.detect(run, lane.recipe, output, lane.area, report=False).folder)
         == lane.content
     )
 
@@ -79,29 +80,32 @@ def test_lanes_of_a_survey_are_worked_on_where_an_interrupt_arrives(lane, tmp_pa
         raise KeyboardInterrupt
 
     monkeypatch.setattr("flgpr.execution.survey.detect_lane", interrupted)
+    second = tmp_path / "second.zarr"
+    shutil.copytree(lane.run, second)
     with pytest.raises(KeyboardInterrupt):
-        tasks.detect_runs([lane.run], lane.recipe, tmp_path / "out", [lane.area])
+        flgpr.detect([lane.run, second], lane.recipe, tmp_path / "out", [lane.area, lane.area])
 
 
-def test_a_recipe_with_variants_has_the_same_bytes_whoever_works_and_after_a_stop(tmp_path):
-    """The roadside subtracted, two more self-signatures, no features: three scans in a single block."""
+@pytest.mark.parametrize("recipe", ["demo", "demo-roadside-suppressed"])
+def test_the_demo_has_the_same_bytes_whoever_works_and_after_a_stop(recipe, tmp_path):
+    """The roadside fitted and kept by blocks, no features: three scans in a single block."""
     run = sample_lane() / "run.zarr"
-    plain = tasks.detect_run(run, "demo", tmp_path / "plain", report=False)
-    both = tasks.detect_run(run, "demo", tmp_path / "both", report=False, workers=2)
+    plain = flgpr.detect(run, recipe, tmp_path / "plain", report=False)
+    both = flgpr.detect(run, recipe, tmp_path / "both", report=False, workers=2)
     assert content(both.folder) == content(plain.folder)
     done = []
 
     def stop(report):
         done.append(report["stage"])
-        if len(done) == 20:
+        if len(done) == 7:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        tasks.detect_run(run, "demo", tmp_path / "stopped", report=False, note=stop)
+        flgpr.detect(run, recipe, tmp_path / "stopped", report=False, note=stop)
     before = done.copy()
-    tasks.detect_run(
+    flgpr.detect(
         run,
-        "demo",
+        recipe,
         tmp_path / "stopped",
         report=False,
         note=lambda report: done.append(report["stage"]),
@@ -111,11 +115,11 @@ def test_a_recipe_with_variants_has_the_same_bytes_whoever_works_and_after_a_sto
 
 
 def test_detection_in_memory_finds_the_same(lane):
-    from flgpr.chain.detect import detect
+    from flgpr.chain.method import detect
     from flgpr.chain.recipe import load_recipe
-    from flgpr.io import open_run
+    from flgpr.store import open_run
 
-    found = detect(open_run(lane.run), load_recipe(lane.recipe), lane.lane)[0]
+    found = detect(open_run(lane.run), load_recipe(lane.recipe), lane.lane)
     pd.testing.assert_frame_equal(
         found.alarms, lane.result.detections[0].alarms, check_dtype=False, rtol=1e-12
     )
@@ -133,7 +137,7 @@ def test_a_killed_worker_process_costs_only_its_piece(lane, tmp_path):
             victims.append(int(report["worker"].split(":")[1]))
             os.kill(victims[0], signal.SIGKILL)
 
-    result = tasks.detect_run(
+    result = flgpr.detect(
         *lane.arguments, tmp_path / "result", lane.area, workers=2, report=False, note=note
     )
     assert content(result.folder) == lane.content
@@ -203,27 +207,26 @@ def test_a_survey_is_one_command_and_goes_on_where_it_stopped(lane, tmp_path):
     done = []
     where = [tmp_path / "a.zarr", tmp_path / "b.zarr"], lane.recipe, tmp_path / "out"
     options = {
-        "lanes": [lane.area, lane.area],
+        "lane": [lane.area, lane.area],
         "report": False,
-        "how": tasks.How(workers=2, note=done.append),
+        "workers": 2,
+        "note": done.append,
     }
-    first = tasks.detect_runs(*where, **options)
-    assert content(first[0]) == lane.content
+    first = flgpr.detect(*where, **options)
+    assert content(first.folders[0]) == lane.content
     assert {report["lane"] for report in done} == {"a", "b"}
     told = json.loads((tmp_path / "out" / "survey.json").read_text())
     assert [row["lane"] for row in told] == ["a", "b"]
     assert [row["scans"] for row in told] == [36, 30]
     (tmp_path / "out" / "b" / "alarms.csv").unlink()
     done.clear()
-    again = tasks.detect_runs(*where, **options)
+    again = flgpr.detect(*where, **options)
     assert {report["lane"] for report in done} == {"b"}
-    assert content(again[1]) == content(first[1])
+    assert content(again.folders[1]) == content(first.folders[1])
     with pytest.raises(ValueError, match="different names"):
-        tasks.detect_runs(
-            [tmp_path / "a.zarr", tmp_path / "a.zarr"], lane.recipe, tmp_path / "out2"
-        )
+        flgpr.detect([tmp_path / "a.zarr", tmp_path / "a.zarr"], lane.recipe, tmp_path / "out2")
     with pytest.raises(ValueError, match="at once"):
-        tasks.detect_runs(*where, lanes_at_once=2)
+        flgpr.detect(*where, lanes_at_once=2)
 
 
 def test_a_work_folder_of_another_job_is_begun_anew_and_one_in_use_is_left_alone(lane, tmp_path):
@@ -246,16 +249,14 @@ def test_a_damaged_part_is_made_again(lane, tmp_path):
     job = small_job(lane, tmp_path / "result")
     stopped = Stopper(3 * lane.blocks)
     with pytest.raises(KeyboardInterrupt):
-        tasks.detect_run(
-            *lane.arguments, tmp_path / "result", lane.area, report=False, note=stopped
-        )
+        flgpr.detect(*lane.arguments, tmp_path / "result", lane.area, report=False, note=stopped)
     files = sorted(job.work.glob("*.arrays"))
     assert len(files) >= 3
     for file, at in zip(files, (5, 200, -9), strict=False):
         data = bytearray(file.read_bytes())
         data[at] ^= 1
         file.write_bytes(data)
-    result = tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, report=False)
+    result = flgpr.detect(*lane.arguments, tmp_path / "result", lane.area, report=False)
     assert content(result.folder) == lane.content
 
 
@@ -279,7 +280,7 @@ def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(
     columns = ("C_HH_F1", "M_VV_F1")
     where = [lane.run, lane.run], [truth, truth], lane.recipe
     options = {"lanes": [lane.area, lane.area]}
-    tasks.train_runs(*where, tmp_path / "plain", columns, **options, how=tasks.How(2))
+    flgpr.train(*where, tmp_path / "plain", columns, **options, workers=2)
 
     calls = []
 
@@ -289,13 +290,15 @@ def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(
             raise KeyboardInterrupt
         return passes_of_lane(job, *rest, **names)
 
-    monkeypatch.setattr("flgpr.tasks.training.passes_of_lane", stopped)
+    monkeypatch.setattr("flgpr.execution.training.passes_of_lane", stopped)
     with pytest.raises(KeyboardInterrupt):
-        tasks.train_runs(*where, tmp_path / "model", columns, **options)
+        flgpr.train(*where, tmp_path / "model", columns, **options)
     assert [path.name for path in tmp_path.glob("model*")] == ["model-1-1.work"]
     monkeypatch.undo()
-    monkeypatch.setattr(LaneChain, "part", _only_of(tmp_path / "model-2-1.work", LaneChain.part))
-    tasks.train_runs(*where, tmp_path / "model", columns, **options)
+    monkeypatch.setattr(
+        Engine, "gather_block", _only_of(tmp_path / "model-2-1.work", Engine.gather_block)
+    )
+    flgpr.train(*where, tmp_path / "model", columns, **options)
     assert digests(tmp_path / "model") == digests(tmp_path / "plain")
     assert [path.name for path in tmp_path.glob("model*")] == ["model"]
 
@@ -304,7 +307,7 @@ def _only_of(folder, part):
     """Let blocks be worked on for one work folder only."""
 
     def checked(chain, *arguments):
-        assert chain.known.folder == folder
+        assert chain.results.folder == folder
         return part(chain, *arguments)
 
     return checked
@@ -316,7 +319,7 @@ def test_a_training_that_would_overwrite_other_files_begins_nothing(lane, tmp_pa
     truth = tmp_path / "truth.csv"
     truth.write_text("target_id,kind,x,y,depth\na,metal,0.2,4.5,0.0\n")
     with pytest.raises(FileExistsError, match="other files"):
-        tasks.train_runs([lane.run], [truth], lane.recipe, tmp_path / "mine", lanes=[lane.area])
+        flgpr.train([lane.run], [truth], lane.recipe, tmp_path / "mine", lanes=[lane.area])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine", "truth.csv"]
 
 
@@ -336,7 +339,7 @@ def test_a_stop_within_a_block_costs_the_scan_in_flight(lane, tmp_path, monkeypa
 
     monkeypatch.setattr(ScanImager, "image", counted)
     job = small_job(lane, tmp_path / "result")
-    with Here() as executor:
+    with InProcess() as executor:
         for _ in stops:
             with pytest.raises(KeyboardInterrupt):
                 detect_lane(job, executor)
@@ -348,13 +351,13 @@ def test_a_stop_within_a_block_costs_the_scan_in_flight(lane, tmp_path, monkeypa
 
 def fold_often(job, stage, number):
     """Do a part in a process that folds parts as soon as there are any."""
-    lane_work.FOLD_BYTES = 1
-    return lane_work.do_part(job, stage, number)
+    job_module.FOLD_BYTES = 1
+    return job_module.do_block(job, stage, number)
 
 
 class Folding(Processes):
     def run(self, work, arguments, threads=1):
-        return super().run(fold_often if work is lane_work.do_part else work, arguments, threads)
+        return super().run(fold_often if work is job_module.do_block else work, arguments, threads)
 
 
 def test_parts_that_are_folded_as_they_come_do_not_change_a_byte(lane, tmp_path):
@@ -368,7 +371,7 @@ def test_parts_that_are_folded_as_they_come_do_not_change_a_byte(lane, tmp_path)
 def test_the_work_folder_of_many_blocks_holds_few_parts(lane, threads, tmp_path, monkeypatch):
     """Nine blocks, folded once they are twice as large as what is folded already: more than once, one by one."""
     monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
-    monkeypatch.setattr(passes, "BLOCK", 4)
+    monkeypatch.setattr(engine, "BLOCK", 4)
     held = {"signature": [], "gain": [], "view": []}
     folds = []
     put = checkpoint.Checkpoint.__setitem__
@@ -382,9 +385,9 @@ def test_the_work_folder_of_many_blocks_holds_few_parts(lane, threads, tmp_path,
             folder = tmp_path / "folded.work"
             held[report["stage"]].append(len(list(folder.glob(f"{report['stage']}-0*.arrays"))))
 
-    with Here() as executor:
+    with InProcess() as executor:
         detect_lane(small_job(lane, tmp_path / "plain"), executor)
-        monkeypatch.setattr(lane_work, "FOLD_BYTES", 1)
+        monkeypatch.setattr(job_module, "FOLD_BYTES", 1)
         monkeypatch.setattr(checkpoint.Checkpoint, "__setitem__", keep)
         detect_lane(small_job(lane, tmp_path / "folded"), executor, note=note)
     assert content(tmp_path / "folded") == content(tmp_path / "plain")
@@ -398,7 +401,7 @@ def test_what_is_folded_already_is_not_done_again_unless_it_is_damaged(
     lane, damaged, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(numba, "get_num_threads", lambda: 1)
-    monkeypatch.setattr(lane_work, "FOLD_BYTES", 1)
+    monkeypatch.setattr(job_module, "FOLD_BYTES", 1)
     done = []
     job = small_job(lane, tmp_path / "result")
     so_far = tmp_path / "result.work" / "signature-so-far.arrays"
@@ -407,7 +410,7 @@ def test_what_is_folded_already_is_not_done_again_unless_it_is_damaged(
         if report["block"] == 1:
             raise KeyboardInterrupt
 
-    with Here() as executor:
+    with InProcess() as executor:
         with pytest.raises(KeyboardInterrupt):
             detect_lane(job, executor, note=stop)
         if damaged:
@@ -440,15 +443,15 @@ def test_a_recipe_without_features_goes_on_as_well(lane, confidence, tmp_path, m
 
     monkeypatch.setattr(ScanImager, "image", counted)
     where = lane.run, tmp_path / "bare.toml"
-    tasks.detect_run(*where, tmp_path / "whole", lane.area, report=False)
+    flgpr.detect(*where, tmp_path / "whole", lane.area, report=False)
     once = count
     count = 0
     assert once == 4 * 36
     ends += [2, 40, 75, 120]
     for _ in ends:
         with pytest.raises(KeyboardInterrupt):
-            tasks.detect_run(*where, tmp_path / "result", lane.area, report=False)
-    tasks.detect_run(*where, tmp_path / "result", lane.area, report=False)
+            flgpr.detect(*where, tmp_path / "result", lane.area, report=False)
+    flgpr.detect(*where, tmp_path / "result", lane.area, report=False)
     assert count == once + len(ends)
     assert content(tmp_path / "result") == content(tmp_path / "whole")
     assert not (tmp_path / "result.work").exists()

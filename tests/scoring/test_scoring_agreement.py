@@ -7,9 +7,9 @@ import pytest
 from sklearn.metrics import cohen_kappa_score
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
+from flgpr.commands.scoring import analyst_agreement
 from flgpr.scoring import agreement
-from flgpr.tasks import analyst_agreement
 
 NAMES = ["mine", "unsure", "clutter"]
 

@@ -19,9 +19,8 @@ from flgpr.scoring import (
     random_pd,
     roc_of,
     score,
-    score_blind,
-    seal_truth,
 )
+from flgpr.trials import score_blind, seal_truth
 
 LONG = Lane(-6.0, 6.0, 0.0, 2000.0)
 

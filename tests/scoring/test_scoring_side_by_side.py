@@ -11,7 +11,7 @@ from scipy import stats
 from scipy.special import xlogy
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.model import Lane
 from flgpr.scoring import Rules, match, mcnemar_test, paired_interval, roc, side_by_side
 

@@ -5,12 +5,13 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
-from flgpr.io import read_table
+from flgpr.commands.app import app
+from flgpr.commands.plan import plan_lane, plan_mines
+from flgpr.commands.scoring import read_lanes, score_alarms, score_sealed, seal
 from flgpr.model import Lane
-from flgpr.scoring import content_hash, head_of, pd_mean, read_register, register, roc
-from flgpr.tasks import plan_lane, plan_mines, score_alarms, score_sealed, seal
-from flgpr.tasks.scoring import read_lanes
+from flgpr.scoring import pd_mean, roc
+from flgpr.store import read_table
+from flgpr.trials import content_hash, head_of, read_register, register
 
 LANE = "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 60.0\n"
 PHRASE = "correct horse battery"
@@ -104,8 +105,7 @@ def test_a_truth_is_sealed_and_scored_blind(files):
 
 
 def test_a_lane_is_planned_once_and_registered_with_its_recipe(files):
-    plan, line = plan_lane(
-        files / "lane.toml", files / "sorts.csv", 7, files / "plan.csv", recipe=files / "recipe.toml"
+    plan, line = plan_lane(files / "lane.toml", files / "sorts.csv", files / "plan.csv", 7, recipe=files / "recipe.toml"
     )  # fmt: skip
     pd.testing.assert_frame_equal(read_table(files / "plan.csv", "truth"), plan)
     assert line["plan"] == content_hash(files / "plan.csv")
@@ -113,7 +113,7 @@ def test_a_lane_is_planned_once_and_registered_with_its_recipe(files):
     assert "seed" not in line, "who knows the seed has the plan"
     assert plan.attrs["seed"] == 7
     with pytest.raises(FileExistsError, match="drawn once"):
-        plan_lane(files / "lane.toml", files / "sorts.csv", 8, files / "plan.csv")
+        plan_lane(files / "lane.toml", files / "sorts.csv", files / "plan.csv", 8)
     book = files / "plan.csv.register.jsonl"
     score_alarms(
         files / "alarms.csv", files / "plan.csv", files / "lane.toml", files / "score", draws=20,
@@ -126,11 +126,12 @@ def test_a_lane_is_planned_once_and_registered_with_its_recipe(files):
 
 
 def test_a_sample_size_is_told_in_words():
-    plan, lines = plan_mines()
-    assert plan.mines == 29
-    assert "29 mines" in lines[1]
-    _, lines = plan_mines(true_pd=0.97, true_far=0.005)
-    assert len(lines) == 5
+    assert plan_mines().mines == 29
+    words = CliRunner().invoke(app, ["plan", "mines"]).stdout
+    assert "29 mines" in words.splitlines()[1]
+    believed = ["--true-pd", "0.97", "--true-far", "0.005"]
+    words = CliRunner().invoke(app, ["plan", "mines", *believed]).stdout
+    assert len(words.splitlines()) == 5
 
 
 def test_lanes_come_as_toml_or_csv_one_or_several(files):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flgpr.model import Antenna, Sensor, load_sensor, sensor_presets
-from flgpr.simulate.impair import (
+from flgpr.simulate.radar.impair import (
     AntennaErrors,
     Impairments,
     random_response,

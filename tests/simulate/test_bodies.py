@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.simulate.bodies import (
+from flgpr.simulate.bodies.rims import (
     cylinder,
     layered_reflection,
     layers_strength,
@@ -10,9 +10,9 @@ from flgpr.simulate.bodies import (
     visible_rims,
     wedge_coefficients,
 )
-from flgpr.simulate.refraction import two_way_transmission
-from flgpr.simulate.signature import packaged_table
-from flgpr.simulate.signature.table import LOSS, PERMITTIVITY, SINE
+from flgpr.simulate.bodies.signature import packaged_table
+from flgpr.simulate.bodies.signature.table import LOSS, PERMITTIVITY, SINE
+from flgpr.simulate.ground.refraction import two_way_transmission
 
 SINE_AIR = np.sin(np.radians(67.0))
 

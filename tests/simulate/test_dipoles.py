@@ -6,8 +6,8 @@ from scipy.special import j1
 from threadpoolctl import threadpool_limits
 
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.simulate.signature.body import Body
-from flgpr.simulate.signature.dipoles import (
+from flgpr.simulate.bodies.signature.body import Body
+from flgpr.simulate.bodies.signature.dipoles import (
     Lattice,
     Waves,
     choose_cell,

@@ -5,8 +5,8 @@ import pytest
 
 from flgpr.model import Sensor, load_sensor
 from flgpr.simulate import Scene, make_decks
-from flgpr.simulate.gprmax_grid import Grid, fit_relaxation, rectangles
-from flgpr.simulate.soil import mironov
+from flgpr.simulate.full_wave.gprmax_grid import Grid, fit_relaxation, rectangles
+from flgpr.simulate.ground.soil import mironov
 
 SENSOR = Sensor(
     name="two dipoles",
@@ -168,8 +168,8 @@ def test_the_rough_surface_is_the_simulators_own_snapped_to_cells():
     heights = heights * grid["cell"] + grid["origin"][2]
     assert heights.std() == pytest.approx(told["rms_height_on_grid"])
     assert told["rms_height"] == pytest.approx(0.02, rel=0.3)
-    from flgpr.simulate.draw import stream
-    from flgpr.simulate.roughness import HeightField
+    from flgpr.simulate.ground.roughness import HeightField
+    from flgpr.simulate.scene.draw import stream
 
     field = HeightField(0.02, 0.1, stream(3, "heights"))
     i = 30

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from flgpr.simulate import Scene, Simulator, tables
-from flgpr.simulate.layers import GrassLayer, View, albedo, optical_depth, through_grass
+from flgpr.simulate import Scene, Simulator
+from flgpr.simulate.ground.layers import GrassLayer, View, albedo, optical_depth, through_grass
+from flgpr.simulate.scene import scene_tables as tables
 from flgpr.simulate.simulator import array_state
 from simulate.conftest import BARE, STILL
 

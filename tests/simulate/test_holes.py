@@ -4,8 +4,8 @@ from scipy.special import j1, jv
 
 from flgpr.model import load_sensor
 from flgpr.simulate import Scene, Simulator, draw_world, told
-from flgpr.simulate.echoes import Ground
-from flgpr.simulate.holes import Hole, cap_flash, hole_factor, wall_flash
+from flgpr.simulate.bodies.echoes import Ground
+from flgpr.simulate.ground.holes import Hole, cap_flash, hole_factor, wall_flash
 from simulate.conftest import BARE, STILL
 
 MOIST = {"model": "mironov", "clay": 20.0, "moisture": 0.12}

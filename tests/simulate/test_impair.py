@@ -3,7 +3,7 @@ import pytest
 
 from flgpr.model import Sensor
 from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.impair import Impairments
+from flgpr.simulate.radar.impair import Impairments
 from simulate.conftest import BARE
 
 

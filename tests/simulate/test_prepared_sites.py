@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from flgpr.simulate import Scene, Simulator, sites
-from flgpr.simulate.echoes import Ground
-from flgpr.simulate.roughness import UNEVEN_LENGTH, surface_heights
+from flgpr.simulate.bodies.echoes import Ground
+from flgpr.simulate.ground.roughness import UNEVEN_LENGTH, surface_heights
+from flgpr.simulate.ground.subsurface import BuriedSpectra, SubsurfaceField, shapes
+from flgpr.simulate.ground.terrain import Terrain
+from flgpr.simulate.scene.world import BARE, MARGIN, draw_world
 from flgpr.simulate.simulator import array_state
-from flgpr.simulate.subsurface import BuriedSpectra, SubsurfaceField, shapes
-from flgpr.simulate.terrain import Terrain
-from flgpr.simulate.world import BARE, MARGIN, draw_world
 from simulate.conftest import STILL
 
 PREPARED = ("prepared-sand", "prepared-earth", "prepared-gravel", "prepared-clay")
@@ -30,7 +30,7 @@ each = pytest.mark.parametrize("site", PREPARED)
 
 
 def file_of(site):
-    return (resources.files("flgpr.simulate") / "sites" / f"{site}.toml").read_text(
+    return (resources.files("flgpr.simulate.scene") / "sites" / f"{site}.toml").read_text(
         encoding="utf-8"
     )
 

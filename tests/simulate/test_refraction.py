@@ -4,7 +4,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import jv
 
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.simulate.refraction import (
+from flgpr.simulate.ground.refraction import (
     apparent_shift,
     interface_path,
     ray_divergence,
@@ -123,7 +123,7 @@ def test_a_wave_leaves_the_ground_with_t12_not_t21(eps, depth):
 
 def test_x_band_is_nearly_blind_in_mironov_sand_and_not_in_dry_sand():
     """Two-way at 5 cm, 9.4 GHz: about 20 dB against 0.9 dB for tanδ = 0.005."""
-    from flgpr.simulate.soil import mironov
+    from flgpr.simulate.ground.soil import mironov
 
     k = 2 * np.pi * 9.4e9 / SPEED_OF_LIGHT
     sine = 0.92

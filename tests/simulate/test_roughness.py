@@ -2,8 +2,13 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from flgpr.simulate.roughness import UNEVEN_LENGTH, HeightField, surface_backscatter, uneven_height
-from flgpr.simulate.scene import Scene
+from flgpr.simulate.ground.roughness import (
+    UNEVEN_LENGTH,
+    HeightField,
+    surface_backscatter,
+    uneven_height,
+)
+from flgpr.simulate.scene.scene import Scene
 
 SINE = np.sin(np.radians(67.0))
 

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from flgpr.model import Lane
-from flgpr.simulate import Scene, Simulator, tables
-from flgpr.simulate.layers import Skeleton, View
-from flgpr.simulate.shadow import Shadows, Strip, strips_of
+from flgpr.simulate import Scene, Simulator
+from flgpr.simulate.ground.layers import Skeleton, View
+from flgpr.simulate.ground.shadow import Shadows, Strip, strips_of
+from flgpr.simulate.ground.terrain import Terrain
+from flgpr.simulate.scene import scene_tables as tables
+from flgpr.simulate.scene.world import draw_world
 from flgpr.simulate.simulator import array_state
-from flgpr.simulate.terrain import Terrain
-from flgpr.simulate.world import draw_world
 from reference import slow_shadow
 from simulate.conftest import BARE, STILL
 

@@ -11,15 +11,15 @@ from pydantic import ValidationError
 from threadpoolctl import threadpool_limits
 
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.simulate.scene import Target
-from flgpr.simulate.signature import build, load_body, packaged_bodies, packaged_table
-from flgpr.simulate.signature import table as nodes
-from flgpr.simulate.signature.body import Body
-from flgpr.simulate.signature.build import build_table, cells_for
-from flgpr.simulate.signature.dipoles import Waves, scattering_amplitudes, solve_box
-from flgpr.simulate.signature.revolution import solve_round
-from flgpr.simulate.signature.table import SignatureTable, find_table, load_table, save_table
-from flgpr.simulate.targets import node_weights
+from flgpr.simulate.bodies.signature import build, load_body, packaged_bodies, packaged_table
+from flgpr.simulate.bodies.signature import table as nodes
+from flgpr.simulate.bodies.signature.body import Body
+from flgpr.simulate.bodies.signature.build import build_table, cells_for
+from flgpr.simulate.bodies.signature.dipoles import Waves, scattering_amplitudes, solve_box
+from flgpr.simulate.bodies.signature.revolution import solve_round
+from flgpr.simulate.bodies.signature.table import SignatureTable, find_table, load_table, save_table
+from flgpr.simulate.bodies.targets import node_weights
+from flgpr.simulate.scene.scene import Target
 from simulate.lattices import sample_round
 
 SHAPE = (

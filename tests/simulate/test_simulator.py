@@ -5,13 +5,13 @@ import pytest
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, load_sensor
 from flgpr.simulate import Scene, Simulator, simulate, sites
-from flgpr.simulate.bodies import cylinder
-from flgpr.simulate.echoes import Echoes, Ground
-from flgpr.simulate.field import SurfaceField, jittered
-from flgpr.simulate.roughness import surface_backscatter
-from flgpr.simulate.scene import Surface
+from flgpr.simulate.bodies.echoes import Echoes, Ground
+from flgpr.simulate.bodies.rims import cylinder
+from flgpr.simulate.bodies.targets import _cover_factor, add_target
+from flgpr.simulate.ground.field import SurfaceField, jittered
+from flgpr.simulate.ground.roughness import surface_backscatter
+from flgpr.simulate.scene.scene import Surface
 from flgpr.simulate.simulator import array_state, system_response
-from flgpr.simulate.targets import _cover_factor, add_target
 from simulate.conftest import BARE, STILL
 
 DRY = {"model": "fixed", "permittivity": 3.4, "conductivity": 0.0}

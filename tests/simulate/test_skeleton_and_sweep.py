@@ -7,10 +7,10 @@ import pytest
 
 from flgpr.model import Sensor
 from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.echoes import Echoes, sum_echoes
-from flgpr.simulate.layers import PointEchoes, Skeleton, View, sum_layers
+from flgpr.simulate.bodies.echoes import Echoes, sum_echoes
+from flgpr.simulate.ground.layers import PointEchoes, Skeleton, View, sum_layers
+from flgpr.simulate.radar.spread import Spreader
 from flgpr.simulate.simulator import array_state, sweep_drift
-from flgpr.simulate.spread import Spreader
 from reference import slow_simulation
 from simulate.conftest import STILL
 

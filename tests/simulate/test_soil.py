@@ -1,8 +1,14 @@
 import numpy as np
 import pytest
 
-from flgpr.simulate.scene import Soil
-from flgpr.simulate.soil import mironov, one_way_loss, peplinski, peplinski_conductivity, topp
+from flgpr.simulate.ground.soil import (
+    mironov,
+    one_way_loss,
+    peplinski,
+    peplinski_conductivity,
+    topp,
+)
+from flgpr.simulate.scene.scene import Soil
 
 
 @pytest.mark.parametrize(

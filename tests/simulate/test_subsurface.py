@@ -6,12 +6,12 @@ from scipy.stats import kstest
 
 from flgpr.imaging import ScanImager
 from flgpr.model import Antenna, Grid
-from flgpr.simulate import Scene, Simulator, inclusions
-from flgpr.simulate.echoes import Ground
-from flgpr.simulate.layers import View
-from flgpr.simulate.refraction import apparent_shift
-from flgpr.simulate.simulator import array_state
-from flgpr.simulate.subsurface import (
+from flgpr.simulate import Scene, Simulator
+from flgpr.simulate.bodies.echoes import Ground
+from flgpr.simulate.ground import inclusions
+from flgpr.simulate.ground.layers import View
+from flgpr.simulate.ground.refraction import apparent_shift
+from flgpr.simulate.ground.subsurface import (
     _LENS,
     Buried,
     BuriedSpectra,
@@ -22,7 +22,8 @@ from flgpr.simulate.subsurface import (
     stone_radii,
     subsurface_layers,
 )
-from flgpr.simulate.tables import Stones
+from flgpr.simulate.scene.scene_tables import Stones
+from flgpr.simulate.simulator import array_state
 from simulate.conftest import BARE, STILL
 
 DRY = {"model": "fixed", "permittivity": 3.4, "conductivity": 0.0}

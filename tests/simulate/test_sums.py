@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from flgpr.simulate.echoes import Echoes, sum_echoes
+from flgpr.simulate.bodies.echoes import Echoes, sum_echoes
+from flgpr.simulate.radar.spread import Spreader
 from flgpr.simulate.simulator import array_state
-from flgpr.simulate.spread import Spreader
 from reference import slow_simulation
 
 POSE = np.array(

@@ -3,10 +3,11 @@ import pytest
 
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, Lane, attitude_matrix, heading_matrix
-from flgpr.simulate import Scene, Simulator, simulate, tables
-from flgpr.simulate.roughness import surface_backscatter
+from flgpr.simulate import Scene, Simulator, simulate
+from flgpr.simulate.ground.roughness import surface_backscatter
+from flgpr.simulate.ground.terrain import Terrain
+from flgpr.simulate.scene import scene_tables as tables
 from flgpr.simulate.simulator import array_state
-from flgpr.simulate.terrain import Terrain
 from simulate.conftest import BARE, STILL
 
 LANE = Lane(-1.5, 1.5, 0.0, 60.0)

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from flgpr import tasks
 from flgpr.chain.recipe import recipe_text
-from flgpr.io import open_run, save_run
+from flgpr.commands.simulate import simulate_lane
+from flgpr.store import open_run, save_run
 from small_lane import cut_down
 
 LENGTH = 30.0
@@ -159,11 +159,11 @@ def make_lanes(folder: Path) -> None:
     for seed, (name, length) in enumerate((("train", 36.0), ("test", LENGTH)), 1):
         scene = folder / f"scene-{name}.toml"
         scene.write_text(SCENE.format(length=length))
-        tasks.simulate_lane(
+        simulate_lane(
             scene,
-            folder / "sensor.toml",
-            seed,
-            folder / f"{name}.zarr",
+            sensor=folder / "sensor.toml",
+            seed=seed,
+            output=folder / f"{name}.zarr",
             errors=False,
             truth=folder / f"{name}.csv",
         )

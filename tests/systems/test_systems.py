@@ -8,15 +8,22 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr import tasks
+import flgpr
 from flgpr.chain.recipe import load_recipe, recipe_names
-from flgpr.cli import app
-from flgpr.io import Scan, describe_for_live, open_run, read_lane
+from flgpr.commands.app import app
+from flgpr.commands.beside import BESIDE_DEMO
+from flgpr.commands.replay import replay
+from flgpr.commands.scoring import score_result
+from flgpr.execution.driver import results_at
 from flgpr.live.detector import LiveDetector, LiveSettings
+from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.results.result import read_result
+from flgpr.store import Scan, describe_for_live, open_run, read_lane
 from reference.slow_scoring import frame_counts
 from systems.lanes import LENGTH, SMALL
 
 SYSTEMS = sorted(SMALL)
+DEMO = [f"demo-{name}" for name in BESIDE_DEMO]
 LIVE = {"wang2007", "wang2007-printed", "fused"}
 MOST = 1e-5
 
@@ -28,7 +35,7 @@ def system(request, lanes):
     others = {"x": lanes / "train-x.zarr"} if name == "fuse2018" else {}
     folder = lanes / name
     folder.mkdir()
-    model = tasks.train_runs(
+    model = flgpr.train(
         [lanes / "train.zarr"], [lanes / "train.csv"], lanes / f"{name}.toml", folder / "model",
         lanes=[lanes / "lane.toml"], others=[others],
     )  # fmt: skip
@@ -55,7 +62,7 @@ class System:
 
     def detect(self, output, **more):
         where = self.lanes / "test.zarr", self.lanes / f"{self.name}.toml", self.folder / output
-        return tasks.detect_long(*where, self.lanes / "lane.toml", **{**self.options, **more})
+        return flgpr.detect(*where, self.lanes / "lane.toml", **{**self.options, **more})
 
     def digests(self, output):
         home = self.folder / output
@@ -67,13 +74,13 @@ class System:
 
 
 def test_these_are_the_packaged_systems():
-    assert set(recipe_names()) == {*SYSTEMS, "demo", "miniature"}
+    assert set(recipe_names()) == {*SYSTEMS, "demo", *DEMO, "miniature"}
 
 
 def test_train_learns_what_the_recipe_names_and_detect_finds_mines(system):
     recipe = load_recipe(system.lanes / f"{system.name}.toml")
     assert list(system.model.stages) == recipe.learning()
-    result = tasks.read_result(system.folder / "result")
+    result = read_result(system.folder / "result")
     assert result.model().notes["recipe"] == system.name
     alarms, truth = (
         pd.read_csv(path)[["x", "y"]]
@@ -107,15 +114,15 @@ def test_two_workers_that_are_stopped_and_one_that_goes_on_give_the_same_bytes(s
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        system.detect("shared", how=tasks.How(note=note, workers=2))
+        system.detect("shared", note=note, workers=2)
     assert (system.folder / "shared.work").is_dir()
     system.detect("shared")
     assert system.digests("shared") == system.digests("result")
 
 
 def test_sections_find_the_same_alarms(system):
-    homes = system.detect("sections", section=12.5)
-    assert len(homes) == 3
+    system.detect("sections", section=12.5)
+    assert len(results_at(system.folder / "sections")) == 3
     whole = pd.read_csv(system.folder / "result" / "alarms.csv")
     parts = pd.read_csv(system.folder / "sections" / "alarms.csv")
     pd.testing.assert_frame_equal(
@@ -126,7 +133,7 @@ def test_sections_find_the_same_alarms(system):
 
 
 def test_replay_gives_the_same_bytes(system):
-    assert tasks.replay(system.folder / "result") == {
+    assert replay(system.folder / "result") == {
         "identical": True,
         "agrees": True,
         "files": [],
@@ -150,14 +157,14 @@ def test_the_viewer_explains_the_alarms(system):
 
 def test_live_runs_it_or_says_why_not(system):
     recipe = load_recipe(system.lanes / f"{system.name}.toml")
-    assert (not recipe.waits()) == (system.name in LIVE)
+    assert (not recipe.not_live_because()) == (system.name in LIVE)
     if system.name in LIVE:
         return
-    options = tasks.LiveOptions(recipe=system.lanes / f"{system.name}.toml", output=system.folder / "live",
+    options = LiveOptions(recipe=system.lanes / f"{system.name}.toml", output=system.folder / "live",
                                 incoming=system.lanes)  # fmt: skip
     with pytest.raises(ValueError, match=f"recipe '{system.name}' cannot run live: .*: ") as told:
-        tasks.LiveRun(options)
-    assert all(reason in str(told.value) for reason in recipe.waits())
+        LiveRun(options)
+    assert all(reason in str(told.value) for reason in recipe.not_live_because())
     assert not (system.folder / "live").exists()
 
 
@@ -167,9 +174,9 @@ def test_live_maps_what_detection_maps(system):
     run = open_run(system.lanes / "test.zarr")
     recipe = load_recipe(system.lanes / "fused.toml")
     lane = read_lane(system.lanes / "lane.toml")
-    model = tasks.read_result(system.folder / "result").model()
+    model = read_result(system.folder / "result").model()
     detector = LiveDetector(describe_for_live(run), recipe, lane, model, LiveSettings(looks=1))
-    whole = tasks.read_result(system.folder / "result").detections[0].view.values[0, 0]
+    whole = read_result(system.folder / "result").detections[0].view.values[0, 0]
     likeness = []
     for number in range(run.sizes["scan"]):
         one = run.isel(scan=number)
@@ -217,7 +224,7 @@ def test_what_each_look_says_adds_up_to_the_confidence(system):
 @pytest.mark.parametrize("name", sorted(set(SYSTEMS) - {"wang2007", "wang2007-printed"}))
 def test_without_a_model_it_says_how_to_get_one(lanes, name, tmp_path):
     with pytest.raises(ValueError, match=f"recipe '{name}' learns .* `flgpr train RUN"):
-        tasks.detect_run(
+        flgpr.detect(
             lanes / "test.zarr", lanes / f"{name}.toml", tmp_path / "result", lanes / "lane.toml"
         )
     assert not list(tmp_path.iterdir())
@@ -230,10 +237,10 @@ def test_every_frame_counts_its_area_where_the_recipe_says_so(lanes, system, tmp
     (tmp_path / "frames.toml").write_text(text, encoding="utf-8")
     where = lanes / "test.zarr", tmp_path / "frames.toml"
     for name, more in (("whole", {}), ("sections", {"section": 12.5})):
-        tasks.detect_long(*where, tmp_path / name, lanes / "lane.toml", **system.options, **more)
+        flgpr.detect(*where, tmp_path / name, lanes / "lane.toml", **system.options, **more)
     told = CliRunner().invoke(app, ["score", str(tmp_path / "whole"), "--truth", str(system.truth)])
     assert told.exit_code == 0, told.output
-    result = tasks.read_result(tmp_path / "whole")
+    result = read_result(tmp_path / "whole")
     alarms, poses = result.detections[0].frames
     assert sorted(poses) == list(
         range(1, open_run(lanes / "test.zarr").sizes["scan"])
@@ -256,11 +263,11 @@ def test_every_frame_counts_its_area_where_the_recipe_says_so(lanes, system, tmp
     assert last["n_false"] == false
     assert "every frame counts its area" in (tmp_path / "whole" / "report.html").read_text()
     (tmp_path / "sections" / "score").mkdir(exist_ok=True)
-    _, again = tasks.score_result(tmp_path / "sections", system.truth)
+    _, again = score_result(tmp_path / "sections", system.truth)
     pd.testing.assert_frame_equal(
-        again[0].curve, tasks.score_result(tmp_path / "whole", system.truth)[1][0].curve
+        again[0].curve, score_result(tmp_path / "whole", system.truth)[1][0].curve
     )
-    plain = tasks.read_result(system.folder / "result")
+    plain = read_result(system.folder / "result")
     assert plain.detections[0].frames is None
     pd.testing.assert_frame_equal(plain.detections[0].alarms, result.detections[0].alarms)
 
@@ -269,8 +276,8 @@ def test_every_frame_counts_its_area_where_the_recipe_says_so(lanes, system, tmp
 def test_without_a_lane_all_of_the_run_view_is_searched(lanes, system):
     """The small recipe's run-view is 4 m wide, the lane of other recipes 3 m."""
     where = lanes / "test.zarr", lanes / "fuse2018.toml", system.folder / "no-lane"
-    tasks.detect_long(*where, **system.options)
-    lane = tasks.read_result(system.folder / "no-lane").lane
+    flgpr.detect(*where, **system.options)
+    lane = read_result(system.folder / "no-lane").lane
     assert (lane.x_min, lane.x_max) == (-2.0, 2.0)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from flgpr.chain.lane_chain import Detection
+from flgpr.chain.detection import Detection
 from flgpr.chain.recipe import recipe_text
 from flgpr.model import Lane
 from flgpr.results.result import add_files, read_result, write_result

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from flgpr.io import save_run
 from flgpr.model import SPEED_OF_LIGHT, make_run
 from flgpr.model.phase import path_phase
+from flgpr.store import save_run
 
 TX = np.array([[-0.3, 0.0, 0.0], [0.3, 0.0, 0.0]])
 RX = np.array([[-0.1, 0.0, 0.0], [0.1, 0.0, 0.0]])

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from test_live_page import START, Feeder, alarm, scan
 
-from flgpr.io import save_run
 from flgpr.live.events import view_event
 from flgpr.live.feeding import feed
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.vehicle import Vehicle
+from flgpr.store import save_run
 from live_lane import STEP, make_lane_run, small_recipe
 
 VEHICLE = Vehicle(15 / 3.6, reaction=0.5, deceleration=7.0)

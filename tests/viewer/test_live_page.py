@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from watching import viridis
 
-from flgpr.io import read_table, save_run
-from flgpr.live.detector import LiveAlarm
 from flgpr.live.events import alarm_event, as_line, view_event
 from flgpr.live.feeding import feed
 from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.updates import LiveAlarm
 from flgpr.live.vehicle import Vehicle
+from flgpr.store import read_table, save_run
 from live_lane import LANE, SCANS, make_lane_run, small_recipe
 
 VEHICLE = Vehicle(speed=15 / 3.6, front=1.0)

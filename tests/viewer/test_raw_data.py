@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 from raw_lane import make_raw_lane
 
-from flgpr import tasks
 from flgpr.calibrate import channel_health, disturbed_tones
-from flgpr.io import open_run, save_run
-from flgpr.tasks import raw as raw_module
+from flgpr.commands import raw_run as raw_module
+from flgpr.commands.picture import make_picture
+from flgpr.commands.preparing import check_steps, prepare_run, read_steps
+from flgpr.commands.raw_run import RawRun
+from flgpr.commands.run_report import run_info
+from flgpr.imaging import View
+from flgpr.store import open_run, save_run
 from io_gpr import INTERVAL, SAMPLES, ZERO, section, write_dt1
 
 STEPS = [
@@ -43,7 +47,7 @@ def lane(tmp_path_factory):
 def viewer(lane, serving):
     from flgpr.viewer import Viewer
 
-    with serving(Viewer([lane], raw=tasks.RawRun)) as shown:
+    with serving(Viewer([lane], raw=RawRun)) as shown:
         yield shown
 
 
@@ -75,9 +79,9 @@ def test_the_picture_is_what_prepare_stores(viewer, lane, tmp_path):
     status, answer = ask(viewer, "bscan", **asked)
     assert status == 200
     (tmp_path / "steps.toml").write_text(answer["toml"])
-    steps = tasks.read_steps(tmp_path / "steps.toml")
-    assert steps == tasks.check_steps(STEPS)
-    made = tasks.prepare_run(lane, steps, tmp_path / "made.zarr")
+    steps = read_steps(tmp_path / "steps.toml")
+    assert steps == check_steps(STEPS)
+    made = prepare_run(lane, steps, tmp_path / "made.zarr")
     delays = 60e-9 * (np.arange(800) + 0.5) / 800
     expected = (
         direct(made["signal"].values[:, 0, 0], made["frequency"].values, delays).real
@@ -92,7 +96,7 @@ def test_the_picture_is_what_prepare_stores(viewer, lane, tmp_path):
 
 def test_decibels_are_the_greatest_amplitude_of_a_bin(lane, monkeypatch):
     monkeypatch.setattr(raw_module, "MOST_BINS", 200)
-    answer = tasks.RawRun(lane).answer("bscan", {"polarization": "VV", "pair": "1"})
+    answer = RawRun(lane).answer("bscan", {"polarization": "VV", "pair": "1"})
     run = open_run(lane)
     tones = run["frequency"].values
     count = 200
@@ -119,7 +123,7 @@ def test_decibels_are_the_greatest_amplitude_of_a_bin(lane, monkeypatch):
 def test_uneven_tones_are_summed_as_they_are(tmp_path):
     tones = np.sort(np.random.default_rng(2).uniform(0.5e9, 2.5e9, 90))
     make_raw_lane(tmp_path / "uneven.zarr", 8, tones)
-    raw = tasks.RawRun(tmp_path / "uneven.zarr")
+    raw = RawRun(tmp_path / "uneven.zarr")
     query = {"polarization": "HH", "pair": "0", "scale": "signed", "to_ns": "20"}
     answer = raw.answer("bscan", query)
     signal = open_run(tmp_path / "uneven.zarr")["signal"].values[:, 0, 0]
@@ -154,11 +158,9 @@ def test_an_image_is_what_prepare_and_image_make(viewer, lane, tmp_path, whole):
     }
     status, answer = ask(viewer, "image", **asked)
     assert status == 200
-    tasks.prepare_run(lane, tasks.check_steps(STEPS[1:2]), tmp_path / "made.zarr")
+    prepare_run(lane, check_steps(STEPS[1:2]), tmp_path / "made.zarr")
     scans = None if whole else (20, 20)
-    made = tasks.make_picture(
-        tmp_path / "made.zarr", tasks.View(scans=scans, polarizations=("HH",))
-    )
+    made = make_picture(tmp_path / "made.zarr", View(scans=scans, polarizations=("HH",)))
     flat = made.image[0, 0]
     assert answer["scans"] == made.scans == (154 if whole else 1)
     assert (answer["across"][0], answer["up"][0], answer["fixed"]) == ("x", "y", {"z": 0.0})
@@ -192,7 +194,7 @@ def test_tones_that_something_else_transmits_on_are_found(lane, tmp_path):
     for tone in (30, 31, 100):
         signal[:, :, 1, tone] += 5 * np.exp(2j * np.pi * rng.uniform(size=(160, 2)))
     save_run(run.assign(signal=(run["signal"].dims, signal)), tmp_path / "hit.zarr")
-    raw = tasks.RawRun(tmp_path / "hit.zarr")
+    raw = RawRun(tmp_path / "hit.zarr")
     query = {"polarization": "VV", "scan": "9", "steps": json.dumps(STEPS)}
     told = raw.answer("spectrum", query | {"pair": "1"})["disturbed_ghz"]
     np.testing.assert_allclose(told, run["frequency"].values[[30, 31, 100]] * 1e-9)
@@ -206,7 +208,7 @@ def test_health_is_what_info_tells(viewer, lane):
     status, answer = ask(viewer, "health")
     table = channel_health(open_run(lane))
     assert status == 200
-    assert answer["summary"] == tasks.run_info(lane)["health"]
+    assert answer["summary"] == run_info(lane)["health"]
     assert answer["channels"]["missing"] == table["missing"].tolist() == [5, 6, 5, 5]
     np.testing.assert_allclose(answer["channels"]["coherence"], table["coherence"], atol=1e-4)
 
@@ -214,16 +216,16 @@ def test_health_is_what_info_tells(viewer, lane):
 def test_long_runs_and_little_memory_take_every_so_many_scans(lane, monkeypatch):
     query = {"polarization": "HH", "pair": "1"}
     monkeypatch.setattr(raw_module, "MOST_SCANS", 60)
-    answer = tasks.RawRun(lane).answer("bscan", query)
+    answer = RawRun(lane).answer("bscan", query)
     assert answer["scans"] == list(range(0, 160, 3))
     assert answer["missing"] == [1, 17, 18]  # scans 3, 51 and 54
     with pytest.raises(ValueError, match="scan must be one of those shown, of 160, got 1"):
-        tasks.RawRun(lane).answer("spectrum", query | {"scan": "1"})
+        RawRun(lane).answer("spectrum", query | {"scan": "1"})
     size = open_run(lane)["signal"].nbytes // 2
     assert (
-        len(tasks.RawRun(lane, size).answer("bscan", query)["scans"]) == 32
+        len(RawRun(lane, size).answer("bscan", query)["scans"]) == 32
     )  # a fifth, for the copies at work
-    assert tasks.RawRun(lane, size).answer("health", {})["channels"]["missing"] == [5, 6, 5, 5]
+    assert RawRun(lane, size).answer("health", {})["channels"]["missing"] == [5, 6, 5, 5]
 
 
 @pytest.mark.parametrize(
@@ -260,20 +262,20 @@ def test_a_moving_background_that_takes_long_is_refused(lane, monkeypatch):
     monkeypatch.setattr(raw_module, "_MOST_RUNNING", 1e5)
     query = {"polarization": "HH", "pair": "0", "steps": '[{"do": "background", "scans": 9}]'}
     with pytest.raises(ValueError, match="9 scans take too long here, use flgpr prepare"):
-        tasks.RawRun(lane).answer("bscan", query)
+        RawRun(lane).answer("bscan", query)
 
 
 def test_nothing_else_is_found(viewer, lane, demo, serving):
     assert ask(viewer, "magic")[0] == 404
     with serving([lane]) as bare:
         assert ask(bare, "health")[0] == 404
-    with serving([demo[0].folder], raw=tasks.RawRun) as result:
+    with serving([demo[0].folder], raw=RawRun) as result:
         assert ask(result, "health")[0] == 404
 
 
 def test_a_store_that_changes_is_an_error_of_the_server(tmp_path, serving):
     make_raw_lane(tmp_path / "run.zarr", 8)
-    with serving([tmp_path / "run.zarr"], raw=tasks.RawRun) as shown:
+    with serving([tmp_path / "run.zarr"], raw=RawRun) as shown:
         chunk = next(
             path for path in (tmp_path / "run.zarr" / "signal" / "c").rglob("*") if path.is_file()
         )
@@ -385,13 +387,13 @@ def test_a_map_lies_below_the_track(watch, lane, serving, tmp_path):
     with pytest.raises(ValueError, match="map needs a result or run that is tied to the Earth"):
         Viewer([lane], backdrop=tmp_path / "map.tif")
     with serving(
-        [lane], raw=tasks.RawRun, anchor=tmp_path / "anchor.toml", backdrop=tmp_path / "map.tif"
+        [lane], raw=RawRun, anchor=tmp_path / "anchor.toml", backdrop=tmp_path / "map.tif"
     ) as viewer:
         one = watch(viewer)
         one.until("document.getElementById('health-rows').children.length === 4")
         seen = "[...document.getElementById('lane').getContext('2d').getImageData(60, 20, 1, 1).data].join()"
         one.until(f"{seen} === '10,180,20,255'")
-    with serving([lane], raw=tasks.RawRun) as bare:
+    with serving([lane], raw=RawRun) as bare:
         connection = http.client.HTTPConnection("127.0.0.1", bare.port, timeout=20)
         connection.request("GET", f"/{bare.token}/data/backdrop.png")
         assert connection.getresponse().status == 404
@@ -416,7 +418,7 @@ def test_one_scan_on_the_ground_has_no_image(tmp_path):
     run = open_run(tmp_path / "air.zarr").compute()
     run["pose"][:, 2] = 0.0
     save_run(run.assign_attrs(sounding="ground-coupled"), tmp_path / "ground.zarr")
-    raw = tasks.RawRun(tmp_path / "ground.zarr")
+    raw = RawRun(tmp_path / "ground.zarr")
     query = {"polarization": "HH", "pair": "0", "permittivity": "6"}
     with pytest.raises(ValueError, match="whole must be true for antennas on the ground"):
         raw.answer("image", query | {"scan": "3"})
@@ -427,7 +429,7 @@ def test_one_scan_on_the_ground_has_no_image(tmp_path):
 def test_a_window_of_agc_longer_than_the_trace_is_as_long_as_it(lane, window):
     query = {"polarization": "HH", "pair": "0", "to_ns": "60"}
     answers = [
-        tasks.RawRun(lane).answer(
+        RawRun(lane).answer(
             "bscan", query | {"steps": json.dumps([{"do": "agc", "window_ns": one}])}
         )["halves"]
         for one in (80.5, window)
@@ -438,7 +440,7 @@ def test_a_window_of_agc_longer_than_the_trace_is_as_long_as_it(lane, window):
 def test_a_recording_is_shown_without_an_import_from_its_first_sample_on(tmp_path, serving, watch):
     counts = section(40)
     path = write_dt1(tmp_path / "line.dt1", counts)
-    with serving([path], raw=tasks.RawRun) as viewer:
+    with serving([path], raw=RawRun) as viewer:
         status, answer = ask(viewer, "bscan", polarization="HH", pair="0", scale="signed")
         assert status == 200
         delays = answer["delays_ns"]

@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
-from flgpr.io import lane_text
-from flgpr.io.tables import write_table
+from flgpr.commands.app import app
+from flgpr.commands.scoring import compare_alarms, score_alarms, score_sealed, seal
 from flgpr.model import Lane
-from flgpr.tasks import compare_alarms, score_alarms, score_sealed, seal
+from flgpr.store import lane_text
+from flgpr.store.tables import write_table
 from flgpr.viewer.session import open_source, open_sources
 from small_results import small_result
 
@@ -149,7 +149,8 @@ def test_a_result_stands_beside_a_score_by_its_own(watch, serving, scores, demo,
         assert "another truth" in one.text("#scores [role=alert]")
     small_result(tmp_path / "unscored")
     with pytest.raises(
-        ValueError, match=r"unscored: beside a score it must be scored, too: flgpr score"
+        ValueError,
+        match=r"unscored: shown together with a score it must be scored, too: flgpr score",
     ):
         open_sources([scores / "score-one", tmp_path / "unscored"])
 

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
+from flgpr.commands.app import app
 from flgpr.door import Listed
-from flgpr.io import sample_lane, sha256
+from flgpr.store import sample_lane, sha256
 from flgpr.viewer import Viewer
 from flgpr.viewer.guard import SECURITY_HEADERS, is_loopback
 from flgpr.viewer.session import LiveFile, ResultFiles, ViewError

@@ -6,9 +6,9 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.cli import app
-from flgpr.io import read_verdicts
-from flgpr.tasks import analyst_agreement
+from flgpr.commands.app import app
+from flgpr.commands.scoring import analyst_agreement
+from flgpr.store import read_verdicts
 from flgpr.viewer import Viewer
 from small_results import small_result
 
@@ -104,8 +104,8 @@ def test_a_file_that_somebody_else_changed_is_not_overwritten(serving, result, t
 def test_a_place_in_the_result_or_another_file_is_refused(result, tmp_path):
     (tmp_path / "other.json").write_text('{"format": "flgpr-score"}')
     cases = {
-        result / "anna.json": "beside the result, not in it",
-        result / "view" / "anna.json": "beside the result, not in it",
+        result / "anna.json": "outside of the result",
+        result / "view" / "anna.json": "outside of the result",
         tmp_path / "none" / "anna.json": "folder that exists",
         tmp_path / "other.json": "not verdicts of flgpr view",
     }

@@ -7,21 +7,19 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+from flgpr.chain.detection import Detection
 from flgpr.chain.evidence import (
     MOST_SCANS,
     EvidenceSums,
     decibels,
-    entropy_alpha_points,
     focused_trace,
     range_kernel,
 )
-from flgpr.chain.lane_chain import Detection
 from flgpr.features import PatchShape
-from flgpr.io import open_run, sample_lane
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.results.result import read_result
-from flgpr.results.score import depth_classes, depth_labels
 from flgpr.results.view_files import TILE_ROWS, plain_json, pyramid
+from flgpr.store import open_run, sample_lane
 
 
 def slow_trace(signal, frequency, tx, rx, point, offset):
@@ -184,20 +182,6 @@ def test_with_poses_known_only_what_will_be_kept_is_cut_up(approach):
     pd.testing.assert_frame_equal(found.polarimetric, expected.polarimetric)
 
 
-def test_entropy_and_alpha_of_canonical_scatterers():
-    trihedral = [1, 0, 0]
-    dihedral = [0, 1, 0]
-    dipole = [1 / np.sqrt(2), 1 / np.sqrt(2), 0]
-    pure = [np.outer(v, v).astype(complex) for v in (trihedral, dihedral, dipole)]
-    mixed = np.diag([1.0, 1.0, 0.0]).astype(complex)
-    table = entropy_alpha_points(
-        np.array([*pure, np.eye(3), mixed, np.zeros((3, 3))], dtype=complex)
-    )
-    np.testing.assert_allclose(table["entropy"][:5], [0, 0, 0, 1, np.log(2) / np.log(3)], atol=1e-6)
-    np.testing.assert_allclose(np.degrees(table["alpha"][:5]), [0, 90, 45, 60, 45], atol=1e-4)
-    assert table.iloc[5].isna().all()
-
-
 def test_decibels_keep_half_precision_and_gaps():
     values = np.array([1.0, 10.0, 0.0, np.nan, 1e-3, 30.0])
     seen = decibels(values).astype(float)
@@ -284,19 +268,6 @@ def test_every_subset_of_the_score_adds_up(demo):
         assert (
             one["shared"]["threshold"][one["shared"]["point"]["row"]] == scored.point["threshold"]
         )
-
-
-def test_depth_classes_hold_every_target_once():
-    few = pd.DataFrame({"depth": [0.0, 0.05, 0.05, 0.1, np.nan]})
-    assert [label for label, _ in depth_classes(few)] == ["0 cm", "5 cm", "10 cm"]
-    assert depth_labels(few, depth_classes(few)) == ["0 cm", "5 cm", "5 cm", "10 cm", None]
-    many = pd.DataFrame({"depth": np.linspace(0, 0.2, 41)})
-    classes = depth_classes(many)
-    labels = depth_labels(many, classes)
-    assert len(classes) == 4
-    assert None not in labels
-    assert sorted(labels.count(label) for label, _ in classes) == [10, 10, 10, 11]
-    assert depth_classes(few.iloc[:0]) == []
 
 
 def test_plain_json_leaves_nothing_that_json_lacks():

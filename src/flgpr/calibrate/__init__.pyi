@@ -10,12 +10,14 @@ from flgpr.calibrate.health import health_summary as health_summary
 from flgpr.calibrate.joint import BiasFit as BiasFit
 from flgpr.calibrate.joint import estimate_joint as estimate_joint
 from flgpr.calibrate.joint import estimate_range_bias as estimate_range_bias
+from flgpr.calibrate.peaks import image_peaks as image_peaks
+from flgpr.calibrate.permittivity import GroundFit as GroundFit
+from flgpr.calibrate.permittivity import estimate_permittivity as estimate_permittivity
 from flgpr.calibrate.pose import LeverFit as LeverFit
 from flgpr.calibrate.pose import estimate_lever_arm as estimate_lever_arm
 from flgpr.calibrate.pose import remove_in_scan_motion as remove_in_scan_motion
 from flgpr.calibrate.pose import vehicle_velocity as vehicle_velocity
 from flgpr.calibrate.profiles import fields_over_bias as fields_over_bias
-from flgpr.calibrate.profiles import subtract_mean_scan as subtract_mean_scan
 from flgpr.calibrate.reflector import DIHEDRAL as DIHEDRAL
 from flgpr.calibrate.reflector import DIHEDRAL_45 as DIHEDRAL_45
 from flgpr.calibrate.reflector import TRIHEDRAL as TRIHEDRAL

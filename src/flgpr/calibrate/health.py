@@ -17,12 +17,19 @@ STEADY = 0.5
 
 
 def channel_health(run: xr.Dataset, quiet: float = QUIET) -> pd.DataFrame:
-    """Look at every channel: its level, what is missing, whether it is dead, whether it drifts.
+    """Return the level of every channel, what is missing, whether it is dead, and its drift.
 
-    The standing part of a channel (antenna coupling and the vehicle's own reflections) is the same
+    The standing field of a channel (antenna coupling and the vehicle's own reflections) is the same
     in every scan; the complex factor by which it changes is the channel's drift in gain and phase.
-    It is told only where the standing part stands out: the ``coherence`` says how much of the power
-    it is.
+    The drift is known only where the standing field is strong: ``coherence`` is its share of the
+    power.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    quiet : float
+        Level under the median pair at which a channel is dead, dB.
 
     Returns
     -------
@@ -62,35 +69,37 @@ def channel_health(run: xr.Dataset, quiet: float = QUIET) -> pd.DataFrame:
 
 
 def health_summary(table: pd.DataFrame) -> list[str]:
-    """Say in words what a user must know of :func:`channel_health`: what is dead, what drifts, or all well."""
+    """Return sentences on the table of :func:`channel_health`: what is dead and what drifts."""
     lines = []
     dead = table[table["dead"]]
     if len(dead):
-        names = ", ".join(
-            f"{row.polarization} pair {row.pair}" for row in dead.head(8).itertuples()
-        )
+        names = [f"{row.polarization} pair {row.pair}" for row in dead.head(8).itertuples()]
+        more = " ..." if len(dead) > 8 else ""
+        lines.append(f"{len(dead)} of {len(table)} channels are dead: {', '.join(names)}{more}")
+    has_drift = (table["coherence"] >= STEADY) & table["gain_drift_db"].notna()
+    steady = table[~table["dead"] & has_drift]
+    by_gain = steady["gain_drift_db"].abs() > 1.0
+    by_phase = steady["phase_drift_rad"].abs() > 0.2
+    drifting = steady[by_gain | by_phase]
+    if len(drifting):
+        worst = drifting.iloc[int(drifting["gain_drift_db"].abs().to_numpy().argmax())]
         lines.append(
-            f"{len(dead)} of {len(table)} channels are dead: {names}{' ...' if len(dead) > 8 else ''}"
+            f"{len(drifting)} of {len(steady)} channels with a standing part drift by over 1 dB or "
+            f"0.2 rad, the most {worst['polarization']} pair {worst['pair']} "
+            f"by {worst['gain_drift_db']:+.1f} dB"
         )
-    told = table[~table["dead"] & (table["coherence"] >= STEADY) & table["gain_drift_db"].notna()]
-    moved = told[(told["gain_drift_db"].abs() > 1.0) | (told["phase_drift_rad"].abs() > 0.2)]
-    if len(moved):
-        worst = moved.iloc[int(moved["gain_drift_db"].abs().to_numpy().argmax())]
-        lines.append(
-            f"{len(moved)} of {len(told)} channels with a standing part drift by over 1 dB or 0.2 rad, the most "
-            f"{worst['polarization']} pair {worst['pair']} by {worst['gain_drift_db']:+.1f} dB"
-        )
-    return lines or [
-        f"all {len(table)} channels are alive" + (", none drifts" if len(told) else "")
-    ]
+    if lines:
+        return lines
+    return [f"all {len(table)} channels are alive" + (", none drifts" if len(steady) else "")]
 
 
 def _power(sweeps: NDArray[np.complex64]) -> float:
+    """Return the mean power; 0 without a sweep."""
     return float(np.mean(np.abs(sweeps.astype(np.complex128)) ** 2)) if sweeps.size else 0.0
 
 
 def _coherence(sweeps: NDArray[np.complex128]) -> float:
-    """Power of the mean over mean power, less what chance makes of it."""
+    """Return the power of the mean over the mean power, less what chance makes of it."""
     count = len(sweeps)
     total = float(np.mean(np.abs(sweeps) ** 2)) if sweeps.size else 0.0
     if count < 2 or total == 0:
@@ -100,6 +109,7 @@ def _coherence(sweeps: NDArray[np.complex128]) -> float:
 
 
 def _drift(sweeps: NDArray[np.complex128]) -> tuple[float, float]:
+    """Return the drift of gain, dB, and phase, rad, from the first to the last quarter of scans."""
     quarter = len(sweeps) // 4
     if quarter < 1:
         return np.nan, np.nan
@@ -107,14 +117,26 @@ def _drift(sweeps: NDArray[np.complex128]) -> tuple[float, float]:
     last = sweeps[-quarter:].mean(axis=0)
     base = float((np.abs(first) ** 2).sum())
     factor = complex((first.conj() * last).sum()) / base if base > 0 else 0j
-    return (20 * np.log10(abs(factor)), float(np.angle(factor))) if factor else (np.nan, np.nan)
+    if not factor:
+        return np.nan, np.nan
+    return 20 * np.log10(abs(factor)), float(np.angle(factor))
 
 
 def disturbed_tones(signal: ArrayLike) -> NDArray[np.bool_]:
-    """Tell which tones of a channel's scans (scan, frequency) something else transmits on: (frequency,).
+    """Mark the tones on which something else transmits.
 
-    Such a tone changes from scan to scan by over 10 dB more than the tones around it do, by the median over scans and
-    the median of 21 tones. Of fewer than three scans or seven tones nothing is told.
+    Such a tone changes from scan to scan by over 10 dB more than the tones around it do, by the
+    median over scans and the median of 21 tones.
+
+    Parameters
+    ----------
+    signal : (scan, frequency) array_like of complex
+        Sweeps of a channel.
+
+    Returns
+    -------
+    (frequency,) ndarray of bool
+        Disturbed tones; none with fewer than three scans or seven tones.
     """
     values = np.asarray(signal)
     if len(values) < 3 or values.shape[1] < 7:

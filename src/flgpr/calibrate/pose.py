@@ -1,4 +1,4 @@
-"""Lever arm and latency of a positioning antenna; motion in a scan: a vehicle that drives while its array switches."""
+"""Lever arm and latency of a positioning antenna, and motion of the vehicle within a scan."""
 
 from __future__ import annotations
 
@@ -22,16 +22,15 @@ class LeverFit:
 
     lever_arm: NDArray[np.float64]  #: positioning antenna in the vehicle frame, m
     latency: float  #: how late its time stamps are, s
-    rms: float  #: root mean square of what is left, m
+    rms: float  #: root mean square of the residual, m
 
 
 def estimate_lever_arm(
     antenna: pd.DataFrame, reference: pd.DataFrame, latencies: ArrayLike = (0.0,), refine: int = 12
 ) -> LeverFit:
-    """Find lever arm and latency by least squares.
+    """Estimate lever arm and latency by least squares.
 
-    Latency and the lever arm along the way are told apart only by turns and changes of speed: a
-    straight drive at one speed is refused, and so are tracks that do not overlap.
+    Only turns and changes of speed separate the latency from the lever arm along the track.
 
     Parameters
     ----------
@@ -39,7 +38,19 @@ def estimate_lever_arm(
         Tracks of the positioning antenna, and of the array's reference point with attitude, such as
         by a total station, which may be shorter.
     latencies : (trial,) array_like
-        Latencies to try, s; more than one makes it be found, with steps halved ``refine`` times.
+        Latencies to try, s.
+    refine : int
+        How often the step of several latencies is halved around the best.
+
+    Returns
+    -------
+    LeverFit
+        Lever arm and latency.
+
+    Raises
+    ------
+    ValueError
+        If the tracks do not overlap, or the drive is straight and at one speed.
     """
     check_track(antenna)
     check_track(reference)
@@ -59,29 +70,36 @@ def estimate_lever_arm(
     step = float(np.diff(trials).max())
     for _ in range(refine):
         step /= 2
-        near = [_fit(antenna, reference, best.latency + sign * step) for sign in (-1, 1)]
-        best = min([best, *(fit for fit in near if fit is not None)], key=lambda fit: fit.rms)
+        for fit in (
+            _fit(antenna, reference, best.latency - step),
+            _fit(antenna, reference, best.latency + step),
+        ):
+            if fit is not None and fit.rms < best.rms:
+                best = fit
     return best
 
 
 def _fit(antenna: pd.DataFrame, reference: pd.DataFrame, latency: float) -> LeverFit | None:
+    """Fit the lever arm for one latency; None if fewer than three fixes overlap."""
     shifted = antenna.assign(time=antenna["time"] - latency)
     time = reference["time"].to_numpy()
     inside = (time >= shifted["time"].iloc[0]) & (time <= shifted["time"].iloc[-1])
     if np.count_nonzero(inside) < 3:
         return None
     pose = poses_at(reference, time[inside])
-    apart = poses_at(shifted, time[inside])[:, :3] - pose[:, :3]
-    turns = pose_matrix(pose).reshape(-1, 3)
-    lever, *_ = np.linalg.lstsq(turns, apart.ravel(), rcond=None)
-    rest = apart.ravel() - turns @ lever
-    return LeverFit(
-        np.asarray(lever, dtype=np.float64), latency, float(np.sqrt(np.mean(rest**2) * 3))
-    )
+    difference = poses_at(shifted, time[inside])[:, :3] - pose[:, :3]
+    rotations = pose_matrix(pose).reshape(-1, 3)
+    lever, *_ = np.linalg.lstsq(rotations, difference.ravel(), rcond=None)
+    residual = difference.ravel() - rotations @ lever
+    rms = float(np.sqrt(np.mean(residual**2) * 3))
+    return LeverFit(np.asarray(lever, dtype=np.float64), latency, rms)
 
 
 def vehicle_velocity(run: xr.Dataset) -> FloatArray:
-    """Velocity (scan, 3) in the vehicle frame, m/s, from a run's poses and times, which must be there and increase."""
+    """Return the velocity (scan, 3) in the vehicle frame, m/s, from poses and times of a run.
+
+    Fewer than two scans, or times that are missing or do not increase, are a ValueError.
+    """
     pose = run["pose"].values
     time = run["time"].values
     if len(time) < 2 or not np.isfinite(time).all() or (np.diff(time) <= 0).any():
@@ -97,7 +115,7 @@ def remove_in_scan_motion(
     tone_time: ArrayLike,
     velocity: ArrayLike | None = None,
 ) -> xr.Dataset:
-    """Bring all tones and pairs of a scan to the scan's time, as if the vehicle had stood still in it.
+    """Move all tones and pairs of a scan to the scan's time, as if the vehicle had stood still.
 
     A sample taken at ``pair_time + tone_time`` after the pose was measured with the antennas
     displaced by velocity times that. Its phase is turned by the difference of the path to the
@@ -107,39 +125,50 @@ def remove_in_scan_motion(
     Parameters
     ----------
     run : xarray.Dataset
-        A run. A shape below that does not fit it, or a value that is not finite, is a ValueError.
+        A run.
     focus : (3,) array_like
-        The place that stays exact, in the vehicle frame, m; on the ground in the middle of the
-        images.
+        Point that stays exact, in the vehicle frame, m; on the ground in the middle of the images.
     pair_time, tone_time : (pair,), (frequency,) array_like
         When each pair is measured after the time of the pose, and each tone sent after that, s.
     velocity : (scan, 3) array_like, optional
         Velocity in the vehicle frame, m/s. Default: from poses and times.
+
+    Returns
+    -------
+    xarray.Dataset
+        The corrected run.
+
+    Raises
+    ------
+    ValueError
+        If a shape does not fit the run, or a value is not finite.
     """
     check_run(run)
-    speed = vehicle_velocity(run) if velocity is None else np.asarray(velocity, dtype=np.float64)
-    when = [np.asarray(t, dtype=np.float64) for t in (pair_time, tone_time)]
-    place = np.asarray(focus, dtype=np.float64)
+    if velocity is None:
+        velocity = vehicle_velocity(run)
+    speed = np.asarray(velocity, dtype=np.float64)
+    pair_delay = np.asarray(pair_time, dtype=np.float64)
+    tone_delay = np.asarray(tone_time, dtype=np.float64)
+    point = np.asarray(focus, dtype=np.float64)
     sizes = run.sizes
     for name, value, shape in (
         ("velocity", speed, (sizes["scan"], 3)),
-        ("pair_time", when[0], (sizes["pair"],)),
-        ("tone_time", when[1], (sizes["frequency"],)),
-        ("focus", place, (3,)),
+        ("pair_time", pair_delay, (sizes["pair"],)),
+        ("tone_time", tone_delay, (sizes["frequency"],)),
+        ("focus", point, (3,)),
     ):
         if value.shape != shape or not np.isfinite(value).all():
             raise ValueError(f"{name} must be finite with the shape {shape}, got {value.shape}")
-    time = when[0][:, None] + when[1]
+    time = pair_delay[:, None] + tone_delay
     frequency = run["frequency"].values
     signal = np.empty(run["signal"].shape, run["signal"].dtype)
     for scan in range(sizes["scan"]):
-        moved = time[..., None] * speed[scan]
+        displacement = time[..., None] * speed[scan]
         longer = np.zeros(time.shape)
         for name in ("tx_position", "rx_position"):
             antenna = run[name].values[:, None]
-            longer += np.linalg.norm(antenna + moved - place, axis=-1) - np.linalg.norm(
-                antenna - place, axis=-1
-            )
-        one = run["signal"][scan].values
-        signal[scan] = lengthen(one[..., None], frequency[:, None], -longer)[..., 0]
+            displaced = np.linalg.norm(antenna + displacement - point, axis=-1)
+            longer += displaced - np.linalg.norm(antenna - point, axis=-1)
+        sweeps = run["signal"][scan].values
+        signal[scan] = lengthen(sweeps[..., None], frequency[:, None], -longer)[..., 0]
     return run.assign(signal=(run["signal"].dims, signal))

@@ -1,9 +1,8 @@
-"""Coherent sums over an aperture for all range biases at once, from one range profile per sweep."""
+"""Coherent sums over an aperture for all range biases, from one range profile per sweep."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,43 +11,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.kernels.biases import sum_over_biases
 from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, complete_scans, way_weights
-from flgpr.model.aperture import half_steps
 from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import path_phase
 
-_TABLE = 1 << 23  # samples of the profiles held at a time, 64 MiB
+_SAMPLES_AT_ONCE = 1 << 23  # of the profiles, 64 MiB
 
 
 def resolution(frequency: ArrayLike) -> float:
-    """Range resolution c/2B of a band of tones, one way, m."""
+    """Return the range resolution c/2B of a band of tones, one way, m."""
     return SPEED_OF_LIGHT / max(float(np.ptp(np.asarray(frequency))), 1.0) / 2
-
-
-def subtract_mean_scan(run: xr.Dataset) -> xr.Dataset:
-    """Take the mean scan, coupling and echoes of the vehicle itself, out of a run before a search by echoes.
-
-    Scans are weighted by the change to their neighbours: a vehicle that waits, which nothing but the track tells and
-    its clock is not known yet, would otherwise leave the echoes of where it waited, as a median would
-    (:func:`flgpr.clutter.remove_standing`). Of fewer than five scans the mean would be as much echo as coupling: then
-    it is a ValueError.
-    """
-    scans = np.flatnonzero(complete_scans(run))
-    if scans.size < 5:
-        raise ValueError(
-            f"run must have five complete scans to tell what stands still in them, got {scans.size}"
-        )
-    signal = run["signal"].values
-    change = [np.linalg.norm(signal[b] - signal[a]) for a, b in pairwise(scans)]
-    field = np.tensordot(half_steps(np.array(change)) / scans.size, signal[scans], axes=1).astype(
-        signal.dtype
-    )
-    return run.assign(signal=(run["signal"].dims, signal - field))
 
 
 def fields_over_bias(
     run: xr.Dataset, poses: Sequence[ArrayLike], points: ArrayLike, biases: tuple[float, float]
 ) -> tuple[NDArray[np.complex64], FloatArray]:
-    """Sum a run coherently at points, for poses that may be right and range biases that may be.
+    """Sum a run coherently at points, for trial poses and range biases.
 
     Tones have a Hann window, scans the weights of :func:`flgpr.model.way_weights`. The sum is
     ``Σ w·s(f)·exp(+j2πf(L + 2·bias)/c)`` but for a phase that is the same for all of a bias.
@@ -60,7 +37,7 @@ def fields_over_bias(
     poses : (trial,) sequence of (scan, 6) array_like
         Poses of all its scans, one set for each trial.
     points : (point, 3) array_like
-        Places in the lane frame, m.
+        Points in the lane frame, m.
     biases : tuple of float
         Least and greatest bias, m.
 
@@ -69,6 +46,11 @@ def fields_over_bias(
     field : (trial, polarization, point, bias) ndarray of complex64
     bias : (bias,) ndarray
         Evenly spaced, at a quarter of the range resolution or less, m.
+
+    Raises
+    ------
+    ValueError
+        If the run has no complete scan or fewer than two tones.
     """
     tones = run["frequency"].values
     spacing, slot = lattice(tones)
@@ -77,36 +59,37 @@ def fields_over_bias(
     step = SPEED_OF_LIGHT / spacing / size
     first = int(np.floor(2 * biases[0] / step))
     last = int(np.ceil(2 * biases[1] / step))
-    places = np.asarray(points, dtype=np.float64)
+    positions = np.asarray(points, dtype=np.float64)
     signal = run["signal"].values
     scans = np.flatnonzero(complete_scans(run))
     if not scans.size:
         raise ValueError(
             f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}"
         )
-    ways = [np.asarray(pose, dtype=np.float64)[scans] for pose in poses]
-    weights = [way_weights(pose[:, :3]) for pose in ways]
-    field = np.zeros((len(ways), len(places), signal.shape[1], last - first + 1), np.complex64)
-    block = max(1, _TABLE // (size * signal.shape[1] * signal.shape[2]))
+    trials = [np.asarray(pose, dtype=np.float64)[scans] for pose in poses]
+    weights = [way_weights(pose[:, :3]) for pose in trials]
+    shape = (len(trials), len(positions), signal.shape[1], last - first + 1)
+    field = np.zeros(shape, np.complex64)
+    block = max(1, _SAMPLES_AT_ONCE // (size * signal.shape[1] * signal.shape[2]))
+    carrier = middle / SPEED_OF_LIGHT
     for begin in range(0, scans.size, block):
-        part = slice(begin, begin + block)
-        table = _profiles(signal[scans[part]], tones, spacing, slot, size)
-        table = np.concatenate(
-            [table, np.take(table, np.arange(last - first + 2), axis=-1, mode="wrap")], axis=-1
-        )
-        for way, weight, out in zip(ways, weights, field, strict=True):
-            ends = antennas_in_lane(run, way[part])
-            share = np.repeat(weight[part], signal.shape[2])
-            sum_over_biases(table, *ends, share, places, step, middle / SPEED_OF_LIGHT, first, out)
-    return field.swapaxes(1, 2), np.asarray(
-        np.arange(first, last + 1) * (0.5 * step), dtype=np.float64
-    )
+        of_block = slice(begin, begin + block)
+        table = _profiles(signal[scans[of_block]], tones, spacing, slot, size)
+        # Repeated from its beginning, so that no range of a bias has to be wrapped.
+        beginning = np.take(table, np.arange(last - first + 2), axis=-1, mode="wrap")
+        table = np.concatenate([table, beginning], axis=-1)
+        for pose, weight, out in zip(trials, weights, field, strict=True):
+            tx, rx = antennas_in_lane(run, pose[of_block])
+            share = np.repeat(weight[of_block], signal.shape[2])
+            sum_over_biases(table, tx, rx, share, positions, step, carrier, first, out)
+    bias = np.arange(first, last + 1) * (0.5 * step)
+    return field.swapaxes(1, 2), np.asarray(bias, dtype=np.float64)
 
 
 def lattice(frequency: ArrayLike) -> tuple[float, NDArray[np.int64]]:
-    """Spacing (Hz) of the even spectrum that tones lie on, gaps included, and their slots in it.
+    """Return the spacing (Hz) of the even spectrum of tones, gaps included, and their slots in it.
 
-    Tones that lie on none are given one at their mean spacing, in which they are but near their slots. Fewer than two
+    Uneven tones have one at their mean spacing, to whose slots they are only near. Fewer than two
     tones are a ValueError.
     """
     tones = np.asarray(frequency, dtype=np.float64)
@@ -122,11 +105,13 @@ def lattice(frequency: ArrayLike) -> tuple[float, NDArray[np.int64]]:
 def _profiles(
     signal: NDArray[Any], tones: FloatArray, spacing: float, slot: NDArray[np.int64], size: int
 ) -> NDArray[np.complex64]:
-    """Make range profiles (polarization, scan·pair, size) of a signal (scan, polarization, pair, frequency)."""
+    """Return range profiles (polarization, scan·pair, size) of a signal.
+
+    The signal is (scan, polarization, pair, frequency).
+    """
     taper = np.hanning(tones.size + 2)[1:-1]
-    data = (
-        (signal * taper.astype(np.float32)).swapaxes(0, 1).reshape(signal.shape[1], -1, tones.size)
-    )
+    tapered = (signal * taper.astype(np.float32)).swapaxes(0, 1)
+    data = tapered.reshape(signal.shape[1], -1, tones.size)
     centre = int(slot[-1]) // 2
     if np.abs(tones - tones[0] - slot * spacing).max() > 1e-3 * spacing:
         step = SPEED_OF_LIGHT / spacing / size

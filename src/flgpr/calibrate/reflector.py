@@ -1,6 +1,6 @@
-"""Calibration by reflectors: delay and gain of every pair, crosstalk and imbalance of the polarizations.
+"""Calibration by reflectors: delay and gain of pairs, crosstalk and imbalance of polarizations.
 
-The latter are ``M = R·S·T`` (rows receive, columns transmit, H before V).
+Crosstalk and imbalance are ``M = R·S·T`` (rows receive, columns transmit, H before V).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from flgpr.model import SPEED_OF_LIGHT, check_run, complete_scans, vehicle_to_la
 from flgpr.model.phase import lengthen, path_phase
 
 SLOPES = {"sphere": 0.0, "corner": 1.0}
-"""Power of frequency the echo's amplitude follows: a sphere many wavelengths wide, a trihedral corner."""
+"""Power of frequency in the echo's amplitude: a wide sphere, a trihedral corner."""
 
 
 @dataclass(frozen=True)
@@ -27,36 +27,46 @@ class PairFit:
     delay: NDArray[np.float64]  #: (polarization, pair): how late the pair's echo comes, s
     #: (polarization, pair): echo over that of a unit reflector, after the delay is removed
     gain: NDArray[np.complex128]
-    #: (polarization, pair): height of the echo over the median level within the search, 1; below 3 hardly more than
-    #: chance
+    #: (polarization, pair): height of the echo over the median level within the search, 1; below 3
+    #: it may be chance
     contrast: NDArray[np.float64]
 
 
 def estimate_pairs(
     run: xr.Dataset, point: ArrayLike, kind: str = "sphere", search: float = 0.5
 ) -> PairFit:
-    """Find delay and gain of every pair, in HH and VV, from the echo of a reflector at a known place.
+    """Estimate delay and gain of every pair, in HH and VV, from the echo of a known reflector.
 
     The echo of a unit reflector is ``f^slope·exp(-j2πfL/c)/(R_t·R_r)``, R in metres and f over its
-    mean. Scans are averaged after each is brought to its own path, so that clutter at other places
-    averages out. A corner sends its echo back to where it came from: for pairs far apart take a
-    sphere. Neither answers in HV and VH.
+    mean. Scans are averaged after each is referred to its own path, so that clutter elsewhere
+    averages out. A corner returns its echo to where it came from: for pairs far apart take a
+    sphere. Neither has an echo in HV and VH.
 
     Parameters
     ----------
     run : xarray.Dataset
-        A run; without a complete scan, or with neither HH nor VV, it is a ValueError.
+        A run with a complete scan and HH or VV.
     point : (3,) array_like
         Phase centre of the reflector in the lane frame, m.
     kind : {"sphere", "corner"}
         The reflector.
     search : float
-        Path lengths to either side of the right one where the echo is looked for, m.
+        Path lengths to either side of the right one where the echo is searched, m.
+
+    Returns
+    -------
+    PairFit
+        Delay and gain.
+
+    Raises
+    ------
+    ValueError
+        If a parameter breaks its rule, or the run has no complete scan or neither HH nor VV.
     """
     check_run(run)
-    place = np.asarray(point, dtype=np.float64)
-    if place.shape != (3,) or not np.isfinite(place).all():
-        raise ValueError(f"point must be x, y, z, got {place}")
+    position = np.asarray(point, dtype=np.float64)
+    if position.shape != (3,) or not np.isfinite(position).all():
+        raise ValueError(f"point must be x, y, z, got {position}")
     if kind not in SLOPES:
         raise ValueError(f"kind must be one of {', '.join(SLOPES)}, got {kind!r}")
     if not search > 0:
@@ -66,28 +76,30 @@ def estimate_pairs(
     scans = np.flatnonzero(complete_scans(run))
     if not rows or not scans.size:
         raise ValueError(
-            f"run must have HH or VV and a complete scan, got {labels} and {scans.size} complete scans"
+            "run must have HH or VV and a complete scan, "
+            f"got {labels} and {scans.size} complete scans"
         )
     frequency = run["frequency"].values
     aligned = np.zeros((len(rows), run.sizes["pair"], frequency.size), np.complex128)
     for scan in scans:
         pose = run["pose"].values[scan]
-        legs = [
-            np.linalg.norm(vehicle_to_lane(run[name].values, pose) - place, axis=1)
-            for name in ("tx_position", "rx_position")
-        ]
+        tx = vehicle_to_lane(run["tx_position"].values, pose)
+        rx = vehicle_to_lane(run["rx_position"].values, pose)
+        there = np.linalg.norm(tx - position, axis=1)
+        back = np.linalg.norm(rx - position, axis=1)
         data = run["signal"][scan].values[rows].astype(np.complex128)
-        aligned += lengthen(data, frequency, -(legs[0] + legs[1])) * (legs[0] * legs[1])[:, None]
+        aligned += lengthen(data, frequency, -(there + back)) * (there * back)[:, None]
     aligned /= scans.size * (frequency / frequency.mean()) ** SLOPES[kind]
-    return _fit(tuple(labels[k] for k in rows), aligned, frequency, search)
+    return _fit_pairs(tuple(labels[k] for k in rows), aligned, frequency, search)
 
 
-def _fit(
+def _fit_pairs(
     labels: tuple[str, ...],
     aligned: NDArray[np.complex128],
     frequency: NDArray[np.float64],
     search: float,
 ) -> PairFit:
+    """Fit delay and gain to echoes (polarization, pair, frequency) referred to the right path."""
     resolution = SPEED_OF_LIGHT / max(float(np.ptp(frequency)), 1.0)
     offsets = np.arange(-search, search + resolution / 16, resolution / 8)
     level = np.abs(aligned @ path_phase(frequency, -offsets).T) / frequency.size
@@ -104,19 +116,35 @@ def _fit(
 
 
 def apply_pairs(run: xr.Dataset, fit: PairFit) -> xr.Dataset:
-    """Take delays out and make the gains equal, to their root mean square.
+    """Remove the delays of a run and make its gains equal, to their root mean square.
 
-    Polarizations that the fit does not hold stay as they are; another number of pairs, or a gain of zero, is a
-    ValueError.
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run of as many pairs.
+    fit : PairFit
+        From :func:`estimate_pairs`; polarizations that it does not hold stay as they are.
+
+    Returns
+    -------
+    xarray.Dataset
+        The calibrated run.
+
+    Raises
+    ------
+    ValueError
+        If the number of pairs differs, or a gain is zero.
     """
     if fit.delay.shape[1] != run.sizes["pair"]:
         raise ValueError(
-            f"run must have {fit.delay.shape[1]} pairs as the calibration has, got {run.sizes['pair']}"
+            f"run must have {fit.delay.shape[1]} pairs as the calibration has, "
+            f"got {run.sizes['pair']}"
         )
     if (np.abs(fit.gain) == 0).any():
-        dead = np.argwhere(np.abs(fit.gain) == 0)[0]
+        polarization, pair = np.argwhere(np.abs(fit.gain) == 0)[0]
         raise ValueError(
-            f"gain must not be zero, it is for {fit.polarization[dead[0]]} pair {dead[1]}: a dead channel?"
+            f"gain must not be zero, it is for {fit.polarization[polarization]} pair {pair}: "
+            "a dead channel?"
         )
     labels = [str(label) for label in run["polarization"].values]
     signal = run["signal"].values.copy()
@@ -124,9 +152,8 @@ def apply_pairs(run: xr.Dataset, fit: PairFit) -> xr.Dataset:
     for k, label in enumerate(fit.polarization):
         if label in labels:
             row = labels.index(label)
-            shifted = lengthen(
-                signal[:, row], run["frequency"].values, -fit.delay[k] * SPEED_OF_LIGHT
-            )
+            path = -fit.delay[k] * SPEED_OF_LIGHT
+            shifted = lengthen(signal[:, row], run["frequency"].values, path)
             signal[:, row] = shifted * (scale / fit.gain[k])[:, None]
     return run.assign(signal=(run["signal"].dims, signal))
 
@@ -134,41 +161,45 @@ def apply_pairs(run: xr.Dataset, fit: PairFit) -> xr.Dataset:
 TRIHEDRAL = ((1.0, 0.0), (0.0, 1.0))
 DIHEDRAL = ((1.0, 0.0), (0.0, -1.0))
 DIHEDRAL_45 = ((0.0, 1.0), (1.0, 0.0))
-_PLACE = {"HH": (0, 0), "HV": (1, 0), "VH": (0, 1), "VV": (1, 1)}
+_ELEMENT = {"HH": (0, 0), "HV": (1, 0), "VH": (0, 1), "VV": (1, 1)}
 
 
 @dataclass(frozen=True)
 class Distortion:
-    """What an antenna pair does to the scattering matrix."""
+    """Distortion of the scattering matrix by an antenna pair.
 
-    #: rx, tx: (..., 2, 2): R and T with their HH element one. Off the diagonal: crosstalk; second diagonal element:
-    #: channel imbalance
-    rx: NDArray[np.complex128]
-    tx: NDArray[np.complex128]
+    R and T have one as their HH element, crosstalk off the diagonal, and the channel imbalance as
+    the second diagonal element.
+    """
+
+    rx: NDArray[np.complex128]  #: (..., 2, 2): R
+    tx: NDArray[np.complex128]  #: (..., 2, 2): T
     misfit: NDArray[np.float64]  #: (...): root mean square of ``M - a·R·S·T`` over that of M
 
 
 def scattering_matrices(run: xr.Dataset) -> NDArray[Any]:
-    """Order a run of four polarizations as matrices (scan, pair, frequency, 2, 2): rows receive, columns transmit."""
+    """Return the scattering matrices (scan, pair, frequency, 2, 2) of a run of four polarizations.
+
+    Rows receive, columns transmit. A missing polarization is a ValueError.
+    """
     labels = [str(label) for label in run["polarization"].values]
-    missing = [label for label in _PLACE if label not in labels]
+    missing = [label for label in _ELEMENT if label not in labels]
     if missing:
         raise ValueError(f"run must have HH, HV, VH and VV, {', '.join(missing)} missing")
     signal = run["signal"].values
     out = np.empty((signal.shape[0], signal.shape[2], signal.shape[3], 2, 2), signal.dtype)
-    for label, place in _PLACE.items():
-        out[(..., *place)] = signal[:, labels.index(label)]
+    for label, (row, column) in _ELEMENT.items():
+        out[..., row, column] = signal[:, labels.index(label)]
     return out
 
 
 def estimate_distortion(measured: ArrayLike, known: ArrayLike, iterations: int = 500) -> Distortion:
-    """Find receive and transmit distortion from reflectors of known scattering matrix and unknown strength.
+    """Estimate receive and transmit distortion from reflectors of known scattering matrices.
 
-    Least squares in R, T and the strengths in turn, from the undistorted pair, in at most
-    ``iterations`` rounds. Three reflectors are needed, such as a trihedral, a dihedral and a
-    dihedral turned by 45°; a ValueError says where the known matrices do not tell R and T. As
-    strengths are free, the sign of both imbalances together stays open; the one nearer to no
-    distortion is taken.
+    Their strengths are unknown. R, T and the strengths are fitted by least squares in turn, from
+    the undistorted pair, in at most ``iterations`` rounds. Three reflectors are needed, such as a
+    trihedral, a dihedral and a dihedral turned by 45°. As strengths are free, the sign of both
+    imbalances together stays open; the one nearer to no distortion is taken.
 
     Parameters
     ----------
@@ -177,6 +208,18 @@ def estimate_distortion(measured: ArrayLike, known: ArrayLike, iterations: int =
         are fitted one by one.
     known : (reflector, 2, 2) array_like
         Scattering matrices.
+    iterations : int
+        Largest number of rounds.
+
+    Returns
+    -------
+    Distortion
+        R, T and the misfit.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, a value is not finite, or the known matrices do not determine R and T.
     """
     m = np.asarray(measured, dtype=np.complex128)
     s = np.asarray(known, dtype=np.complex128)
@@ -188,29 +231,44 @@ def estimate_distortion(measured: ArrayLike, known: ArrayLike, iterations: int =
         raise ValueError("measured and known must be finite")
     if np.linalg.matrix_rank(s.reshape(len(s), 4)) < 3:
         raise ValueError(
-            "known must hold three linearly independent matrices, such as a trihedral, a dihedral and one at 45°"
+            "known must hold three linearly independent matrices, "
+            "such as a trihedral, a dihedral and one at 45°"
         )
     r = np.broadcast_to(np.eye(2, dtype=np.complex128), (*m.shape[:-3], 2, 2)).copy()
     t = r.copy()
     for _ in range(iterations):
-        before = (r, t)
-        r = _side(m, s @ t[..., None, :, :], r)
-        t = _side(_turned(m), _turned(r[..., None, :, :] @ s), _turned(t)).swapaxes(-1, -2)
-        if max(np.abs(r - before[0]).max(), np.abs(t - before[1]).max()) < 1e-13:
+        last_r = r
+        last_t = t
+        r = _fit_side(m, s @ t[..., None, :, :], r)
+        t = _transpose(_fit_side(_transpose(m), _transpose(r[..., None, :, :] @ s), _transpose(t)))
+        if max(np.abs(r - last_r).max(), np.abs(t - last_t).max()) < 1e-13:
             break
     model = r[..., None, :, :] @ s @ t[..., None, :, :]
-    rest = m - _strength(m, model)[..., None, None] * model
-    misfit = np.sqrt(
-        (np.abs(rest) ** 2).sum(axis=(-3, -2, -1)) / (np.abs(m) ** 2).sum(axis=(-3, -2, -1))
-    )
+    residual = m - _strength(m, model)[..., None, None] * model
+    residual_power = (np.abs(residual) ** 2).sum(axis=(-3, -2, -1))
+    misfit = np.sqrt(residual_power / (np.abs(m) ** 2).sum(axis=(-3, -2, -1)))
     return Distortion(r, t, misfit)
 
 
 def remove_distortion(run: xr.Dataset, distortion: Distortion) -> xr.Dataset:
-    """Turn a run's measured matrices into scattering matrices: ``S = R⁻¹·M·T⁻¹``.
+    """Convert a run's measured matrices to scattering matrices, ``S = R⁻¹·M·T⁻¹``.
 
-    The distortion's leading axes must broadcast against (pair, frequency). A polarization that is missing, or a matrix
-    that cannot be inverted, is a ValueError.
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run of four polarizations.
+    distortion : Distortion
+        Its leading axes must broadcast against (pair, frequency).
+
+    Returns
+    -------
+    xarray.Dataset
+        The calibrated run.
+
+    Raises
+    ------
+    ValueError
+        If a polarization is missing or the distortion cannot be inverted.
     """
     try:
         left = np.linalg.inv(distortion.rx)
@@ -218,14 +276,16 @@ def remove_distortion(run: xr.Dataset, distortion: Distortion) -> xr.Dataset:
     except np.linalg.LinAlgError:
         raise ValueError("distortion must be invertible, it is not: a dead channel?") from None
     clean = left @ scattering_matrices(run) @ right
-    signal = np.stack(
-        [clean[(..., *_PLACE[str(label)])] for label in run["polarization"].values], axis=1
-    )
+    elements = []
+    for label in run["polarization"].values:
+        row, column = _ELEMENT[str(label)]
+        elements.append(clean[..., row, column])
+    signal = np.stack(elements, axis=1)
     return run.assign(signal=(run["signal"].dims, signal.astype(run["signal"].dtype)))
 
 
-def _side(m: NDArray[Any], x: NDArray[Any], r: NDArray[Any]) -> NDArray[Any]:
-    """One round of ``m ≈ a·r·x``: strengths from the last r, then r, scaled to have one at HH."""
+def _fit_side(m: NDArray[Any], x: NDArray[Any], r: NDArray[Any]) -> NDArray[Any]:
+    """Fit ``m ≈ a·r·x`` once: strengths from the last r, then r, scaled to have one at HH."""
     a = _strength(m, r[..., None, :, :] @ x)
     ax = a[..., None, None] * x
     adjoint = ax.conj().swapaxes(-1, -2)
@@ -234,11 +294,11 @@ def _side(m: NDArray[Any], x: NDArray[Any], r: NDArray[Any]) -> NDArray[Any]:
 
 
 def _strength(m: NDArray[Any], model: NDArray[Any]) -> NDArray[Any]:
+    """Return the complex strengths of the model matrices that fit the measured ones best."""
     power = (np.abs(model) ** 2).sum(axis=(-2, -1))
-    return np.asarray(
-        (model.conj() * m).sum(axis=(-2, -1)) / np.maximum(power, np.finfo(float).tiny)
-    )
+    overlap = (model.conj() * m).sum(axis=(-2, -1))
+    return np.asarray(overlap / np.maximum(power, np.finfo(float).tiny))
 
 
-def _turned(m: NDArray[Any]) -> NDArray[Any]:
+def _transpose(m: NDArray[Any]) -> NDArray[Any]:
     return m.swapaxes(-1, -2)

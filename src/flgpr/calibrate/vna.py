@@ -1,4 +1,4 @@
-"""Simple calibration of sweeps by a network analyser: what is always there, the through, and cables."""
+"""Simple calibration of sweeps by a network analyser: a standard, the through, and cables."""
 
 from __future__ import annotations
 
@@ -11,30 +11,54 @@ from flgpr.model.phase import lengthen
 
 
 def subtract_standard(run: xr.Dataset, standard: xr.Dataset) -> xr.Dataset:
-    """Subtract the mean of sweeps taken with a short, a load or the empty sky in place of the scene.
+    """Subtract the mean of sweeps of a standard: a short, a load or the empty sky.
 
-    They are of the same pairs, polarizations and tones, with no sweep missing; others are a ValueError.
+    Parameters
+    ----------
+    run, standard : xarray.Dataset
+        A run, and complete sweeps of the same pairs, polarizations and tones.
+
+    Returns
+    -------
+    xarray.Dataset
+        The difference.
+
+    Raises
+    ------
+    ValueError
+        If pairs, polarizations or tones differ, or a sweep of the standard is missing.
     """
     return run.assign(signal=run["signal"] - _mean(run, standard))
 
 
 def divide_by_through(run: xr.Dataset, through: xr.Dataset, length: ArrayLike = 0.0) -> xr.Dataset:
-    """Divide by the through connection: cables, switches and amplifiers drop out, and paths begin at the antennas.
+    """Divide by the through connection: cables, switches and amplifiers cancel.
+
+    Paths then begin at the antennas.
 
     Parameters
     ----------
     run, through : xarray.Dataset
-        A run, and sweeps of the same pairs, polarizations and tones with the antennas' cables
-        joined, which are averaged; others, or ones that are missing or zero somewhere, are a
-        ValueError.
+        A run, and complete sweeps of the same pairs, polarizations and tones with the antennas'
+        cables joined, which are averaged.
     length : (pair,) array_like or float
-        Electrical length of the joint that takes the antennas' place, m.
+        Electrical length of the joint that replaces the antennas, m.
+
+    Returns
+    -------
+    xarray.Dataset
+        The calibrated run.
+
+    Raises
+    ------
+    ValueError
+        If pairs, polarizations or tones differ, or a sweep of the through is missing or zero.
     """
     mean = _mean(run, through).values
     if (mean == 0).any():
-        where = np.argwhere(mean == 0)[0]
+        _, pair, tone = np.argwhere(mean == 0)[0]
         raise ValueError(
-            f"through must not be zero, it is for pair {where[1]} at tone {where[2]}: is a channel dead?"
+            f"through must not be zero, it is for pair {pair} at tone {tone}: is a channel dead?"
         )
     path = np.broadcast_to(np.asarray(length, dtype=np.float64), (run.sizes["pair"],))
     signal = lengthen(run["signal"].values / mean, run["frequency"].values, path)
@@ -42,7 +66,25 @@ def divide_by_through(run: xr.Dataset, through: xr.Dataset, length: ArrayLike = 
 
 
 def remove_delay(run: xr.Dataset, delay: ArrayLike) -> xr.Dataset:
-    """Take the delay of cables out: of both cables of a pair together, s, one or for each pair; it must be finite."""
+    """Remove the delay of cables from a run.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    delay : float or (pair,) array_like
+        Delay of both cables of a pair together, s; finite.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run without the delay.
+
+    Raises
+    ------
+    ValueError
+        If the delay is not finite or does not fit the pairs.
+    """
     check_run(run)
     value = np.asarray(delay, dtype=np.float64)
     if value.shape not in ((), (run.sizes["pair"],)) or not np.isfinite(value).all():
@@ -50,12 +92,12 @@ def remove_delay(run: xr.Dataset, delay: ArrayLike) -> xr.Dataset:
             f"delay must be one finite value or one for each of {run.sizes['pair']} pairs"
         )
     path = np.broadcast_to(-SPEED_OF_LIGHT * value, (run.sizes["pair"],))
-    return run.assign(
-        signal=(run["signal"].dims, lengthen(run["signal"].values, run["frequency"].values, path))
-    )
+    signal = lengthen(run["signal"].values, run["frequency"].values, path)
+    return run.assign(signal=(run["signal"].dims, signal))
 
 
 def _mean(run: xr.Dataset, standard: xr.Dataset) -> xr.DataArray:
+    """Return the mean scan of a standard that fits a run and is complete."""
     check_run(run)
     check_run(standard)
     for name in ("frequency", "polarization"):
@@ -63,7 +105,8 @@ def _mean(run: xr.Dataset, standard: xr.Dataset) -> xr.DataArray:
             raise ValueError(f"run and standard must have the same {name}, they differ")
     if run.sizes["pair"] != standard.sizes["pair"]:
         raise ValueError(
-            f"standard must have {run.sizes['pair']} pairs as the run has, got {standard.sizes['pair']}"
+            f"standard must have {run.sizes['pair']} pairs as the run has, "
+            f"got {standard.sizes['pair']}"
         )
     if not standard["valid"].values.all():
         raise ValueError("standard must have every sweep, some are missing")

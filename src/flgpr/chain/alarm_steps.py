@@ -87,7 +87,7 @@ class AlarmSteps:
         return {name: total - sum(both) for name, both in self.have.items() if sum(both) < total}
 
     def ran_out(self, recipe: Recipe, shown: Shown) -> str:
-        """Tell at which step hits, or false alarms, ran out; "" if some are left."""
+        """Return at which step hits, or false alarms, ran out; "" if some are left."""
         screen = _screen_of(recipe)
         names = ", ".join(self._lacking())
         if shown != "clutter" and not self.complete[0]:
@@ -142,7 +142,7 @@ class AlarmSteps:
 def screen_changes(recipe: Recipe) -> list[Change]:
     """List entries of the recipe with which more alarms are raised."""
     if recipe.screen is not None:
-        return looser_entries(recipe.screen.settings, recipe.screen.of.looser, "[screen]")
+        return looser_entries(recipe.screen.settings, recipe.screen.stage_class.looser, "[screen]")
     density = recipe.prescreen.density
     return [Change("density", max(2 * density, _USUAL_DENSITY), density, "[prescreen]")]
 
@@ -206,7 +206,7 @@ def count_alarm_steps(
 def _taken(
     truth: pd.DataFrame, lane: int, spent: Mapping[str, Sequence[pd.DataFrame]]
 ) -> NDArray[np.bool_]:
-    """Tell which targets of a lane, by its number, some stage took."""
+    """Return which targets of a lane, by its number, some stage took."""
     taken = np.zeros(len(truth), bool)
     for rows in spent.values():
         taken |= truth.index.isin(rows[lane].index)

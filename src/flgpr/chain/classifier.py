@@ -59,7 +59,7 @@ class Classifier:
         return table.assign(threshold=-self.discriminant.threshold_)
 
     def about(self) -> dict[str, Any]:
-        """Tell what JSON can hold of it."""
+        """Return what JSON can hold of it."""
         return {
             "estimator": "fisher",
             "features": list(self.features),
@@ -67,7 +67,7 @@ class Classifier:
         }
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Give its arrays."""
+        """Return its arrays."""
         knots = {f"knots-{i}": one for i, one in enumerate(self.normalizer.knots_)}
         return {"direction": self.discriminant.direction_} | knots
 
@@ -76,6 +76,7 @@ class Classifier:
         cls, about: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], notes: dict[str, Any]
     ) -> Classifier:
         """Put together what :meth:`about` and :meth:`arrays` gave; what breaks a rule is a ValueError that names it."""
+        check_words(about, ("estimator", "features", "threshold"))
         names = checked_names(about["features"])
         checked = Checked({"threshold": about["threshold"]}, arrays)
         direction = checked.array("direction", (len(names),))
@@ -105,6 +106,13 @@ class Classifier:
                 self.normalizer.transform(values[whole])
             )
         return result
+
+
+def check_words(about: Mapping[str, Any], known: Sequence[str]) -> None:
+    """Refuse words of a detector that nothing reads: a model holds what its scores depend on alone."""
+    strange = sorted(set(about) - set(known))
+    if strange:
+        raise ValueError(f"detector must have {', '.join(known)} alone, got {strange[0][:60]!r}")
 
 
 def checked_names(names: Any) -> tuple[str, ...]:

@@ -11,28 +11,19 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.classifier import FloatArray, TrainingSet, checked_names, feature_values
+from flgpr.chain.classifier import (
+    FloatArray,
+    TrainingSet,
+    check_words,
+    checked_names,
+    feature_values,
+)
+from flgpr.chain.estimator_classes import ALLOWED
 from flgpr.chain.recipe import DetectorTable
 from flgpr.chain.too_few import Change, TooFewExamplesError, check_classes
 from flgpr.detect.scorers import restored_scorer, scorer_of
 from flgpr.detect.scorers.checks import Scorer
 
-ALLOWED = {
-    "rvm": "flgpr.detect.rvm.RelevanceVectorClassifier",
-    "one-class-rvm": "flgpr.detect.one_class.OneClassRelevanceVectorMachine",
-    "mixture": "flgpr.detect.one_class_mixture.GaussianMixtureNovelty",
-    "svm": "sklearn.svm.SVC",
-    "one-class-svm": "sklearn.svm.OneClassSVM",
-    "logistic": "sklearn.linear_model.LogisticRegression",
-    "lda": "sklearn.discriminant_analysis.LinearDiscriminantAnalysis",
-    "random-forest": "sklearn.ensemble.RandomForestClassifier",
-    "gradient-boosting": "sklearn.ensemble.HistGradientBoostingClassifier",
-    "isolation-forest": "sklearn.ensemble.IsolationForest",
-    "ecod": "pyod.models.ecod.ECOD",
-    "copod": "pyod.models.copod.COPOD",
-    "knn": "pyod.models.knn.KNN",
-}
-"""Classes that are trained, by the name that recipes use. Only training looks here: a model holds none of them."""
 _OUTWARD = ("ecod", "copod", "knn")  # whose scores grow with what is unlike the examples
 _NEIGHBOURS = 5  # of PyOD's KNN, where no option says otherwise
 LAYOUT = 2
@@ -40,7 +31,10 @@ LAYOUT = 2
 
 
 def find_estimator(name: str) -> Any:
-    """Give the class of an allowed estimator; without the library PyOD, where it is of that, a ModuleNotFoundError."""
+    """Return the class of an allowed estimator.
+
+    One of PyOD is a ModuleNotFoundError without that library.
+    """
     module, _, kind = ALLOWED[name].rpartition(".")
     try:
         return getattr(import_module(module), kind)
@@ -90,13 +84,13 @@ class TrainedEstimator:
         return (1 if self.unlike else -1) * self.scorer.threshold
 
     def contributions(self, features: pd.DataFrame) -> pd.DataFrame:
-        """Give the confidences under the estimator's name: what is not linear has no shares of single features."""
+        """Return the confidences under the estimator's name: what is not linear has no shares of single features."""
         return pd.DataFrame(
             {self.name: self.confidence(features) if len(features) else np.zeros(0)}
         )
 
     def about(self) -> dict[str, Any]:
-        """Tell what JSON can hold of it."""
+        """Return what JSON can hold of it."""
         return {
             "estimator": self.name,
             "layout": LAYOUT,
@@ -106,7 +100,7 @@ class TrainedEstimator:
         }
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Give its arrays."""
+        """Return its arrays."""
         return {"centre": self.centre, "scale": self.scale, **self.scorer.arrays()}
 
     @classmethod
@@ -124,6 +118,7 @@ class TrainedEstimator:
                 f"its detector {str(name)[:60]!r} was written by an earlier version of flgpr, in a form that is no "
                 "longer read: train it again with `flgpr train`"
             )
+        check_words(about, ("estimator", "layout", "features", "unlike", "settings"))
         features = checked_names(about["features"])
         unlike = about.get("unlike")
         if type(unlike) is not bool:

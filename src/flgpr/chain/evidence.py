@@ -14,6 +14,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.features import PatchShape
+from flgpr.features.polarimetry import entropy_alpha_of
 from flgpr.kernels.focus import focus
 from flgpr.kernels.sampling import bilinear
 from flgpr.kernels.windows import WINDOWS, band_weights
@@ -83,7 +84,9 @@ def in_order(evidence: Evidence, rows: NDArray[np.intp]) -> Evidence:
     return replace(evidence, scans=scans, blocks=blocks, polarimetric=points, causes=causes)
 
 
-def caused(evidence: Evidence, slope: float, confidence: ArrayLike) -> pd.DataFrame:
+def confidence_contributions(
+    evidence: Evidence, slope: float, confidence: ArrayLike
+) -> pd.DataFrame:
     """Split confidences, linear in the map with this slope, into what each part adds and a ``constant``.
 
     NaN where an alarm is not explained.
@@ -218,7 +221,7 @@ class EvidenceSums:
         return [{scan for _, scan in sorted(some)[:MOST_SCANS]} for some in seeing]
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Give every look that is kept, and the coherency of the alarms in sight, to be taken in by another."""
+        """Return every look that is kept, and the coherency of the alarms in sight, to be taken in by another."""
         looks = [(number, look) for number, some in enumerate(self._looks) for look in some]
         seen = np.flatnonzero(self._seen)
         polarization, subband = self._channels
@@ -255,6 +258,7 @@ class EvidenceSums:
 
     def result(self) -> Evidence:
         """Assemble the evidence."""
+        entropy, alpha = entropy_alpha_of(self._coherency)
         return Evidence(
             *self._channels,
             self._patch,
@@ -265,13 +269,13 @@ class EvidenceSums:
                 for one in self._looks
             ],
             [_stacked(one) for one in self._looks],
-            entropy_alpha_points(self._coherency),
+            pd.DataFrame({"entropy": entropy, "alpha": alpha}),
             *self._names,
             self._caused(),
         )
 
     def _caused(self) -> list[NDArray[np.float64]]:
-        """Give every alarm's looks, nearest first, with their shares of the weight."""
+        """Return every alarm's looks, nearest first, with their shares of the weight."""
         columns = 3 + sum(map(len, self._names))
         alarm = np.concatenate([one for one, _ in self._causes] or [np.zeros(0, np.intp)])
         rows = np.concatenate([rows for _, rows in self._causes] or [np.zeros((0, columns))])
@@ -380,15 +384,3 @@ def _coherency(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.c
         np.stack([hh + vv, hh - vv, 2 * hv], axis=1).reshape(len(points), 3, -1)
     ) / np.sqrt(2)
     return np.asarray(vector @ vector.conj().swapaxes(1, 2), dtype=np.complex128)
-
-
-def entropy_alpha_points(coherency: NDArray[np.complex128]) -> pd.DataFrame:
-    """Entropy (0 to 1) and mean angle alpha (rad) of coherency matrices (alarm, 3, 3); NaN for a zero one."""
-    values, vectors = np.linalg.eigh(coherency)
-    values = np.maximum(values, 0.0)
-    total = values.sum(axis=-1, keepdims=True)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.where(total > 0, values / total, np.nan)
-    entropy = -np.sum(share * np.log(np.maximum(share, np.finfo(float).tiny)), axis=-1) / np.log(3)
-    alpha = np.sum(share * np.arccos(np.clip(np.abs(vectors[:, 0, :]), 0, 1)), axis=-1)
-    return pd.DataFrame({"entropy": np.abs(entropy), "alpha": alpha})

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from flgpr.chain.engine import PlannedPass
 from flgpr.chain.model import Model
-from flgpr.chain.passes import Pass
 from flgpr.chain.recipe import ImageTable, Recipe
-from flgpr.chain.stages import ClutterStage, ComplexArray, Setup
+from flgpr.chain.stages import ClutterStage, ComplexArray, Setup, make_stage
 from flgpr.imaging import ScanImager
 from flgpr.model import Lane, lane_to_scan, scan_to_lane
 
@@ -42,7 +42,7 @@ class RunImages:
         recipe: Recipe,
         lane: Lane,
         model: Model,
-        known: Mapping[str, Any],
+        results: Mapping[str, Any],
         others: Mapping[str, xr.Dataset],
     ) -> None:
         table = recipe.image
@@ -54,22 +54,22 @@ class RunImages:
         self.grid = recipe.near_grid()
         self.setup = Setup(
             run, others, lane, source, self.grid, recipe.run_view.grid(lane), [labels.index(label) for label in wanted],
-            self.frames, known,
+            self.frames, results,
         )  # fmt: skip
         self.stages: dict[str, ClutterStage] = {}
         before = self._raw
         for name, named in recipe.named().items():
-            if issubclass(named.of, ClutterStage):
-                stage = named.of(named.settings, self.setup, model.stages.get(name))
+            if issubclass(named.stage_class, ClutterStage):
+                stage = make_stage(name, named, self.setup, model.stages.get(name))
                 stage.before = before
                 self.stages[name] = stage
                 before = stage.data
-                if named.of.learns and name not in model.stages:
+                if named.stage_class.learns and name not in model.stages:
                     break  # what comes after it works on what it will leave
         self.plain = not self.stages and self.frames == 1
         self._data = before
 
-    def passes(self) -> list[Pass]:
+    def passes(self) -> list[PlannedPass]:
         """List the passes that the clutter stages need beforehand."""
         return [each for stage in self.stages.values() for each in stage.passes()]
 

@@ -10,8 +10,8 @@ import xarray as xr
 
 from flgpr.chain.recipe import Recipe
 from flgpr.chain.sections import Section, divide, margin, section_lane
-from flgpr.io.declared import MAX_MEMORY
 from flgpr.model import Lane
+from flgpr.store.store_layout import MAX_MEMORY
 
 SHORTEST = 50.0
 """Length of a lane for which there must be memory, m."""
@@ -21,9 +21,8 @@ _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _UNITS |= {"KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
 _PROGRAM = 350e6  # interpreter, libraries, compiled kernels
 _PER_PIXEL = 170.0  # image, its copies, totals and backgrounds, bytes per pixel and channel
-_PER_SAMPLE = (
-    60.0  # a scan's data, range-compressed profiles and copies, bytes per sample and sub-band
-)
+# a scan's data, range-compressed profiles and copies, bytes per sample and sub-band
+_PER_SAMPLE = 60.0
 _PER_COMPLEX = 8.0  # an image's pixel, bytes
 _PER_VIEW_PIXEL = 30.0  # run-views, their sums and copies, bytes per pixel and channel
 _MEDIAN = 5.0  # copies of all images while their median is taken
@@ -39,7 +38,7 @@ def parse_size(text: str) -> int:
 
 
 def sizes_of(run: xr.Dataset) -> dict[str, int]:
-    """Give the lengths of a run's dimensions by name."""
+    """Return the lengths of a run's dimensions by name."""
     return {str(name): length for name, length in run.sizes.items()}
 
 
@@ -69,8 +68,8 @@ def memory_needed(
     """Estimate from above the bytes of a process that works on a lane, or on some rows of its run-view at a time.
 
     It does not grow with the number of scans, but for a self-signature by the median, which keeps all images; what
-    grows with the length of the lane are its run-views and alarms. Variants keep the images of a short run. The
-    factors were measured, see docs/robustness.md.
+    grows with the length of the lane are its run-views and alarms. The factors were measured, see
+    docs/robustness.md.
     """
     bands = len(recipe.image.subbands)
     view = recipe.run_view.grid(lane)
@@ -79,21 +78,19 @@ def memory_needed(
     alarms = (
         recipe.prescreen.density * pixels * view.dx * view.dy / (3.14 * recipe.prescreen.radius**2)
     )
-    several = 1 + len(recipe.variants)
     image = recipe.image.grid()
     images = _PER_COMPLEX * sizes["scan"] * channels * image.nx * image.ny
-    medians = "median" in [
-        recipe.background.self_signature,
-        *(v.self_signature for v in recipe.variants),
-    ]
-    kept = (2 * min(images, CACHE) if recipe.variants else 0) + (_MEDIAN * images if medians else 0)
+    median = recipe.background.self_signature == "median"
+    kept = _MEDIAN * images if median else 0
     names = (
         1 if recipe.map is not None else len(recipe.run_view.channels(list(recipe.image.subbands)))
     )
     shown = names if recipe.map is not None else names * channels // bands
     run_views = _PER_VIEW_PIXEL * (channels + shown) / 2 * pixels + _PER_ALARM * bands * alarms
-    stages = sum(one.of.memory(one.settings, sizes, image) for one in recipe.named().values())
-    return _PROGRAM + _per_thread(sizes, recipe) + kept + several * run_views + stages
+    stages = sum(
+        one.stage_class.memory(one.settings, sizes, image) for one in recipe.named().values()
+    )
+    return _PROGRAM + _per_thread(sizes, recipe) + kept + run_views + stages
 
 
 def plan_sections(
@@ -121,13 +118,6 @@ def plan_sections(
     )
     if wanted >= grid.ny and needed <= limit:
         return [Section(0, grid.ny)]
-    if recipe.variants and needed > limit:
-        raise ValueError(
-            f"max-memory must be at least {needed / 1e9:.3g} GB for {sizes['scan']} scans with the recipe "
-            f"{recipe.name!r}, got {limit / 1e9:.3g} GB: a recipe with variants takes a lane in one piece"
-        )
-    if recipe.variants:
-        raise ValueError(f"section needs a recipe without variants, got {recipe.name!r}")
     if longest == math.inf:
         raise ValueError(
             f"max-memory must be at least {needed / 1e9:.3g} GB for a lane of {lane.y_max - lane.y_min:.0f} m in one "
@@ -155,7 +145,10 @@ def threads_within(
     sections: Sequence[Section],
     limit: int = MAX_MEMORY,
 ) -> int:
-    """Tell how many threads may work on scans of a lane at once, in sections of :func:`plan_sections`; at least one."""
+    """Return how many threads may work on scans of a lane at once, at least one.
+
+    The lane is taken in sections of :func:`plan_sections`.
+    """
     rows = (
         max(section.stop - section.start for section in sections) + 2 * margin(recipe)
         if sections[1:]

@@ -11,16 +11,18 @@ from numpy.typing import NDArray
 
 import flgpr
 from flgpr.chain.classifier import Classifier
+from flgpr.chain.engine import Arrays
 from flgpr.chain.estimators import TrainedEstimator
-from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import Recipe
 from flgpr.door import Folder
-from flgpr.io import Bundle, check_free_folder, sha256, write_bundle
-from flgpr.io.outputs import whole_output
+from flgpr.store import Bundle, check_free_folder, sha256, write_bundle
+from flgpr.store.outputs import whole_output
 
 FORMAT = "flgpr-model"
 VERSION = 1
 MODEL_FILE = "model.bundle"
+DETECTOR = "detector"
+"""Under which name the detector's arrays are kept, beside those of the stages."""
 Detector = Classifier | TrainedEstimator
 
 
@@ -64,7 +66,7 @@ def save_model(
     groups: dict[str, Mapping[str, NDArray[Any]]] = dict(model.stages)
     own: dict[str, Any] = {}
     if model.detector is not None:
-        groups["detector"] = model.detector.arrays()
+        groups[DETECTOR] = model.detector.arrays()
         own = model.detector.notes
     about = {
         "format": FORMAT,
@@ -82,6 +84,15 @@ def save_model(
         made.mkdir()
         write_bundle(made / MODEL_FILE, arrays, about, lasting=True)
     return folder
+
+
+def _stage_names(about: Mapping[str, Any]) -> list[str]:
+    """Take the names of the stages out of a model's words."""
+    names = about["stages"]
+    texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
+    if not texts or len({*names, DETECTOR}) <= len(names):
+        raise ValueError(f"stages must be a list of different names, got {str(names)[:60]}")
+    return list(names)
 
 
 def check_free_model(folder: str | Path) -> Path:
@@ -112,11 +123,11 @@ def load_model(folder: str | Path, digest: str | None = None) -> Model:
         about = bundle.about
         if (about.get("format"), about.get("version")) != (FORMAT, VERSION):
             raise ValueError(f"format must be {FORMAT} version {VERSION}")
-        groups: dict[str, Arrays] = {str(name): {} for name in [*about["stages"], "detector"]}
+        groups: dict[str, Arrays] = {name: {} for name in [*_stage_names(about), DETECTOR]}
         for name, array in bundle.items():
             stage, _, which = name.rpartition(".")
             groups[stage][which] = array
-        own = groups.pop("detector")
+        own = groups.pop(DETECTOR)
         notes = dict(about["notes"])
         detector: Detector | None = None
         if about["detector"] is not None:
@@ -132,7 +143,7 @@ def load_model(folder: str | Path, digest: str | None = None) -> Model:
 
 
 def describe_model(folder: str | Path) -> dict[str, Any]:
-    """Tell what a model holds by its head alone: none of its arrays is read, and nothing is made of them.
+    """Return what a model holds by its head alone: none of its arrays is read, and nothing is made of them.
 
     Returns
     -------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from flgpr.chain.estimator_classes import ALLOWED
 from flgpr.chain.stages import (
     ClutterNamed,
     FeaturesNamed,
@@ -23,7 +23,7 @@ from flgpr.chain.stages import (
     ScreenNamed,
     Table,
 )
-from flgpr.door import read_named
+from flgpr.door import parse_toml, read_named
 from flgpr.features import PatchShape
 from flgpr.kernels.windows import WINDOWS, ramp
 from flgpr.model import POLARIZATIONS, Grid, Lane, scan_to_lane
@@ -231,9 +231,9 @@ class DetectorTable(Table):
     """What is trained on the features of alarms: an estimator, the features it reads, and how.
 
     ``estimator`` is "fisher" (Wang et al. 2007: histogram normaliser, duplication of hits, Fisher discriminant), or one
-    that ``ALLOWED`` in :mod:`flgpr.chain.estimators` names, with its ``options``; ``scale`` "standard" brings every
-    feature to zero mean and unit deviation before. With ``on`` "mines" it is shown the mines alone, with "clutter" all
-    but these, and what is unlike that scores high. ``features`` are columns; names may end in ``*``.
+    that ``ALLOWED`` in ``chain/estimator_classes.py`` names, with its ``options``; ``scale`` "standard" brings
+    every feature to zero mean and unit deviation before. With ``on`` "mines" it is shown the mines alone, with
+    "clutter" all but these, and what is unlike that scores high. ``features`` are columns; names may end in ``*``.
     """
 
     estimator: str = "fisher"
@@ -244,8 +244,6 @@ class DetectorTable(Table):
 
     @model_validator(mode="after")
     def _known(self) -> DetectorTable:
-        from flgpr.chain.estimators import ALLOWED  # only where a recipe has a detector
-
         if self.estimator not in ("fisher", *ALLOWED):
             raise ValueError(
                 f"estimator must be one of fisher, {', '.join(ALLOWED)}, got {self.estimator!r}"
@@ -282,28 +280,6 @@ class ScoreTable(Table):
     area: Literal["union", "paper", "frames"] = "union"
 
 
-class SuppressionTable(Table):
-    """Suppression of what outshines the lane from the roadside.
-
-    The mask holds the pixels outside the lane that are brighter than every pixel in it, grown by ``grow`` (m) but never
-    into the lane; ``spacing`` (m) is that of the model's pixels.
-    """
-
-    subband: str
-    spacing: Spacing
-    grow: Annotated[float, Field(ge=0, le=100)]
-    iterations: Annotated[int, Field(ge=1, le=10_000)]
-
-
-class Variant(Table):
-    """The same chain with one thing done otherwise, run beside the main result and reported with it."""
-
-    name: Annotated[str, Field(pattern=r"^[a-z0-9-]+$")]
-    title: str
-    self_signature: Literal["none", "mean", "median"] | None = None
-    suppress_roadside: bool = False
-
-
 RANKS = ("contrast", "magnitude")  # what every recipe can rank alarms by
 
 
@@ -331,8 +307,6 @@ class Recipe(Table):
     columns: tuple[FeaturesNamed, ...] = ()
     detector: DetectorTable | None = None
     confidence: str = "contrast"
-    suppression: SuppressionTable | None = None
-    variants: tuple[Variant, ...] = ()
 
     def _check_size(self) -> None:
         """Refuse images and windows of more pixels than any image has."""
@@ -361,7 +335,7 @@ class Recipe(Table):
         return Grid(whole.x_min, whole.y_min, whole.nx, rows, whole.dx, whole.dy)
 
     def frame_area(self) -> Lane:
-        """Give the detection area of a frame, in its scan frame: as wide and as far as the run-view."""
+        """Return the detection area of a frame, in its scan frame: as wide and as far as the run-view."""
         return Lane(*self.run_view.x, self.image.y[0], min(self.run_view.y_max, self.image.y[1]))
 
     def _check_frames(self) -> None:
@@ -369,7 +343,6 @@ class Recipe(Table):
         against = {
             "run_view.look": self.run_view.look == "ranges",
             "screen": self.screen is not None,
-            "variants": bool(self.variants),
             'image.frames = "all"': self.image.frames == "all",
         }
         wrong = [name for name, is_there in against.items() if is_there]
@@ -413,15 +386,20 @@ class Recipe(Table):
 
     def learning(self) -> list[str]:
         """Names of the stages that must be trained before the recipe can be run."""
-        return [name for name, one in self.named().items() if one.of.learns]
+        return [name for name, one in self.named().items() if one.stage_class.learns]
 
-    def waits(self) -> list[str]:
-        """Tell why it cannot run while scans come in, entry by entry; empty if it can."""
-        why = {name: one.of.waits for name, one in self.named().items() if one.of.waits}
+    def not_live_because(self) -> list[str]:
+        """Return why it cannot run while scans come in, entry by entry; empty if it can."""
+        why = {
+            name: one.stage_class.not_live_because
+            for name, one in self.named().items()
+            if one.stage_class.not_live_because
+        }
         for name, one in self.named().items():
-            if one.of.kind not in ("features", "map"):
+            if one.stage_class.kind not in ("features", "map"):
                 why.setdefault(
-                    name, f"a stage of the kind {one.of.kind} is not run on scans as they come"
+                    name,
+                    f"a stage of the kind {one.stage_class.kind} is not run on scans as they come",
                 )
         if self.image.frames != 1:
             why["image.frames"] = "several scans are summed"
@@ -437,17 +415,25 @@ class Recipe(Table):
             why["background.gain"] = f'must be "smooth", got "{self.background.gain}"'
         return [f"{name}: {reason}" for name, reason in why.items()]
 
+    @model_validator(mode="before")
+    @classmethod
+    def _no_variants(cls, tables: Any) -> Any:
+        """Say what became of tables that recipes had once."""
+        former = [name for name in ("variants", "suppression") if name in dict(tables)]
+        if former:
+            raise ValueError(
+                f"{former[0]} must be left out, got a table: what was a variant is a recipe of its own, "
+                'and the roadside is subtracted by the clutter stage "roadside"'
+            )
+        return tables
+
     @model_validator(mode="after")
     def _consistent(self) -> Recipe:
-        used = {"contrast": self.contrast.subband}
-        if self.suppression is not None:
-            used["suppression"] = self.suppression.subband
-        for name, subband in used.items():
-            if subband not in self.image.subbands:
-                known = ", ".join(self.image.subbands)
-                raise ValueError(
-                    f"{name}.subband must be one of image.subbands ({known}), got {subband!r}"
-                )
+        if self.contrast.subband not in self.image.subbands:
+            known = ", ".join(self.image.subbands)
+            raise ValueError(
+                f"contrast.subband must be one of image.subbands ({known}), got {self.contrast.subband!r}"
+            )
         views = self.view_channels
         if self.prescreen.subband not in views:
             where = (
@@ -467,7 +453,7 @@ class Recipe(Table):
             )
         if (
             self.map is not None
-            and getattr(self.map.of, "single", True)
+            and getattr(self.map.stage_class, "single", True)
             and len(self.image.subbands) > 1
         ):
             raise ValueError(
@@ -482,10 +468,6 @@ class Recipe(Table):
             raise ValueError(
                 f"confidence must be {' or '.join(RANKS)} without [[columns]], got {self.confidence!r}"
             )
-        if self.variants and (self.named() or self.image.frames != 1):
-            raise ValueError(
-                "variants need a recipe without named stages and with image.frames = 1, got both"
-            )
         if self.image.frames == "all" and (
             self.clutter or self.background.self_signature != "none"
         ):
@@ -493,11 +475,6 @@ class Recipe(Table):
                 'image.frames = "all" makes one image, which does not tell what stands still: leave out [[clutter]], '
                 'set background.self_signature = "none"; `flgpr prepare` takes out of a run what stands still'
             )
-        if self.suppression is None and any(variant.suppress_roadside for variant in self.variants):
-            raise ValueError("a variant with suppress_roadside needs the table suppression")
-        names = [variant.name for variant in self.variants]
-        if len(set(names)) != len(names):
-            raise ValueError(f"variants must have different names, got {names}")
         self._check_size()
         if self.score.area == "frames":
             self._check_frames()
@@ -581,9 +558,11 @@ def course_lane(recipe: Recipe, poses: FloatArray, end: float | None = None) -> 
 def parse_recipe(text: str, source: str = "recipe") -> Recipe:
     """Validate the TOML text of a recipe; the ValueError names every entry at fault with its line."""
     try:
-        return Recipe.model_validate(tomllib.loads(text))
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        tables = parse_toml(text)
+    except ValueError as error:
         raise ValueError(f"recipe {source}: not valid TOML: {error}") from None
+    try:
+        return Recipe.model_validate(tables)
     except ValidationError as error:
         faults = [_fault(text, fault) for fault in error.errors()]
         raise ValueError(f"recipe {source}: " + "; ".join(faults)) from None

@@ -53,18 +53,20 @@ def divide(rows: int, longest: int) -> list[Section]:
 
 
 def margin(recipe: Recipe) -> int:
-    """Tell how many rows beyond its own a section must know to find its local maxima.
+    """Return how many rows beyond its own a section must know to find its local maxima.
 
     Twice the alarm radius, as a maximum may give way to an equal one within the radius, and the border; more if what
     its stages tell of an alarm depends on more.
     """
     stages = [one for one in (recipe.screen, *recipe.columns) if one is not None]
-    reach = max([2 * recipe.prescreen.radius, *(one.of.margin(one.settings) for one in stages)])
+    reach = max(
+        [2 * recipe.prescreen.radius, *(one.stage_class.margin(one.settings) for one in stages)]
+    )
     return math.ceil(reach / recipe.run_view.spacing) + 2
 
 
 def kept_rows(recipe: Recipe, lane: Lane, section: Section) -> slice:
-    """Give a section's rows of the lane's run-view and those beyond them that it must know."""
+    """Return a section's rows of the lane's run-view and those beyond them that it must know."""
     more = margin(recipe)
     return slice(
         max(section.start - more, 0), min(section.stop + more, recipe.run_view.grid(lane).ny)
@@ -72,7 +74,7 @@ def kept_rows(recipe: Recipe, lane: Lane, section: Section) -> slice:
 
 
 def section_lane(recipe: Recipe, lane: Lane, section: Section) -> Lane:
-    """Give the part of a lane that belongs to a section: parts of neighbours meet half a pixel before its first row."""
+    """Return the part of a lane that belongs to a section; neighbours meet half a pixel before its first row."""
     grid = recipe.run_view.grid(lane)
     begin = (
         lane.y_min

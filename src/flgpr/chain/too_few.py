@@ -96,7 +96,7 @@ def cannot_be_trained(
 
 
 def header(name: str) -> str:
-    """Tell which table of a recipe holds a stage, by its name such as "clutter.masks"."""
+    """Return which table of a recipe holds a stage, by its name such as "clutter.masks"."""
     kind, _, stage = name.partition(".")
     table = _HEADERS[kind]
     return f'{table} of stage "{stage}"' if table.startswith("[[") else table
@@ -152,7 +152,7 @@ def _inside(view: xr.DataArray, truth: pd.DataFrame) -> NDArray[np.bool_]:
 
 
 def _seen(view: xr.DataArray, truth: pd.DataFrame) -> NDArray[np.bool_]:
-    """Tell which targets lie on a pixel of the run-view that has a magnitude in all channels."""
+    """Return which targets lie on a pixel of the run-view that has a magnitude in all channels."""
     x, y = (view[axis].values for axis in "xy")
     column = np.abs(x - truth["x"].to_numpy(dtype=np.float64)[:, None]).argmin(axis=1)
     row = np.abs(y - truth["y"].to_numpy(dtype=np.float64)[:, None]).argmin(axis=1)

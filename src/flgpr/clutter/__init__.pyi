@@ -30,8 +30,10 @@ from flgpr.clutter.masks import roadside_mask as roadside_mask
 from flgpr.clutter.masks import subregions as subregions
 from flgpr.clutter.recorded import dewow_traces as dewow_traces
 from flgpr.clutter.recorded import level_traces as level_traces
-from flgpr.clutter.recorded import remove_mean_trace as remove_mean_trace
+from flgpr.clutter.standing import remove_mean_trace as remove_mean_trace
+from flgpr.clutter.standing import remove_standing as remove_standing
 from flgpr.clutter.standing import standing_field as standing_field
+from flgpr.clutter.standing import subtract_mean_scan as subtract_mean_scan
 from flgpr.clutter.standing import subtract_standing as subtract_standing
 from flgpr.clutter.streaming import Background as Background
 from flgpr.clutter.streaming import BackgroundEstimator as BackgroundEstimator
@@ -43,7 +45,6 @@ from flgpr.clutter.suppression import suppress_by_model as suppress_by_model
 from flgpr.clutter.traces import band_pass as band_pass
 from flgpr.clutter.traces import dewow as dewow
 from flgpr.clutter.traces import gate as gate
-from flgpr.clutter.traces import remove_standing as remove_standing
 from flgpr.clutter.traces import shift_time as shift_time
 from flgpr.clutter.traces import subtract_run as subtract_run
 from flgpr.clutter.traces import time_gain as time_gain

@@ -8,8 +8,9 @@ and the standard deviation of m_k over its pixels, and r_k the rms of the lowest
 - B2 = 1/N Σ_k m'_k  (Eq. 4), which is :func:`gain_background`, and
 - m''_k = |(v_k/r_k - B1)/B2|  (Eq. 5) is the modulus of :func:`remove_background`.
 
-Both are patterns of the radar, fixed in the scan frame and independent of where the vehicle is. Here all stands as it
-is written; :mod:`flgpr.clutter.streaming` does the same for all channels at once, one scan in memory at a time.
+Both are patterns of the radar, fixed in the scan frame and independent of where the vehicle is.
+This module follows the equations one by one; :mod:`flgpr.clutter.streaming` computes the same for
+all channels at once, with one scan in memory at a time.
 """
 
 from __future__ import annotations
@@ -28,13 +29,13 @@ SelfSignature = Literal["none", "mean", "median"]
 
 
 def check_method(method: str) -> None:
-    """Refuse a self-signature that is none of those known."""
+    """Refuse an unknown method of estimating the self-signature."""
     if method not in get_args(SelfSignature):
         raise ValueError(f"self_signature method must be none, mean or median, got {method!r}")
 
 
 def check_windows(median_size: tuple[int, int], mean_size: tuple[int, int]) -> None:
-    """Refuse windows (y, x) of the gain background that are not odd numbers of pixels."""
+    """Refuse windows (y, x) of the gain background whose sides are not odd numbers of pixels."""
     for name, size in (("median_size", median_size), ("mean_size", mean_size)):
         if any(n < 1 or n % 2 == 0 for n in size):
             raise ValueError(f"{name} must be odd numbers of pixels, got {size}")
@@ -44,14 +45,30 @@ def check_gain(gain: NDArray[np.float64]) -> None:
     """Refuse a scan without a gain r_k."""
     if not (np.isfinite(gain).all() and (gain > 0).all()):
         raise ValueError(
-            f"image must be finite and not zero everywhere to have a gain, got a gain of {gain.min()}"
+            "image must be finite and not zero everywhere to have a gain, "
+            f"got a gain of {gain.min()}"
         )
 
 
 def scan_gain(image: ComplexArray) -> NDArray[np.float64]:
-    """Scan-to-scan gain r_k (..., 1, 1): rms of the lowest 75 % of the magnitudes (Wang et al. 2007, below Eq. 2).
+    """Compute the scan-to-scan gain r_k, the rms of the lowest 75 % of the magnitudes.
 
-    An image (..., y, x) that is zero or not finite has none, which is a ValueError.
+    The gain is defined below Eq. 2 of Wang et al. 2007.
+
+    Parameters
+    ----------
+    image : (..., y, x) ndarray of complex
+        Scan image.
+
+    Returns
+    -------
+    (..., 1, 1) ndarray
+        Gain of every channel, in units of the image.
+
+    Raises
+    ------
+    ValueError
+        If a channel is zero or not finite.
     """
     magnitude = np.sort(np.abs(image).reshape(*image.shape[:-2], -1).astype(np.float64), axis=-1)
     lowest = magnitude[..., : max(1, int(0.75 * magnitude.shape[-1]))]
@@ -61,7 +78,7 @@ def scan_gain(image: ComplexArray) -> NDArray[np.float64]:
 
 
 def self_signature(images: Iterable[ComplexArray], method: SelfSignature = "mean") -> ComplexArray:
-    """Estimate the self-signature B1 (..., y, x), in units of the scan gain (Wang et al. 2007, Eq. 2).
+    """Estimate the self-signature B1 of a run (Wang et al. 2007, Eq. 2).
 
     Parameters
     ----------
@@ -73,10 +90,20 @@ def self_signature(images: Iterable[ComplexArray], method: SelfSignature = "mean
         other scans does not enter; it holds all images in memory. "none" is zero: for windows that
         keep the direct coupling out of sight.
 
+    Returns
+    -------
+    (..., y, x) ndarray of complex
+        B1, in units of the scan gain.
+
+    Raises
+    ------
+    ValueError
+        If the method is unknown, there are too few scans, or an image has no gain.
+
     Examples
     --------
-    What stays in place from scan to scan is the self-signature; a target that passes through enters it with its share
-    only.
+    What is the same in every scan makes up the self-signature. A target that passes through counts
+    in the mean by its share of the scans, and not at all in the median.
 
     >>> import numpy as np
     >>> from flgpr.clutter import self_signature
@@ -84,8 +111,10 @@ def self_signature(images: Iterable[ComplexArray], method: SelfSignature = "mean
     >>> images[3, 2, 2] += 16.0  # in one of eight scans
     >>> signature = self_signature(images)
     >>> robust = self_signature(images, method="median")
-    >>> [round(float(abs(one[2, 2] / one[0, 0])), 2) for one in (signature, robust)]
-    [2.0, 1.0]
+    >>> round(float(abs(signature[2, 2] / signature[0, 0])), 2)
+    2.0
+    >>> round(float(abs(robust[2, 2] / robust[0, 0])), 2)
+    1.0
     """
     check_method(method)
     scans = iter(images)
@@ -96,7 +125,8 @@ def self_signature(images: Iterable[ComplexArray], method: SelfSignature = "mean
         return np.zeros(np.shape(first[0]), np.complex64)
     if len(first) == 1:
         raise ValueError(
-            f"self_signature by {method} needs at least two scans, got one: it would be all of the image"
+            f"self_signature by {method} needs at least two scans, got one: "
+            "it would be all of the image"
         )
     scans = chain(first, scans)
     if method == "median":
@@ -113,7 +143,7 @@ def self_signature(images: Iterable[ComplexArray], method: SelfSignature = "mean
 
 
 def complex_median(stack: NDArray[Any]) -> ComplexArray:
-    """Take the median of the real and of the imaginary part over the first axis."""
+    """Compute the median of the real and of the imaginary part over the first axis."""
     return np.asarray(
         np.median(stack.real, axis=0) + 1j * np.median(stack.imag, axis=0), dtype=np.complex64
     )
@@ -125,26 +155,47 @@ def gain_background(
     median_size: tuple[int, int] = (21, 21),
     mean_size: tuple[int, int] = (51, 51),
 ) -> NDArray[np.float32]:
-    """Estimate the gain background B2 (..., y, x), which must come out positive (Wang et al. 2007, Eq. 3 and 4).
+    """Estimate the gain background B2 of a run (Wang et al. 2007, Eq. 3 and 4).
 
-    The windows (y, x) are odd numbers of pixels; the paper's are 1 m and 2.5 m at 5 cm. It does not say how it filters
-    at the border; here both windows shrink there to the pixels that exist.
+    The paper does not say how it filters at the border; here both windows shrink there to the
+    pixels that exist.
+
+    Parameters
+    ----------
+    images : iterable of (..., y, x) ndarray of complex
+        Scan images of a run, at least one.
+    signature : (..., y, x) ndarray of complex
+        Self-signature B1 of the same run, in units of the scan gain.
+    median_size, mean_size : tuple of int
+        Windows (y, x) of the two filters, odd numbers of pixels; the paper's are 1 m and 2.5 m at
+        5 cm.
+
+    Returns
+    -------
+    (..., y, x) ndarray of float32
+        B2, in units of the scan gain, positive everywhere.
+
+    Raises
+    ------
+    ValueError
+        If a window is not odd, there is no scan, or B2 is zero at a pixel.
     """
     check_windows(median_size, mean_size)
     total = np.zeros(signature.shape)
     count = 0
     for v_k in images:
         m_k = np.abs(v_k / scan_gain(v_k) - signature)  # Eq. 3
-        flat = m_k.reshape(-1, *m_k.shape[-2:])
-        smooth = np.stack([mean_filter(median_filter(one, median_size), mean_size) for one in flat])
-        total += smooth.reshape(m_k.shape)
+        channels = m_k.reshape(-1, *m_k.shape[-2:])
+        smooth = [mean_filter(median_filter(m, median_size), mean_size) for m in channels]
+        total += np.stack(smooth).reshape(m_k.shape)
         count += 1
     if not count:
         raise ValueError("images must hold at least one scan, got none")
     B2 = total / count
     if not (B2 > 0).all():
         raise ValueError(
-            "gain background must be positive everywhere, got zero: the images equal their self-signature"
+            "gain background must be positive everywhere, got zero: "
+            "the images equal their self-signature"
         )
     return B2.astype(np.float32)
 
@@ -152,8 +203,23 @@ def gain_background(
 def remove_background(
     image: ComplexArray, signature: ComplexArray, gain: NDArray[np.float32]
 ) -> ComplexArray:
-    """Subtract the self-signature B1 and divide by the gain background B2, all (..., y, x).
+    """Subtract the self-signature B1 of an image and divide by the gain background B2.
 
-    The modulus, in units of the background, is Eq. 5 of Wang et al. 2007.
+    Parameters
+    ----------
+    image, signature : (..., y, x) ndarray of complex
+        Scan image, and B1 in units of the scan gain.
+    gain : (..., y, x) ndarray of float
+        B2, in units of the scan gain.
+
+    Returns
+    -------
+    (..., y, x) ndarray of complex
+        Cleaned image; its modulus, in units of the background, is Eq. 5 of Wang et al. 2007.
+
+    Raises
+    ------
+    ValueError
+        If the image is zero or not finite.
     """
     return ((image / scan_gain(image) - signature) / gain).astype(np.complex64)

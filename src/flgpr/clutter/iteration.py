@@ -1,4 +1,7 @@
-"""Iterated model-based suppression with an amplitude per sub-region (Fuse et al. 2018, Eq. 5-8 and Table II)."""
+"""Iterated model-based suppression with an amplitude per sub-region (Fuse et al. 2018).
+
+It follows Eq. 5 to 8 and Table II.
+"""
 
 from __future__ import annotations
 
@@ -25,23 +28,23 @@ TABLE_II: dict[int, tuple[int, ...]] = {
     6: (6, 7),
 }
 """Iterations whose images each combination averages (Table II); 0 is the original."""
-_ROUNDING = 1e-3
+_ROUNDING = 1e-3  # of the energy subtracted: smaller changes of the residual may be rounding
 
 
 @dataclass(frozen=True)
 class Iterated:
-    """Course of an iterated suppression."""
+    """Outcome of an iterated suppression, iteration by iteration."""
 
-    data: tuple[
-        ComplexArray, ...
-    ]  #: (..., polarization, pair, frequency): data after 0, 1, ... iterations
-    residual: NDArray[
-        np.float64
-    ]  #: (iteration + 1, polarization): norm of the cleaned data over that of the data
-    amplitude: NDArray[np.float64]  #: (iteration, region, polarization): B of Eq. 7
-    #: (iteration + 1, polarization): energy of the cleaned data less that of the data, and how far it must differ
-    #: between two iterations to be told from rounding, both over the energy of the data
+    #: (..., polarization, pair, frequency): data after 0, 1, ... iterations
+    data: tuple[ComplexArray, ...]
+    #: (iteration + 1, polarization): norm of the cleaned data over that of the data
+    residual: NDArray[np.float64]
+    #: (iteration, region, polarization): B of Eq. 7
+    amplitude: NDArray[np.float64]
+    #: (iteration + 1, polarization): energy of the cleaned data less that of the data, over the
+    #: latter
     energy: NDArray[np.float64]
+    #: (iteration, polarization): smallest change of ``energy`` that is more than rounding
     rounding: NDArray[np.float64]
 
     @property
@@ -51,11 +54,12 @@ class Iterated:
 
     @property
     def rise(self) -> float:
-        """Largest relative rise of the residual from one iteration to the next, 0 if it never rose."""
+        """Largest relative rise of the residual from one iteration to the next, 0 without any."""
         rose = self._rises()
         if not rose.any():
             return 0.0
-        return float((_ratio(self.residual[1:], self.residual[:-1]) - 1)[rose].max())
+        relative_rise = _ratio(self.residual[1:], self.residual[:-1]) - 1
+        return float(relative_rise[rose].max())
 
     @property
     def rises(self) -> int:
@@ -67,10 +71,10 @@ class Iterated:
         return np.asarray(np.diff(self.energy, axis=0) > self.rounding)
 
     def best(self, last: int) -> NDArray[np.int64]:
-        """Find the iteration of the least residual up to ``last`` for every polarization; ``last`` if it is no worse.
+        """Return the iteration of the least residual up to ``last``, for every polarization.
 
-        An iteration that raised the residual for a while and then went below all earlier ones has done no harm: what
-        counts is where it arrives.
+        It is ``last`` itself if that is no worse within rounding. A residual that rose for a while
+        and then fell below all earlier ones has done no harm: only the last one counts.
         """
         best = self.energy[: last + 1].argmin(axis=0)
         for polarization, least in enumerate(best):
@@ -85,14 +89,14 @@ class Iterated:
         return bool((self.best(self.iterations) < self.iterations).any())
 
     def summary(self) -> str:
-        """Say in words how the iteration went."""
-        words = f"{self.iterations} iterations, residual {self.residual[-1].max():.3f}"
+        """Return a sentence on the residual and whether it rose."""
+        text = f"{self.iterations} iterations, residual {self.residual[-1].max():.3f}"
         if self.rises:
-            words += f"; {self.rises} of them raised it, by up to {100 * self.rise:.2g} %"
+            text += f"; {self.rises} of them raised it, by up to {100 * self.rise:.2g} %"
         if self.diverged:
             least = ", ".join(str(number) for number in self.best(self.iterations))
-            words += f"; the last is worse than iteration {least}"
-        return words
+            text += f"; the last is worse than iteration {least}"
+        return text
 
 
 def iterate_suppression(
@@ -126,7 +130,7 @@ def iterate_suppression(
     data : (..., polarization, pair, frequency) array_like of complex
         Received field b; leading axes as the operators take them.
     operator_on : callable
-        Gives A, one band without a window, on any pixels (pixel, 3).
+        Makes A, one band without a window, on any pixels (pixel, 3).
     pixels : (y, x, 3) array_like
         Pixel centres, m.
     mask, region : (y, x) array_like of bool, of int
@@ -137,43 +141,49 @@ def iterate_suppression(
     amplitude : {"region", "whole"}
         Which response the second maximum of Eq. 7 is taken of: "region", ``b̂_r`` of the sub-region
         alone; "whole", ``b̂ = Σ b̂_r`` of all sub-regions, both over the sub-region's pixels.
+
+    Returns
+    -------
+    Iterated
+        The data, residual and amplitudes of every iteration.
+
+    Raises
+    ------
+    ValueError
+        If there is no iteration, the amplitude is unknown, the shapes differ, or the mask reaches
+        beyond the sub-regions.
     """
     points = np.asarray(pixels, dtype=np.float64)
-    chosen = np.asarray(mask, dtype=bool)
-    part = np.asarray(region)
-    if iterations < 1:
-        raise ValueError(f"iterations must be at least 1, got {iterations}")
-    if amplitude not in ("region", "whole"):
-        raise ValueError(f"amplitude must be region or whole, got {amplitude!r}")
-    if chosen.shape != points.shape[:-1] or part.shape != chosen.shape:
-        raise ValueError(
-            f"mask and region must have the shape of the pixels, {points.shape[:-1]}, got {chosen.shape} and "
-            f"{part.shape}"
-        )
-    if (part[chosen] < 0).any():
-        raise ValueError(
-            f"mask must lie within the sub-regions, got {int((part[chosen] < 0).sum())} pixels outside"
-        )
+    masked = np.asarray(mask, dtype=bool)
+    region_of = np.asarray(region)
+    _check_masked_regions(points, masked, region_of, iterations, amplitude)
+
     b = np.array(data, dtype=np.complex64)
-    used = np.unique(part[chosen])
-    under = [points[chosen & (part == r)] for r in used]
-    on_mask = operator_on(np.concatenate(under)) if under else None
-    on_mask_of = {int(r): operator_on(one) for r, one in zip(used, under, strict=True)}
-    on_region = {int(r): operator_on(points[part == r]) for r in used}
-    ends = np.cumsum([len(one) for one in under])[:-1]
+    regions = np.unique(region_of[masked])
+    masked_points = [points[masked & (region_of == r)] for r in regions]
+    # One operator images all of the mask at once, which is quicker than region by region.
+    on_mask = operator_on(np.concatenate(masked_points)) if masked_points else None
+    on_mask_of = {}
+    on_region = {}
+    for r, pixels_of_r in zip(regions, masked_points, strict=True):
+        on_mask_of[int(r)] = operator_on(pixels_of_r)
+        on_region[int(r)] = operator_on(points[region_of == r])
+    ends = np.cumsum([len(pixels_of_r) for pixels_of_r in masked_points])[:-1]
+
     start = _norms(b) ** 2
     cleaned = [b]
     energy = [np.zeros_like(start)]
     rounding = []
-    amplitudes = np.zeros((iterations, int(part.max(initial=-1)) + 1, b.shape[-3]))
+    amplitudes = np.zeros((iterations, int(region_of.max(initial=-1)) + 1, b.shape[-3]))
     for B in amplitudes:
-        masked = [] if on_mask is None else np.split(on_mask.adjoint(b), ends, axis=-1)
-        x_hat = dict(zip(on_mask_of, masked, strict=True))
+        images = [] if on_mask is None else np.split(on_mask.adjoint(b), ends, axis=-1)
+        x_hat = dict(zip(on_mask_of, images, strict=True))
         b_hat = {r: on_mask_of[r].forward(x_hat[r]) for r in x_hat}  # Eq. 5
-        whole = np.sum(list(b_hat.values()), axis=0) if amplitude == "whole" else None
+        all_regions = np.sum(list(b_hat.values()), axis=0) if amplitude == "whole" else None
         subtracted = np.zeros_like(b)
         for r in x_hat:
-            x_2 = on_region[r].adjoint(b_hat[r] if whole is None else whole)  # Eq. 8
+            response = b_hat[r] if all_regions is None else all_regions
+            x_2 = on_region[r].adjoint(response)  # Eq. 8
             B[r] = _ratio(_peaks(x_hat[r]), _peaks(x_2))  # Eq. 7
             subtracted += B[r].astype(np.float32)[:, None, None] * b_hat[r]
         change, size = _energy_change(b, subtracted)
@@ -185,22 +195,56 @@ def iterate_suppression(
     return Iterated(tuple(cleaned), residual, amplitudes, np.array(energy), np.array(rounding))
 
 
-def averaged(course: Iterated, combination: int, fall_back: bool = True) -> ComplexArray:
-    """Average the iterations of a combination of Table II, by its index in ``TABLE_II``.
+def _check_masked_regions(
+    points: NDArray[np.float64],
+    mask: NDArray[np.bool_],
+    region: NDArray[np.int64],
+    iterations: int,
+    amplitude: str,
+) -> None:
+    """Refuse what :func:`iterate_suppression` cannot work on."""
+    if iterations < 1:
+        raise ValueError(f"iterations must be at least 1, got {iterations}")
+    if amplitude not in ("region", "whole"):
+        raise ValueError(f"amplitude must be region or whole, got {amplitude!r}")
+    if mask.shape != points.shape[:-1] or region.shape != mask.shape:
+        raise ValueError(
+            f"mask and region must have the shape of the pixels, {points.shape[:-1]}, "
+            f"got {mask.shape} and {region.shape}"
+        )
+    outside = int((region[mask] < 0).sum())
+    if outside:
+        raise ValueError(f"mask must lie within the sub-regions, got {outside} pixels outside")
 
-    The mean of images is the image of the mean of their data, so that one image needs to be made. See
-    :func:`fallen_back` for where the best iteration alone stands in for the mean, unless ``fall_back`` is off: the
-    paper averages whatever comes.
+
+def averaged(course: Iterated, combination: int, fall_back: bool = True) -> ComplexArray:
+    """Average the iterations of a combination of Table II.
+
+    The mean of images is the image of the mean of their data, so that one image needs to be made.
+
+    Parameters
+    ----------
+    course : Iterated
+        From :func:`iterate_suppression`.
+    combination : int
+        Index in ``TABLE_II``.
+    fall_back : bool
+        Whether the best iteration replaces the mean where the mean is worse, see
+        :func:`fallen_back`; the paper always takes the mean.
+
+    Returns
+    -------
+    (..., polarization, pair, frequency) ndarray of complex64
+        Averaged data.
 
     Raises
     ------
     ValueError
         If there is no such combination, or it needs more iterations than there are.
     """
-    wanted = _parts(course, combination)
-    mean = np.asarray(
-        np.sum([course.data[number] for number in wanted], axis=0) / len(wanted), dtype=np.complex64
-    )
+    numbers = _averaged_iterations(course, combination)
+    total = np.sum([course.data[number] for number in numbers], axis=0)
+    mean = np.asarray(total / len(numbers), dtype=np.complex64)
     if fall_back:
         for polarization, number in fallen_back(course, combination).items():
             mean[..., polarization, :, :] = course.data[number][..., polarization, :, :]
@@ -208,56 +252,88 @@ def averaged(course: Iterated, combination: int, fall_back: bool = True) -> Comp
 
 
 def fallen_back(course: Iterated, combination: int) -> dict[int, int]:
-    """Find the polarizations in which an average of Table II is no good, and the iteration that stands in.
+    """Return the polarizations whose average of Table II is no good, with the iteration to use.
 
-    It is none where the last iteration of the average is worse than an earlier one and the average is worse, too.
-    The second is asked because iterations that overshoot change sign from one to the next: each leaves more than was
-    there, and the mean of two leaves little.
+    An average is no good where its last iteration leaves more than an earlier one and so does the
+    average itself. The latter counts because iterations that overshoot change sign from one to the
+    next: each leaves more than was there, and the mean of two leaves little.
+
+    Parameters
+    ----------
+    course : Iterated
+        From :func:`iterate_suppression`.
+    combination : int
+        Index in ``TABLE_II``.
+
+    Returns
+    -------
+    dict of int to int
+        Best iteration by number of the polarization; empty if all averages are good.
+
+    Raises
+    ------
+    ValueError
+        If there is no such combination, or it needs more iterations than there are.
     """
-    wanted = _parts(course, combination)
-    best = course.best(max(wanted))
-    first, last = course.data[wanted[0]], course.data[wanted[-1]]
-    # |(u + v)/2|² = (|u|² + |v|²)/2 - |u - v|²/4, from energies that strong echoes elsewhere do not hide
-    apart = _ratio(_norms(last - first) ** 2, _norms(course.data[0]) ** 2)
-    energy = course.energy[list(wanted)].mean(axis=0) - apart / 4
-    return {
-        polarization: int(number)
-        for polarization, number in enumerate(best)
-        if number < max(wanted) and energy[polarization] > course.energy[number, polarization]
-    }
+    numbers = _averaged_iterations(course, combination)
+    best = course.best(max(numbers))
+    first = course.data[numbers[0]]
+    last = course.data[numbers[-1]]
+    # |(u + v)/2|² = (|u|² + |v|²)/2 - |u - v|²/4: the energies in it are those that strong echoes
+    # elsewhere do not hide.
+    difference = _ratio(_norms(last - first) ** 2, _norms(course.data[0]) ** 2)
+    energy = course.energy[list(numbers)].mean(axis=0) - difference / 4
+    replaced = {}
+    for polarization, number in enumerate(best):
+        average_is_worse = energy[polarization] > course.energy[number, polarization]
+        if number < max(numbers) and average_is_worse:
+            replaced[polarization] = int(number)
+    return replaced
 
 
-def _parts(course: Iterated, combination: int) -> tuple[int, ...]:
-    """Look up the iterations of a combination, which must be there."""
+def _averaged_iterations(course: Iterated, combination: int) -> tuple[int, ...]:
+    """Return the iterations that a combination averages, all of which must exist."""
     if combination not in TABLE_II:
         raise ValueError(
             f"combination must be one of {', '.join(map(str, TABLE_II))}, got {combination}"
         )
-    wanted = TABLE_II[combination]
-    if max(wanted) > course.iterations:
+    numbers = TABLE_II[combination]
+    if max(numbers) > course.iterations:
         raise ValueError(
-            f"combination {combination} needs {max(wanted)} iterations, got {course.iterations}"
+            f"combination {combination} needs {max(numbers)} iterations, got {course.iterations}"
         )
-    return wanted
+    return numbers
 
 
 def equal_cost(iterations: int, mask: NDArray[np.bool_], region: NDArray[np.int64]) -> int:
-    """Count the least-squares iterations that cost no more than so many of an iterated suppression, in pixels.
+    """Return the number of least-squares iterations of at most the cost of an iterated suppression.
 
-    An iteration of Eq. 5 to 8 images the mask, models it and images the sub-regions it touches; one of least squares
-    images the mask and models it.
+    The cost is counted in pixels. An iteration of Eq. 5 to 8 images the mask, models it and images
+    the sub-regions it touches; one of least squares images the mask and models it.
+
+    Parameters
+    ----------
+    iterations : int
+        Iterations of :func:`iterate_suppression`.
+    mask, region : (y, x) ndarray of bool, of int
+        As there.
+
+    Returns
+    -------
+    int
+        Iterations of :func:`suppress_by_model`, at least one.
     """
-    under = int(mask.sum())
-    if under == 0:
+    mask_pixels = int(mask.sum())
+    if mask_pixels == 0:
         return 1
-    area = int(np.isin(region, np.unique(region[mask])).sum())
-    return max(1, iterations * (2 * under + area) // (2 * under))
+    region_pixels = int(np.isin(region, np.unique(region[mask])).sum())
+    return max(1, iterations * (2 * mask_pixels + region_pixels) // (2 * mask_pixels))
 
 
 def _norms(data: ComplexArray) -> NDArray[np.float64]:
-    """Norm of every polarization."""
+    """Compute the norm of every polarization in double precision."""
     power = np.square(data.real, dtype=np.float64) + np.square(data.imag, dtype=np.float64)
-    return np.asarray(np.sqrt(power.sum(axis=_but_polarization(data))))
+    return np.asarray(np.sqrt(power.sum(axis=_all_but_polarization(data))))
 
 
 def _energy_change(
@@ -267,17 +343,20 @@ def _energy_change(
     size = _norms(response) ** 2
     overlap = np.multiply(data.real, response.real, dtype=np.float64)
     overlap += np.multiply(data.imag, response.imag, dtype=np.float64)
-    return size - 2 * overlap.sum(axis=_but_polarization(data)), size
+    change = size - 2 * overlap.sum(axis=_all_but_polarization(data))
+    return change, size
 
 
-def _but_polarization(data: ComplexArray) -> tuple[int, ...]:
+def _all_but_polarization(data: ComplexArray) -> tuple[int, ...]:
+    """Return all axes of data (..., polarization, pair, frequency) but the polarization's."""
     return tuple(axis for axis in range(data.ndim) if axis != data.ndim - 3)
 
 
 def _peaks(image: ComplexArray) -> NDArray[np.float64]:
-    """Largest magnitude of every polarization; images are (polarization, subband, pixel)."""
+    """Return the largest magnitude of every polarization of (polarization, subband, pixel)."""
     return np.abs(image).reshape(image.shape[0], -1).max(axis=1).astype(np.float64)
 
 
-def _ratio(top: NDArray[np.float64], bottom: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.divide(top, bottom, out=np.zeros_like(top), where=bottom > 0)
+def _ratio(numerator: NDArray[np.float64], denominator: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Divide, with zero where the denominator is not positive."""
+    return np.divide(numerator, denominator, out=np.zeros_like(numerator), where=denominator > 0)

@@ -1,4 +1,7 @@
-"""Binary clutter masks from VV, VH and a second band, and their thresholds (Fuse et al. 2018, Sec. 2.2 and 2.4)."""
+"""Binary clutter masks from VV, VH and a second band, and their thresholds (Fuse et al. 2018).
+
+They are described in Sec. 2.2 and 2.4.
+"""
 
 from __future__ import annotations
 
@@ -32,10 +35,21 @@ class Thresholds:
 
 
 def roadside_mask(level: NDArray[np.floating], inside: BoolArray, grow: int = 0) -> BoolArray:
-    """Find the ground beside a lane that outshines everything in it, as a mask (y, x).
+    """Return the pixels beside a lane that outshine everything in it.
 
-    ``level`` is a run-view of magnitudes, NaN where nothing was seen, and ``inside`` the pixels of
-    the lane; the mask is grown by ``grow`` pixels, never into the lane.
+    Parameters
+    ----------
+    level : (y, x) ndarray
+        Run-view of magnitudes, NaN where no scan sees the pixel.
+    inside : (y, x) ndarray of bool
+        Pixels of the lane.
+    grow : int
+        Pixels by which the mask is grown, never into the lane.
+
+    Returns
+    -------
+    (y, x) ndarray of bool
+        Mask.
 
     Examples
     --------
@@ -46,18 +60,33 @@ def roadside_mask(level: NDArray[np.floating], inside: BoolArray, grow: int = 0)
     array([[0, 1, 0, 0, 0],
            [0, 0, 0, 0, 0]])
     """
-    seen = np.isfinite(level)
-    mask = ~inside & seen & (np.where(seen, level, 0) > level[inside & seen].max(initial=0.0))
+    known = np.isfinite(level)
+    brightest_inside = level[inside & known].max(initial=0.0)
+    mask = ~inside & known & (np.where(known, level, 0) > brightest_inside)
     if grow and mask.any():
         mask = ndimage.binary_dilation(mask, iterations=grow) & ~inside
     return np.asarray(mask)
 
 
 def subregions(distance: ArrayLike, edges: ArrayLike) -> IntArray:
-    """Tell the sub-region in range of pixels (Fuse et al. 2018, Sec. 2.2, which takes four), -1 outside all.
+    """Return the sub-region in range of every pixel (Fuse et al. 2018, Sec. 2.2, which takes four).
 
-    ``distance`` is the range of every pixel and ``edges`` are the borders, m, rising; a lower
-    border is within, the last one too.
+    Parameters
+    ----------
+    distance : (...,) array_like
+        Range of every pixel, m.
+    edges : (region + 1,) array_like
+        Rising borders, m; a lower border belongs to its sub-region, the last one too.
+
+    Returns
+    -------
+    (...,) ndarray of int
+        Number of the sub-region, -1 outside all.
+
+    Raises
+    ------
+    ValueError
+        If the borders do not rise or there are fewer than two.
 
     Examples
     --------
@@ -66,18 +95,38 @@ def subregions(distance: ArrayLike, edges: ArrayLike) -> IntArray:
     array([-1,  0,  1,  2,  3, -1])
     """
     borders = np.asarray(edges, dtype=np.float64)
-    ahead = np.asarray(distance, dtype=np.float64)
+    ranges = np.asarray(distance, dtype=np.float64)
     if borders.ndim != 1 or borders.size < 2 or not (np.diff(borders) > 0).all():
         raise ValueError(f"edges must be at least two rising ranges, got {edges!r}")
-    number = np.searchsorted(borders, ahead, side="right") - 1
-    number[ahead == borders[-1]] = borders.size - 2
-    return np.where((ahead >= borders[0]) & (ahead <= borders[-1]), number, -1).astype(np.int64)
+    number = np.searchsorted(borders, ranges, side="right") - 1
+    number[ranges == borders[-1]] = borders.size - 2
+    within = (ranges >= borders[0]) & (ranges <= borders[-1])
+    return np.where(within, number, -1).astype(np.int64)
 
 
 def above(image: ArrayLike, threshold: ArrayLike, region: IntArray) -> BoolArray:
-    """Mark the pixels (y, x) whose magnitude exceeds their sub-region's threshold: the binary mask m (Sec. 2.2).
+    """Mark the pixels whose magnitude exceeds the threshold of their sub-region.
 
-    Of pixels in no sub-region, see :func:`subregions`, none is marked.
+    This is the binary mask m of Fuse et al. 2018, Sec. 2.2.
+
+    Parameters
+    ----------
+    image : (y, x) array_like
+        Image, complex or magnitude.
+    threshold : (region,) array_like
+        Least magnitude by sub-region, in units of the image.
+    region : (y, x) ndarray of int
+        From :func:`subregions`; pixels in no sub-region are never marked.
+
+    Returns
+    -------
+    (y, x) ndarray of bool
+        Mask.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, or a sub-region has no threshold of at least 0.
     """
     magnitude = np.abs(np.asarray(image))
     limit = np.asarray(threshold, dtype=np.float64)
@@ -93,10 +142,27 @@ def above(image: ArrayLike, threshold: ArrayLike, region: IntArray) -> BoolArray
 
 
 def intersect(shape: BoolArray, other: BoolArray, by: Intersection = "pixel") -> BoolArray:
-    """Intersect two binary masks (y, x): the pixels that both hold, or whole regions of ``shape`` (eight neighbours).
+    """Intersect two binary masks, pixel by pixel or by connected regions.
 
-    The paper compares "each region" and selects "the intersection", which can be read both ways: with "region", a
-    connected region stays whole if it shares a pixel with ``other``.
+    The paper compares "each region" and selects "the intersection", which can be read both ways.
+
+    Parameters
+    ----------
+    shape, other : (y, x) ndarray of bool
+        Masks.
+    by : {"pixel", "region"}
+        Pixels that both hold, or all regions of ``shape`` (of eight neighbours) that share a pixel
+        with ``other``.
+
+    Returns
+    -------
+    (y, x) ndarray of bool
+        Mask.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ or ``by`` is unknown.
     """
     if shape.shape != other.shape:
         raise ValueError(f"masks must have one shape, got {shape.shape} and {other.shape}")
@@ -105,10 +171,10 @@ def intersect(shape: BoolArray, other: BoolArray, by: Intersection = "pixel") ->
     if by != "region":
         raise ValueError(f"by must be pixel or region, got {by!r}")
     label, count = ndimage.label(shape, _NEIGHBOURS)
-    chosen = np.zeros(count + 1, dtype=bool)
-    chosen[label[other]] = True
-    chosen[0] = False
-    return np.asarray(chosen[label])
+    shared = np.zeros(count + 1, dtype=bool)
+    shared[label[other]] = True
+    shared[0] = False  # the background
+    return np.asarray(shared[label])
 
 
 def fundamental_mask(
@@ -119,7 +185,7 @@ def fundamental_mask(
     second: ArrayLike | None = None,
     by: Intersection = "pixel",
 ) -> BoolArray:
-    """Make the fundamental mask, VV∩VH ∪ VV∩X (Fuse et al. 2018, Fig. 2a).
+    """Return the fundamental mask, VV∩VH ∪ VV∩X (Fuse et al. 2018, Fig. 2a).
 
     Parameters
     ----------
@@ -133,6 +199,16 @@ def fundamental_mask(
         Image of the second band on the same pixels. Without it the mask is VV∩VH alone.
     by : {"pixel", "region"}
         As for :func:`intersect`.
+
+    Returns
+    -------
+    (y, x) ndarray of bool
+        Mask.
+
+    Raises
+    ------
+    ValueError
+        If there is an image of the second band without thresholds for it.
     """
     shape = above(vv, thresholds.vv, region)
     mask = intersect(shape, above(vh, thresholds.vh, region), by)
@@ -150,32 +226,73 @@ def extended_mask(
     across: ArrayLike,
     roadside: tuple[float, float] = ROADSIDE,
 ) -> BoolArray:
-    """Make the extended mask of the roadside (Fuse et al. 2018, Fig. 2b) from a VH image (y, x) and its low threshold.
+    """Return the extended mask of the roadside (Fuse et al. 2018, Fig. 2b).
 
-    The paper unites (VV_low ∩ VH_low) with VH_low. That union is VH_low, whatever VV_low is, so VV does not enter. It
-    holds where a pixel's distance ``across`` from the middle of the road, m, of either sign, lies in ``roadside``.
+    The paper unites (VV_low ∩ VH_low) with VH_low. That union is VH_low, whatever VV_low is, so VV
+    does not enter.
+
+    Parameters
+    ----------
+    vh : (y, x) array_like
+        VH image.
+    thresholds : Thresholds
+        Of them the low threshold of VH.
+    region : (y, x) ndarray of int
+        From :func:`subregions`.
+    across : (y, x) array_like
+        Distance of every pixel from the middle of the road, of either sign, m.
+    roadside : tuple of float
+        Least and greatest distance at which the mask holds, m.
+
+    Returns
+    -------
+    (y, x) ndarray of bool
+        Mask.
+
+    Raises
+    ------
+    ValueError
+        If the roadside is empty.
     """
     least, greatest = roadside
     if not 0 <= least < greatest:
         raise ValueError(f"roadside must have 0 <= least < greatest, got {roadside}")
-    away = np.abs(np.asarray(across, dtype=np.float64))
-    return above(vh, thresholds.low_vh, region) & (away >= least) & (away <= greatest)
+    distance = np.abs(np.asarray(across, dtype=np.float64))
+    at_roadside = (distance >= least) & (distance <= greatest)
+    return above(vh, thresholds.low_vh, region) & at_roadside
 
 
 def roadside_level(
     image: ArrayLike, region: IntArray, roadside: BoolArray, regions: int
 ) -> FloatArray:
-    """Average the magnitude of an image (y, x) at the roadside, sub-region by sub-region; NaN where there is none.
+    """Compute the mean magnitude of an image at the roadside, by sub-region.
 
-    Of the VH image of the frame under test it is the threshold of the extended mask as the paper has it: "the average
-    value of the roadside clutter in a frame in test lane" (Fuse et al. 2018, Sec. 2.4). No target's place enters.
+    Of the VH image of the frame under test it is the threshold of the extended mask as the paper
+    has it: "the average value of the roadside clutter in a frame in test lane" (Fuse et al. 2018,
+    Sec. 2.4). No target's position enters.
+
+    Parameters
+    ----------
+    image : (y, x) array_like
+        Image, complex or magnitude.
+    region : (y, x) ndarray of int
+        From :func:`subregions`.
+    roadside : (y, x) ndarray of bool
+        Pixels beside the lane.
+    regions : int
+        Number of sub-regions.
+
+    Returns
+    -------
+    (region,) ndarray
+        Level in units of the image, NaN where no pixel is at the roadside.
     """
     magnitude = np.abs(np.asarray(image))
     level = np.full(regions, np.nan)
     for number in range(regions):
-        beside = roadside & (region == number)
-        if beside.any():
-            level[number] = magnitude[beside].mean()
+        pixels = roadside & (region == number)
+        if pixels.any():
+            level[number] = magnitude[pixels].mean()
     return level
 
 
@@ -189,23 +306,36 @@ def mixed_mask(
     by: Intersection = "pixel",
     roadside: tuple[float, float] = ROADSIDE,
 ) -> BoolArray:
-    """Unite the fundamental and the extended mask (Fuse et al. 2018, Fig. 6).
+    """Return the union of the fundamental and the extended mask (Fuse et al. 2018, Fig. 6).
 
     See :func:`fundamental_mask` and :func:`extended_mask` for the parameters.
     """
-    return fundamental_mask(vv, vh, thresholds, region, second, by) | extended_mask(
-        vh, thresholds, region, across, roadside
-    )
+    fundamental = fundamental_mask(vv, vh, thresholds, region, second, by)
+    return fundamental | extended_mask(vh, thresholds, region, across, roadside)
 
 
 class ThresholdCalibration:
-    """Find thresholds on a calibration lane, "as low as possible without compromising the target signal response".
+    """Estimate thresholds on a calibration lane (Fuse et al. 2018, Sec. 2.4).
 
-    A target's response is what lies in its halo within ``response_db`` of its peak in VV. Per sub-region, the
-    thresholds of VH and of the second band are the largest that any target's response reaches there, so that no mask
-    holds it. That of VV is the smallest peak of any target: what is weaker cannot be mistaken for one. The low
-    threshold of VH is the mean magnitude at the roadside, mean over frames, of the calibration lane; the paper takes
-    it from a frame of the lane under test, see :func:`roadside_level`.
+    They are to be "as low as possible without compromising the target signal response". A target's
+    response is what lies in its halo within ``response_db`` of its peak in VV. Per sub-region, the
+    thresholds of VH and of the second band are the largest that any target's response reaches
+    there, so that no mask holds it. That of VV is the smallest peak of any target: what is weaker
+    cannot be mistaken for one. The low threshold of VH is the mean magnitude at the roadside, mean
+    over frames, of the calibration lane; the paper takes it from a frame of the lane under test,
+    see :func:`roadside_level`.
+
+    Parameters
+    ----------
+    regions : int
+        Number of sub-regions.
+    response_db : float
+        How far below its peak a target's response reaches, dB.
+
+    Raises
+    ------
+    ValueError
+        If one of them is not positive.
     """
 
     def __init__(self, regions: int, response_db: float = 6.0) -> None:
@@ -231,55 +361,65 @@ class ThresholdCalibration:
         roadside: BoolArray,
         second: ArrayLike | None = None,
     ) -> None:
-        """Take in one frame: images (y, x) in VV, VH and perhaps of the second band.
+        """Add one frame.
 
-        ``region`` is from :func:`subregions`; ``halos`` are the pixels about each target in view, ``roadside`` those
-        beside the lane.
+        Parameters
+        ----------
+        vv, vh : (y, x) array_like
+            Images of the frame.
+        region : (y, x) ndarray of int
+            From :func:`subregions`.
+        halos : iterable of (y, x) ndarray of bool
+            Pixels about each target in view.
+        roadside : (y, x) ndarray of bool
+            Pixels beside the lane.
+        second : (y, x) array_like, optional
+            Image of the second band.
         """
-        strong = np.abs(np.asarray(vv))
-        cross = np.abs(np.asarray(vh))
-        other = None if second is None else np.abs(np.asarray(second))
-        self._has_second |= other is not None
+        vv_level = np.abs(np.asarray(vv))
+        vh_level = np.abs(np.asarray(vh))
+        second_level = None if second is None else np.abs(np.asarray(second))
+        self._has_second |= second_level is not None
         for halo in halos:
             inside = halo & (region >= 0)
             if not inside.any():
                 continue
-            peak = np.unravel_index(int(np.where(inside, strong, -1.0).argmax()), strong.shape)
-            where = int(region[peak])
-            top = float(strong[peak])
-            response = inside & (strong >= top * 10 ** (-self.response_db / 20))
-            self.targets[where] += 1
-            self._vv[where] = min(self._vv[where], top)
-            self._vh[where] = max(self._vh[where], float(cross[response].max()))
-            if other is not None:
-                self._second[where] = max(self._second[where], float(other[response].max()))
-        self._roadside.append(roadside_level(cross, region, roadside, self.regions))
+            brightest = int(np.where(inside, vv_level, -1.0).argmax())
+            pixel = np.unravel_index(brightest, vv_level.shape)
+            number = int(region[pixel])
+            peak = float(vv_level[pixel])
+            response = inside & (vv_level >= peak * 10 ** (-self.response_db / 20))
+            self.targets[number] += 1
+            self._vv[number] = min(self._vv[number], peak)
+            self._vh[number] = max(self._vh[number], float(vh_level[response].max()))
+            if second_level is not None:
+                largest = float(second_level[response].max())
+                self._second[number] = max(self._second[number], largest)
+        self._roadside.append(roadside_level(vh_level, region, roadside, self.regions))
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Give what was gathered, to be taken in by another."""
+        """Return the statistics of all frames so far, as arrays for :meth:`merge`."""
         levels = np.asarray(self._roadside).reshape(-1, self.regions)
-        kept = {
+        return {
             "targets": self.targets,
             "vv": self._vv,
             "vh": self._vh,
             "second": self._second,
             "roadside": levels,
+            "has_second": np.array(self._has_second),
         }
-        return kept | {"has_second": np.array(self._has_second)}
 
     def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take in what another gathered of other frames or lanes."""
+        """Add the statistics (:meth:`state`) of other frames or lanes."""
         self.targets = self.targets + state["targets"]
         self._vv = np.minimum(self._vv, state["vv"])
-        self._vh, self._second = (
-            np.maximum(self._vh, state["vh"]),
-            np.maximum(self._second, state["second"]),
-        )
+        self._vh = np.maximum(self._vh, state["vh"])
+        self._second = np.maximum(self._second, state["second"])
         self._has_second |= bool(state["has_second"])
         self._roadside += list(state["roadside"])
 
     def result(self) -> Thresholds:
-        """Compute the thresholds of every sub-region; each must have shown a target and roadside."""
+        """Return the thresholds; every sub-region must have shown a target and roadside."""
         if (self.targets == 0).any():
             raise ValueError(
                 f"every sub-region must have shown a target, got {self.targets.tolist()} looks"

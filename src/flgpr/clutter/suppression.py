@@ -1,4 +1,4 @@
-"""Model-based suppression: fit what lies under a mask with the forward model and subtract its response."""
+"""Model-based suppression: fit what lies under a mask by the forward model and subtract it."""
 
 from __future__ import annotations
 
@@ -23,10 +23,9 @@ class Operator(Protocol):
 class Suppression:
     """Outcome of a suppression."""
 
-    data: NDArray[
-        np.complex64
-    ]  #: (..., polarization, pair, frequency): data less the modelled response
-    #: weighted norm of what the fit leaves over that of the data, from 1 before the first iteration on
+    #: (..., polarization, pair, frequency): data less the modelled response
+    data: NDArray[np.complex64]
+    #: weighted norm of what the fit leaves over that of the data, 1 before the first iteration
     residual: NDArray[np.float64]
 
 
@@ -61,9 +60,20 @@ def suppress_by_model(
         explain is then not taken for a response of the mask that is not orthogonal to theirs.
         Default: none.
 
+    Returns
+    -------
+    Suppression
+        The cleaned data and the residual of every iteration.
+
+    Raises
+    ------
+    ValueError
+        If there is no iteration, or ``spared`` does not have the shape of the pixels.
+
     Examples
     --------
-    A bright bush beside the lane is fitted and subtracted; a mine that the mask does not hold stays as it is alone.
+    A bright bush beside the lane is fitted and subtracted; a mine outside the mask keeps the level
+    that it has alone.
 
     >>> import numpy as np
     >>> from flgpr.clutter import suppress_by_model
@@ -73,47 +83,53 @@ def suppress_by_model(
     >>> tx = np.zeros((9, 3)) + [0.0, 0.0, 1.5]
     >>> def at(x):
     ...     return ImagingOperator(frequency, tx, rx, [[[x, 5.0, 0.0]]], dtype="complex128")
-    >>> one = np.ones((1, 1, 1, 1))
-    >>> bush, mine = 10 * at(1.5).forward(one), at(0.0).forward(one)
+    >>> scatterer = np.ones((1, 1, 1, 1))
+    >>> bush = 10 * at(1.5).forward(scatterer)
+    >>> mine = at(0.0).forward(scatterer)
     >>> cleaned = suppress_by_model(bush + mine, at(1.5), iterations=5).data
-    >>> def level(data):
-    ...     return [round(abs(at(x).adjoint(data).item()) / 909, 2) for x in (1.5, 0.0)]  # 9 pairs, 101 tones
-    >>> level(bush + mine), level(mine), level(cleaned)  # at the bush and at the mine
+    >>> def level(data):  # at the bush and at the mine, over 9 pairs and 101 tones
+    ...     return [round(abs(at(x).adjoint(data).item()) / 909, 2) for x in (1.5, 0.0)]
+    >>> level(bush + mine), level(mine), level(cleaned)
     ([10.02, 1.3], [0.06, 1.0], [0.0, 1.0])
     """
     if iterations < 1:
         raise ValueError(f"iterations must be at least 1, got {iterations}")
-    rest = np.array(data, dtype=np.complex64)
-    kept = None if spared is None else np.asarray(spared, dtype=np.float32)
+    remainder = np.array(data, dtype=np.complex64)
+    spared_pixels = None if spared is None else np.asarray(spared, dtype=np.float32)
     w = np.ones(1, np.float32) if weight is None else np.asarray(weight, dtype=np.float32)
-    norm = np.sqrt(_power(w * rest))
-    course = [1.0]
-    gradient = operator.adjoint(w * w * rest)
-    if kept is not None and kept.shape != gradient.shape[2:]:
+    norm = np.sqrt(_power(w * remainder))
+    residuals = [1.0]
+    gradient = operator.adjoint(w * w * remainder)
+    if spared_pixels is not None and spared_pixels.shape != gradient.shape[2:]:
         raise ValueError(
-            f"spared must have the shape of the pixels, {gradient.shape[2:]}, got {kept.shape}"
+            f"spared must have the shape of the pixels, {gradient.shape[2:]}, "
+            f"got {spared_pixels.shape}"
         )
-    if kept is not None and not kept.any():
-        kept = None  # nothing is given back, so that nothing has to be modelled for it
+    if spared_pixels is not None and not spared_pixels.any():
+        spared_pixels = None  # saves the forward model of an empty image
+
     direction = gradient
-    back = np.zeros_like(gradient)
+    spared_image = np.zeros_like(gradient)
     power = _power(gradient)
     for _ in range(iterations):
         if power == 0.0:
             break
         response = operator.forward(direction)
         step = power / _power(w * response)
-        rest = (rest - np.float32(step) * response).astype(np.complex64)
-        if kept is not None:
-            back += np.float32(step) * kept * direction
-        gradient = operator.adjoint(w * w * rest)
-        power, last = _power(gradient), power
-        direction = gradient + np.float32(power / last) * direction
-        course.append(float(np.sqrt(_power(w * rest)) / norm))
-    if kept is not None:
-        rest = (rest + operator.forward(back)).astype(np.complex64)
-    return Suppression(rest, np.asarray(course))
+        remainder = (remainder - np.float32(step) * response).astype(np.complex64)
+        if spared_pixels is not None:
+            spared_image += np.float32(step) * spared_pixels * direction
+        gradient = operator.adjoint(w * w * remainder)
+        last_power = power
+        power = _power(gradient)
+        direction = gradient + np.float32(power / last_power) * direction
+        residuals.append(float(np.sqrt(_power(w * remainder)) / norm))
+
+    if spared_pixels is not None:
+        remainder = (remainder + operator.forward(spared_image)).astype(np.complex64)
+    return Suppression(remainder, np.asarray(residuals))
 
 
 def _power(array: NDArray[np.complex64]) -> float:
+    """Sum the squared magnitudes in double precision."""
     return float(np.sum(np.abs(array.astype(np.complex128)) ** 2))

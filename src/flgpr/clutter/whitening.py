@@ -1,4 +1,4 @@
-"""Mean and covariance of clutter, and the whitening that takes them away (Cosgrove et al. 2004, Sec. II)."""
+"""Mean and covariance of clutter, and whitening by them (Cosgrove et al. 2004, Sec. II)."""
 
 from __future__ import annotations
 
@@ -15,11 +15,26 @@ BASES = ("eigen", "cholesky", "symmetric")
 
 
 def whitening_matrix(covariance: ArrayLike, basis: str = "eigen") -> NDArray[Any]:
-    """Matrix W with ``W C W^H = I``, of a covariance C (n_features, n_features), Hermitian and positive definite.
+    """Compute a matrix W with ``W C W^H = I`` for a covariance C.
 
-    All such matrices differ by a unitary factor, to which linear-quadratic detectors are blind: the
-    ``basis`` is "eigen", scaled eigenvectors, "cholesky", the inverse Cholesky factor, or
-    "symmetric", ``C^(-1/2)``.
+    All such matrices differ by a unitary factor, to which linear-quadratic detectors are blind.
+
+    Parameters
+    ----------
+    covariance : (n_features, n_features) array_like
+        C, Hermitian and positive definite.
+    basis : {"eigen", "cholesky", "symmetric"}
+        Scaled eigenvectors, the inverse Cholesky factor, or ``C^(-1/2)``.
+
+    Returns
+    -------
+    (n_features, n_features) ndarray
+        W.
+
+    Raises
+    ------
+    ValueError
+        If the basis is unknown, or C is not Hermitian or not positive definite.
 
     Examples
     --------
@@ -38,24 +53,28 @@ def whitening_matrix(covariance: ArrayLike, basis: str = "eigen") -> NDArray[Any
     values, vectors = np.linalg.eigh(C)
     if not values[0] > values.size * np.finfo(np.float64).eps * values[-1]:
         raise ValueError(
-            f"covariance must be positive definite, got eigenvalues from {values[0]:g} to {values[-1]:g}; "
-            "take more clutter samples or shrinkage"
+            "covariance must be positive definite, got eigenvalues from "
+            f"{values[0]:g} to {values[-1]:g}; take more clutter samples or shrinkage"
         )
     if basis == "cholesky":
         return np.asarray(np.linalg.inv(np.linalg.cholesky(C)))
     rows = vectors.conj().T / np.sqrt(values)[:, None]
-    return np.asarray(vectors @ rows if basis == "symmetric" else rows)
+    if basis == "symmetric":
+        return np.asarray(vectors @ rows)
+    return np.asarray(rows)
 
 
 class ClutterWhitener(TransformerMixin, BaseEstimator):  # type: ignore[misc]
-    """Learn mean and covariance of the clutter, so that it becomes CN(0, I) (Cosgrove et al. 2004, Sec. II).
+    """Whiten features by the mean and covariance of the clutter (Cosgrove et al. 2004, Sec. II).
+
+    Whitened clutter is CN(0, I).
 
     Parameters
     ----------
     moments : {"sample", "ledoit-wolf", "oas", "ogk", "clipped"}
         Estimator of mean and covariance: sample moments; two ways to shrink the covariance to a
-        multiple of the identity (Ledoit & Wolf 2004; Chen et al. 2010); sample moments of what
-        orthogonal pairs do not find far out (Maronna & Zamar 2002); or sample moments of vectors
+        multiple of the identity (Ledoit & Wolf 2004; Chen et al. 2010); sample moments without the
+        outliers found by orthogonal pairs (Maronna & Zamar 2002); or sample moments of vectors
         whose energy is clipped at the median.
     basis : {"eigen", "cholesky", "symmetric"}
         As in :func:`whitening_matrix`.
@@ -73,9 +92,19 @@ class ClutterWhitener(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         self.basis = basis
 
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:  # noqa: ARG002
-        """Learn the clutter from samples (n_samples, n_features) without targets, real or complex; ``y`` is not used.
+        """Estimate mean and covariance of clutter.
 
-        A covariance that is singular is a ValueError.
+        Parameters
+        ----------
+        X : (n_samples, n_features) array_like
+            Samples without targets, real or complex.
+        y : ignored
+            There for the interface of scikit-learn.
+
+        Raises
+        ------
+        ValueError
+            If ``moments`` is unknown, or the covariance is singular.
         """
         if self.moments not in ESTIMATORS:
             raise ValueError(
@@ -87,14 +116,13 @@ class ClutterWhitener(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         return self
 
     def transform(self, X: ArrayLike) -> NDArray[Any]:
-        """Whiten samples row by row: ``W (x - mean)``."""
+        """Return whitened samples, ``W (x - mean)`` of every row of (n_samples, n_features)."""
         check_is_fitted(self)
         samples = self._checked(X, reset=False)
         return np.asarray((samples - self.mean_) @ self.matrix_.T)
 
     def _checked(self, X: ArrayLike, reset: bool, minimum: int = 1) -> NDArray[Any]:
-        # scikit-learn's validation refuses complex numbers, so real and imaginary part go through
-        # it one by one.
+        """Validate samples by scikit-learn, which refuses complex numbers: part by part."""
         if not np.iscomplexobj(np.asarray(X)):
             return np.asarray(
                 validate_data(self, X, reset=reset, dtype=np.float64, ensure_min_samples=minimum)
@@ -103,6 +131,5 @@ class ClutterWhitener(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         real = validate_data(
             self, values.real, reset=reset, dtype=np.float64, ensure_min_samples=minimum
         )
-        return np.asarray(
-            real + 1j * validate_data(self, values.imag, reset=False, dtype=np.float64)
-        )
+        imaginary = validate_data(self, values.imag, reset=False, dtype=np.float64)
+        return np.asarray(real + 1j * imaginary)

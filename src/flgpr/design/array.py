@@ -1,4 +1,4 @@
-"""What an array will see before it is built: point spread, resolution, lobes, signal to clutter over the ground."""
+"""Design of an array before it is built: point spread, resolution, lobes and signal to clutter."""
 
 from __future__ import annotations
 
@@ -23,16 +23,21 @@ from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor
 from flgpr.simulate import Scene, Simulator, sites
 
 FloatArray = NDArray[np.float64]
+Response = tuple[FloatArray, FloatArray, FloatArray]
+Band = dict[str, tuple[float, float]]
 KINDS = ("metal", "plastic")
 BODIES = {"metal": "metal-at", "plastic": "plastic-at"}
 """Packaged bodies that the kinds stand for."""
 _LOOKS = 4  # bare stretches of ground whose mean power is the clutter
+_REACH = 1.0  # m around a position from which its clutter is taken
+_CLUTTER_STEP = 0.15  # pixel of the clutter's image, m
+_MOST_PIXELS = 400  # of a response over the ground, along an axis
 _CORE = 2.5  # half-power widths around the peak that do not count as a lobe
 
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of an array."""
+    """Band, window, site and depth of the mines for which an array is studied."""
 
     band: tuple[float, float] | None = None  #: tones that make the image, Hz; None takes all
     window: str = "hann"
@@ -45,34 +50,50 @@ class Question:
 class Design:
     """What an array will see, in SI units.
 
-    Maps are (y, x) over ground positions ``x``, ``y`` in m ahead of and across the array, ``ratio`` over its own.
-    ``down`` and ``cross`` are the half-power widths of the point spread along y and x, m, NaN where no half-power point
-    was met; ``lobes`` the place and level of the highest lobe at each distance; ``responses`` the ground around a point
-    at each distance as (y, x, power), dB below its peak, and ``close`` the same with offsets from the point; ``ratio``
-    the simulated signal to clutter of a mine by kind and polarization, dB; ``expected`` that by formula at the middle
-    distance straight ahead, as :func:`flgpr.design.expected_signal_to_clutter` gives it, empty where ``not_expected``
-    says why there is none.
+    Maps are (y, x) over ground positions across and ahead of the array, m.
     """
 
     sensor: Sensor
-    facts: dict[str, float]
-    x: FloatArray
-    y: FloatArray
+    facts: dict[str, float]  #: antennas, aperture, tones and the ranges that follow from them
+    x: FloatArray  #: positions of the maps across, m
+    y: FloatArray  #: positions of the maps ahead, m
+    #: half-power widths of the point spread along y, m; NaN where there is no half-power point
     down: FloatArray
-    cross: FloatArray
+    cross: FloatArray  #: the same along x
+    #: position and level of the highest lobe at each distance
     lobes: list[dict[str, float]] = field(default_factory=list)
-    responses: dict[float, tuple[FloatArray, FloatArray, FloatArray]] = field(default_factory=dict)
-    close: dict[float, tuple[FloatArray, FloatArray, FloatArray]] = field(default_factory=dict)
+    #: response over the ground to a point at each distance: y, x and power, dB below its peak
+    responses: dict[float, Response] = field(default_factory=dict)
+    #: the same close to the point, with offsets from it in place of y and x
+    close: dict[float, Response] = field(default_factory=dict)
+    #: simulated signal to clutter of a mine by kind and polarization, dB
     ratio: dict[tuple[str, str], FloatArray] = field(default_factory=dict)
-    ratio_x: FloatArray = field(default_factory=lambda: np.empty(0))
+    ratio_x: FloatArray = field(default_factory=lambda: np.empty(0))  #: positions of ``ratio``, m
     ratio_y: FloatArray = field(default_factory=lambda: np.empty(0))
-    distance: float = 0.0
+    distance: float = 0.0  #: the middle distance, m
+    #: signal to clutter by formula at the middle distance straight ahead, as
+    #: :func:`flgpr.design.expected_signal_to_clutter` returns it; empty where there is none
     expected: pd.DataFrame = field(default_factory=pd.DataFrame)
-    not_expected: str = "it was not asked for"
+    not_expected: str = "it was not asked for"  #: why ``expected`` is empty
 
 
 def study(sensor: Sensor, question: Question | None = None, track: Track = silent) -> Design:
-    """Find out what an array will see, on maps of its footprint, clipped to 4 m across."""
+    """Study what an array will see, on maps of its footprint, clipped to 4 m across.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The array.
+    question : Question, optional
+        Band, window, site and depth of the mines.
+    track : callable
+        Shows the progress.
+
+    Raises
+    ------
+    ValueError
+        If the site, the band or the window is not known.
+    """
     asked = question or Question()
     if asked.site not in sites():
         raise ValueError(f"site must be one of {', '.join(sites())}, got {asked.site!r}")
@@ -84,47 +105,54 @@ def study(sensor: Sensor, question: Question | None = None, track: Track = silen
     y = np.linspace(near, y_max, 13)
     down = np.empty((y.size, x.size))
     cross = np.empty((y.size, x.size))
-    for i, j in track([*np.ndindex(y.size, x.size)], f"{sensor.name}: resolution", y.size * x.size):
-        down[i, j], cross[i, j] = spread.widths([x[j], y[i], 0.0])
+    pixels = list(np.ndindex(y.size, x.size))
+    for i, j in track(pixels, f"{sensor.name}: resolution", len(pixels)):
+        down[i, j], cross[i, j] = spread.widths(np.array([x[j], y[i], 0.0]))
     design = Design(sensor, _facts(sensor, spread), x, y, down, cross)
     middle = (x[0] + x[-1]) / 2
     distances = [float(y[k]) for k in (1, y.size // 2, y.size - 2)]
     for distance in track(distances, f"{sensor.name}: point spread", len(distances)):
         source = np.array([middle, distance, 0.0])
-        design.close[distance] = _close(spread, source)
-        design.responses[distance] = _over_ground(spread, source, sensor)
+        design.close[distance] = _close_response(spread, source)
+        design.responses[distance] = _ground_response(spread, source, sensor)
         design.lobes.append(_highest_lobe(spread, source, design.responses[distance]))
     _simulate_ratio(design, sensor, ground, asked, track)
-    _expect(design, ground, asked)
+    _set_expected(design, ground, asked)
     return design
 
 
 def expected_in_words(design: Design) -> str:
-    """Tell in a sentence by how much mines are expected to stand above the clutter."""
+    """Return a sentence on how far mines are expected to stand above the clutter."""
     if design.expected.empty:
         return f"{design.sensor.name}: no signal to clutter by formula, for {design.not_expected}."
     first = design.expected.iloc[0]
     mines = []
     for kind, body in BODIES.items():
         rows = design.expected[design.expected["body"] == body]
-        levels = zip(rows["signal_to_clutter_db"], rows["polarization"], strict=True)
-        mines.append(f"a {kind} mine {' and '.join(_level_in_words(*level) for level in levels)}")
+        levels = []
+        for level, polarization in zip(
+            rows["signal_to_clutter_db"], rows["polarization"], strict=True
+        ):
+            levels.append(_level_in_words(level, polarization))
+        mines.append(f"a {kind} mine {' and '.join(levels)}")
     return (
-        f"{design.sensor.name}, {design.distance:.0f} m ahead, {100 * first['depth']:.3g} cm deep in {first['ground']} "
-        f"with a surface of {1000 * first['rms_height']:.3g} mm rms: against the mean clutter the image is expected to "
-        f"show {' and '.join(mines)}."
+        f"{design.sensor.name}, {design.distance:.0f} m ahead, "
+        f"{100 * first['depth']:.3g} cm deep in {first['ground']} "
+        f"with a surface of {1000 * first['rms_height']:.3g} mm rms: "
+        f"against the mean clutter the image is expected to show {' and '.join(mines)}."
     )
 
 
 def _level_in_words(level: float, polarization: str) -> str:
+    """Return a signal to clutter in dB as words."""
     if round(level) == 0:
         return f"level with it in {polarization}"
     side = "stronger" if level > 0 else "weaker"
     return f"{abs(round(level))} dB {side} in {polarization}"
 
 
-def _expect(design: Design, ground: GroundModel, asked: Question) -> None:
-    """Find the signal to clutter by formula at the middle distance, or why there is none."""
+def _set_expected(design: Design, ground: GroundModel, asked: Question) -> None:
+    """Compute the signal to clutter by formula at the middle distance, or set why there is none."""
     design.distance = float(design.y[design.y.size // 2])
     bodies = list(BODIES.values())
     bands = None if asked.band is None else {"all": asked.band}
@@ -138,6 +166,7 @@ def _expect(design: Design, ground: GroundModel, asked: Question) -> None:
 
 
 def _facts(sensor: Sensor, spread: PointSpread) -> dict[str, float]:
+    """Return the numbers of antennas and tones, and the ranges and angles that follow from them."""
     tx, rx = sensor.pairs()
     midpoints = np.unique(np.round((tx + rx)[:, 0] / 2, 6))
     gap = float(np.diff(midpoints).max()) if midpoints.size > 1 else 0.0
@@ -158,32 +187,38 @@ def _facts(sensor: Sensor, spread: PointSpread) -> dict[str, float]:
     }
 
 
-def _close(spread: PointSpread, source: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _close_response(spread: PointSpread, source: FloatArray) -> Response:
+    """Return the response within five expected widths of a point."""
     down, cross = spread.expected_widths(source)
     y = np.linspace(-5, 5, 161) * down
     x = np.linspace(-5, 5, 161) * cross
     return y, x, _decibels(spread(ground_plane(x + source[0], y + source[1]), source))
 
 
-def _over_ground(
-    spread: PointSpread, source: FloatArray, sensor: Sensor
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _ground_response(spread: PointSpread, source: FloatArray, sensor: Sensor) -> Response:
+    """Return the response over the footprint to a point."""
     x_min, x_max, y_min, y_max = sensor.footprint
-    down, cross = spread.expected_widths(np.array([0.0, max(y_min, 1.2 * sensor.height), 0.0]))
-    y = np.linspace(y_min, y_max, min(400, math.ceil((y_max - y_min) / (0.4 * down))))
-    x = np.linspace(x_min, x_max, min(400, math.ceil((x_max - x_min) / (0.4 * cross))))
+    nearest = np.array([0.0, max(y_min, 1.2 * sensor.height), 0.0])
+    down, cross = spread.expected_widths(nearest)
+    rows = math.ceil((y_max - y_min) / (0.4 * down))
+    columns = math.ceil((x_max - x_min) / (0.4 * cross))
+    y = np.linspace(y_min, y_max, min(_MOST_PIXELS, rows))
+    x = np.linspace(x_min, x_max, min(_MOST_PIXELS, columns))
     return y, x, _decibels(spread(ground_plane(x, y), source))
 
 
-def _highest_lobe(
-    spread: PointSpread, source: FloatArray, response: tuple[FloatArray, FloatArray, FloatArray]
-) -> dict[str, float]:
+def _highest_lobe(spread: PointSpread, source: FloatArray, response: Response) -> dict[str, float]:
+    """Return position, level and distance of the highest lobe outside the core of the response."""
     y, x, power = response
-    down, cross = (
-        w if math.isfinite(w) else e
-        for w, e in zip(spread.widths(source), spread.expected_widths(source), strict=True)
-    )
-    core = (np.abs(y - source[1])[:, None] < _CORE * down) & (np.abs(x - source[0]) < _CORE * cross)
+    down, cross = spread.widths(source)
+    expected_down, expected_cross = spread.expected_widths(source)
+    if not math.isfinite(down):
+        down = expected_down
+    if not math.isfinite(cross):
+        cross = expected_cross
+    core_rows = np.abs(y - source[1]) < _CORE * down
+    core_columns = np.abs(x - source[0]) < _CORE * cross
+    core = core_rows[:, None] & core_columns
     outside = np.where(core, -np.inf, power)
     i, j = np.unravel_index(outside.argmax(), outside.shape)
     return {
@@ -197,6 +232,7 @@ def _highest_lobe(
 
 
 def _decibels(amplitude: FloatArray) -> FloatArray:
+    """Return amplitudes in dB, at least -120."""
     return np.asarray(20 * np.log10(np.maximum(amplitude, 1e-6)))
 
 
@@ -204,29 +240,29 @@ def _simulate_ratio(
     design: Design, sensor: Sensor, ground: GroundModel, asked: Question, track: Track
 ) -> None:
     """Simulate single mines and bare ground, image both, and divide peak by mean power."""
-    still = sensor.model_copy(
-        update={"polarization": tuple(p for p in sensor.polarization if p[0] == p[1])}
-    )
-    if not still.polarization:
+    copolar = tuple(name for name in sensor.polarization if name[0] == name[1])
+    if not copolar:
         return
-    band = {"band": asked.band or (float(sensor.tones.axis()[0]), float(sensor.tones.axis()[-1]))}
+    sensor = sensor.model_copy(update={"polarization": copolar})
+    tones = sensor.tones.axis()
+    band = {"band": asked.band or (float(tones[0]), float(tones[-1]))}
     design.ratio_y = np.linspace(design.y[0] + 0.5, design.y[-1] - 1.0, 7)
     design.ratio_x = np.linspace(design.x[0], design.x[-1], 5)
-    clutter = _clutter(design, still, ground, asked, band)
+    clutter = _clutter(design, sensor, ground, asked, band)
     steps = [(kind, column) for kind in KINDS for column in range(design.ratio_x.size)]
     for kind, column in track(steps, f"{sensor.name}: signal to clutter", len(steps)):
-        peaks = _peaks(design, still, ground, asked, band, kind, float(design.ratio_x[column]))
-        for p, label in enumerate(still.polarization):
-            grid = design.ratio.setdefault(
-                (kind, label), np.empty((design.ratio_y.size, design.ratio_x.size))
-            )
-            grid[:, column] = 10 * np.log10(peaks[:, p] / clutter[p, :, column])
+        x = float(design.ratio_x[column])
+        peaks = _peaks(design, sensor, ground, asked, band, kind, x)
+        for p, label in enumerate(copolar):
+            shape = (design.ratio_y.size, design.ratio_x.size)
+            ratio = design.ratio.setdefault((kind, label), np.empty(shape))
+            ratio[:, column] = 10 * np.log10(peaks[:, p] / clutter[p, :, column])
 
 
-def _bare(ground: GroundModel, surface: dict[str, Any], **parts: Any) -> Scene:
-    """Make a lane of a ground's soil and surface and nothing else but ``parts``."""
-    own = ground.surface.model_copy(update=surface)
-    return Scene.model_validate({"soil": ground.soil, "surface": own} | parts)
+def _bare_scene(ground: GroundModel, surface: dict[str, Any], **tables: Any) -> Scene:
+    """Return a lane of a ground's soil and surface with nothing else but ``tables``."""
+    changed = ground.surface.model_copy(update=surface)
+    return Scene.model_validate({"soil": ground.soil, "surface": changed} | tables)
 
 
 def _clutter(
@@ -234,34 +270,30 @@ def _clutter(
     sensor: Sensor,
     ground: GroundModel,
     asked: Question,
-    band: dict[str, tuple[float, float]],
+    band: Band,
 ) -> FloatArray:
-    """Mean power (polarization, y, x) of bare ground around every position of the ratio map."""
+    """Return the mean power (polarization, y, x) of bare ground around positions of the ratio."""
     apart = design.y[-1] + 60.0
-    scene = _bare(
+    scene = _bare_scene(
         ground,
         {"texture_shape": None},
         length=_LOOKS * apart,
         track={"positions": tuple(k * apart for k in range(_LOOKS))},
     )
     run = Simulator(scene, sensor, 1, errors=False).run()
-    reach_y = 1.0
-    reach_x = 1.0
-    grid = Grid.spanning(
-        (float(design.ratio_x[0] - reach_x), float(design.ratio_x[-1] + reach_x)),
-        (float(design.ratio_y[0] - reach_y), float(design.ratio_y[-1] + reach_y)),
-        0.15,
-    )
-    power = np.mean(
-        [np.abs(image.values[:, 0]) ** 2 for image in ScanImager(run, grid, band, asked.window)],
-        axis=0,
-    )
-    out = np.empty((power.shape[0], design.ratio_y.size, design.ratio_x.size))
-    for i, j in np.ndindex(*out.shape[1:]):
-        rows = np.abs(grid.y - design.ratio_y[i]) <= reach_y
-        columns = np.abs(grid.x - design.ratio_x[j]) <= reach_x
-        out[:, i, j] = power[:, rows][:, :, columns].mean(axis=(1, 2))
-    return out
+    x_edges = (float(design.ratio_x[0] - _REACH), float(design.ratio_x[-1] + _REACH))
+    y_edges = (float(design.ratio_y[0] - _REACH), float(design.ratio_y[-1] + _REACH))
+    grid = Grid.spanning(x_edges, y_edges, _CLUTTER_STEP)
+    scan_power = []
+    for image in ScanImager(run, grid, band, asked.window):
+        scan_power.append(np.abs(image.values[:, 0]) ** 2)
+    power = np.mean(scan_power, axis=0)
+    clutter = np.empty((power.shape[0], design.ratio_y.size, design.ratio_x.size))
+    for i, j in np.ndindex(*clutter.shape[1:]):
+        rows = np.abs(grid.y - design.ratio_y[i]) <= _REACH
+        columns = np.abs(grid.x - design.ratio_x[j]) <= _REACH
+        clutter[:, i, j] = power[:, rows][:, :, columns].mean(axis=(1, 2))
+    return clutter
 
 
 def _peaks(
@@ -269,13 +301,16 @@ def _peaks(
     sensor: Sensor,
     ground: GroundModel,
     asked: Question,
-    band: dict[str, tuple[float, float]],
+    band: Band,
     kind: str,
     x: float,
 ) -> FloatArray:
-    """Peak power (y, polarization) in the image of a mine on its own at a cross-track place, from every distance."""
+    """Return the peak power (y, polarization) in the image of a single mine, from every distance.
+
+    ``x`` is its cross-track position, m.
+    """
     far = float(design.ratio_y[-1]) + 5.0
-    scene = _bare(
+    scene = _bare_scene(
         ground,
         {"phase_screen": False},
         length=far + 10.0,
@@ -284,11 +319,11 @@ def _peaks(
     )
     run = Simulator(scene, sensor, 1, errors=False).run(bodies=True)
     peaks = np.empty((design.ratio_y.size, len(sensor.polarization)))
+    narrowest = min(float(np.nanmin(design.down)), float(np.nanmin(design.cross)))
+    step = max(narrowest / 3, 0.01)
     for scan, distance in enumerate(design.ratio_y):
-        spread = min(float(np.nanmin(design.down)), float(np.nanmin(design.cross))) / 3
-        grid = Grid.spanning(
-            (x - 0.5, x + 0.5), (float(distance) - 0.5, float(distance) + 0.8), max(spread, 0.01)
-        )
+        y_edges = (float(distance) - 0.5, float(distance) + 0.8)
+        grid = Grid.spanning((x - 0.5, x + 0.5), y_edges, step)
         image = ScanImager(run.isel(scan=[scan]), grid, band, asked.window).image(0)
         peaks[scan] = (np.abs(image.values[:, 0]) ** 2).max(axis=(1, 2))
     return peaks

@@ -1,4 +1,7 @@
-"""Image of a point on the ground by an array that stands level: its shape, its widths and the area of its cell."""
+"""Image of a point on the ground by an array that stands level.
+
+Its shape, its widths and the area of its cell.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +22,27 @@ _CELL_REACH = 15.0  # range cells to which its lobes are integrated
 
 
 class PointSpread:
-    """Image of a point on the ground by an array that stands level, over a band (Hz) of at least two uniform tones.
+    """Image of a point on the ground by an array that stands level.
 
-    ``|Σ_pair Σ_f w(f)·exp(+j2πf(L(p) - L(q))/c)|`` with the sum over tones tabulated once, for it depends on the
-    difference of paths alone; without antenna patterns and spreading, as in image formation.
+    It is ``|Σ_pair Σ_f w(f)·exp(+j2πf(L(p) - L(q))/c)|``. The sum over tones depends on the
+    difference of paths alone and is tabulated once. Antenna patterns and spreading are left out, as
+    in image formation.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The array.
+    band : tuple of float, optional
+        Lowest and highest tone, Hz; None takes all tones.
+    window : str
+        Window over the tones.
+    response : (frequency,) array_like, optional
+        Amplitude of the radar at each of the sensor's tones; None is one.
+
+    Raises
+    ------
+    ValueError
+        If the window is not known or the band holds fewer than two tones.
     """
 
     def __init__(
@@ -54,47 +74,62 @@ class PointSpread:
         spectrum[(np.arange(self.tones.size) - middle) % count] = weight
         self._table = np.append(np.fft.ifft(spectrum) * count, 0)
         self._table[-1] = self._table[0]
-        self._period, self._carrier = SPEED_OF_LIGHT / sensor.tones.step, float(self.tones[middle])
+        self._period = SPEED_OF_LIGHT / sensor.tones.step
+        self._carrier = float(self.tones[middle])
         self._peak = weight.sum() * len(tx)
 
     def paths(self, points: ArrayLike) -> FloatArray:
-        """Paths (pair, ...) from transmitter to points (..., 3) on the ground to receiver, m."""
+        """Return the paths (pair, ...) from transmitter to points (..., 3) to receiver, m."""
         p = np.asarray(points, dtype=np.float64)
-        ends = (
-            np.linalg.norm(p - end.reshape(-1, *[1] * (p.ndim - 1), 3), axis=-1)
-            for end in (self.tx, self.rx)
-        )
-        return np.asarray(sum(ends), dtype=np.float64)
+        shape = (-1, *[1] * (p.ndim - 1), 3)
+        outward = np.linalg.norm(p - self.tx.reshape(shape), axis=-1)
+        back = np.linalg.norm(p - self.rx.reshape(shape), axis=-1)
+        return np.asarray(outward + back, dtype=np.float64)
 
     def __call__(
         self, points: ArrayLike, source: ArrayLike, gain: FloatArray | None = None
     ) -> FloatArray:
-        """Amplitude at points (..., 3) of the image of a point at ``source`` (3,), relative to its peak.
+        """Return the amplitude of the image of a point, relative to its peak.
 
-        ``gain`` (pair, ...) is the amplitude of each pair's part in it, one by default.
+        Parameters
+        ----------
+        points : (..., 3) array_like
+            Where the image is computed, m.
+        source : (3,) array_like
+            The point, m.
+        gain : (pair, ...) ndarray of float, optional
+            Amplitude of each pair's contribution; one by default.
         """
         p = np.asarray(points, dtype=np.float64)
-        at = self.paths(np.asarray(source, dtype=np.float64))
+        source_paths = self.paths(np.asarray(source, dtype=np.float64))
         total = np.zeros(p.shape[:-1], complex)
-        for pair, (tx, rx, there) in enumerate(zip(self.tx, self.rx, at, strict=True)):
-            path = np.linalg.norm(p - tx, axis=-1) + np.linalg.norm(p - rx, axis=-1) - there
-            place = path / self._period % 1.0 * (self._table.size - 1)
-            cell = np.minimum(place.astype(np.intp), self._table.size - 2)
-            value = self._table[cell] + (place - cell) * (self._table[cell + 1] - self._table[cell])
+        for pair, (tx, rx, own_path) in enumerate(zip(self.tx, self.rx, source_paths, strict=True)):
+            path = np.linalg.norm(p - tx, axis=-1) + np.linalg.norm(p - rx, axis=-1) - own_path
+            index = path / self._period % 1.0 * (self._table.size - 1)
+            cell = np.minimum(index.astype(np.intp), self._table.size - 2)
+            value = self._table[cell] + (index - cell) * (self._table[cell + 1] - self._table[cell])
             value = value * np.exp(2j * np.pi * (self._carrier / SPEED_OF_LIGHT * path % 1.0))
             total += value if gain is None else gain[pair] * value
         return np.asarray(np.abs(total) / self._peak, dtype=np.float64)
 
     def cell_area(self, source: ArrayLike, beam: Beam | None = None) -> float:
-        """Return the area of the resolution cell at a point of the ground (3,), m²: ``∫|spread|² dA``.
+        """Return the area of the resolution cell at a point of the ground, m²: ``∫|spread|² dA``.
 
-        Clutter of backscatter σ⁰ has the mean power of one point of cross section σ⁰ times this area. ``beam`` gives
-        the amplitude (pair, point) with which each pair sees points (point, 3); None sees all alike, so that grating
-        lobes far to the side count as in image formation. Lobes are counted over the sensor's footprint, up to
-        15 range cells from the point's circle of distance.
+        Clutter of backscatter σ⁰ has the mean power of a point of cross section σ⁰ times this area.
+        Lobes are counted over the sensor's footprint, up to 15 range cells from the point's circle
+        of distance.
+
+        Parameters
+        ----------
+        source : (3,) array_like
+            The point, m.
+        beam : callable, optional
+            Returns the amplitude (pair, point) with which each pair sees points (point, 3). With
+            None all points count alike, so that grating lobes far to the side count as in image
+            formation.
         """
-        place = np.asarray(source, dtype=np.float64)
-        down, cross = self.expected_widths(place)
+        centre = np.asarray(source, dtype=np.float64)
+        down, cross = self.expected_widths(centre)
         x_min, x_max, y_min, y_max = self.footprint
         x = np.arange(x_min, x_max, min(_CELL_STEP * cross, (x_max - x_min) / 50))
         y = np.arange(y_min, y_max, _CELL_STEP * down)
@@ -102,52 +137,64 @@ class PointSpread:
         middle = np.concatenate([self.tx, self.rx]).mean(axis=0)
         slant = np.linalg.norm(points - middle, axis=1)
         range_cell = SPEED_OF_LIGHT / (2 * np.ptp(self.tones))
-        points = points[np.abs(slant - np.linalg.norm(place - middle)) < _CELL_REACH * range_cell]
+        points = points[np.abs(slant - np.linalg.norm(centre - middle)) < _CELL_REACH * range_cell]
         if beam is None:
-            amplitude = self(points, place)
+            amplitude = self(points, centre)
         else:
-            seen = beam(points)
-            amplitude = self(points, place, seen / beam(place[None]).mean())
+            gain = beam(points)
+            amplitude = self(points, centre, gain / beam(centre[None]).mean())
         return float((amplitude**2).sum() * (x[1] - x[0]) * (y[1] - y[0]))
 
     def expected_widths(self, source: FloatArray) -> tuple[float, float]:
-        """Rough widths down-range and cross-range, m: ``c/(2B·sinθ)`` and ``λR/(D_t + D_r)``."""
+        """Return rough widths down-range and cross-range, m.
+
+        ``c/(2B·sinθ)`` and ``λR/(D_t + D_r)``.
+        """
         middle = np.concatenate([self.tx, self.rx]).mean(axis=0)
         slant = float(np.linalg.norm(source - middle))
         ground = float(np.hypot(*(source - middle)[:2]))
         down = SPEED_OF_LIGHT / (2 * np.ptp(self.tones)) * slant / ground
         aperture = max(float(np.ptp((self.tx + self.rx)[:, 0])), 0.05)
-        return float(down), float(SPEED_OF_LIGHT / self.tones.mean() * slant / aperture)
+        cross = SPEED_OF_LIGHT / self.tones.mean() * slant / aperture
+        return float(down), float(cross)
 
     def widths(self, source: ArrayLike) -> tuple[float, float]:
-        """Half-power widths along y and x through a point of the ground (3,), m; NaN where none is met."""
-        place = np.asarray(source, dtype=np.float64)
-        found = []
-        for axis, expected in zip((1, 0), self.expected_widths(place), strict=True):
-            offset = np.linspace(-4, 4, 401) * expected
-            line = np.repeat(place[None], offset.size, axis=0)
-            line[:, axis] += offset
-            found.append(half_power(offset, self(line, place)))
-        return found[0], found[1]
+        """Return the half-power widths along y and x through a point of the ground (3,), m.
+
+        A width is NaN where the response does not fall to half power.
+        """
+        centre = np.asarray(source, dtype=np.float64)
+        down, cross = self.expected_widths(centre)
+        return self._width(centre, 1, down), self._width(centre, 0, cross)
+
+    def _width(self, centre: FloatArray, axis: int, expected: float) -> float:
+        """Return the half-power width along an axis, of which the expected one is known."""
+        offset = np.linspace(-4, 4, 401) * expected
+        line = np.repeat(centre[None], offset.size, axis=0)
+        line[:, axis] += offset
+        return half_power(offset, self(line, centre))
 
 
 def half_power(offset: FloatArray, amplitude: FloatArray) -> float:
-    """Full width between the first half-power points on both sides of offset zero, by linear interpolation."""
+    """Return the full width between the first half-power points on both sides of offset zero.
+
+    The points are interpolated linearly. The width is NaN where a side does not fall to half power.
+    """
     middle = offset.size // 2
     level = math.sqrt(0.5)
     edges = []
     for side in (1, -1):
         values = amplitude[middle::side]
-        places = offset[middle::side]
-        under = np.flatnonzero(values < level)
-        if not under.size or under[0] == 0:
+        offsets = offset[middle::side]
+        below = np.flatnonzero(values < level)
+        if not below.size or below[0] == 0:
             return math.nan
-        k = int(under[0])
-        part = (values[k - 1] - level) / (values[k - 1] - values[k])
-        edges.append(places[k - 1] + part * (places[k] - places[k - 1]))
+        k = int(below[0])
+        fraction = (values[k - 1] - level) / (values[k - 1] - values[k])
+        edges.append(offsets[k - 1] + fraction * (offsets[k] - offsets[k - 1]))
     return float(abs(edges[0] - edges[1]))
 
 
 def ground_plane(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return the points (y, x, 3) of the ground at places across (x,) and ahead (y,), m."""
+    """Return the points (y, x, 3) of the ground at positions across (x,) and ahead (y,), m."""
     return np.stack([*np.meshgrid(x, y), np.zeros((y.size, x.size))], axis=-1)

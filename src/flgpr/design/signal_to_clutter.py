@@ -1,7 +1,8 @@
-"""Signal to clutter of a buried body: by formula, as a budget of factors, and measured on simulated images.
+"""Signal to clutter of a buried body.
 
-Both take the echo of a level body on its own over the mean echo of the bare rough ground around it. What else lies
-in, stands on or grows on the ground, and the errors of the radar, are left out.
+By formula, as a budget of factors, and measured on simulated images. Both take the echo of a level
+body on its own over the mean echo of the bare rough ground around it. What else lies in, stands on
+or grows on the ground, and the errors of the radar, are left out.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ from flgpr.model import Grid, Sensor
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.faults import first_fault
 from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.echoes import Ground, incidence
-from flgpr.simulate.refraction import apparent_shift
-from flgpr.simulate.roughness import surface_backscatter
-from flgpr.simulate.scene import Soil, Surface, Target, Track
-from flgpr.simulate.signature import FREQUENCY, find_table
+from flgpr.simulate.bodies.echoes import Ground, incidence
+from flgpr.simulate.bodies.signature import FREQUENCY, find_table
+from flgpr.simulate.bodies.targets import mean_amplitude
+from flgpr.simulate.ground.refraction import apparent_shift
+from flgpr.simulate.ground.roughness import surface_backscatter
+from flgpr.simulate.radar.spread import ArrayState
+from flgpr.simulate.scene.scene import Soil, Surface, Target, Track
 from flgpr.simulate.simulator import array_state, system_response
-from flgpr.simulate.spread import ArrayState
-from flgpr.simulate.targets import mean_amplitude
 
 Subbands = Mapping[str, tuple[float, float]]
 
@@ -41,10 +42,9 @@ DEPTHS = (0.0, 0.05, 0.075, 0.10, 0.15)
 """Depths of a body's top that a table of signal to clutter has by default, m."""
 _COPOLAR = ("HH", "VV")
 _DEEPEST = 1.0  # m
-_DELAYS = 16  # delays per tone at which the range profile of a body is looked at
-_AROUND = (
-    0.5  # m around the body, and behind where its bottom appears, in which its peak is looked for
-)
+_DELAYS = 16  # delays per tone at which the range profile of a body is computed
+# m around the body, and behind where its bottom appears, in which its peak is searched
+_AROUND = 0.5
 _CLUTTER_ALONG = 1.0  # m before and behind the body from which clutter is taken
 _CLUTTER_ACROSS = 1.5  # m to each side
 _CLUTTER_STEP = 0.05  # pixel of the clutter's image, m
@@ -71,7 +71,7 @@ def ground_model(
     correlation_length: float | None = None,
     unevenness: float | None = None,
 ) -> GroundModel:
-    """Return the soil and surface of a site, or of a given permittivity, with what else is given in their place.
+    """Return the soil and surface of a site, or of a permittivity; other arguments replace theirs.
 
     Parameters
     ----------
@@ -114,17 +114,25 @@ def ground_model(
         scene = Scene.model_validate({"site": site, "soil": soil, "surface": surface})
     except ValidationError as error:
         raise ValueError(first_fault(error, Scene)) from None
-    parts = [] if permittivity is None else [f"permittivity {permittivity:g}"]
-    parts += [] if loss_tangent is None else [f"loss tangent {loss_tangent:g}"]
+    return GroundModel(_ground_name(site, permittivity, loss_tangent), scene.soil, scene.surface)
+
+
+def _ground_name(site: str | None, permittivity: float | None, loss_tangent: float | None) -> str:
+    """Return a ground's name: its site, and the soil's constants that were given."""
     name = str(site) if permittivity is None else "soil"
-    return GroundModel(
-        f"{name} of {' and '.join(parts)}" if parts else name, scene.soil, scene.surface
-    )
+    constants = []
+    if permittivity is not None:
+        constants.append(f"permittivity {permittivity:g}")
+    if loss_tangent is not None:
+        constants.append(f"loss tangent {loss_tangent:g}")
+    if not constants:
+        return name
+    return f"{name} of {' and '.join(constants)}"
 
 
 @dataclass(frozen=True)
 class Viewing:
-    """How a body is looked at."""
+    """Distance, height, bands, polarizations and window in which a body is seen."""
 
     distance: float = 12.0  #: from the array to the body along the ground, m
     height: float | None = None  #: of the array over the ground, m; None takes the sensor's
@@ -132,15 +140,14 @@ class Viewing:
     subbands: Subbands | None = None
     #: of HH and VV; None takes those of the two that the sensor has. A level round body has no HV
     polarizations: Sequence[str] | None = None
-    window: str = (
-        "boxcar"  #: over the tones of a sub-band, as of :class:`flgpr.imaging.ImagingOperator`
-    )
+    #: over the tones of a sub-band, as of :class:`flgpr.imaging.ImagingOperator`
+    window: str = "boxcar"
     heading: float = 0.0  #: direction of a box's long side, clockwise from ahead, rad
 
 
 @dataclass(frozen=True)
 class _View:
-    """A sensor in front of a place on level ground, and the bands and channels in which it looks at it."""
+    """A sensor before a position on level ground, and the bands and channels of the view."""
 
     sensor: Sensor
     x: float  # m
@@ -158,11 +165,10 @@ class _View:
     @property
     def step(self) -> float:
         """Pixel of a body's image, m."""
-        place = np.array([self.x, self.distance, 0.0])
-        widths = [
-            min(PointSpread(self.sensor, edges).expected_widths(place))
-            for edges in self.subbands.values()
-        ]
+        position = np.array([self.x, self.distance, 0.0])
+        widths: list[float] = []
+        for edges in self.subbands.values():
+            widths.extend(PointSpread(self.sensor, edges).expected_widths(position))
         return float(np.clip(min(widths) / _PEAK_STEPS, 0.005, 0.05))
 
 
@@ -173,7 +179,7 @@ def expected_signal_to_clutter(
     depths: Sequence[float] = DEPTHS,
     viewing: Viewing | None = None,
 ) -> pd.DataFrame:
-    """Return the expected signal to clutter of level bodies by formula, and the factors that it is the product of.
+    """Return the expected signal to clutter of level bodies by formula, and its factors.
 
     ``signal_to_clutter_db`` is ``body + transmission + divergence + attenuation - sigma0 - cell``
     in dB:
@@ -188,7 +194,7 @@ def expected_signal_to_clutter(
       the imaged peak;
     - ``sigma0_db``: backscatter of the rough surface by small perturbation with a two-scale tilt
       and unevenness
-      (:func:`flgpr.simulate.roughness.surface_backscatter`), mean over the band by w²;
+      (:func:`flgpr.simulate.ground.roughness.surface_backscatter`), mean over the band by w²;
     - ``cell_m2``: area of the resolution cell, the integral of the squared point spread over the
       ground.
 
@@ -233,18 +239,16 @@ def expected_signal_to_clutter(
             for depth in depths:
                 factors = band.signal(_target(view, body, depth), ground.soil)
                 for polarization in view.polarizations:
-                    parts = {
-                        name: float(value[_COPOLAR.index(polarization)])
-                        for name, value in factors.items()
-                    }
-                    noise = float(sigma0[_COPOLAR.index(polarization)])
-                    total = sum(parts.values()) - noise - 10 * math.log10(cell)
-                    key = _key(view, ground, body, depth, subband, polarization)
-                    rows.append(
-                        key
-                        | parts
-                        | {"sigma0_db": noise, "cell_m2": cell, "signal_to_clutter_db": total}
-                    )
+                    p = _COPOLAR.index(polarization)
+                    row = _key(view, ground, body, depth, subband, polarization)
+                    signal = {name: float(values[p]) for name, values in factors.items()}
+                    backscatter = float(sigma0[p])
+                    ratio = sum(signal.values()) - backscatter - 10 * math.log10(cell)
+                    row |= signal
+                    row["sigma0_db"] = backscatter
+                    row["cell_m2"] = cell
+                    row["signal_to_clutter_db"] = ratio
+                    rows.append(row)
     return _in_order(pd.DataFrame(rows), bodies, depths)
 
 
@@ -259,7 +263,7 @@ def measure_signal_to_clutter(
     looks: int = 4,
     track: Progress = silent,
 ) -> pd.DataFrame:
-    """Measure the signal to clutter of level bodies on simulated images, over several random grounds.
+    """Measure the signal to clutter of level bodies on simulated images of random grounds.
 
     The signal is the peak power around the body, which alone echoes but is seen through the rough
     surface of each seed; the clutter is the mean power of the bare ground there.
@@ -273,7 +277,7 @@ def measure_signal_to_clutter(
     looks : int
         Bare stretches of each ground, 60 m apart, that its clutter is the mean of.
     track : callable
-        Told of the progress.
+        Shows the progress.
 
     Returns
     -------
@@ -291,62 +295,80 @@ def measure_signal_to_clutter(
     _check_ground(ground)
     _check_bodies(bodies, depths)
     if seeds < 2:
-        raise ValueError(f"seeds must be at least 2, to tell an interval, got {seeds}")
+        raise ValueError(f"seeds must be at least 2, to give an interval, got {seeds}")
     if looks < 1:
         raise ValueError(f"looks must be at least 1, got {looks}")
     wide = _imager(view, _CLUTTER_ACROSS, _CLUTTER_ALONG, _CLUTTER_ALONG, _CLUTTER_STEP)
-    grounds = track(range(seeds), "bare ground", seeds)
-    clutter = np.stack([_clutter_power(view, ground, seed, looks, wide) for seed in grounds])
+    powers = []
+    for seed in track(range(seeds), "bare ground", seeds):
+        powers.append(_clutter_power(view, ground, seed, looks, wide))
+    clutter = np.stack(powers)
     cases = [(body, depth) for body in bodies for depth in depths]
     rows = []
     for body, depth in track(cases, "bodies", len(cases)):
         target = _target(view, body, depth)
-        close = _imager(view, _AROUND, _AROUND, _AROUND + _shift(view, target, ground), view.step)
+        behind = _AROUND + _shift(view, target, ground)
+        close = _imager(view, _AROUND, _AROUND, behind, view.step)
         signal = np.stack([_peak_power(view, ground, target, seed, close) for seed in range(seeds)])
         ratio = 10 * np.log10(signal.mean(axis=0) / clutter.mean(axis=0))
         margin = _margin_db(signal, clutter)
         for s, subband in enumerate(view.subbands):
             for p, polarization in enumerate(view.polarizations):
-                key = _key(view, ground, body, depth, subband, polarization)
-                found = {"signal_to_clutter_db": ratio[p, s], "low_db": ratio[p, s] - margin[p, s]}
-                rows.append(key | found | {"high_db": ratio[p, s] + margin[p, s], "seeds": seeds})
+                row = _key(view, ground, body, depth, subband, polarization)
+                row["signal_to_clutter_db"] = ratio[p, s]
+                row["low_db"] = ratio[p, s] - margin[p, s]
+                row["high_db"] = ratio[p, s] + margin[p, s]
+                row["seeds"] = seeds
+                rows.append(row)
     return _in_order(pd.DataFrame(rows), bodies, depths)
 
 
 class _Band:
-    """One sub-band of a view: the tones, their weights in the image, and the factors that depend on them."""
+    """One sub-band of a view.
+
+    The tones, their weights in the image, and the factors that depend on them.
+    """
 
     def __init__(self, view: _View, edges: tuple[float, float]) -> None:
         self._view = view
         self._edges = edges
-        self._place = np.array([view.x, view.distance, 0.0])
-        every = view.sensor.tones.axis()
-        weights = band_weights(every, (edges,), WINDOWS[view.window])[0]
+        self._position = np.array([view.x, view.distance, 0.0])
+        tones = view.sensor.tones.axis()
+        weights = band_weights(tones, (edges,), WINDOWS[view.window])[0]
         used = weights != 0
-        self._tones = every[used]
-        self._response = self._radar(every)
+        self._tones = tones[used]
+        self._response = self._radar_response(tones)
         self._weights = (weights * self._response)[used]
         self._sine = incidence(view.x, view.distance, 0.0, view.array)
 
-    def _radar(self, tones: FloatArray) -> FloatArray:
-        """Compute what the radar and the beams of its antennas make of a level echo at the place (frequency,)."""
+    def _radar_response(self, tones: FloatArray) -> FloatArray:
+        """Return the amplitude of a level echo at the position, by radar and beams (frequency,)."""
         response = np.abs(system_response(self._view.sensor, tones))
-        beams = np.stack([self._beams(self._place[None], tone)[:, 0].mean() for tone in tones])
-        return np.asarray(response * beams)
+        beams = []
+        for tone in tones:
+            beams.append(self._beams(self._position[None], tone)[:, 0].mean())
+        return np.asarray(response * np.stack(beams))
 
     def _beams(self, points: FloatArray, frequency: float) -> FloatArray:
-        """Amplitude over both distances (pair, point) with which pairs see points (point, 3) at a tone, Hz."""
+        """Return the amplitude (pair, point) with which pairs see points (point, 3) at a tone, Hz.
+
+        It falls with both distances.
+        """
         array = self._view.array
         ray = points - array.position[:, None]
         distance = np.linalg.norm(ray, axis=-1)
-        seen = 1 / distance
+        amplitude = 1 / distance
         if not array.dipoles:
             cosine = np.maximum(ray @ array.boresight / distance, 0.0)
-            seen = seen * cosine ** (0.5 * float(array.exponents(np.array([frequency]))[0]))
-        return np.asarray(seen[array.tx] * seen[array.rx])
+            exponent = float(array.exponents(np.array([frequency]))[0])
+            amplitude = amplitude * cosine ** (0.5 * exponent)
+        return np.asarray(amplitude[array.tx] * amplitude[array.rx])
 
     def sigma0(self, ground: GroundModel) -> FloatArray:
-        """Backscatter of the surface, HH and VV (2,), dB, mean over the band by the square of the weights."""
+        """Return the backscatter of the surface, HH and VV (2,), dB.
+
+        It is the mean over the band by the squared weights.
+        """
         surface = ground.surface
         shape = (
             surface.rms_height,
@@ -356,46 +378,53 @@ class _Band:
             surface.waviness,
         )
         media = ground.soil.media(self._tones)[0]
-        both = surface_backscatter(
-            self._tones, np.full(self._tones.shape, self._sine), media, *shape
-        )
-        power = np.array([np.average(one, weights=self._weights**2) for one in both])
+        sine = np.full(self._tones.shape, self._sine)
+        backscatter = surface_backscatter(self._tones, sine, media, *shape)
+        means = [np.average(copolar, weights=self._weights**2) for copolar in backscatter]
+        power = np.array(means)
         with np.errstate(divide="ignore"):
             return np.asarray(10 * np.log10(power) + surface.level_db)
 
     def cell_area(self) -> float:
-        """Area of the resolution cell at the place, m²."""
+        """Return the area of the resolution cell at the position, m²."""
         spread = PointSpread(self._view.sensor, self._edges, self._view.window, self._response)
         middle = float(np.average(self._tones, weights=self._weights**2))
-        return spread.cell_area(self._place, lambda points: self._beams(points, middle))
+
+        def beam(points: FloatArray) -> FloatArray:
+            return self._beams(points, middle)
+
+        return spread.cell_area(self._position, beam)
 
     def signal(self, target: Target, soil: Soil) -> dict[str, FloatArray]:
-        """Cross section of a body as the image shows it, HH and VV (2,), in factors, dB."""
+        """Return the factors of a body's cross section in the image, HH and VV (2,), dB."""
         ground = Ground(soil, None, self._tones)
         layer = ground.medium(target.depth)
         amplitude = mean_amplitude(target, ground, self._view.array)
         through = amplitude * ground.entry_squared(self._sine, layer)
         body = self._peak(amplitude)
         entered = self._peak(through)
-        whole = self._peak(through * ground.dispersion(self._sine, target.depth))
+        attenuated = self._peak(through * ground.dispersion(self._sine, target.depth))
         cosine = math.sqrt(1 - self._sine**2)
         divergence = 20 * math.log10(cosine / math.sqrt(ground.real[layer] - self._sine**2))
         return {
             "body_dbsm": body + 10 * math.log10(4 * math.pi),
             "transmission_db": entered - body - divergence,
             "divergence_db": np.full(2, divergence),
-            "attenuation_db": whole - entered,
+            "attenuation_db": attenuated - entered,
         }
 
     def _peak(self, amplitude: ComplexArray) -> FloatArray:
-        """Peak power over delay of the band's range profile of spectra (2, frequency), over its weights', dB (2,)."""
+        """Return the peak over delay of the range profiles of spectra (2, frequency), dB (2,).
+
+        It is relative to the sum of the weights.
+        """
         count = _DELAYS * self._tones.size
         profile = np.fft.ifft(amplitude * self._weights, count, axis=-1) * count
         return np.asarray(20 * np.log10(np.abs(profile).max(axis=-1) / self._weights.sum()))
 
 
 def _view(sensor: Sensor, viewing: Viewing) -> _View:
-    """Check what is asked of a sensor."""
+    """Return the view of a sensor; refuse a height, distance, band or polarization out of range."""
     height = viewing.height
     distance = viewing.distance
     window = viewing.window
@@ -408,16 +437,18 @@ def _view(sensor: Sensor, viewing: Viewing) -> _View:
     x_min, x_max, y_min, y_max = sensor.footprint
     if not y_min <= distance <= y_max:
         raise ValueError(
-            f"distance must lie in the footprint of {sensor.name}, {y_min:g} to {y_max:g} m, got {distance!r}"
+            f"distance must lie in the footprint of {sensor.name}, {y_min:g} to {y_max:g} m, "
+            f"got {distance!r}"
         )
     bands = _checked_bands(sensor, viewing.subbands)
     polarizations = _checked_polarizations(sensor, viewing.polarizations)
-    still = sensor.model_copy(update={"polarization": polarizations})
+    reduced = sensor.model_copy(update={"polarization": polarizations})
     middle = (x_min + x_max) / 2
-    return _View(still, middle, float(distance), bands, polarizations, window, viewing.heading)
+    return _View(reduced, middle, float(distance), bands, polarizations, window, viewing.heading)
 
 
 def _checked_bands(sensor: Sensor, subbands: Subbands | None) -> dict[str, tuple[float, float]]:
+    """Return the sub-bands; refuse one without tones or beyond the signature tables."""
     tones = sensor.tones.axis()
     bands = {"all": (float(tones[0]), float(tones[-1]))} if subbands is None else dict(subbands)
     if not bands:
@@ -430,34 +461,38 @@ def _checked_bands(sensor: Sensor, subbands: Subbands | None) -> dict[str, tuple
             )
         if inside.mean() > FREQUENCY[-1]:
             raise ValueError(
-                f"sub-band {name} must have its middle at or below {FREQUENCY[-1] / 1e9:g} GHz, where the signature "
-                f"tables end, got {inside.mean() / 1e9:.4g} GHz"
+                f"sub-band {name} must have its middle at or below "
+                f"{FREQUENCY[-1] / 1e9:g} GHz, where the signature tables end, "
+                f"got {inside.mean() / 1e9:.4g} GHz"
             )
     return bands
 
 
 def _checked_polarizations(sensor: Sensor, polarizations: Sequence[str] | None) -> tuple[str, ...]:
-    own = [name for name in _COPOLAR if name in sensor.polarization]
-    wanted = own if polarizations is None else list(polarizations)
-    strange = [name for name in wanted if name not in own]
-    if strange or not wanted:
+    """Return the polarizations; refuse any but HH and VV of the sensor."""
+    available = [name for name in _COPOLAR if name in sensor.polarization]
+    requested = available if polarizations is None else list(polarizations)
+    unknown = [name for name in requested if name not in available]
+    if unknown or not requested:
         raise ValueError(
-            f"polarizations must be among those of HH and VV that {sensor.name} has ({', '.join(own) or 'none'}), got "
-            f"{', '.join(strange or wanted) or 'none'}"
+            f"polarizations must be among those of HH and VV that {sensor.name} has "
+            f"({', '.join(available) or 'none'}), "
+            f"got {', '.join(unknown or requested) or 'none'}"
         )
-    return tuple(wanted)
+    return tuple(requested)
 
 
 def _check_ground(ground: GroundModel) -> None:
     """Refuse a smooth surface."""
     if ground.surface.rms_height <= 0 and ground.surface.unevenness <= 0:
         raise ValueError(
-            "rms_height or unevenness must be greater than 0, for a smooth surface has no clutter, got 0"
+            "rms_height or unevenness must be greater than 0, "
+            "for a smooth surface has no clutter, got 0"
         )
 
 
 def _check_bodies(bodies: Sequence[str], depths: Sequence[float]) -> None:
-    """Refuse unknown bodies and depths that are none."""
+    """Refuse unknown bodies and depths out of range."""
     if isinstance(bodies, str) or not len(bodies):
         raise ValueError(f"bodies must be a sequence of at least one name, got {bodies!r}")
     if not len(depths):
@@ -470,6 +505,7 @@ def _check_bodies(bodies: Sequence[str], depths: Sequence[float]) -> None:
 
 
 def _target(view: _View, body: str, depth: float) -> Target:
+    """Return a body at the view's position."""
     return Target(
         kind=body, body=body, x=view.x, y=view.distance, depth=depth, heading=view.heading
     )
@@ -478,6 +514,7 @@ def _target(view: _View, body: str, depth: float) -> Target:
 def _key(
     view: _View, ground: GroundModel, body: str, depth: float, subband: str, polarization: str
 ) -> dict[str, Any]:
+    """Return the columns that name a case."""
     return {
         "sensor": view.sensor.name,
         "height": view.sensor.height,
@@ -492,11 +529,12 @@ def _key(
 
 
 def _in_order(table: pd.DataFrame, bodies: Sequence[str], depths: Sequence[float]) -> pd.DataFrame:
-    """Sort rows by body and depth as they were asked for, else as they stand."""
-    place = table["body"].map(list(bodies).index) * len(depths) + table["depth"].map(
-        [*map(float, depths)].index
-    )
-    return table.iloc[np.argsort(place.to_numpy(), kind="stable")].reset_index(drop=True)
+    """Sort rows by body and depth in the order of the arguments, otherwise as they stand."""
+    body_index = table["body"].map(list(bodies).index)
+    depth_index = table["depth"].map([float(depth) for depth in depths].index)
+    rank = body_index * len(depths) + depth_index
+    order = np.argsort(rank.to_numpy(), kind="stable")
+    return table.iloc[order].reset_index(drop=True)
 
 
 def _simulator(
@@ -508,7 +546,7 @@ def _simulator(
     positions: tuple[float, ...] = (0.0,),
     targets: tuple[Target, ...] = (),
 ) -> Simulator:
-    """Simulate a lane with a ground's soil and surface and nothing else, without the radar's errors."""
+    """Return the simulator of a bare lane with a ground's soil and surface, without errors."""
     scene = Scene(
         length=positions[-1] + view.distance + 10.0,
         soil=ground.soil,
@@ -522,16 +560,17 @@ def _simulator(
 def _clutter_power(
     view: _View, ground: GroundModel, seed: int, looks: int, imager: ImagingOperator
 ) -> FloatArray:
-    """Mean power (polarization, subband) of the images of bare ground around the body's place."""
+    """Return the mean power (polarization, subband) of images of bare ground around the body."""
     positions = tuple(_LOOKS_APART * look for look in range(looks))
     simulator = _simulator(view, ground, seed, echo=True, positions=positions)
-    power = [_power(imager, scan).mean(axis=(2, 3)) for scan in simulator.scans()]
-    return np.asarray(np.mean(power, axis=0))
+    powers = [_power(imager, scan).mean(axis=(2, 3)) for scan in simulator.scans()]
+    return np.asarray(np.mean(powers, axis=0))
 
 
 def _shift(view: _View, target: Target, ground: GroundModel) -> float:
-    """By how much the bottom of a body appears farther away than it is, m."""
-    middle = np.array([np.mean([np.mean(edges) for edges in view.subbands.values()])])
+    """Return by how much the bottom of a body appears farther away than it is, m."""
+    middles = [np.mean(edges) for edges in view.subbands.values()]
+    middle = np.array([np.mean(middles)])
     permittivity = float(ground.soil.media(middle)[-1][0].real)
     sine = incidence(view.x, view.distance, 0.0, view.array)
     return float(apparent_shift(target.depth + target.height, permittivity, sine))
@@ -540,20 +579,23 @@ def _shift(view: _View, target: Target, ground: GroundModel) -> float:
 def _peak_power(
     view: _View, ground: GroundModel, target: Target, seed: int, imager: ImagingOperator
 ) -> FloatArray:
-    """Peak power (polarization, subband) of the image of a body that alone echoes, under a rough surface."""
+    """Return the peak power (polarization, subband) of a body under a rough surface.
+
+    The surface itself does not echo.
+    """
     simulator = _simulator(view, ground, seed, echo=False, targets=(target,))
     return np.asarray(_power(imager, simulator.scan(0)).max(axis=(2, 3)))
 
 
 def _power(imager: ImagingOperator, scan: NDArray[np.complex64]) -> FloatArray:
-    """Power of the image of a scan, (polarization, subband, y, x)."""
+    """Return the power of the image of a scan, (polarization, subband, y, x)."""
     return np.asarray(np.abs(imager.adjoint(scan).astype(np.complex128)) ** 2)
 
 
 def _imager(
     view: _View, across: float, before: float, behind: float, step: float
 ) -> ImagingOperator:
-    """Make the operator that images the ground around the body's place."""
+    """Return the operator that images the ground around the body."""
     x_edges = (view.x - across, view.x + across)
     y_edges = (view.distance - before, view.distance + behind)
     array = view.array
@@ -568,11 +610,13 @@ def _imager(
 
 
 def _margin_db(signal: FloatArray, clutter: FloatArray) -> FloatArray:
-    """Half the interval of the ratio of two means over seeds (seed, ...), dB."""
-    count = len(signal)
-    spread = [
-        power.std(axis=0, ddof=1) / power.mean(axis=0) / math.sqrt(count)
-        for power in (signal, clutter)
-    ]
-    factor = float(stdtrit(count - 1, (1 + _CONFIDENCE) / 2))
-    return np.asarray(10 / math.log(10) * factor * np.hypot(*spread))
+    """Return half the interval of the ratio of two means over seeds (seed, ...), dB."""
+    factor = float(stdtrit(len(signal) - 1, (1 + _CONFIDENCE) / 2))
+    spread = np.hypot(_relative_error(signal), _relative_error(clutter))
+    return np.asarray(10 / math.log(10) * factor * spread)
+
+
+def _relative_error(power: FloatArray) -> FloatArray:
+    """Return the relative standard error of the mean over the first axis."""
+    error = power.std(axis=0, ddof=1) / power.mean(axis=0) / math.sqrt(len(power))
+    return np.asarray(error)

@@ -1,4 +1,4 @@
-"""The detectors of Cosgrove et al. 2004: deflection, Gaussian Neyman-Pearson, polarimetric whitening filter."""
+"""Detectors of Cosgrove et al. 2004: deflection, Neyman-Pearson, polarimetric whitening filter."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from flgpr.kernels.moments import ESTIMATORS, sample_moments
 def deflection_form(
     mean: ArrayLike, covariance: ArrayLike, gamma: float = 1.0, rank: int | None = None
 ) -> LinearQuadraticForm:
-    """Form that maximises the deflection for known moments of the signal.
+    """Return the form that maximises the deflection for known moments of the signal.
 
     The clutter is CN(0, I) and the data under H1 have the mean μ and the covariance C + I. With γ =
     1 nothing else is needed (Cosgrove et al. 2004, Eq. 5 and 6). With γ < 1 the generalised
@@ -40,6 +40,16 @@ def deflection_form(
     rank : int, optional
         Number of eigenvectors of A kept: the largest eigenvalues, for γ < 1 the largest in
         magnitude. None keeps all.
+
+    Returns
+    -------
+    LinearQuadraticForm
+        The form.
+
+    Raises
+    ------
+    ValueError
+        If γ is out of range or the shapes do not agree.
     """
     mu, C = as_moments(mean, covariance)
     if not 0 <= gamma <= 1:
@@ -54,7 +64,10 @@ def deflection_form(
 def _generalised(
     mu: NDArray[Any], C: NDArray[Any], gamma: float
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Solve for A and b in the eigenbasis of R, where A ↦ γA + (1-γ)RAR is a product element by element."""
+    """Solve for A and b in the eigenbasis of R.
+
+    There A ↦ γA + (1-γ)RAR is a product element by element.
+    """
     values, basis = np.linalg.eigh(C)
     d = values + 1
     m = basis.conj().T @ mu
@@ -70,9 +83,9 @@ def _generalised(
     units = np.eye(m.size)
     answers = [respond(unit) for unit in units] + [respond(1j * unit) for unit in units]
     system = np.array([np.concatenate([a.real, a.imag]) for a in answers]).T
-    wanted = m - (1 - gamma) * d * (fixed @ m)
-    solved = np.linalg.solve(system, np.concatenate([wanted.real, wanted.imag]))
-    b: NDArray[Any] = solved[: m.size] + 1j * solved[m.size :]
+    right_side = m - (1 - gamma) * d * (fixed @ m)
+    solution = np.linalg.solve(system, np.concatenate([right_side.real, right_side.imag]))
+    b: NDArray[Any] = solution[: m.size] + 1j * solution[m.size :]
     if not np.iscomplexobj(mu) and not np.iscomplexobj(C):
         b = b.real
     cross = np.outer(b, m.conj())
@@ -81,9 +94,10 @@ def _generalised(
 
 
 def standardize(form: LinearQuadraticForm) -> LinearQuadraticForm:
-    """Scale a form without offsets to mean zero and variance one under CN(0, I), so that forms can be compared.
+    """Scale a form without offsets to mean zero and variance one under CN(0, I).
 
-    There ``E(T) = tr A`` and ``Var(T) = ||A||² + 2||b||²``, as its vectors are orthonormal.
+    Forms can then be compared. Under CN(0, I) ``E(T) = tr A`` and ``Var(T) = ||A||² + 2||b||²``, as
+    the form's vectors are orthonormal.
     """
     spread = float(np.sqrt(np.sum(form.strength**2) + 2 * np.sum(np.abs(form.linear) ** 2)))
     scale = 1 / spread if spread > 0 else 1.0
@@ -97,7 +111,7 @@ def standardize(form: LinearQuadraticForm) -> LinearQuadraticForm:
 
 
 class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
-    """Detector that maximises the deflection, trained on a few whitened target examples.
+    """Maximise the deflection, trained on a few whitened target examples.
 
     ``Â = Σ x x^H / (N - ddof) - I``, ``b̂ = mean x``, and the score is ``Σ σ_j |u_j^H x|² + 2
     Re(b̂^H x)`` over the largest eigenvalues of Â (Cosgrove et al. 2004, Eq. 7-12).
@@ -167,17 +181,27 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
         self.classes = classes
 
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:
-        """Learn from whitened target examples (n_samples, n_features), real or complex.
+        """Fit the detector to whitened target examples.
 
-        ``y``, the class of each, is used with ``classes="separate"`` only.
+        Parameters
+        ----------
+        X : (n_samples, n_features) array_like
+            Examples, real or complex.
+        y : (n_samples,) array_like, optional
+            Class of each example; used with ``classes="separate"`` only.
+
+        Raises
+        ------
+        ValueError
+            If a parameter breaks its rule or classes are missing.
         """
         self._check_parameters()
         samples = check_samples(self, X, reset=True)
         if self.classes == "separate":
             if y is None or np.shape(y) != (samples.shape[0],):
                 raise ValueError(
-                    f'y must hold a class for each of the {samples.shape[0]} samples with classes="separate", '
-                    f"got {'none' if y is None else np.shape(y)}"
+                    f"y must hold a class for each of the {samples.shape[0]} samples "
+                    f'with classes="separate", got {"none" if y is None else np.shape(y)}'
                 )
             self.labels_ = np.unique(np.asarray(y))
             learned = [self._learn(samples[np.asarray(y) == label]) for label in self.labels_]
@@ -191,7 +215,7 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
         return self
 
     def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Score whitened samples: higher means more like a target (Cosgrove et al. 2004, Eq. 12)."""
+        """Return the scores of whitened samples (Cosgrove et al. 2004, Eq. 12)."""
         check_is_fitted(self)
         samples = check_samples(self, X, reset=False)
         return np.asarray(np.max([form(samples) for form in self.forms_], axis=0))
@@ -212,11 +236,12 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
         _warn_of_unused_ddof(self.moments, self.ddof)
 
     def _learn(self, x: NDArray[Any]) -> tuple[LinearQuadraticForm, NDArray[np.float64], int]:
-        """Return the form, all eigenvalues of Â and the number of unseen directions of one class."""
+        """Return the form, all eigenvalues of Â and the number of unseen directions of a class."""
         N, M = x.shape
         if self.ddof >= N:
             raise ValueError(
-                f"ddof must be smaller than the number of examples, got {self.ddof} with n_samples = {N}"
+                f"ddof must be smaller than the number of examples, got {self.ddof} "
+                f"with n_samples = {N}"
             )
         if self.moments == "sample":
             b_hat = x.mean(axis=0)  # Eq. 8
@@ -241,22 +266,25 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
         return form, sigma, unseen
 
     def _generalised(self, mean: NDArray[Any], second: NDArray[Any]) -> LinearQuadraticForm:
-        # The signal's covariance must be one: what the estimate has below zero is noise of the
-        # estimate.
+        """Return the form of the generalised deflection from the moments of one class."""
+        # Negative eigenvalues, which no covariance has, are noise of the estimate.
         values, vectors = np.linalg.eigh(second - np.outer(mean, mean.conj()) - np.eye(mean.size))
         covariance = (vectors * np.clip(values, 0, None)) @ vectors.conj().T
         form = deflection_form(mean, covariance, self.gamma, self.rank)
-        kept = form.strength > 0 if self.positive else np.ones(form.rank, bool)
+        if not self.positive:
+            return LinearQuadraticForm(form.strength, form.vectors, form.linear, form.offset)
+        positive = form.strength > 0
         return LinearQuadraticForm(
-            form.strength[kept], form.vectors[kept], form.linear, form.offset[kept]
+            form.strength[positive], form.vectors[positive], form.linear, form.offset[positive]
         )
 
 
 def _warn_of_unused_ddof(moments: str, ddof: int) -> None:
-    """Warn who asks for a divisor of sums that the chosen estimator does not form."""
+    """Warn of a divisor that the chosen estimator does not use."""
     if moments != "sample" and ddof != 0:
         warnings.warn(
-            f"ddof = {ddof} has no effect with moments = {moments!r}, which has a divisor of its own: leave it 0",
+            f"ddof = {ddof} has no effect with moments = {moments!r}, "
+            "which has a divisor of its own: leave it 0",
             UserWarning,
             stacklevel=4,
         )
@@ -265,12 +293,30 @@ def _warn_of_unused_ddof(moments: str, ddof: int) -> None:
 def neyman_pearson_form(
     mean: ArrayLike, covariance: ArrayLike, rank: int | None = None
 ) -> LinearQuadraticForm:
-    """Log-likelihood ratio of CN(μ, C + I) to CN(0, I), without its constant determinant.
+    """Return the log-likelihood ratio of CN(μ, C + I) to CN(0, I) as a form.
 
-    ``T = -(x-μ)^H (C+I)^-1 (x-μ) + x^H x = Σ λ_j/(1+λ_j) |u_j^H (x-μ)|² + 2 Re(μ^H x) - |μ|²`` with the eigenvalues λ
-    and eigenvectors u of C (Cosgrove et al. 2004, Eq. 2): no large matrix is inverted. ``mean`` is μ, whitened, and
-    ``covariance`` C, Hermitian with eigenvalues above -1; ``rank`` is the number of its eigenvectors kept, those of the
-    largest eigenvalues, None for all.
+    The constant determinant is left out. With the eigenvalues λ and eigenvectors u of C no large
+    matrix is inverted (Cosgrove et al. 2004, Eq. 2)::
+
+        T = -(x-μ)^H (C+I)^-1 (x-μ) + x^H x
+          = Σ λ_j/(1+λ_j) |u_j^H (x-μ)|² + 2 Re(μ^H x) - |μ|²
+
+    Parameters
+    ----------
+    mean, covariance : (n_features,), (n_features, n_features) array_like
+        μ, whitened, and C, Hermitian with eigenvalues above -1.
+    rank : int, optional
+        Number of eigenvectors of C kept, those of the largest eigenvalues; None keeps all.
+
+    Returns
+    -------
+    LinearQuadraticForm
+        The form.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not agree or an eigenvalue is -1 or less.
     """
     mu, C = as_moments(mean, covariance)
     values, vectors = np.linalg.eigh(C)
@@ -282,17 +328,18 @@ def neyman_pearson_form(
 def _from_eigenvectors(
     mu: NDArray[Any], values: NDArray[np.float64], vectors: NDArray[Any]
 ) -> LinearQuadraticForm:
+    """Return the form of Eq. 2 from eigenvalues and eigenvectors of C."""
     rows = vectors.T.copy()
     energy = float(np.sum(np.abs(mu) ** 2))
     return LinearQuadraticForm(values / (1 + values), rows, mu, rows.conj() @ mu, -energy)
 
 
 class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
-    """Gaussian likelihood ratio (Cosgrove et al. 2004, Eq. 2) with moments estimated from whitened target examples.
+    """Score by the Gaussian likelihood ratio (Cosgrove et al. 2004, Eq. 2).
 
-    The covariance of the examples less I estimates C. As a covariance has no negative eigenvalue,
-    negative ones are set to zero; a low rank and shrinkage keep the inverse in Eq. 2 from following
-    the noise of a few examples.
+    Its moments are estimated from whitened target examples. The covariance of the examples less I
+    estimates C. As a covariance has no negative eigenvalue, negative ones are set to zero; a low
+    rank and shrinkage keep the inverse in Eq. 2 from following the noise of a few examples.
 
     Parameters
     ----------
@@ -324,7 +371,7 @@ class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
         self.moments = moments
 
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:  # noqa: ARG002
-        """Learn from whitened target examples (n_samples, n_features), real or complex; ``y`` is not used."""
+        """Fit the detector to whitened target examples, real or complex; ``y`` is not used."""
         if self.rank is not None and self.rank < 0:
             raise ValueError(f"rank must be at least 0, or not given, got {self.rank}")
         if not 0 <= self.shrinkage <= 1:
@@ -345,20 +392,19 @@ class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
             mean, covariance = ESTIMATORS[self.moments](samples)
         values, vectors = np.linalg.eigh(covariance - np.eye(mean.size))
         self.eigenvalues_ = values[::-1].copy()
-        kept = np.flatnonzero(values > 0)[::-1][: self.rank]
-        self.forms_ = (
-            _from_eigenvectors(mean, (1 - self.shrinkage) * values[kept], vectors[:, kept]),
-        )
+        used = np.flatnonzero(values > 0)[::-1][: self.rank]
+        shrunk = (1 - self.shrinkage) * values[used]
+        self.forms_ = (_from_eigenvectors(mean, shrunk, vectors[:, used]),)
         return self
 
     def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Score whitened samples: the log-likelihood ratio up to a constant (Cosgrove et al. 2004, Eq. 2)."""
+        """Return the log-likelihood ratio of whitened samples, up to a constant (Eq. 2)."""
         check_is_fitted(self)
         return self.forms_[0](check_samples(self, X, reset=False))
 
 
 class PolarimetricWhiteningFilter(BaseEstimator):  # type: ignore[misc]
-    """Energy of a pixel after its polarizations are decorrelated: ``x^H Σ^-1 x`` (Novak et al. 1993).
+    """Score pixels by the energy of decorrelated polarizations, ``x^H Σ^-1 x`` (Novak et al. 1993).
 
     Σ, ``covariance_``, is the second moment of clutter pixels, as the clutter is taken to have no
     mean. Any set of polarizations will do; Cosgrove et al. 2004 (Sec. III-C and IV-B) use HH and
@@ -374,7 +420,7 @@ class PolarimetricWhiteningFilter(BaseEstimator):  # type: ignore[misc]
         self.moments = moments
 
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:  # noqa: ARG002
-        """Learn the clutter from its pixels, (n_samples, n_features) with a feature per polarization."""
+        """Fit the filter to pixels of clutter, (n_samples, n_features): one per polarization."""
         if self.moments not in ESTIMATORS:
             raise ValueError(
                 f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}"
@@ -385,7 +431,8 @@ class PolarimetricWhiteningFilter(BaseEstimator):  # type: ignore[misc]
         values, vectors = np.linalg.eigh(self.covariance_)
         if not values[0] > values.size * np.finfo(np.float64).eps * values[-1]:
             raise ValueError(
-                f"X must span all {values.size} features for Σ to have an inverse, got n_samples = {samples.shape[0]} "
+                f"X must span all {values.size} features for Σ to have an inverse, "
+                f"got n_samples = {samples.shape[0]} "
                 f"with second moments from {values[0]:g} to {values[-1]:g}"
             )
         zero = np.zeros(values.size)
@@ -393,13 +440,13 @@ class PolarimetricWhiteningFilter(BaseEstimator):  # type: ignore[misc]
         return self
 
     def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Score pixels by their whitened energy, whose mean over the clutter is the number of polarizations."""
+        """Return the whitened energy of pixels; its mean over clutter is the number of features."""
         check_is_fitted(self)
         return self.forms_[0](check_samples(self, X, reset=False))
 
 
 def magnitude_form(channels: int, channel: int = 0) -> LinearQuadraticForm:
-    """Form ``|x_channel|²`` on pixels of several channels: thresholding one polarization's image."""
+    """Return the form ``|x_channel|²`` on pixels of several channels: one polarization alone."""
     if not 0 <= channel < channels:
         raise ValueError(f"channel must be from 0 to {channels - 1}, got {channel}")
     return LinearQuadraticForm(

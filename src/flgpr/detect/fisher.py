@@ -1,4 +1,7 @@
-"""Fisher's discriminant, histogram normalisation and weights of hits (Wang et al. 2007, Sec. II-E, corrected)."""
+"""Fisher's discriminant, histogram normalisation and weights of hits (Wang et al. 2007, II-E).
+
+Misprints of the paper are corrected.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 
 class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
-    """Project samples onto ``y = (u2 - u1)·S_w⁻¹``, the direction that parts two classes best.
+    """Project samples onto ``y = (u2 - u1)·S_w⁻¹``, the direction that separates two classes best.
 
     u1 and u2 are the classes' means, S_w is the within-class scatter over the number of samples.
     Weights count as repetitions. Directions without scatter (a constant or repeated feature) take
@@ -33,16 +36,17 @@ class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     direction_ : (feature,) ndarray
         y of Eq. 20.
     threshold_ : float
-        Half-way between the classes' mean scores; :meth:`predict` parts there.
+        Half-way between the classes' mean scores, where :meth:`predict` decides.
 
     Examples
     --------
     >>> import numpy as np
     >>> from flgpr.detect import FisherDiscriminant
     >>> rng = np.random.default_rng(0)
-    >>> clutter, mines = rng.normal(0, 1, (200, 2)), rng.normal((2, 0), 1, (50, 2))  # the first feature tells
-    >>> X, y = np.concatenate([clutter, mines]), np.repeat([0, 1], [200, 50])
-    >>> machine = FisherDiscriminant().fit(X, y)
+    >>> clutter = rng.normal(0, 1, (200, 2))
+    >>> mines = rng.normal((2, 0), 1, (50, 2))  # the first feature separates them
+    >>> X = np.concatenate([clutter, mines])
+    >>> machine = FisherDiscriminant().fit(X, np.repeat([0, 1], [200, 50]))
     >>> (machine.direction_ / np.abs(machine.direction_).sum()).round(1)
     array([0.9, 0.1])
     """
@@ -53,7 +57,22 @@ class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     def fit(
         self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None
     ) -> FisherDiscriminant:
-        """Find the direction from values (sample, feature) of two classes; weights say how often each counts."""
+        """Fit the direction to samples of two classes.
+
+        Parameters
+        ----------
+        X : (sample, feature) array_like
+            Features.
+        y : (sample,) array_like
+            Classes.
+        sample_weight : (sample,) array_like, optional
+            How often each sample counts, by default once.
+
+        Raises
+        ------
+        ValueError
+            If there are not two classes with weight.
+        """
         values, labels = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(labels)
         kind = type_of_target(labels, input_name="y", raise_unknown=True)
@@ -73,13 +92,13 @@ class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         return self
 
     def decision_function(self, X: ArrayLike) -> FloatArray:
-        """Confidence: the projection onto the direction, positive on the second class's side of the border."""
+        """Return the projection onto the direction, positive on the second class's side."""
         check_is_fitted(self)
         values: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
         return np.asarray(values @ self.direction_ - self.threshold_)
 
     def predict(self, X: ArrayLike) -> NDArray[Any]:
-        """Say the class on whose side of the border each sample lies."""
+        """Return the class on whose side of the threshold each sample lies."""
         check_is_fitted(self)
         return np.asarray(self.classes_[(self.decision_function(X) > 0).astype(np.intp)])
 
@@ -92,25 +111,27 @@ class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 def class_moments(
     X: FloatArray, label: NDArray[Any], weight: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Means of the classes 0 and 1 and the within-class scatter S_w, weighted (Wang et al. 2007, Eq. 21)."""
-    means = np.stack(
-        [np.average(X[label == k], axis=0, weights=weight[label == k]) for k in (0, 1)]
-    )
+    """Compute the weighted means of the classes 0 and 1 and the within-class scatter S_w.
+
+    S_w is Eq. 21 of Wang et al. 2007.
+    """
+    mean_0 = np.average(X[label == 0], axis=0, weights=weight[label == 0])
+    mean_1 = np.average(X[label == 1], axis=0, weights=weight[label == 1])
+    means = np.stack([mean_0, mean_1])
     centred = X - means[label.astype(np.intp)]
     return means, (centred * weight[:, None]).T @ centred / weight.sum()
 
 
 def _solve(scatter: FloatArray, difference: FloatArray, rcond: float) -> FloatArray:
-    """Solve in the units of each feature's own spread, so that a feature's unit decides nothing."""
+    """Solve for the direction with every feature in units of its spread: units do not matter."""
     spread = np.sqrt(np.diag(scatter))
-    use = spread > 0
+    varies = spread > 0
     direction = np.zeros(difference.size)
-    if use.any():
-        scale = spread[use]
-        inverse = np.linalg.pinv(
-            scatter[np.ix_(use, use)] / np.outer(scale, scale), rcond=rcond, hermitian=True
-        )
-        direction[use] = inverse @ (difference[use] / scale) / scale
+    if varies.any():
+        scale = spread[varies]
+        scaled = scatter[np.ix_(varies, varies)] / np.outer(scale, scale)
+        inverse = np.linalg.pinv(scaled, rcond=rcond, hermitian=True)
+        direction[varies] = inverse @ (difference[varies] / scale) / scale
     return direction
 
 
@@ -121,10 +142,10 @@ def hit_weights(
     beta: ArrayLike = 1.0,
     label_radius: float = 1.0,
 ) -> NDArray[np.int64]:
-    """How often each alarm enters the training set: W = max(1, round(W0·β·w)) for hits, 1 for false alarms.
+    """Return how often each alarm enters the training set (Wang et al. 2007, Eq. 18 and 19).
 
-    ``w`` shares a target's weight among its alarms in proportion to ``exp(-d²/r²)``; halves are
-    rounded up.
+    It is W = max(1, round(W0·β·w)) for hits, 1 for false alarms. ``w`` divides a target's weight
+    among its alarms in proportion to ``exp(-d²/r²)``; halves are rounded up.
 
     Parameters
     ----------
@@ -139,54 +160,66 @@ def hit_weights(
     label_radius : float
         r, r_label, the radius within which alarms were labelled hits, m.
 
+    Returns
+    -------
+    (alarm,) ndarray of int
+        W.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, a parameter is negative, or a hit has no distance.
+
     Examples
     --------
-    A false alarm, two hits of one mine, and one of another:
+    A false alarm, two hits of one mine, and a hit of another:
 
     >>> from flgpr.detect import hit_weights
     >>> hit_weights([-1, 0, 0, 1], [9.0, 0.0, 0.5, 1.0], w0=10)
     array([ 1,  6,  4, 10])
     """
     hit_of = np.asarray(target, dtype=np.int64)
-    away = np.asarray(distance, dtype=np.float64)
-    if hit_of.ndim != 1 or away.shape != hit_of.shape:
+    d = np.asarray(distance, dtype=np.float64)
+    if hit_of.ndim != 1 or d.shape != hit_of.shape:
         raise ValueError(
-            f"target and distance must have one entry per alarm, got {hit_of.shape} and {away.shape}"
+            f"target and distance must have one entry per alarm, got {hit_of.shape} and {d.shape}"
         )
     factor = np.broadcast_to(np.asarray(beta, dtype=np.float64), hit_of.shape)
     if not (np.isfinite(w0) and w0 >= 0 and label_radius > 0 and (factor >= 0).all()):
         raise ValueError(
-            f"w0, beta must not be negative, label_radius positive, got {w0}, {factor}, {label_radius}"
+            "w0, beta must not be negative, label_radius positive, "
+            f"got {w0}, {factor}, {label_radius}"
         )
     weights = np.ones(hit_of.size, np.int64)
     hit = hit_of >= 0
     if not hit.any():
         return weights
-    if not (np.isfinite(away[hit]).all() and (away[hit] >= 0).all()):
+    if not (np.isfinite(d[hit]).all() and (d[hit] >= 0).all()):
         raise ValueError("distance must be finite and not negative for every hit")
     _, group = np.unique(hit_of[hit], return_inverse=True)
-    near = np.exp(-((away[hit] / label_radius) ** 2))
-    share = near / np.bincount(group, near)[group]
+    proximity = np.exp(-((d[hit] / label_radius) ** 2))
+    share = proximity / np.bincount(group, proximity)[group]
     weights[hit] = np.maximum(1, np.floor(w0 * factor[hit] * share + 0.5).astype(np.int64))
     return weights
 
 
 class HistogramNormalizer(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
-    """Give every feature the distribution of a standard normal variable cut off at -1 and +1.
+    """Map every feature to the distribution of a standard normal variable cut off at -1 and +1.
 
     With the N training values sorted, duplicates counted as often as they occur, the k-th goes to
     ``b_k = Φ⁻¹(Φ(-1) + (k-1)/(N-1)·(Φ(1) - Φ(-1)))``, so that b_1 = -1 and b_N = +1; equal values
     share the mean of their b. (The paper's pseudo-code takes the density at the old value instead
     of the new one and lacks a factor 2.) Between training values the map is linear; beyond them it
-    goes on along the line through the two end pairs. ``knots_`` holds per feature the values a
-    (rising) and the b they go to, (2, n).
+    continues along the line through the two end pairs. ``knots_`` holds per feature the rising
+    values a and their b, (2, n).
 
     Examples
     --------
     >>> import numpy as np
     >>> from flgpr.detect import HistogramNormalizer
     >>> training = np.array([[1.0], [2.0], [4.0], [100.0]])
-    >>> HistogramNormalizer().fit(training).transform(training).round(2).ravel()  # ranks alone count
+    >>> normalizer = HistogramNormalizer().fit(training)
+    >>> normalizer.transform(training).round(2).ravel()  # ranks alone count
     array([-1.  , -0.29,  0.29,  1.  ])
     """
 
@@ -196,7 +229,7 @@ class HistogramNormalizer(OneToOneFeatureMixin, TransformerMixin, BaseEstimator)
         y: Any = None,  # noqa: ARG002
         sample_weight: ArrayLike | None = None,
     ) -> HistogramNormalizer:
-        """Learn the map from values (sample, feature); whole-numbered weights say how often each counts."""
+        """Fit the map to values (sample, feature); whole weights say how often each counts."""
         values: FloatArray = validate_data(self, X, dtype=np.float64)
         weight = _check_sample_weight(
             sample_weight, values, dtype=np.float64, ensure_non_negative=True
@@ -209,7 +242,7 @@ class HistogramNormalizer(OneToOneFeatureMixin, TransformerMixin, BaseEstimator)
         return self
 
     def transform(self, X: ArrayLike) -> FloatArray:
-        """Apply the map; training values come to lie in [-1, 1]."""
+        """Return the mapped values (sample, feature); those of training lie in [-1, 1]."""
         check_is_fitted(self)
         values: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
         columns = [
@@ -219,16 +252,20 @@ class HistogramNormalizer(OneToOneFeatureMixin, TransformerMixin, BaseEstimator)
 
 
 def _knots(values: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return the values a of a feature and the b that they are mapped to, (2, n)."""
     a, group = np.unique(values[weight > 0], return_inverse=True)
     count = np.bincount(group, weight[weight > 0]).astype(np.int64)
     total = int(count.sum())
-    level = np.arange(total) / max(total - 1, 1) if total > 1 else np.array([0.5])
+    level = np.array([0.5])
+    if total > 1:
+        level = np.arange(total) / max(total - 1, 1)
     b = ndtri(ndtr(-1.0) + level * (ndtr(1.0) - ndtr(-1.0)))
     start = np.concatenate([[0], np.cumsum(count)[:-1]])
     return np.stack([a, np.add.reduceat(b, start) / count])
 
 
 def _follow(values: FloatArray, knots: FloatArray) -> FloatArray:
+    """Map values by the knots: linear between them and along the end pairs beyond."""
     a, b = knots
     if a.size == 1:
         return np.full(values.shape, b[0])

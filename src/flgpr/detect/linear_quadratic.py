@@ -1,4 +1,4 @@
-"""The linear-quadratic form that every detector of Cosgrove et al. 2004 is, on samples and on chips of images."""
+"""The linear-quadratic form of every detector of Cosgrove et al. 2004, on samples and on images."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from flgpr.kernels.correlate import correlate_bank
 
 
 def check_samples(estimator: BaseEstimator, X: Any, reset: bool) -> NDArray[Any]:
-    """Check samples that may be complex, and give them in double precision; a fit resets ``n_features_in_``."""
+    """Return checked samples, real or complex, in double precision; a fit resets the features."""
     if not np.iscomplexobj(np.asarray(X)):
         return np.asarray(validate_data(estimator, X, reset=reset, dtype=np.float64))
     values = np.asarray(X, dtype=np.complex128)
@@ -25,7 +25,10 @@ def check_samples(estimator: BaseEstimator, X: Any, reset: bool) -> NDArray[Any]
 
 @dataclass(frozen=True)
 class LinearQuadraticForm:
-    """``T(x) = Σ_j s_j |u_j^H x - o_j|² + 2 Re(b^H x) + k`` (Cosgrove et al. 2004, Eq. 4 and 12)."""
+    """Evaluate ``T(x) = Σ_j s_j |u_j^H x - o_j|² + 2 Re(b^H x) + k``.
+
+    This is Eq. 4 and 12 of Cosgrove et al. 2004.
+    """
 
     strength: NDArray[np.float64]  #: weights s_j, of either sign
     vectors: NDArray[Any]  #: (rank, n_features): u_j, one per row
@@ -39,18 +42,15 @@ class LinearQuadraticForm:
         return self.strength.size
 
     def __call__(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Evaluate the form on samples (n_samples, n_features); returns (n_samples,)."""
+        """Return the values (n_samples,) of the form on samples (n_samples, n_features)."""
         samples = np.asarray(X)
         projection = samples @ self.vectors.conj().T - self.offset
-        value = (
-            np.abs(projection) ** 2 @ self.strength
-            + 2 * (samples @ self.linear.conj()).real
-            + self.constant
-        )
-        return np.asarray(value, dtype=np.float64)
+        quadratic = np.abs(projection) ** 2 @ self.strength
+        linear = 2 * (samples @ self.linear.conj()).real
+        return np.asarray(quadratic + linear + self.constant, dtype=np.float64)
 
     def after(self, mean: NDArray[Any], matrix: NDArray[Any]) -> LinearQuadraticForm:
-        """Give the form of raw samples y whose value is that of this one at ``x = matrix (y - mean)``."""
+        """Return the form of raw samples y that equals this one at ``x = matrix (y - mean)``."""
         vectors = self.vectors @ matrix.conj()
         linear = matrix.conj().T @ self.linear
         offset = self.offset + vectors.conj() @ mean
@@ -58,49 +58,71 @@ class LinearQuadraticForm:
         return LinearQuadraticForm(self.strength, vectors, linear, offset, constant)
 
     def likelihood(self, image: NDArray[Any], shape: tuple[int, int]) -> NDArray[np.float32]:
-        """Evaluate the form on the chip around every pixel of an image (channel, y, x), as float32 (y, x).
+        """Return the value of the form on the chip around every pixel of an image.
 
-        The chip of pixel i reaches from ``i - n//2`` on over n pixels, down-track and cross-track; its samples are
-        stacked channel by channel, row by row. NaN where the chip leaves the image or touches a pixel that is not
-        finite.
+        The chip of pixel i reaches from ``i - n//2`` on over n pixels, down-track and cross-track;
+        its samples are stacked channel by channel, row by row.
+
+        Parameters
+        ----------
+        image : (channel, y, x) ndarray
+            Image.
+        shape : tuple of int
+            Pixels of a chip down-track and cross-track.
+
+        Returns
+        -------
+        (y, x) ndarray of float32
+            Values, NaN where the chip leaves the image or holds a pixel that is not finite.
+
+        Raises
+        ------
+        ValueError
+            If image and chip do not make as many features as the form has.
         """
-        channels, (v, u) = image.shape[0], shape
+        channels = image.shape[0]
+        v, u = shape
         if channels * v * u != self.linear.size:
             raise ValueError(
-                f"image and chip must make {self.linear.size} features, got {channels} channels of {v} x {u} pixels"
+                f"image and chip must make {self.linear.size} features, "
+                f"got {channels} channels of {v} x {u} pixels"
             )
         value = np.full(image.shape[1:], np.nan, dtype=np.float32)
         if image.shape[1] < v or image.shape[2] < u:
             return value
-        kind = (
-            np.complex64 if np.iscomplexobj(image) or np.iscomplexobj(self.linear) else np.float32
-        )
-        # The total is finite only if all pixels are, which spares the common case a mask.
+        is_complex = np.iscomplexobj(image) or np.iscomplexobj(self.linear)
+        dtype = np.complex64 if is_complex else np.float32
+        # The total is finite only if all pixels are: the common case needs no mask.
         broken = None if np.isfinite(image.sum()) else ~np.isfinite(image).all(axis=0)
-        clean = image if broken is None else np.where(broken, 0, image)
-        inner = self._correlate(np.asarray(clean, dtype=kind), shape)
+        finite = image if broken is None else np.where(broken, 0, image)
+        inner = self._correlate(np.asarray(finite, dtype=dtype), shape)
         value[v // 2 : v // 2 + inner.shape[0], u // 2 : u // 2 + inner.shape[1]] = inner
-        return value if broken is None else np.where(_touched(broken, shape), np.nan, value)
+        if broken is None:
+            return value
+        return np.where(_chip_holds(broken, shape), np.nan, value)
 
     def _correlate(self, image: NDArray[Any], shape: tuple[int, int]) -> NDArray[np.float32]:
+        """Return the values of all chips inside an image, by correlation with the vectors."""
         scaled = self.vectors * np.sqrt(np.abs(self.strength))[:, None]
         bank = np.concatenate([scaled, self.linear[None]]).reshape(-1, image.shape[0], *shape)
         answer = correlate_bank(image, bank.astype(np.complex64))
         shift = (self.offset * np.sqrt(np.abs(self.strength))).astype(np.complex64)
         value = np.float32(2) * answer[-1].real + np.float32(self.constant)
         for j in range(self.rank):
-            part = answer[j] - shift[j] if shift[j] else answer[j]
-            value += np.float32(np.sign(self.strength[j])) * (part.real**2 + part.imag**2)
+            projection = answer[j] - shift[j] if shift[j] else answer[j]
+            energy = projection.real**2 + projection.imag**2
+            value += np.float32(np.sign(self.strength[j])) * energy
         return np.asarray(value)
 
 
 def as_moments(mean: ArrayLike, covariance: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Take a mean μ (n,) and a covariance C (n, n); others are a ValueError."""
+    """Return a mean μ (n,) and a covariance C (n, n) as arrays; other shapes are a ValueError."""
     mu = np.asarray(mean)
     C = np.asarray(covariance)
     if mu.ndim != 1 or C.shape != (mu.size, mu.size):
         raise ValueError(
-            f"mean and covariance must have the shapes (n,) and (n, n), got {np.shape(mu)} and {np.shape(C)}"
+            "mean and covariance must have the shapes (n,) and (n, n), "
+            f"got {np.shape(mu)} and {np.shape(C)}"
         )
     return mu, C
 
@@ -108,37 +130,37 @@ def as_moments(mean: ArrayLike, covariance: ArrayLike) -> tuple[NDArray[Any], ND
 def hermitian_form(
     A: NDArray[Any], b: NDArray[Any], rank: int | None = None, by_magnitude: bool = False
 ) -> LinearQuadraticForm:
-    """Write ``x^H A x + 2 Re(b^H x)`` through eigenvectors (Cosgrove et al. 2004, Eq. 9-12).
+    """Return ``x^H A x + 2 Re(b^H x)`` by eigenvectors of A (Cosgrove et al. 2004, Eq. 9-12).
 
-    The ``rank`` largest are kept, in magnitude if asked; None keeps all.
+    The ``rank`` largest eigenvalues are used, or the largest in magnitude; None uses all.
     """
     values, vectors = np.linalg.eigh(A)
-    order = np.argsort(-np.abs(values) if by_magnitude else -values, kind="stable")[:rank]
+    size = np.abs(values) if by_magnitude else values
+    order = np.argsort(-size, kind="stable")[:rank]
     return LinearQuadraticForm(values[order], vectors[:, order].T.copy(), b, np.zeros(order.size))
 
 
-def _touched(broken: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Pixels whose chip holds a broken pixel, by a summed-area table."""
-    (v, u), (rows, columns) = shape, broken.shape
+def _chip_holds(broken: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Mark the pixels whose chip holds a broken pixel, by a summed-area table."""
+    v, u = shape
+    rows, columns = broken.shape
     table = np.zeros((rows + 1, columns + 1), dtype=np.int64)
     table[1:, 1:] = broken.cumsum(0).cumsum(1)
     count = table[v:, u:] - table[:-v, u:] - table[v:, :-u] + table[:-v, :-u]
-    touched = np.zeros(broken.shape, dtype=bool)
-    touched[v // 2 : v // 2 + count.shape[0], u // 2 : u // 2 + count.shape[1]] = count > 0
-    return touched
+    holds = np.zeros(broken.shape, dtype=bool)
+    holds[v // 2 : v // 2 + count.shape[0], u // 2 : u // 2 + count.shape[1]] = count > 0
+    return holds
 
 
 @dataclass(frozen=True)
 class ChipDetector:
-    """Linear-quadratic forms on raw image chips, whitening included; the score is the largest of their values."""
+    """Score raw image chips by the largest of several forms, which include the whitening."""
 
     forms: tuple[LinearQuadraticForm, ...]
-    channels: tuple[
-        str, ...
-    ]  #: names of the image channels in the order of the features, such as ("HH", "VV")
-    shape: tuple[
-        int, int
-    ]  #: pixels of a chip down-track and cross-track; (28, 1) is the paper's range cut
+    #: names of the image channels in the order of the features, such as ("HH", "VV")
+    channels: tuple[str, ...]
+    #: pixels of a chip down-track and cross-track; (28, 1) is the paper's range cut
+    shape: tuple[int, int]
     spacing: tuple[float, float]  #: pixel spacing down-track and cross-track, m
     notes: dict[str, Any] = field(default_factory=dict)  #: how it was trained
 
@@ -160,18 +182,41 @@ class ChipDetector:
         channels: tuple[str, ...] | None = None,
         spacing: tuple[float, float] | None = None,
     ) -> NDArray[np.float32]:
-        """Score the chip around every pixel of an image (channel, y, x) (Cosgrove et al. 2004, Sec. IV-B).
+        """Score the chip around every pixel of an image (Cosgrove et al. 2004, Sec. IV-B).
 
-        The image's channels and pixel spacing (down-track and cross-track, m) are compared with the detector's when
-        given; others are a ValueError. A chip one pixel wide fits any cross-track spacing. Scores (y, x) are NaN where
-        the chip leaves the image or touches a pixel that is not finite.
+        Parameters
+        ----------
+        image : (channel, y, x) ndarray
+            Image.
+        channels : tuple of str, optional
+            Its channels, to compare with the detector's.
+        spacing : tuple of float, optional
+            Its pixel spacing down-track and cross-track, m, to compare with the detector's. A chip
+            one pixel wide fits any cross-track spacing.
+
+        Returns
+        -------
+        (y, x) ndarray of float32
+            Scores, NaN where the chip leaves the image or holds a pixel that is not finite.
+
+        Raises
+        ------
+        ValueError
+            If channels or spacing differ.
         """
         if channels is not None and tuple(channels) != self.channels:
             raise ValueError(f"channels must be {self.channels}, got {tuple(channels)}")
-        axes = [axis for axis in (0, 1) if self.shape[axis] > 1]
-        if spacing is not None and not all(
-            np.isclose(spacing[k], self.spacing[k], rtol=1e-3) for k in axes
-        ):
+        if spacing is not None and not self._fits(spacing):
             raise ValueError(f"spacing must be {self.spacing} m, got {spacing}")
         maps = [form.likelihood(image, self.shape) for form in self.forms]
-        return maps[0] if len(maps) == 1 else np.asarray(np.max(maps, axis=0))
+        if len(maps) == 1:
+            return maps[0]
+        return np.asarray(np.max(maps, axis=0))
+
+    def _fits(self, spacing: tuple[float, float]) -> bool:
+        """Compare a pixel spacing with the detector's along the axes with more than one pixel."""
+        for axis in (0, 1):
+            equal = np.isclose(spacing[axis], self.spacing[axis], rtol=1e-3)
+            if self.shape[axis] > 1 and not equal:
+                return False
+        return True

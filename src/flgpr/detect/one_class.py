@@ -1,4 +1,4 @@
-"""Novelty detection by a machine that has seen mines only: relevance vectors (flsar2004, Sec. 3.5), or Gaussians."""
+"""Novelty detection by relevance vectors, trained on mines alone (flsar2004, Sec. 3.5)."""
 
 from __future__ import annotations
 
@@ -20,19 +20,18 @@ FORMULATIONS: tuple[Formulation, ...] = ("offset", "no-bias", "reference")
 
 
 class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: ignore[misc]  # no types
-    """One-class relevance vector machine, trained with all labels l = +1.
+    """Detect novelty by a one-class relevance vector machine, trained with all labels l = +1.
 
     The text of the paper, taken at its word, collapses: with a free bias and a single label nothing
     but the bias survives, and every example is a mine with p near 1. Three ways out, of which the
     first is the default:
 
     - "offset": c(f) = Σ w_n K(f, f_n) - b0 with b0 = logit(1 - p0) fixed. Where a local kernel has
-      died away,
-      p = p0.
+      died away, p = p0.
     - "no-bias": c(f) = Σ w_n K(f, f_n), closest to the text; p falls to 0.5 far from all mines.
     - "reference": a binary machine against points drawn uniformly over the box of the features.
-      p/(1 - p) is then the
-      mines' density over a constant; no clutter is seen, but nothing is promised outside the box.
+      p/(1 - p) is then the mines' density over a constant; no clutter is used, but nothing is known
+      outside the box.
 
     Parameters
     ----------
@@ -46,7 +45,7 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         Whether features are centred and scaled by the mean and standard deviation of the training
         mines.
     reject : float
-        Share of the training mines that :meth:`predict` gives up; it sets ``offset_`` and nothing
+        Share of the training mines that :meth:`predict` rejects; it sets ``offset_`` and nothing
         else.
     box : (feature, 2) array_like, optional
         Lowest and highest value of every feature ("reference"); by default the mines' range widened
@@ -121,13 +120,10 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
             raise ValueError(f"p0 must lie between 0 and 1, got {self.p0!r}")
         if not 0 <= self.reject < 1:
             raise ValueError(f"reject must be at least 0 and below 1, got {self.reject!r}")
-        if (
-            self.formulation == "reference"
-            and isinstance(self.kernel, str)
-            and self.kernel == "precomputed"
-        ):
+        if self.formulation == "reference" and self._is_precomputed():
             raise ValueError(
-                "kernel must be a function of examples with formulation 'reference', got 'precomputed'"
+                "kernel must be a function of examples with formulation 'reference', "
+                "got 'precomputed'"
             )
         X = np.asarray(validate_data(self, X, dtype=np.float64))
         self._set_scale(X)
@@ -143,9 +139,8 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         return self
 
     def _set_scale(self, X: FloatArray) -> None:
-        fixed = not self.standardize or (
-            isinstance(self.kernel, str) and self.kernel == "precomputed"
-        )
+        """Set the standardisation, which a precomputed kernel does not have."""
+        fixed = not self.standardize or self._is_precomputed()
         self.center_ = np.zeros(X.shape[1]) if fixed else X.mean(axis=0)
         spread = np.ones(X.shape[1]) if fixed else X.std(axis=0)
         self.scale_ = np.where(spread > 0, spread, 1.0)
@@ -154,36 +149,38 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         return np.asarray((X - self.center_) / self.scale_, dtype=np.float64)
 
     def _reference(self, X: FloatArray) -> FloatArray:
-        low = X.min(axis=0)
-        high = X.max(axis=0)
-        low, high = 1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low
+        """Draw the reference points uniformly over the box."""
+        least = X.min(axis=0)
+        greatest = X.max(axis=0)
+        low = 1.5 * least - 0.5 * greatest
+        high = 1.5 * greatest - 0.5 * least
         if self.box is not None:
             box = np.asarray(self.box, dtype=np.float64)
             if box.shape != (X.shape[1], 2) or not (box[:, 1] > box[:, 0]).all():
                 raise ValueError(
-                    f"box must hold a rising (low, high) for each of {X.shape[1]} features, got {self.box}"
+                    f"box must hold a rising (low, high) for each of {X.shape[1]} features, "
+                    f"got {self.box}"
                 )
             low, high = box.T
         count = len(X) if self.n_reference is None else self.n_reference
         if not count >= 1:
             raise ValueError(f"n_reference must be at least 1, got {self.n_reference!r}")
-        return np.asarray(
-            check_random_state(self.random_state).uniform(low, high, (count, X.shape[1]))
-        )
+        generator = check_random_state(self.random_state)
+        return np.asarray(generator.uniform(low, high, (count, X.shape[1])))
 
     def score_samples(self, X: ArrayLike) -> FloatArray:
-        """Probability of a mine, p(mine)."""
+        """Return the probability of a mine, p(mine), of samples (sample, feature)."""
         return expit(self._log_odds(X))
 
     def predict_proba(self, X: ArrayLike) -> FloatArray:
-        """Probabilities of no mine and of a mine, (sample, 2)."""
+        """Return the probabilities of no mine and of a mine, (sample, 2)."""
         p = expit(self._log_odds(X))
         return np.column_stack([1 - p, p])
 
     def decision_function(self, X: ArrayLike) -> FloatArray:
-        """Probability of a mine less ``offset_``: positive for mines."""
+        """Return the probability of a mine less ``offset_``: positive for mines."""
         return expit(self._log_odds(X)) - self.offset_
 
     def predict(self, X: ArrayLike) -> NDArray[np.int64]:
-        """Mine (1) or not (-1)."""
+        """Return 1 for mines and -1 for others."""
         return np.where(self.decision_function(X) >= 0, 1, -1)

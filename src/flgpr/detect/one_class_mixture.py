@@ -14,7 +14,7 @@ FloatArray = NDArray[np.float64]
 
 
 class GaussianMixtureNovelty(OutlierMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
-    """Mixture of Gaussians fitted to mines; its log density is the score.
+    """Detect novelty by a mixture of Gaussians fitted to mines; its log density is the score.
 
     The number of components is chosen by the minimum description length, which for a mixture is
     half its BIC.
@@ -28,7 +28,7 @@ class GaussianMixtureNovelty(OutlierMixin, BaseEstimator):  # type: ignore[misc]
     reg_covar : float
         Added to the variances of the standardised features.
     reject : float
-        Share of the training mines that :meth:`predict` gives up.
+        Share of the training mines that :meth:`predict` rejects.
     random_state : int, RandomState or None
         Source of the starts.
 
@@ -68,28 +68,33 @@ class GaussianMixtureNovelty(OutlierMixin, BaseEstimator):  # type: ignore[misc]
         spread = X.std(axis=0)
         self.scale_ = np.where(spread > 0, spread, 1.0)
         Z = (X - self.center_) / self.scale_
-        trials = [
-            GaussianMixture(
-                k, covariance_type=self.covariance_type, reg_covar=self.reg_covar, n_init=3, max_iter=500, tol=1e-3,
+        mixtures = []
+        for components in range(1, min(self.max_components, len(Z)) + 1):
+            mixture = GaussianMixture(
+                components,
+                covariance_type=self.covariance_type,
+                reg_covar=self.reg_covar,
+                n_init=3,
+                max_iter=500,
+                tol=1e-3,
                 random_state=self.random_state,
-            ).fit(Z)
-            for k in range(1, min(self.max_components, len(Z)) + 1)
-        ]  # fmt: skip
-        self.mixture_ = min(trials, key=lambda mixture: mixture.bic(Z))
+            )
+            mixtures.append(mixture.fit(Z))
+        self.mixture_ = min(mixtures, key=lambda mixture: mixture.bic(Z))
         self.n_components_ = int(self.mixture_.n_components)
         self.offset_ = float(np.quantile(self.score_samples(X), self.reject))
         return self
 
     def score_samples(self, X: ArrayLike) -> FloatArray:
-        """Log density of the standardised features."""
+        """Return the log density of the standardised features."""
         check_is_fitted(self, "mixture_")
         X = np.asarray(validate_data(self, X, reset=False, dtype=np.float64))
         return np.asarray(self.mixture_.score_samples((X - self.center_) / self.scale_))
 
     def decision_function(self, X: ArrayLike) -> FloatArray:
-        """Log density less ``offset_``: positive for mines."""
+        """Return the log density less ``offset_``: positive for mines."""
         return self.score_samples(X) - self.offset_
 
     def predict(self, X: ArrayLike) -> NDArray[np.int64]:
-        """Mine (1) or not (-1)."""
+        """Return 1 for mines and -1 for others."""
         return np.where(self.decision_function(X) >= 0, 1, -1)

@@ -30,12 +30,15 @@ PRIORS: tuple[Prior, ...] = ("ard", "laplacian", "laplacian-map")
 
 
 def moderate(mean: FloatArray, variance: FloatArray) -> FloatArray:
-    """Argument whose σ is about the mean of a normal one's: κ m, κ = (1 + π s²/8)^(-1/2) (MacKay 1992)."""
+    """Return κ m with κ = (1 + π s²/8)^(-1/2), whose σ is about the mean of σ (MacKay 1992).
+
+    The mean is over a normal argument of the mean m and the variance s².
+    """
     return np.asarray(mean / np.sqrt(1 + np.pi * variance / 8))
 
 
 class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
-    """What the binary and the one-class machine share: kernel, fit, argument of σ."""
+    """Base of the binary and the one-class machine: kernel, fit, argument of σ."""
 
     kernel: Kernel
     gamma: float | Literal["scale", "auto"]
@@ -65,8 +68,12 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
             raise ValueError(f"rate must be a positive number or 'auto', got {self.rate!r}")
 
     def _prepared(self, X: FloatArray) -> FloatArray:
-        """Examples as the kernel takes them."""
+        """Return examples as the kernel takes them."""
         return X
+
+    def _is_precomputed(self) -> bool:
+        """Whether the features are the kernel's values themselves."""
+        return isinstance(self.kernel, str) and self.kernel == "precomputed"
 
     def _kernel(self, X: FloatArray, centres: FloatArray) -> FloatArray:
         return evaluate_kernel(self.kernel, X, centres, self.gamma_, self.degree, self.coef0)
@@ -75,10 +82,10 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         self, X: FloatArray, target: FloatArray, bias: bool, offset: float, start: SparseFit | None
     ) -> None:
         """Fit the weights and set the fitted attributes; the bias is the last column."""
-        pairwise = isinstance(self.kernel, str) and self.kernel == "precomputed"
-        if pairwise and X.shape[0] != X.shape[1]:
+        if self._is_precomputed() and X.shape[0] != X.shape[1]:
             raise ValueError(
-                f"X must be the square kernel matrix of the training examples, got the shape {X.shape}"
+                "X must be the square kernel matrix of the training examples, "
+                f"got the shape {X.shape}"
             )
         self.gamma_ = resolve_gamma(self.gamma, X)
         design = self._kernel(X, X)
@@ -91,10 +98,16 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
             )
         else:
             fit = fit_sparse(
-                design, target, offset=offset, algorithm=self.algorithm,
+                design,
+                target,
+                offset=offset,
+                algorithm=self.algorithm,
                 rate=self.rate if self.prior == "laplacian" else 0.0,
-                n_starts=self.n_starts, start=start, tol=self.tol, max_iter=self.max_iter,
-            )  # fmt: skip
+                n_starts=self.n_starts,
+                start=start,
+                tol=self.tol,
+                max_iter=self.max_iter,
+            )
         if not fit.converged:
             warnings.warn(
                 f"no convergence after {fit.n_iter} iterations: raise max_iter or tol",
@@ -116,17 +129,15 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         self._has_bias = bool((~vectors).any())
 
     def _argument(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Mean and variance of the argument of σ."""
+        """Return mean and variance of the argument of σ."""
         check_is_fitted(self, "dual_coef_")
         X = self._prepared(np.asarray(validate_data(self, X, reset=False, dtype=np.float64)))
-        if isinstance(self.kernel, str) and self.kernel == "precomputed":
+        if self._is_precomputed():
             basis = X[:, self.relevance_]
+        elif len(self.relevance_):
+            basis = self._kernel(X, self.relevance_vectors_)
         else:
-            basis = (
-                self._kernel(X, self.relevance_vectors_)
-                if len(self.relevance_)
-                else np.zeros((len(X), 0))
-            )
+            basis = np.zeros((len(X), 0))
         mean = basis @ self.dual_coef_ + self.intercept_
         if self._has_bias:
             basis = np.hstack([basis, np.ones((len(basis), 1))])
@@ -138,13 +149,14 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
-        tags.input_tags.pairwise = isinstance(self.kernel, str) and self.kernel == "precomputed"
+        tags.input_tags.pairwise = self._is_precomputed()
         return tags
 
 
 class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ignore[misc]
-    """Relevance vector machine for two classes (Tipping 2001, Sec. 3; Tipping & Faul 2003; flsar2004, Sec. 3.4).
+    """Classify by a relevance vector machine for two classes (flsar2004, Sec. 3.4).
 
+    It is that of Tipping (2001, Sec. 3) and Tipping & Faul (2003):
     p(second class | f) = σ(Σ w_n K(f, f_n) + w_0), where an evidence maximum leaves few w_n that
     are not zero.
 
@@ -246,16 +258,19 @@ class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ign
         return self
 
     def decision_function(self, X: ArrayLike) -> FloatArray:
-        """Log odds of the second class: the argument of σ (flsar2004, Eq. 1), moderated if the probabilities are."""
+        """Return the log odds of the second class, the argument of σ (flsar2004, Eq. 1).
+
+        They are moderated if the probabilities are.
+        """
         return self._log_odds(X)
 
     def predict_proba(self, X: ArrayLike) -> FloatArray:
-        """Probabilities of the two classes (flsar2004, Eq. 4), in the order of ``classes_``."""
+        """Return the probabilities of the two classes (flsar2004, Eq. 4), as in ``classes_``."""
         p = expit(self._log_odds(X))
         return np.column_stack([1 - p, p])
 
     def predict(self, X: ArrayLike) -> NDArray[Any]:
-        """More likely class."""
+        """Return the more likely class."""
         positive = self.decision_function(X) > 0
         return self.classes_[positive.astype(int)]
 
@@ -268,7 +283,7 @@ class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ign
 def leave_one_out(
     machine: RelevanceVectorClassifier, X: ArrayLike, y: ArrayLike, *, warm: bool = False
 ) -> tuple[FloatArray, list[RelevanceVectorClassifier]]:
-    """Test every example on a machine that was fitted to all the others (flsar2004, par. 45).
+    """Test every example on a machine fitted to all the others (flsar2004, par. 45).
 
     Parameters
     ----------
@@ -294,18 +309,24 @@ def leave_one_out(
     machines = []
     probability = np.empty(len(X))
     for n in range(len(X)):
-        rest = np.arange(len(X)) != n
+        training = np.arange(len(X)) != n
         start = None if full is None else _without(full, n)
-        machines.append(clone(machine)._fit_from(X[rest], y[rest], start))
+        machines.append(clone(machine)._fit_from(X[training], y[training], start))
         probability[n] = machines[-1].predict_proba(X[n : n + 1])[0, 1]
     return probability, machines
 
 
 def _without(fit: SparseFit, n: int) -> SparseFit:
-    """Take the model to the design without basis function n."""
-    kept = fit.active != n
-    active = fit.active[kept]
+    """Return a model of the design without basis function n."""
+    remains = fit.active != n
+    active = fit.active[remains]
     return SparseFit(
-        active - (active > n), fit.alpha[kept], fit.mean[kept], fit.covariance[np.ix_(kept, kept)],
-        fit.log_evidence, 0, False, fit.rate,
-    )  # fmt: skip
+        active=active - (active > n),
+        alpha=fit.alpha[remains],
+        mean=fit.mean[remains],
+        covariance=fit.covariance[np.ix_(remains, remains)],
+        log_evidence=fit.log_evidence,
+        n_iter=0,
+        converged=False,
+        rate=fit.rate,
+    )

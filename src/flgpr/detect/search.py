@@ -1,9 +1,9 @@
-"""Sequential forward search with closed-form updates of Fisher's discriminant (Wang et al. 2007, Sec. II-F).
+"""Sequential forward search for features of Fisher's discriminant (Wang et al. 2007, Sec. II-F).
 
-The scatter matrix and the class means of all features are computed once per fold. Adding feature j to a set S then
-needs no new fit: with ``q = S_SS⁻¹ s_Sj`` and the Schur complement ``c = s_jj - q·s_Sj`` the direction becomes
-``(w_S - q·β, β)``, ``β = (Δ_j - q·Δ_S)/c``, and the confidences change by ``β·(x_j - X_S q)``. All candidates are
-tried at once.
+The scatter matrix and the class means of all features are computed once per fold. Adding feature j
+to a set S then needs no new fit: with ``q = S_SS⁻¹ s_Sj`` and the Schur complement ``c = s_jj -
+q·s_Sj`` the direction becomes ``(w_S - q·β, β)``, ``β = (Δ_j - q·Δ_S)/c``, and the confidences
+change by ``β·(x_j - X_S q)``. All candidates are tried at once.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from flgpr.detect.fisher import HistogramNormalizer, class_moments
 
 FloatArray = NDArray[np.float64]
 Scorer = Callable[[FloatArray], float]
-# a candidate with less than this share of its scatter outside the span of the chosen ones adds
-# nothing
-_ALONE = 1e-9
+# A candidate with less than this share of its scatter outside the span of the chosen ones adds
+# nothing.
+_LEAST_NEW_SCATTER = 1e-9
 
 
 @dataclass(frozen=True)
 class Fold:
-    """What a discriminant learns from one training set, and the samples it is tried on."""
+    """Moments of one training set, and the samples that the discriminant is tried on."""
 
     samples: NDArray[np.intp]  #: rows that are tried
     values: FloatArray  #: (sample, feature): their normalised features
@@ -73,18 +73,21 @@ def make_fold(
     use = np.asarray(train, bool)
     labels = np.asarray(label)[use]
     counts = np.asarray(weight, np.float64)[use]
-    tried = np.flatnonzero(np.ones(len(features), bool) if test is None else np.asarray(test, bool))
-    hits, false_alarms = (int((labels == k).sum()) for k in (1, 0))
+    tried = np.arange(len(features))
+    if test is not None:
+        tried = np.flatnonzero(np.asarray(test, bool))
+    hits = int((labels == 1).sum())
+    false_alarms = int((labels == 0).sum())
     if not hits or not false_alarms:
         raise ValueError(
-            f"train must hold samples of both classes, got {hits} hits and {false_alarms} false alarms in the fold; "
-            "take fewer folds, or lanes with more mines"
+            f"train must hold samples of both classes, got {hits} hits and {false_alarms} "
+            "false alarms in the fold; take fewer folds, or lanes with more mines"
         )
     normalizer = HistogramNormalizer().fit(features[use], sample_weight=counts)
     means, scatter = class_moments(normalizer.transform(features[use]), labels, counts)
-    values = (
-        normalizer.transform(features[tried]) if tried.size else np.zeros((0, features.shape[1]))
-    )
+    values = np.zeros((0, features.shape[1]))
+    if tried.size:
+        values = normalizer.transform(features[tried])
     return Fold(tried, values, scatter, means[1] - means[0])
 
 
@@ -99,35 +102,37 @@ class _State:
         self.confidence = np.zeros(len(fold.samples))
 
     def _update(self, candidates: NDArray[np.intp]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return q, the Schur complement c and β of every candidate."""
         fold = self.fold
         chosen = self.chosen
         cross = fold.scatter[np.ix_(chosen, candidates)]
         q = self.inverse @ cross
-        own = np.diag(fold.scatter)[candidates]
-        rest = own - np.einsum("sc,sc->c", q, cross)
-        alone = rest > _ALONE * np.maximum(own, np.finfo(float).tiny)
+        variance = np.diag(fold.scatter)[candidates]
+        c = variance - np.einsum("sc,sc->c", q, cross)
+        adds_scatter = c > _LEAST_NEW_SCATTER * np.maximum(variance, np.finfo(float).tiny)
         gain = fold.difference[candidates] - fold.difference[chosen] @ q
-        return q, rest, np.divide(gain, rest, out=np.zeros_like(gain), where=alone)
+        beta = np.divide(gain, c, out=np.zeros_like(gain), where=adds_scatter)
+        return q, c, beta
 
     def try_all(self, candidates: NDArray[np.intp]) -> FloatArray:
-        """Confidences (sample, candidate) with each candidate added."""
+        """Return confidences (sample, candidate) with each candidate added."""
         q, _, beta = self._update(candidates)
         values = self.fold.values
-        return self.confidence[:, None] + beta * (
-            values[:, candidates] - values[:, self.chosen] @ q
-        )
+        new_direction = values[:, candidates] - values[:, self.chosen] @ q
+        return self.confidence[:, None] + beta * new_direction
 
     def add(self, feature: int) -> None:
-        one = np.array([feature])
-        confidence = self.try_all(one)[:, 0]
-        q, rest, beta = self._update(one)
+        """Add a feature to the chosen ones, unless it brings no scatter of its own."""
+        candidate = np.array([feature])
+        confidence = self.try_all(candidate)[:, 0]
+        q, c, beta = self._update(candidate)
         self.confidence = confidence
         if beta[0] == 0:
             return
         column = np.append(-q[:, 0], 1.0)
-        grown = np.zeros((len(column), len(column)))
-        grown[:-1, :-1] = self.inverse
-        self.inverse = grown + np.outer(column, column) / rest[0]
+        bordered = np.zeros((len(column), len(column)))
+        bordered[:-1, :-1] = self.inverse
+        self.inverse = bordered + np.outer(column, column) / c[0]
         self.chosen = np.append(self.chosen, feature)
 
 
@@ -149,14 +154,15 @@ def single_features(folds: Sequence[Fold], samples: int, scorer: Scorer) -> Floa
         Scores.
     """
     features = np.arange(folds[0].scatter.shape[0])
-    together = _together([_State(fold).try_all(features) for fold in folds], folds, samples)
-    return np.array([scorer(column) for column in together.T])
+    by_fold = [_State(fold).try_all(features) for fold in folds]
+    confidences = _of_all_folds(by_fold, folds, samples)
+    return np.array([scorer(column) for column in confidences.T])
 
 
 def forward_search(
     folds: Sequence[Fold], samples: int, scorer: Scorer, steps: int | None = None
 ) -> list[SearchStep]:
-    """Add, one after the other, the feature that makes the score largest.
+    """Choose features one after the other, each time the one that makes the score largest.
 
     Parameters
     ----------
@@ -189,21 +195,24 @@ def forward_search(
             f"steps must lie between 1 and the number of features ({count}), got {steps}"
         )
     states = [_State(fold) for fold in folds]
-    left = np.arange(count)
-    found = []
+    candidates = np.arange(count)
+    chosen = []
     for _ in range(steps):
-        together = _together([state.try_all(left) for state in states], folds, samples)
-        scores = [scorer(column) for column in together.T]
+        by_fold = [state.try_all(candidates) for state in states]
+        confidences = _of_all_folds(by_fold, folds, samples)
+        scores = [scorer(column) for column in confidences.T]
         best = int(np.argmax(scores))
+        feature = int(candidates[best])
         for state in states:
-            state.add(int(left[best]))
-        found.append(SearchStep(int(left[best]), float(scores[best]), together[:, best].copy()))
-        left = np.delete(left, best)
-    return found
+            state.add(feature)
+        chosen.append(SearchStep(feature, float(scores[best]), confidences[:, best].copy()))
+        candidates = np.delete(candidates, best)
+    return chosen
 
 
-def _together(parts: Sequence[FloatArray], folds: Sequence[Fold], samples: int) -> FloatArray:
-    table = np.full((samples, parts[0].shape[1]), -np.inf)
-    for part, fold in zip(parts, folds, strict=True):
-        table[fold.samples] = part
-    return table
+def _of_all_folds(by_fold: Sequence[FloatArray], folds: Sequence[Fold], samples: int) -> FloatArray:
+    """Return the confidences (sample, candidate) of all folds; -inf for samples in no fold."""
+    confidences = np.full((samples, by_fold[0].shape[1]), -np.inf)
+    for fold, of_fold in zip(folds, by_fold, strict=True):
+        confidences[fold.samples] = of_fold
+    return confidences

@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.chain.passes import Accumulator
+from flgpr.chain.engine import Gatherer
 from flgpr.door import MOST_JSON, DoorError, Folder, open_own
-from flgpr.io import Bundle, BundleError, canonical_json, write_bundle, write_whole
-from flgpr.io.bundle import MOST_BUNDLE, PARTIAL
+from flgpr.store import Bundle, BundleError, canonical_json, write_bundle, write_whole
+from flgpr.store.bundle import MOST_BUNDLE, PARTIAL
 
 SUFFIX = ".arrays"
 _JOB = "job.json"
 _LOCK = "lock"
-_FOLDING = "folding"
+_MERGING = "folding"
 KEEP_EVERY = 2.0
 """Seconds of work on a block that a stop may cost besides the scan in flight."""
 
@@ -75,14 +75,14 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
         if latest is not None and latest[0] == name:
             self._latest = None
 
-    def drop_parts(self, stage: str) -> None:
-        """Delete the parts of a stage that is folded."""
-        for path in self.folder.glob(f"{stage}-*{SUFFIX}"):
+    def drop_blocks(self, name: str) -> None:
+        """Delete the states of the blocks of a pass, which are merged."""
+        for path in self.folder.glob(f"{name}-*{SUFFIX}"):
             path.unlink()
 
-    def folding(self) -> AbstractContextManager[bool]:
-        """Tell whether nobody else folds parts here; nobody else does while the context lasts."""
-        return _locked(self.folder / _FOLDING)
+    def merging(self) -> AbstractContextManager[bool]:
+        """Return whether nobody else merges states here; nobody else does while the context lasts."""
+        return _locked(self.folder / _MERGING)
 
     def drop_damaged(self) -> list[str]:
         """Delete what is not whole, and give its names."""
@@ -125,37 +125,37 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
             return 0
 
 
-class Kept:
-    """Goes through a block and keeps what was gathered every few seconds: a stop costs little of a long block."""
+class BlockCheckpoint:
+    """Goes through the scans of a block and stores its state every few seconds: a stop costs little of a long block."""
 
-    def __init__(self, work: Checkpoint, part: str, every: float | None = None) -> None:
+    def __init__(self, work: Checkpoint, block: str, every: float | None = None) -> None:
         self.work = work
-        self.name = f"{part}-kept"
+        self.name = f"{block}-kept"
         self.every = KEEP_EVERY if every is None else every
 
-    def __call__(self, block: range, gathered: Accumulator) -> Iterator[int]:
-        """Give a block's scans from where it was left; one counts as gathered when the next is asked for."""
+    def __call__(self, block: range, gatherer: Gatherer) -> Iterator[int]:
+        """Yield a block's scans from where it was left; one counts as gathered when the next is asked for."""
         begun = block.start
         if self.name in self.work:
-            kept = dict(self.work[self.name])
-            begun = int(kept.pop("next"))
-            gathered.merge(kept)
+            stored = dict(self.work[self.name])
+            begun = int(stored.pop("next"))
+            gatherer.merge(stored)
         last = time.monotonic()
         for index in range(begun, block.stop):
             yield index
             if index + 1 < block.stop and time.monotonic() - last >= self.every:
-                self.work[self.name] = {**gathered.state(True), "next": np.array(index + 1)}
+                self.work[self.name] = {**gatherer.state(True), "next": np.array(index + 1)}
                 last = time.monotonic()
 
     def drop(self) -> None:
-        """Delete what was kept; the block is done."""
+        """Delete what was stored; the block is done."""
         if self.name in self.work:
             del self.work[self.name]
 
 
 @contextmanager
 def _locked(path: Path) -> Iterator[bool]:
-    """Tell whether nobody else holds the lock of a file; nobody else does while the context lasts."""
+    """Return whether nobody else holds the lock of a file; nobody else does while the context lasts."""
     with open(path, "ab", opener=open_own) as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -176,7 +176,7 @@ def begin(folder: Path, job: dict[str, Any], most: int = MOST_BUNDLE) -> Iterato
     with _locked(folder / _LOCK) as alone:
         if not alone:
             raise WorkError(f"{folder}: another process is at work here")
-        _prepare(folder, canonical_json({"format": "flgpr-work", "version": 1, "job": job}) + b"\n")
+        _prepare(folder, canonical_json({"format": "flgpr-work", "version": 2, "job": job}) + b"\n")
         checkpoint = Checkpoint(folder, most)
         checkpoint.drop_damaged()
         yield checkpoint
@@ -199,7 +199,7 @@ def _prepare(folder: Path, job: bytes) -> None:
 
 def _is_ours(path: Path) -> bool:
     regular = path.is_file() and not path.is_symlink()
-    return regular and (path.name in (_JOB, _LOCK, _FOLDING) or path.suffix in (SUFFIX, PARTIAL))
+    return regular and (path.name in (_JOB, _LOCK, _MERGING) or path.suffix in (SUFFIX, PARTIAL))
 
 
 def finish(folder: Path) -> None:

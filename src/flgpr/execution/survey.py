@@ -9,24 +9,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flgpr.chain.fitting import area_of
 from flgpr.chain.memory import plan_sections, sizes_of
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import as_imaged, parse_recipe
+from flgpr.chain.recipe_for_run import area_of
 from flgpr.door import read_named
-from flgpr.execution.cluster import Cluster
-from flgpr.execution.executors import Executor, Here, Processes
-from flgpr.execution.lane_run import Note, detect_lane, holds_result, is_done, results_at, unnoted
-from flgpr.execution.lane_work import LaneJob, make_job
-from flgpr.io import MAX_MEMORY, open_run, read_lane, write_whole
-from flgpr.io.outputs import OVERWRITE, tell_finished
+from flgpr.execution.driver import Note, detect_lane, holds_result, is_done, results_at, unnoted
+from flgpr.execution.job import LaneJob, make_job
+from flgpr.execution.workers import Cluster, Executor, InProcess, Processes
 from flgpr.results.result import check_free, read_result
+from flgpr.store import MAX_MEMORY, open_run, read_lane, write_whole
+from flgpr.store.outputs import OVERWRITE, tell_finished
 
 PathLike = str | Path
 
 
 @dataclass(frozen=True)
-class How:
+class RunOptions:
     """Who works on lanes, and how; the results are the same, bit for bit."""
 
     workers: int | None = None  #: number of processes; None takes this one with all its threads
@@ -35,7 +34,7 @@ class How:
     track: Track = silent  #: shows progress
     note: Note = unnoted  #: takes a report of every piece of work that was done
     #: folder in which backgrounds, run-views and features stay for other recipes that have the same; it may be deleted
-    kept: PathLike | None = None
+    pass_cache: PathLike | None = None
 
     def executor(self) -> Executor:
         """Choose who does the work."""
@@ -45,10 +44,10 @@ class How:
             )
         if self.scheduler is not None:
             return Cluster(self.scheduler)
-        return Here() if self.workers is None else Processes(self.workers)
+        return InProcess() if self.workers is None else Processes(self.workers)
 
 
-PLAINLY = How()
+DEFAULTS = RunOptions()
 
 
 def detect_survey(
@@ -61,7 +60,7 @@ def detect_survey(
     others: Sequence[Mapping[str, PathLike]] | None = None,
     report: bool = True,
     at_once: int | None = None,
-    how: How = PLAINLY,
+    how: RunOptions = DEFAULTS,
     overwrite: bool = True,
 ) -> list[Path]:
     """Run a recipe on many stored lanes; give their folders in the runs' order, results or folders of sections.
@@ -98,7 +97,7 @@ def detect_survey(
                 model,
                 how.max_memory,
                 beside,
-                kept=how.kept,
+                pass_cache=how.pass_cache,
             )
         )
         check_free(survey / name)

@@ -1,4 +1,4 @@
-"""Feature vectors of image pixels: range cuts, or chips, of all channels stacked (Cosgrove et al. 2004, Sec. III)."""
+"""Feature vectors of pixels: range cuts, or chips, of all channels (Cosgrove et al. 2004, III)."""
 
 from __future__ import annotations
 
@@ -20,25 +20,34 @@ PAPER_CUT = (28, 1)
 def stack_channels(
     image: xr.DataArray, channels: Sequence[str] | None = None
 ) -> tuple[ComplexArray, tuple[str, ...]]:
-    """Line up polarizations and sub-bands of an image ([polarization,] [subband,] y, x) as channels (channel, y, x).
+    """Stack the polarizations and sub-bands of an image as channels.
 
-    It gives the stack and the channels' names: "HH", or "HH 0.45-1.5" with its sub-band's name where the image has
-    several sub-bands. ``channels`` are those to take, in this order; None takes all, polarization by polarization.
-    Other dimensions or a missing channel are a ValueError.
+    Parameters
+    ----------
+    image : ([polarization,] [subband,] y, x) xarray.DataArray
+        Image.
+    channels : sequence of str, optional
+        Channels to take, in this order; by default all, polarization by polarization.
+
+    Returns
+    -------
+    stack : (channel, y, x) ndarray of complex64
+        Channels.
+    names : tuple of str
+        "HH", or "HH 0.45-1.5" with the sub-band's name where the image has several sub-bands.
+
+    Raises
+    ------
+    ValueError
+        If the image has other dimensions or a channel is missing.
     """
     if set(image.dims) - {"polarization", "subband", "y", "x"} or not {"y", "x"} <= set(image.dims):
         raise ValueError(
             f"image must have the dimensions ([polarization,] [subband,] y, x), got {image.dims}"
         )
-    full = image.expand_dims([d for d in ("polarization", "subband") if d not in image.dims])
-    full = full.transpose("polarization", "subband", "y", "x")
-    bands = [str(name) for name in full["subband"].values] if "subband" in image.dims else [""]
-    labels = (
-        [str(name) for name in full["polarization"].values]
-        if "polarization" in image.dims
-        else ["image"]
-    )
-    names = [f"{label} {band}" if len(bands) > 1 else label for label in labels for band in bands]
+    missing_axes = [axis for axis in ("polarization", "subband") if axis not in image.dims]
+    full = image.expand_dims(missing_axes).transpose("polarization", "subband", "y", "x")
+    names = _channel_names(image)
     stack = full.values.reshape(len(names), *full.shape[-2:]).astype(np.complex64, copy=False)
     if channels is None:
         return stack, tuple(names)
@@ -50,14 +59,39 @@ def stack_channels(
     return stack[[names.index(name) for name in channels]], tuple(channels)
 
 
+def _channel_names(image: xr.DataArray) -> list[str]:
+    """Return the names of all channels, polarization by polarization."""
+    polarizations = ["image"]
+    if "polarization" in image.dims:
+        polarizations = [str(label) for label in image["polarization"].values]
+    if "subband" not in image.dims or image.sizes["subband"] <= 1:
+        return polarizations
+    bands = [str(label) for label in image["subband"].values]
+    return [f"{polarization} {band}" for polarization in polarizations for band in bands]
+
+
 def cuts_at(
     image: ComplexArray, rows: ArrayLike, columns: ArrayLike, shape: tuple[int, int] = PAPER_CUT
 ) -> ComplexArray:
-    """Feature vectors (n_samples, n_features) of pixels of an image (channel, y, x); NaN where the chip leaves it.
+    """Return the feature vectors of pixels, which are the chips about them.
 
-    The chip of pixel i reaches from ``i - n//2`` on over n pixels each way, ``shape`` being (down-track, cross-track).
-    Its samples are stacked channel by channel, row by row: with HH and VV a range cut is the paper's vector of HH then
-    VV (Cosgrove et al. 2004, Fig. 5).
+    The chip of pixel i reaches from ``i - n//2`` on over n pixels each way. Its samples are stacked
+    channel by channel, row by row: with HH and VV a range cut is the paper's vector of HH then VV
+    (Cosgrove et al. 2004, Fig. 5).
+
+    Parameters
+    ----------
+    image : (channel, y, x) ndarray of complex64
+        Image.
+    rows, columns : (n_samples,) array_like of int
+        Pixels.
+    shape : tuple of int
+        Pixels of a chip down-track and cross-track.
+
+    Returns
+    -------
+    (n_samples, n_features) ndarray of complex64
+        Feature vectors, NaN where the chip leaves the image.
     """
     first = _corners(rows, shape[0])
     second = _corners(columns, shape[1])
@@ -77,7 +111,7 @@ def range_cuts(
     channels: Sequence[str] | None = None,
     search: float = 0.0,
 ) -> ComplexArray:
-    """Feature vectors (n_samples, n_features) about points of an image; NaN where a chip leaves the image.
+    """Return the feature vectors about points of an image.
 
     Parameters
     ----------
@@ -89,19 +123,33 @@ def range_cuts(
         Pixels of a chip down-track and cross-track.
     search : float
         Half side of the square, m, within which the chip with the most energy is taken instead: the
-        position of a buried object in the image differs from its place by refraction and the
+        position of a buried object in the image differs from the true one by refraction and by the
         survey's error.
+
+    Returns
+    -------
+    (n_samples, n_features) ndarray of complex64
+        Feature vectors, NaN where a chip leaves the image.
+
+    Raises
+    ------
+    ValueError
+        If ``search`` is negative, the image has other dimensions or a channel is missing.
     """
     if not search >= 0:
         raise ValueError(f"search must be at least 0, got {search}")
     stack, _ = stack_channels(image, channels)
-    place = np.asarray(points, dtype=np.float64).reshape(-1, 2)
-    rows, columns = (_nearest(image[axis].values, place[:, k]) for axis, k in (("y", 1), ("x", 0)))
+    position = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+    x = image["x"].values
+    y = image["y"].values
+    rows = _nearest(y, position[:, 1])
+    columns = _nearest(x, position[:, 0])
     if search > 0:
-        reach = tuple(
-            int(search / abs(float(np.diff(image[axis].values[:2])[0]))) for axis in ("y", "x")
+        reach = (
+            int(search / abs(float(np.diff(y[:2])[0]))),
+            int(search / abs(float(np.diff(x[:2])[0]))),
         )
-        rows, columns = _strongest(stack, rows, columns, shape, (reach[0], reach[1]))
+        rows, columns = _strongest(stack, rows, columns, shape, reach)
     return cuts_at(stack, rows, columns, shape)
 
 
@@ -111,10 +159,26 @@ def clutter_cuts(
     shape: tuple[int, int] = PAPER_CUT,
     step: tuple[int, int] = (14, 8),
 ) -> ComplexArray:
-    """Feature vectors (n_samples, n_features) of clutter: all chips on a lattice that hold clean pixels only.
+    """Return the feature vectors of clutter: all chips on a lattice that hold clean pixels only.
 
-    The image is (channel, y, x), ``clean`` (y, x) is true where there is no target; ``shape`` are the pixels of a chip
-    and ``step`` those from chip to chip, down-track and cross-track.
+    Parameters
+    ----------
+    image : (channel, y, x) ndarray of complex64
+        Image.
+    clean : (y, x) ndarray of bool
+        Pixels without a target.
+    shape, step : tuple of int
+        Pixels of a chip, and from chip to chip, down-track and cross-track.
+
+    Returns
+    -------
+    (n_samples, n_features) ndarray of complex64
+        Feature vectors.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ or a step is less than one pixel.
     """
     if clean.shape != image.shape[1:]:
         raise ValueError(f"clean must have the image's shape {image.shape[1:]}, got {clean.shape}")
@@ -124,12 +188,32 @@ def clutter_cuts(
     if image.shape[1] < shape[0] or image.shape[2] < shape[1]:
         return np.empty((0, features), dtype=np.complex64)
     usable = clean & np.isfinite(image).all(axis=0)
-    whole = chips(usable[None], shape)[:: step[0], :: step[1]].all(axis=(2, 3, 4))
-    return chips(image, shape)[:: step[0], :: step[1]][whole].reshape(-1, features)
+    all_usable = chips(usable[None], shape)[:: step[0], :: step[1]].all(axis=(2, 3, 4))
+    return chips(image, shape)[:: step[0], :: step[1]][all_usable].reshape(-1, features)
 
 
 def clean_pixels(x: ArrayLike, y: ArrayLike, points: ArrayLike, radius: float) -> NDArray[np.bool_]:
-    """Tell which pixels (y, x) keep a distance ``radius`` from known targets at ``points`` (n, 2); all in m."""
+    """Mark the pixels that lie farther from all known targets than a radius.
+
+    Parameters
+    ----------
+    x, y : (x,) and (y,) array_like
+        Axes of the image, m.
+    points : (n, 2) array_like
+        x, y of the targets, m.
+    radius : float
+        Radius, m.
+
+    Returns
+    -------
+    (y, x) ndarray of bool
+        True for clean pixels.
+
+    Raises
+    ------
+    ValueError
+        If the radius is negative.
+    """
     if not radius >= 0:
         raise ValueError(f"radius must be at least 0, got {radius}")
     across, along = np.meshgrid(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
@@ -142,33 +226,53 @@ def clean_pixels(x: ArrayLike, y: ArrayLike, points: ArrayLike, radius: float) -
 def quiet_pixels(
     image: ComplexArray, quantile: float = 0.98, grow: tuple[int, int] = PAPER_CUT
 ) -> NDArray[np.bool_]:
-    """Tell which pixels (y, x) of an image (channel, y, x) may serve as clutter when no truth is known.
+    """Mark the pixels that may serve as clutter when no truth is known.
 
-    Pixels brighter than the quantile in any channel may bear a target; they are left out with all pixels in the
-    rectangle ``grow`` (down-track, cross-track) around them (Cosgrove et al. 2004, footnote 1). This cuts the clutter's
-    own bright tail too, so that its level comes out low. False where a channel is not finite.
+    Pixels brighter than the quantile in any channel may bear a target; they are left out with all
+    pixels in a rectangle around them (Cosgrove et al. 2004, footnote 1). This also cuts the bright
+    tail of the clutter, so that its level comes out low.
+
+    Parameters
+    ----------
+    image : (channel, y, x) ndarray of complex64
+        Image.
+    quantile : float
+        Above 0 and up to 1.
+    grow : tuple of int
+        Pixels of the rectangle down-track and cross-track.
+
+    Returns
+    -------
+    (y, x) ndarray of bool
+        True for quiet pixels that are finite in all channels.
+
+    Raises
+    ------
+    ValueError
+        If the quantile is out of range.
     """
     if not 0 < quantile <= 1:
         raise ValueError(f"quantile must lie above 0 and up to 1, got {quantile}")
     magnitude = np.abs(image)
-    seen = np.isfinite(magnitude).all(axis=0)
-    limits = (
-        np.nanquantile(np.where(seen, magnitude, np.nan), quantile, axis=(1, 2))
-        if seen.any()
-        else 0.0
-    )
-    bright = (np.where(seen, magnitude, 0) > np.reshape(limits, (-1, 1, 1))).any(axis=0)
-    around = maximum_filter(bright, size=(2 * (grow[0] // 2) + 1, 2 * (grow[1] // 2) + 1))
-    return np.asarray(seen & ~around)
+    known = np.isfinite(magnitude).all(axis=0)
+    limits: ArrayLike = 0.0
+    if known.any():
+        limits = np.nanquantile(np.where(known, magnitude, np.nan), quantile, axis=(1, 2))
+    bright = (np.where(known, magnitude, 0) > np.reshape(limits, (-1, 1, 1))).any(axis=0)
+    size = (2 * (grow[0] // 2) + 1, 2 * (grow[1] // 2) + 1)
+    near_bright = maximum_filter(bright, size=size)
+    return np.asarray(known & ~near_bright)
 
 
 def _corners(index: ArrayLike, size: int) -> NDArray[np.int64]:
+    """Return the first pixel, along an axis, of chips of a size about pixels."""
     if size < 1:
         raise ValueError(f"shape must be at least one pixel each way, got {size}")
     return np.asarray(index, dtype=np.int64).reshape(-1) - size // 2
 
 
 def _nearest(axis: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the pixels of an even axis that are nearest to values, also beyond its ends."""
     step = (axis[-1] - axis[0]) / (axis.size - 1) if axis.size > 1 else 1.0
     return np.rint((value - axis[0]) / step).astype(np.int64)
 
@@ -180,9 +284,13 @@ def _strongest(
     shape: tuple[int, int],
     reach: tuple[int, int],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pixels within reach whose chips hold the most energy, channels weighed alike; those without one stay."""
+    """Return the pixels within reach whose chips hold the most energy, all channels weighed alike.
+
+    A pixel without a chip within reach stays.
+    """
     power = np.abs(image).astype(np.float64) ** 2
     power /= np.maximum(power.mean(axis=(1, 2), keepdims=True), np.finfo(np.float64).tiny)
+    # A summed-area table: the energy of a chip from its four corners.
     table = np.zeros((power.shape[1] + 1, power.shape[2] + 1))
     table[1:, 1:] = power.sum(axis=0).cumsum(0).cumsum(1)
     v, u = shape
@@ -192,9 +300,11 @@ def _strongest(
     for k, (row, column) in enumerate(zip(rows - v // 2, columns - u // 2, strict=True)):
         top = max(row - reach[0], 0)
         left = max(column - reach[1], 0)
-        part = energy[top : max(row + reach[0] + 1, 0), left : max(column + reach[1] + 1, 0)]
-        if part.size and np.isfinite(part).any():
-            best = np.unravel_index(np.nanargmax(part), part.shape)
+        bottom = max(row + reach[0] + 1, 0)
+        right = max(column + reach[1] + 1, 0)
+        window = energy[top:bottom, left:right]
+        if window.size and np.isfinite(window).any():
+            best = np.unravel_index(np.nanargmax(window), window.shape)
             rows[k] = top + best[0] + v // 2
             columns[k] = left + best[1] + u // 2
     return rows, columns

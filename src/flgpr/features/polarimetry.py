@@ -1,7 +1,8 @@
-"""Polarimetric decompositions: entropy/alpha (Cloude & Pottier 1997) and Cameron's symmetric part (Cameron 1990, 1996).
+"""Polarimetric decompositions: entropy/alpha and Cameron's symmetric part.
 
-Both look at ratios and phases between the polarizations, so that the images must share one calibration; a common factor
-drops out. Reciprocity is assumed: VH equals HV.
+They are those of Cloude & Pottier (1997) and Cameron (1990, 1996). Both use ratios and phases
+between the polarizations, so that the images must share one calibration; a common factor drops out.
+Reciprocity is assumed: VH equals HV.
 """
 
 from __future__ import annotations
@@ -20,11 +21,12 @@ ComplexArray = NDArray[np.complex128]
 def entropy_alpha(
     hh: ArrayLike, hv: ArrayLike, vv: ArrayLike, window: tuple[int, int] = (5, 5)
 ) -> tuple[FloatArray, FloatArray]:
-    """Entropy H and mean angle α of the coherency matrix (Wang et al. 2007, Eq. 10; Cloude & Pottier 1997).
+    """Compute entropy H and mean angle α of the coherency matrix (Wang et al. 2007, Eq. 10).
 
-    ``k = [hh + vv, hh - vv, 2 hv]/√2``, ``T = <k kᴴ>`` over the window, ``p_i = λ_i/Σλ``; ``H = -Σ
-    p_i log₃ p_i`` and ``α = Σ p_i arccos|e_i(1)|``. Of equal eigenvalues the axes are taken as
-    eigenvectors where T is diagonal.
+    The decomposition is that of Cloude & Pottier (1997): ``k = [hh + vv, hh - vv, 2 hv]/√2``,
+    ``T = <k kᴴ>`` over the window, ``p_i = λ_i/Σλ``; ``H = -Σ p_i log₃ p_i`` and
+    ``α = Σ p_i arccos|e_i(1)|``. Of equal eigenvalues the axes are taken as eigenvectors where T is
+    diagonal.
 
     Parameters
     ----------
@@ -39,9 +41,14 @@ def entropy_alpha(
         H, 0 (one mechanism) to 1 (random), and α, rad: 0 for a sphere, π/4 for a dipole, π/2 for a
         dihedral; NaN where there is no signal.
 
+    Raises
+    ------
+    ValueError
+        If the images differ in shape or are not finite, or the window is not odd.
+
     Examples
     --------
-    One mechanism everywhere has no entropy; α is 0° for a plane, 45° for a dipole and 90° for a dihedral.
+    A single mechanism has no entropy; α is 0° for a plane, 45° for a dipole and 90° for a dihedral.
 
     >>> import numpy as np
     >>> from flgpr.features import entropy_alpha
@@ -64,13 +71,19 @@ def entropy_alpha(
 
 
 def coherency(hh: ComplexArray, hv: ComplexArray, vv: ComplexArray) -> ComplexArray:
-    """Coherency matrix k·kᴴ (..., 3, 3) of every pixel: Wang et al. 2007, Eq. 10 without the mean."""
+    """Compute the coherency matrix k·kᴴ (..., 3, 3) of every pixel (Wang et al. 2007, Eq. 10).
+
+    This is Eq. 10 without its mean over a window.
+    """
     vector = np.stack([hh + vv, hh - vv, 2 * hv], axis=-1) / np.sqrt(2)
     return np.asarray(vector[..., :, None] * vector[..., None, :].conj())
 
 
 def entropy_alpha_of(matrix: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Entropy and mean angle α of averaged coherency matrices (..., 3, 3); NaN where the matrix is zero."""
+    """Compute entropy and mean angle α, rad, of averaged coherency matrices (..., 3, 3).
+
+    Both have the leading shape of the matrices and are NaN where the matrix is zero.
+    """
     flat = np.ascontiguousarray(matrix.reshape(-1, 3, 3), dtype=np.complex128)
     values = np.empty((len(flat), 3))
     vectors = np.empty((len(flat), 3, 3), np.complex128)
@@ -80,23 +93,38 @@ def entropy_alpha_of(matrix: ComplexArray) -> tuple[FloatArray, FloatArray]:
     share = np.divide(values, total, out=np.full_like(values, np.nan), where=total > 0)
     logarithm = np.log(share, out=np.zeros_like(share), where=share > 0)
     size = np.abs(vectors)
-    angle = np.arctan2(
-        np.hypot(size[:, 1], size[:, 2]), size[:, 0]
-    )  # arccos|e(1)|, exact near 0 too
+    # arccos|e(1)|, exact near 0 too
+    angle = np.arctan2(np.hypot(size[:, 1], size[:, 2]), size[:, 0])
     entropy = np.maximum(-(share * logarithm).sum(axis=1) / np.log(3), 0.0)
-    return entropy.reshape(matrix.shape[:-2]), (share * angle).sum(axis=1).reshape(
-        matrix.shape[:-2]
-    )
+    alpha = (share * angle).sum(axis=1)
+    shape = matrix.shape[:-2]
+    return entropy.reshape(shape), alpha.reshape(shape)
 
 
 def cameron(hh: ArrayLike, hv: ArrayLike, vv: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Degree of scatterer symmetry τ and rotation angle ψ (Wang et al. 2007, Eq. 13-15; Cameron et al. 1996), rad.
+    """Compute the degree of symmetry τ and the rotation angle ψ (Wang et al. 2007, Eq. 13-15).
+
+    The decomposition is that of Cameron et al. (1996); both are in rad.
 
     τ is 0 for a symmetric scatterer to π/4 for a helix. ψ, in (-π/2, π/2], is that of the
     eigenvector of the symmetric part whose eigenvalue is larger in modulus. It says nothing for a
     sphere or a helix (0 is returned) and is known modulo 90° only where both eigenvalues are
-    equally large. Both are NaN where there is no signal. HH, HV and VV, of one shape, must be on
-    one calibration.
+    equally large.
+
+    Parameters
+    ----------
+    hh, hv, vv : (...) array_like of complex
+        Images on one calibration, or single numbers.
+
+    Returns
+    -------
+    tau, psi : (...) ndarray
+        τ and ψ, rad, NaN where there is no signal.
+
+    Raises
+    ------
+    ValueError
+        If the images differ in shape or are not finite.
 
     Examples
     --------
@@ -143,7 +171,7 @@ def cameron(hh: ArrayLike, hv: ArrayLike, vv: ArrayLike) -> tuple[FloatArray, Fl
 
 
 def _angle_of_largest_part(S_rec_S_b: ComplexArray, S_rec_S_c: ComplexArray) -> FloatArray:
-    """Give the θ of Eq. 14; 0 for a sphere and a helix, for which any angle does."""
+    """Return the θ of Eq. 14; 0 for a sphere and a helix, for which any angle does."""
     across = 2 * (S_rec_S_b * S_rec_S_c.conj()).real
     along = np.abs(S_rec_S_b) ** 2 - np.abs(S_rec_S_c) ** 2
     power = np.abs(S_rec_S_b) ** 2 + np.abs(S_rec_S_c) ** 2
@@ -152,6 +180,7 @@ def _angle_of_largest_part(S_rec_S_b: ComplexArray, S_rec_S_c: ComplexArray) -> 
 
 
 def _channels(*arrays: ArrayLike) -> tuple[list[ComplexArray], tuple[int, ...]]:
+    """Return checked channels of at least two dimensions, and their shape before."""
     channels = [np.asarray(array, dtype=np.complex128) for array in arrays]
     shape = channels[0].shape
     if any(channel.shape != shape for channel in channels):
@@ -164,14 +193,17 @@ def _channels(*arrays: ArrayLike) -> tuple[list[ComplexArray], tuple[int, ...]]:
 
 
 def _window_mean(array: NDArray[Any], half: int, axis: int) -> NDArray[Any]:
-    """Mean over a window along an axis, by plain sums: differences of running sums would not be exact enough."""
+    """Average over a window along an axis; at the ends over the pixels that exist."""
+    # Plain sums: differences of running sums would not be exact enough.
     array = np.moveaxis(array, axis, 0)
+    length = array.shape[0]
     total = np.zeros_like(array)
-    count = np.zeros(array.shape[0])
+    count = np.zeros(length)
     for shift in range(-half, half + 1):
-        to = slice(max(0, -shift), array.shape[0] - max(0, shift))
-        since = slice(max(0, shift), array.shape[0] - max(0, -shift))
-        if abs(shift) < array.shape[0]:
-            total[to] += array[since]
-            count[to] += 1
-    return np.moveaxis(total / count.reshape(-1, *([1] * (array.ndim - 1))), 0, axis)
+        target = slice(max(0, -shift), length - max(0, shift))
+        source = slice(max(0, shift), length - max(0, -shift))
+        if abs(shift) < length:
+            total[target] += array[source]
+            count[target] += 1
+    mean = total / count.reshape(-1, *([1] * (array.ndim - 1)))
+    return np.moveaxis(mean, 0, axis)

@@ -1,5 +1,9 @@
 from flgpr.imaging.aperture import aperture_blocks as aperture_blocks
 from flgpr.imaging.aperture import aperture_image as aperture_image
+from flgpr.imaging.focus import FocusedImage as FocusedImage
+from flgpr.imaging.ground import seen_ground as seen_ground
 from flgpr.imaging.looks import count_looks as count_looks
 from flgpr.imaging.operator import ImagingOperator as ImagingOperator
 from flgpr.imaging.scan import ScanImager as ScanImager
+from flgpr.imaging.section import LineSection as LineSection
+from flgpr.imaging.view_axes import View as View

@@ -1,4 +1,4 @@
-"""The profile engine on a CUDA device: passes of a few scans in several streams, transfers beside sums."""
+"""The profile engine on a CUDA device: passes of a few scans in several streams."""
 
 from __future__ import annotations
 
@@ -30,26 +30,28 @@ _Launches = list[tuple[Any, tuple[Any, ...]]]
 
 
 class _Lane:
-    """A stream and the memory of its passes: page-locked input, input, profiles, spectra in work and output."""
+    """A stream and the memory of its passes."""
 
     def __init__(
-        self, given: tuple[int, ...], out: tuple[int, ...], table: int, spare: tuple[int, int]
+        self, source: tuple[int, ...], out: tuple[int, ...], table: int, spare: tuple[int, int]
     ) -> None:
         self.stream = cuda.stream()
-        self.staging = cuda.pinned_array(given, np.complex64)
-        self.given = cuda.device_array(given, np.complex64)
+        self.staging = cuda.pinned_array(source, np.complex64)  # page-locked copy of the input
+        self.source = cuda.device_array(source, np.complex64)
         self.out = cuda.device_array(out, np.complex64)
-        self.table = cuda.device_array(table, np.complex64)
-        self.spare = cuda.device_array(spare, np.complex64)
+        self.table = cuda.device_array(table, np.complex64)  # range profiles
+        self.spare = cuda.device_array(spare, np.complex64)  # spectra beyond shared memory
 
 
 class CudaEngine(Engine):
-    """Range profiles and their interpolation in single precision on a CUDA device.
+    """Interpolate range profiles in single precision on a CUDA device.
 
-    All engines share the memory of their passes: a vehicle that pitches and rolls needs an engine per scan.
+    All engines share the memory of their passes: a vehicle that pitches and rolls needs an engine
+    per scan.
     """
 
-    _held: tuple[Any, list[_Lane]] | None = None
+    # Shapes of the memory that all engines share, and its lanes.
+    _shared_lanes: tuple[Any, list[_Lane]] | None = None
     _lock = Lock()
 
     def __init__(self, plan: Plan, weight: FloatArray) -> None:
@@ -66,12 +68,10 @@ class CudaEngine(Engine):
         self._stride = 1 << max(5, (plan.bins - 1).bit_length())
 
     def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
-        """Make page-locked memory, which transfers reach without a copy."""
-        return (
-            np.asarray(cuda.pinned_array(shape, dtype))
-            if math.prod(shape)
-            else np.empty(shape, dtype)
-        )
+        """Allocate page-locked memory, which transfers reach without a copy."""
+        if not math.prod(shape):
+            return np.empty(shape, dtype)
+        return np.asarray(cuda.pinned_array(shape, dtype))
 
     def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
@@ -82,37 +82,37 @@ class CudaEngine(Engine):
         self._run(image, out, self._forward_pass, image.shape[1])
 
     def device_seconds(self, rows: int, subbands: int, repeats: int = 10) -> tuple[float, float]:
-        """Time the adjoint of all rows, polarizations of all scans together, on data on the device already, s.
+        """Measure the time of the adjoint, s, and of its interpolation alone, without transfers.
 
-        The second time is that of the interpolation alone.
+        ``rows`` are polarizations of all scans together.
         """
         shape = (self._geometry.tx.size, self._spectrum.entries.size - 1)
         with self._lock:
             lane = self._lanes(rows, shape, (subbands, self._geometry.pixel_count), subbands)[0]
             lane.staging[...] = 1
-            lane.given.copy_to_device(lane.staging, stream=lane.stream)
+            lane.source.copy_to_device(lane.staging, stream=lane.stream)
             launches = self._adjoint_pass(lane, rows)
             seconds = []
-            for some in (launches, launches, launches[1:]):  # the first time it compiles
+            for timed in (launches, launches, launches[1:]):  # the first time it compiles
                 start = time.perf_counter()
-                for kernel, arguments in some * repeats:
+                for kernel, arguments in timed * repeats:
                     kernel(*arguments)
                 lane.stream.synchronize()
                 seconds.append((time.perf_counter() - start) / repeats)
             return seconds[1], seconds[2]
 
-    def _run(self, given: NDArray[Any], out: NDArray[Any], step: Any, bands: int) -> None:
-        """Send the rows of ``given`` through ``step``, a few at a time, each pass in the next stream."""
+    def _run(self, source: NDArray[Any], out: NDArray[Any], step: Any, bands: int) -> None:
+        """Send the rows of ``source`` through ``step``, a few at a time, in turn by stream."""
         row_bytes = 8 * bands * self._geometry.tx.size * (self._row() + self._spare())
-        rows = max(1, min(PASS_BYTES // row_bytes, -(-given.shape[0] // STREAMS)))
+        rows = max(1, min(PASS_BYTES // row_bytes, -(-source.shape[0] // STREAMS)))
         with self._lock:
-            lanes = self._lanes(rows, given.shape[1:], out.shape[1:], bands)
-            for number, start in enumerate(range(0, given.shape[0], rows)):
+            lanes = self._lanes(rows, source.shape[1:], out.shape[1:], bands)
+            for number, start in enumerate(range(0, source.shape[0], rows)):
                 lane = lanes[number % STREAMS]
-                count = min(rows, given.shape[0] - start)
+                count = min(rows, source.shape[0] - start)
                 lane.stream.synchronize()
-                lane.staging[:count] = given[start : start + count]
-                lane.given[:count].copy_to_device(lane.staging[:count], stream=lane.stream)
+                lane.staging[:count] = source[start : start + count]
+                lane.source[:count].copy_to_device(lane.staging[:count], stream=lane.stream)
                 for kernel, arguments in step(lane, count):
                     kernel(*arguments)
                 lane.out[:count].copy_to_host(out[start : start + count], stream=lane.stream)
@@ -120,29 +120,29 @@ class CudaEngine(Engine):
                 lane.stream.synchronize()
 
     def _row(self) -> int:
-        """Places of a profile in the table: its bins when images are made of it, else its slots."""
+        """Return the length of a profile in the table: its bins for images, else its slots."""
         return max(self._stride, self._spectrum.size)
 
     def _spare(self) -> int:
-        """Places for a spectrum in work that shared memory does not hold."""
+        """Return the length of a spectrum that shared memory does not hold."""
         return 2 * self._spectrum.size if self._spectrum.size > gpu.SHARED_BINS else 0
 
     def _lanes(
-        self, rows: int, given: tuple[int, ...], out: tuple[int, ...], bands: int
+        self, rows: int, source: tuple[int, ...], out: tuple[int, ...], bands: int
     ) -> list[_Lane]:
-        """Memory and streams for passes of ``rows`` rows, kept from call to call."""
+        """Return memory and streams for passes of ``rows`` rows, shared from call to call."""
         pairs = self._geometry.tx.size
         table = pairs * _groups(rows * bands)[1] * self._row()
         spare = (rows * bands * pairs, self._spare()) if self._spare() else (1, 1)
-        wanted = ((rows, *given), (rows, *out), table, spare)
-        if CudaEngine._held is None or CudaEngine._held[0] != wanted:
-            CudaEngine._held = None  # lets the memory go before more is taken
-            CudaEngine._held = (wanted, [_Lane(*wanted) for _ in range(STREAMS)])
-        return CudaEngine._held[1]
+        shapes = ((rows, *source), (rows, *out), table, spare)
+        if CudaEngine._shared_lanes is None or CudaEngine._shared_lanes[0] != shapes:
+            CudaEngine._shared_lanes = None  # frees the memory before more is taken
+            CudaEngine._shared_lanes = (shapes, [_Lane(*shapes) for _ in range(STREAMS)])
+        return CudaEngine._shared_lanes[1]
 
     def _adjoint_pass(self, lane: _Lane, rows: int) -> _Launches:
-        """Kernels of a pass with their arguments, in their order."""
-        here = self._on_device
+        """Return the kernels of a pass with their arguments, in their order."""
+        constants = self._on_device
         g = self._geometry
         stream = lane.stream
         bands, count = lane.out.shape[1:]
@@ -153,87 +153,122 @@ class CudaEngine(Engine):
         table = lane.table[: pairs * channels * self._stride]
         compress = gpu.compress_kernel(size)[(pairs, rows * bands), _block(size), stream]
         tones = (
-            lane.given[:rows], here.weight, here.begin, here.tone, here.slot_share, here.phase, here.factor,
-            here.twiddle, self._spectrum.first, self._bins, lane.spare, table.reshape(pairs, channels, self._stride),
-        )  # fmt: skip
+            lane.source[:rows],
+            constants.weight,
+            constants.begin,
+            constants.tone,
+            constants.slot_share,
+            constants.phase,
+            constants.factor,
+            constants.twiddle,
+            self._spectrum.first,
+            self._bins,
+            lane.spare,
+            table.reshape(pairs, channels, self._stride),
+        )
         blocks = (-(-count // gpu.THREADS), -(-rows * bands // group))
         interpolate = gpu.adjoint_kernel(self.width, group, self._stride)[
             blocks, gpu.THREADS, stream
         ]
         profiles = (
-            table.view(np.uint64), channels, here.tx, here.rx, self._delay, self._phasor, g.origin, g.shift, self._unit,
-            here.taps, lane.out[:rows].reshape(rows * bands, count),
-        )  # fmt: skip
+            table.view(np.uint64),
+            channels,
+            constants.tx,
+            constants.rx,
+            self._delay,
+            self._phasor,
+            g.origin,
+            g.shift,
+            self._unit,
+            constants.taps,
+            lane.out[:rows].reshape(rows * bands, count),
+        )
         return [(compress, tones), (interpolate, profiles)]
 
     def _forward_pass(self, lane: _Lane, rows: int) -> _Launches:
-        """Kernels of a pass with their arguments, in their order."""
-        here = self._on_device
+        """Return the kernels of a pass with their arguments, in their order."""
+        constants = self._on_device
         g = self._geometry
         stream = lane.stream
-        bands, count = lane.given.shape[1:]
+        bands, count = lane.source.shape[1:]
         channels = rows * bands
         pairs = g.tx.size
         size = self._spectrum.size
         table = lane.table[: pairs * channels * size].reshape(pairs, channels, size)
         begin, order = self._sorted_pixels()
-        group, _ = _groups(lane.given.shape[0] * bands)
+        group, _ = _groups(lane.source.shape[0] * bands)
         blocks = (-(-size // gpu.THREADS), pairs, -(-channels // group))
         spread = gpu.forward_kernel(self.width, group)[blocks, (gpu.THREADS, 1, 1), stream]
         image = (
-            lane.given[:rows].reshape(channels, count).view(np.uint64), here.tx, here.rx, self._delay, self._phasor,
-            g.origin, g.shift, self._unit, begin, order, self._spectrum.first, self._bins, here.taps, table,
-        )  # fmt: skip
+            lane.source[:rows].reshape(channels, count).view(np.uint64),
+            constants.tx,
+            constants.rx,
+            self._delay,
+            self._phasor,
+            g.origin,
+            g.shift,
+            self._unit,
+            begin,
+            order,
+            self._spectrum.first,
+            self._bins,
+            constants.taps,
+            table,
+        )
         expand = gpu.expand_kernel(size)[(pairs, channels), _block(size), stream]
         out = lane.out[:rows]
         collect = self._launch(gpu.collect, (out.shape[2], out.shape[1], out.shape[0]), stream)
-        tones = (table, here.weight, here.entries, here.slot, here.share, here.phase, out)
-        return [
-            (spread, image),
-            (expand, (table, here.factor, here.twiddle, lane.spare)),
-            (collect, tones),
-        ]
+        transformed = (table, constants.factor, constants.twiddle, lane.spare)
+        tones = (
+            table,
+            constants.weight,
+            constants.entries,
+            constants.slot,
+            constants.share,
+            constants.phase,
+            out,
+        )
+        return [(spread, image), (expand, transformed), (collect, tones)]
 
     @staticmethod
     def _launch(kernel: Any, size: tuple[int, ...], stream: Any) -> Any:
+        """Configure a kernel with a thread for every element, in blocks along the first axis."""
         threads = min(gpu.THREADS, size[0])
-        return kernel[
-            (-(-size[0] // threads), *size[1:]), (threads, *(1 for _ in size[1:])), stream
-        ]
+        blocks = (-(-size[0] // threads), *size[1:])
+        block_shape = (threads, *([1] * len(size[1:])))
+        return kernel[blocks, block_shape, stream]
 
     def _place_antennas(self) -> None:
+        """Compute the delays and phasors of all antennas and pixels on the device."""
         g = self._geometry
         shape = (g.antenna.shape[0], g.pixels.shape[1])
         delay = cuda.device_array(shape, np.uint32)
         phasor = cuda.device_array(shape, np.complex64)
-        arrays = (
-            cuda.to_device(np.ascontiguousarray(array)) for array in (g.pixels, g.antenna, g.medium)
-        )
+        pixels = cuda.to_device(np.ascontiguousarray(g.pixels))
+        antennas = cuda.to_device(np.ascontiguousarray(g.antenna))
+        medium = cuda.to_device(np.ascontiguousarray(g.medium))
         gain = cuda.to_device(g.gain if g.gain.size else np.zeros((1, 1), np.float32)[:, :0])
         stream = cuda.default_stream()
-        self._launch(gpu.locate, (shape[1], shape[0]), stream)(
-            *arrays, g.per_turn, g.carrier, gain, delay, phasor
-        )
+        locate = self._launch(gpu.locate, (shape[1], shape[0]), stream)
+        locate(pixels, antennas, medium, g.per_turn, g.carrier, gain, delay, phasor)
         stream.synchronize()
         self._delay = delay.reshape(-1)
         self._phasor = phasor.reshape(-1).view(np.uint64)
-        begins = (
-            cuda.to_device((antenna * shape[1]).astype(np.uint64)) for antenna in (g.tx, g.rx)
-        )
-        self._on_device.tx, self._on_device.rx = begins
+        self._on_device.tx = cuda.to_device((g.tx * shape[1]).astype(np.uint64))
+        self._on_device.rx = cuda.to_device((g.rx * shape[1]).astype(np.uint64))
         weight = g.weight.reshape(-1, padded(self.width))[:, : self.width].T
         self._on_device.taps = cuda.to_device(np.ascontiguousarray(weight))
 
     def _sorted_pixels(self) -> tuple[Any, Any]:
-        """Pixels of every pair in the order of their bins, and where each bin begins; made at the first use."""
+        """Return where each bin of every pair begins, and its pixels in the order of their bins.
+
+        They are computed at the first use.
+        """
         if self._order is None:
             g = self._geometry
             reach = self._bins - self.width
-            delay = (
-                self._delay.copy_to_host()
-                .reshape(g.antenna.shape[0], -1)[:, : g.pixel_count]
-                .astype(np.int64)
-            )
+            all_delays = self._delay.copy_to_host().reshape(g.antenna.shape[0], -1)
+            delay = all_delays[:, : g.pixel_count].astype(np.int64)
             order = np.empty((g.tx.size, g.pixel_count), np.int32)
             begin = np.empty((g.tx.size, reach + 1), np.int32)
             for q in range(g.tx.size):
@@ -245,14 +280,14 @@ class CudaEngine(Engine):
 
 
 def _groups(channels: int) -> tuple[int, int]:
-    """Channels per thread, as many for every thread, and those of all threads together: ``channels`` or a few more."""
+    """Return the channels of each thread and of all together: ``channels`` or a few more."""
     number = -(-channels // GROUP)
     group = -(-channels // number)
     return group, number * group
 
 
 def _block(size: int) -> int:
-    """Threads that transform a profile: one per butterfly of a pass, or several turns of them."""
+    """Return the threads that transform a profile: one per butterfly of a pass, up to a limit."""
     return min(2 * gpu.THREADS, max(1, size // 4))
 
 

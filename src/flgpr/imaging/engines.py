@@ -1,4 +1,4 @@
-"""Ways to compute the imaging sums behind one interface: term by term, or from interpolated range profiles."""
+"""Engines that compute the imaging sums: term by term, or from interpolated range profiles."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from flgpr.kernels.threads import share
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
 
-FEW = (
-    1 << 15
-    # : sums or transform slots of all pairs and channels, a tenth of a millisecond: no other thread is
-    # woken
-)
+FEW = 1 << 15
+"""Sums, or transform slots, below which no other thread is woken: a tenth of a millisecond."""
 
 
 class Engine:
-    """The adjoint and the forward sums on checked arrays, in the memory of the host unless an engine says otherwise."""
+    """Compute the adjoint and the forward sums of checked arrays, in the memory of the host."""
 
     method = "profile"
     width: int
 
     def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
-        """Fill ``out`` (polarization, subband, the first pixels or all) from ``data`` (polarization, pair, tone)."""
+        """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone).
+
+        ``out`` holds all pixels or the first ones.
+        """
         raise NotImplementedError
 
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
@@ -43,18 +43,19 @@ class Engine:
         raise NotImplementedError
 
     def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
-        """Make memory for images."""
+        """Allocate memory for images."""
         return np.empty(shape, dtype)
 
     def device_seconds(self, rows: int, subbands: int, repeats: int = 10) -> tuple[float, float]:
         """Refuse: sums on the CPU have no transfers to leave out."""
         raise ValueError(
-            f"device must be 'cuda' to time {rows} rows of {subbands} sub-bands {repeats} times, got 'cpu'"
+            f"device must be 'cuda' to time {rows} rows of {subbands} sub-bands {repeats} times, "
+            "got 'cpu'"
         )
 
 
 class DirectEngine(Engine):
-    """Sums term by term in double precision."""
+    """Compute the sums term by term in double precision."""
 
     method = "direct"
     width = 0
@@ -82,14 +83,14 @@ class DirectEngine(Engine):
 
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
-        part = np.empty((*out.shape[:2], np.count_nonzero(self._active)), out.dtype)
-        forward_direct(image, *self._sums, self._gain, part)
+        active_tones = np.empty((*out.shape[:2], np.count_nonzero(self._active)), out.dtype)
+        forward_direct(image, *self._sums, self._gain, active_tones)
         out[...] = 0
-        out[..., self._active] = part
+        out[..., self._active] = active_tones
 
 
 class ProfileEngine(Engine):
-    """Range profiles and their interpolation in single precision on the CPU."""
+    """Interpolate range profiles in single precision on the CPU."""
 
     def __init__(self, plan: Plan, weight: FloatArray) -> None:
         self.width = plan.window.width
@@ -98,7 +99,9 @@ class ProfileEngine(Engine):
         self._spectrum = plan.spectrum.single()
         self._weight = weight.astype(np.float32)
         self._phase = None if plan.phase is None else plan.phase.astype(np.complex64)
-        self._taps, self._powers = (0,) * self.width, (0,) * (polynomial_degree(self.width) + 1)
+        # Tuples whose lengths the kernels are compiled for.
+        self._taps = (0,) * self.width
+        self._powers = (0,) * (polynomial_degree(self.width) + 1)
         self._calls = 0
 
     def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
@@ -112,27 +115,19 @@ class ProfileEngine(Engine):
         for rows, bands, channels in passes(*out.shape[:2]):
             table = self._table(channels)
             form = self._form(channels)
-            tones = (data[rows], self._weight[bands], self._spectrum, table, *form)
-            share(
-                pairs,
-                partial(transform.compress, *tones),
-                form.together,
-                pairs * channels * size < FEW,
+            compress = partial(
+                transform.compress, data[rows], self._weight[bands], self._spectrum, table, *form
             )
-            part = out[rows, bands].reshape(-1, out.shape[2])
-            shape = (self._taps, self._powers, (0,) * channels)
-            few = pairs * channels * out.shape[2] < FEW
-            share(
-                blocks,
-                partial(profiles.adjoint, table, self._bins, geometry, part, *shape),
-                alone=few,
-            )
+            share(pairs, compress, form.together, alone=pairs * channels * size < FEW)
+            images = out[rows, bands].reshape(-1, out.shape[2])
+            lengths = (self._taps, self._powers, (0,) * channels)
+            interpolate = partial(profiles.adjoint, table, self._bins, geometry, images, *lengths)
+            share(blocks, interpolate, alone=pairs * channels * out.shape[2] < FEW)
 
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
         out[...] = 0
-        # Pairs that share antennas are cheaper together; every thread is to have two tasks at
-        # least.
+        # Pairs that share antennas are cheaper together; every thread needs at least two tasks.
         pairs = out.shape[1]
         geometry = self._located()
         size = self._spectrum.size
@@ -140,56 +135,50 @@ class ProfileEngine(Engine):
         for rows, bands, channels in passes(*image.shape[:2]):
             table = self._table(channels)
             form = self._form(channels)
-            part = image[rows, bands].reshape(-1, image.shape[2])
-            shape = (self._taps, self._powers, (0,) * channels)
-            few = pairs * channels * image.shape[2] < FEW
-            share(
-                pairs,
-                partial(profiles.forward, table, self._bins, geometry, part, *shape),
-                together,
-                few,
+            images = image[rows, bands].reshape(-1, image.shape[2])
+            lengths = (self._taps, self._powers, (0,) * channels)
+            spread = partial(profiles.forward, table, self._bins, geometry, images, *lengths)
+            share(pairs, spread, together, alone=pairs * channels * image.shape[2] < FEW)
+            expand = partial(
+                transform.expand, table, self._weight[bands], self._spectrum, out[rows], *form
             )
-            tones = (table, self._weight[bands], self._spectrum, out[rows], *form)
-            share(
-                pairs,
-                partial(transform.expand, *tones),
-                form.together,
-                pairs * channels * size < FEW,
-            )
+            share(pairs, expand, form.together, alone=pairs * channels * size < FEW)
         if self._phase is not None:
             out *= self._phase.conj()
 
     def _table(self, channels: int) -> NDArray[np.float32]:
-        return aligned(
-            self._geometry.tx.size * self._bins * row_size(self.width, channels), np.float32
-        )
+        """Allocate the range profiles of all pairs."""
+        size = self._geometry.tx.size * self._bins * row_size(self.width, channels)
+        return aligned(size, np.float32)
 
     def _form(self, channels: int) -> transform.Form:
+        """Return the layout of the rows of a profile."""
         lane = max(channels, 4)
         return transform.Form(
             row_size(self.width, channels), self.width, lane // channels, (0,) * lane
         )
 
     def _located(self) -> Geometry:
-        """Return the geometry, from the third use on with all delays and phasors unless they are too large to keep.
+        """Return the geometry, from the third use on with all delays and phasors if they fit.
 
-        To make and write them costs what three images save by reading them.
+        To compute and write them costs what three images save by reading them.
         """
         geometry = self._geometry
         self._calls += 1
         size = geometry.antenna.shape[0] * geometry.pixels.shape[1]
         if self._calls > 2 and not geometry.delay.size and 12 * size <= KEPT_BYTES:
-            delay, cosine, sine = (
-                aligned(size, kind) for kind in (np.uint32, np.float32, np.float32)
+            geometry = geometry._replace(
+                delay=aligned(size, np.uint32),
+                cosine=aligned(size, np.float32),
+                sine=aligned(size, np.float32),
             )
-            geometry = geometry._replace(delay=delay, cosine=cosine, sine=sine)
             share(geometry.pixels.shape[1] // BLOCK, partial(profiles.locate, geometry))
             self._geometry = geometry
         return geometry
 
 
 class PreciseEngine(Engine):
-    """Range profiles and their interpolation in double precision: for tolerances that single precision cannot keep."""
+    """Interpolate range profiles in double precision, for tolerances beyond single precision."""
 
     def __init__(self, plan: Plan, weight: FloatArray) -> None:
         spectrum = plan.spectrum
@@ -204,13 +193,13 @@ class PreciseEngine(Engine):
 
     def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
-        for rows, image in zip(data, out, strict=True):
-            rows = rows if self._phase is None else rows * self._phase
-            tones = rows[:, None, :] * self._weight
+        for sweeps, image in zip(data, out, strict=True):
+            if self._phase is not None:
+                sweeps = sweeps * self._phase
+            tones = sweeps[:, None, :] * self._weight
             slots = (tones.reshape(-1, tones.shape[2]) @ self._slots).reshape(*tones.shape[:2], -1)
-            profile = (
-                fft.ifft(slots, axis=2, norm="forward")[..., self._bin] * self._spectrum.factor
-            )
+            profile = fft.ifft(slots, axis=2, norm="forward")[..., self._bin]
+            profile = profile * self._spectrum.factor
             table = np.ascontiguousarray(profile.transpose(0, 2, 1))
             adjoint_precise(table, self._geometry, image)
 
@@ -234,58 +223,67 @@ class PreciseEngine(Engine):
 def passes(polarizations: int, subbands: int) -> list[tuple[slice, slice, int]]:
     """Split the images into passes of at most as many channels as a lane row holds.
 
-    Returns the polarizations and the sub-bands of each pass and the channels of its rows. A pass takes all sub-bands of
-    some polarizations, or some sub-bands of one, so that its images are neighbours in memory.
+    Returns the polarizations and the sub-bands of each pass and the channels of its rows. A pass
+    takes all sub-bands of some polarizations, or some sub-bands of one, so that its images are
+    neighbours in memory.
     """
     most = max(CHANNELS)
-    bands_held = min(subbands, most)
-    rows_held = most // bands_held if subbands <= most else 1
-    found = []
-    for row in range(0, polarizations, rows_held):
-        rows = slice(row, min(row + rows_held, polarizations))
-        for band in range(0, subbands, bands_held):
-            bands = slice(band, min(band + bands_held, subbands))
+    bands_at_once = min(subbands, most)
+    rows_at_once = most // bands_at_once if subbands <= most else 1
+    split = []
+    for row in range(0, polarizations, rows_at_once):
+        rows = slice(row, min(row + rows_at_once, polarizations))
+        for band in range(0, subbands, bands_at_once):
+            bands = slice(band, min(band + bands_at_once, subbands))
             needed = (rows.stop - rows.start) * (bands.stop - bands.start)
-            found.append((rows, bands, min(c for c in CHANNELS if c >= needed)))
-    return found
+            channels = min(count for count in CHANNELS if count >= needed)
+            split.append((rows, bands, channels))
+    return split
 
 
 def make_engine(
-    layout: Layout, frequency: FloatArray, weight: FloatArray, offset: FloatArray, tolerance: float,
-    dtype: np.dtype[Any], device: str, method: str,
-) -> Engine:  # fmt: skip
-    """Choose and prepare the engine for a device, a precision and a method; a ValueError names what it cannot be."""
+    layout: Layout,
+    frequency: FloatArray,
+    weight: FloatArray,
+    offset: FloatArray,
+    tolerance: float,
+    dtype: np.dtype[Any],
+    device: str,
+    method: str,
+) -> Engine:
+    """Choose and prepare the engine for a device, a precision and a method.
+
+    What cannot be combined is a ValueError.
+    """
     if device not in ("cpu", "cuda"):
         raise ValueError(f"device must be 'cpu' or 'cuda', got {device!r}")
     if method not in ("auto", "profile", "direct"):
         raise ValueError(f"method must be 'auto', 'profile' or 'direct', got {method!r}")
     active = np.asarray(weight.any(axis=0))
     # What single precision adds to the window's error is small but not nothing.
-    share = 0.9 * tolerance if dtype == np.dtype(np.complex64) else tolerance
+    window_tolerance = 0.9 * tolerance if dtype == np.dtype(np.complex64) else tolerance
     if device == "cuda":
-        return _cuda_engine(
-            make_plan(frequency, active, layout, offset, share), weight, tolerance, dtype, method
-        )
+        plan = make_plan(frequency, active, layout, offset, window_tolerance)
+        return _cuda_engine(plan, weight, tolerance, dtype, method)
     # Below this many terms per pair, profiles cost more than the sums themselves.
     if method == "direct" or (method == "auto" and layout.count * np.count_nonzero(active) < 2000):
         return DirectEngine(layout, frequency, weight, offset)
-    plan = make_plan(frequency, active, layout, offset, share)
+    plan = make_plan(frequency, active, layout, offset, window_tolerance)
     if dtype == np.dtype(np.complex64) and _fits_single(plan, tolerance):
         return ProfileEngine(plan, weight)
     return PreciseEngine(plan, weight)
 
 
 def _fits_single(plan: Plan, tolerance: float) -> bool:
-    """Whether 32-bit delays are fine enough and 32-bit indices large enough: not with many thousands of tones."""
-    return (
-        plan.rounding < tolerance / 2
-        and plan.layout.tx.size * plan.bins * 2 * max(CHANNELS) < 2**32
-    )
+    """Check that 32-bit delays and indices suffice: not with many thousands of tones."""
+    table_size = plan.layout.tx.size * plan.bins * 2 * max(CHANNELS)
+    return plan.rounding < tolerance / 2 and table_size < 2**32
 
 
 def _cuda_engine(
     plan: Plan, weight: FloatArray, tolerance: float, dtype: np.dtype[Any], method: str
 ) -> Engine:
+    """Return the engine on a CUDA device, which has single precision and profiles only."""
     if dtype != np.dtype(np.complex64):
         raise ValueError(
             f"dtype must be complex64 (and tolerance at least 1e-5) with device 'cuda', got {dtype}"
@@ -294,7 +292,8 @@ def _cuda_engine(
         raise ValueError("method must be 'auto' or 'profile' with device 'cuda', got 'direct'")
     if not _fits_single(plan, tolerance):
         raise ValueError(
-            f"tolerance must be at least {2 * plan.rounding:.0e} with device 'cuda' and these tones, got {tolerance:g}"
+            f"tolerance must be at least {2 * plan.rounding:.0e} with device 'cuda' and these "
+            f"tones, got {tolerance:g}"
         )
     # Imported here because it needs numba-cuda, which only users of a device install.
     try:

@@ -1,4 +1,4 @@
-"""How often a place on the ground is seen: apart from the imaging itself, which is slow to load."""
+"""Number of scans that see a point: a module apart from the imaging, which is slow to load."""
 
 from __future__ import annotations
 
@@ -9,15 +9,27 @@ from flgpr.model import Grid, lane_to_scan
 
 
 def count_looks(poses: NDArray[np.float64], grid: Grid, points: ArrayLike) -> NDArray[np.int64]:
-    """Count the scans, by their poses, whose image of ``grid`` holds each point (..., 3) of the lane frame."""
+    """Count the scans whose image holds each point.
+
+    Parameters
+    ----------
+    poses : (scan, 6) ndarray
+        Poses of the scans, m and rad.
+    grid : Grid
+        Pixels of the scan images.
+    points : (..., 3) array_like
+        Points of the lane frame, m.
+
+    Returns
+    -------
+    (...) ndarray of int
+        Number of scans.
+    """
     count = np.zeros(np.shape(points)[:-1], dtype=np.int64)
     x_min, x_max, y_min, y_max = grid.extent()
     for pose in poses:
         local = lane_to_scan(points, pose)
-        count += (
-            (local[..., 0] >= x_min)
-            & (local[..., 0] <= x_max)
-            & (local[..., 1] >= y_min)
-            & (local[..., 1] <= y_max)
-        )
+        inside_x = (local[..., 0] >= x_min) & (local[..., 0] <= x_max)
+        inside_y = (local[..., 1] >= y_min) & (local[..., 1] <= y_max)
+        count += inside_x & inside_y
     return count

@@ -1,4 +1,4 @@
-"""The imaging operator: the adjoint A^H makes images of data, the forward model A makes data of images."""
+"""The imaging operator: the adjoint A^H images data, the forward model A predicts data."""
 
 from __future__ import annotations
 
@@ -27,11 +27,10 @@ class ImagingOperator:
     g the product of the two antennas' amplitudes (one by default) and w_s(f) the window of sub-band
     s (zero outside it)::
 
-        adjoint   x_s(p)  = Σ_pair Σ_f w_s(f) g(pair, p) b(pair, f) exp(+j2πf L(pair, p)/c)   (Fuse et al. 2018, Eq. 1)
+        adjoint   x_s(p)  = Σ_pair Σ_f w_s(f) g(pair, p) b(pair, f) exp(+j2πf L(pair, p)/c)
         forward   b(pair, f) = Σ_s Σ_p w_s(f) g(pair, p) x_s(p) exp(-j2πf L(pair, p)/c)
 
-    A parameter that breaks its rule is a ValueError that names it, the rule and the value; a
-    sub-band without a tone is one of the cases.
+    The adjoint is Eq. 1 of Fuse et al. 2018.
 
     Parameters
     ----------
@@ -69,13 +68,19 @@ class ImagingOperator:
         "profile" interpolates range profiles, "direct" sums term by term in double precision,
         "auto" takes the one that needs less work.
 
+    Raises
+    ------
+    ValueError
+        If a parameter breaks its rule, or a sub-band has no tone.
+
     References
     ----------
     Fuse et al. 2018, Eq. 1-3 and 5.
 
     Examples
     --------
-    A point's data, modelled and imaged: nothing is normalised, so the image peaks at the number of pairs times tones.
+    The data of a point are predicted and imaged. Nothing is normalised: the image peaks at the
+    number of pairs times tones.
 
     >>> import numpy as np
     >>> from flgpr.imaging import ImagingOperator
@@ -86,19 +91,31 @@ class ImagingOperator:
     >>> grid = Grid.spanning((-1.0, 1.0), (4.0, 6.0), 0.05)
     >>> point = ImagingOperator(frequency, tx, rx, [[[0.25, 5.0, 0.0]]], method="direct")
     >>> data = point.forward(np.ones((1, 1, 1, 1)))  # polarization, pair, frequency
-    >>> image = np.abs(ImagingOperator(frequency, tx, rx, grid.points()).adjoint(data)[0, 0])  # y, x
+    >>> operator = ImagingOperator(frequency, tx, rx, grid.points())
+    >>> image = np.abs(operator.adjoint(data)[0, 0])  # y, x
     >>> row, column = np.unravel_index(image.argmax(), image.shape)
     >>> float(grid.x[column]), float(grid.y[row]), round(float(image.max())) == 9 * 101
     (0.25, 5.0, True)
     """
 
     def __init__(
-        self, frequency: ArrayLike, tx_position: ArrayLike, rx_position: ArrayLike, pixels: ArrayLike,
-        subbands: Subbands | None = None, tolerance: float = 1e-3, device: str = "cpu", permittivity: float = 1.0,
-        path_offset: ArrayLike | None = None, window: str | ArrayLike | None = None, half_space: float | None = None,
-        tx_pattern: Pattern | None = None, rx_pattern: Pattern | None = None, dtype: DTypeLike | None = None,
+        self,
+        frequency: ArrayLike,
+        tx_position: ArrayLike,
+        rx_position: ArrayLike,
+        pixels: ArrayLike,
+        subbands: Subbands | None = None,
+        tolerance: float = 1e-3,
+        device: str = "cpu",
+        permittivity: float = 1.0,
+        path_offset: ArrayLike | None = None,
+        window: str | ArrayLike | None = None,
+        half_space: float | None = None,
+        tx_pattern: Pattern | None = None,
+        rx_pattern: Pattern | None = None,
+        dtype: DTypeLike | None = None,
         method: str = "auto",
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.frequency = check_frequency(frequency)
         self.tx_position = _points(tx_position, "tx_position")
         self.rx_position = _points(rx_position, "rx_position")
@@ -122,10 +139,8 @@ class ImagingOperator:
         self.path_offset = self._offsets(path_offset)
         self.subbands = self._bands(subbands)
         self.weight = self._weights(window)
-        medium = (
-            math.sqrt(self.permittivity),
-            math.sqrt(self.half_space) if self.half_space else 0.0,
-        )
+        ground_index = math.sqrt(self.half_space) if self.half_space else 0.0
+        medium = (math.sqrt(self.permittivity), ground_index)
         layout = lay_out(
             self.tx_position, self.rx_position, points, medium, (tx_pattern, rx_pattern)
         )
@@ -147,50 +162,71 @@ class ImagingOperator:
 
     @property
     def method(self) -> str:
-        """The method in use: "profile" or "direct"."""
+        """Method in use, "profile" or "direct"."""
         return self.engine.method
 
     @property
     def width(self) -> int:
-        """Bins that the interpolation window covers; zero for direct sums."""
+        """Number of bins that the interpolation window covers; zero for direct sums."""
         return self.engine.width
 
     def image_buffer(self, *lead: int) -> NDArray[Any]:
-        """Make memory for images (lead, subband, pixels), to be passed as ``out``; page-locked for a CUDA device."""
+        """Allocate images (lead, subband, pixels) for ``out``; page-locked for a CUDA device."""
         return self.engine.buffer((*lead, len(self.subbands), *self.pixel_shape), self.dtype)
 
     def adjoint(
         self, data: ArrayLike, out: NDArray[Any] | None = None, rows: int | None = None
     ) -> NDArray[Any]:
-        """Image data: apply A^H.
+        """Return the image of data: apply A^H.
 
-        ``data`` (..., polarization, pair, frequency) are received fields, finite; leading axes are scans taken with one
-        geometry. Returns an image per polarization and sub-band, (..., polarization, subband, pixels), put in ``out``
-        if given, a contiguous array of the operator's dtype. With ``rows`` only the first so many along the first axis
-        of the pixels are imaged, to the same bits.
+        Parameters
+        ----------
+        data : (..., polarization, pair, frequency) array_like of complex
+            Received fields, finite; leading axes are scans taken with one geometry.
+        out : (..., polarization, subband, pixels) ndarray, optional
+            Memory for the result: contiguous, of the operator's dtype.
+        rows : int, optional
+            Rows to image along the first axis of the pixels, to the same bits; by default all.
+
+        Returns
+        -------
+        (..., polarization, subband, pixels) ndarray
+            Image per polarization and sub-band.
+
+        Raises
+        ------
+        ValueError
+            If the data have another shape or are not finite, or ``out`` does not fit.
         """
         block, lead = self._checked(data, "data", (self.pairs, self.frequency.size))
-        pixels = (
-            self.pixel_shape
-            if rows is None
-            else (min(rows, self.pixel_shape[0]), *self.pixel_shape[1:])
-        )
+        pixels = self.pixel_shape
+        if rows is not None:
+            pixels = (min(rows, pixels[0]), *pixels[1:])
         shape = (*lead, len(self.subbands), *pixels)
-        images = (
-            self.engine.buffer(shape, self.dtype)
-            if out is None
-            else _target(out, shape, self.dtype)
-        )
-        self.engine.adjoint(
-            block, images.reshape(block.shape[0], len(self.subbands), math.prod(pixels))
-        )
+        if out is None:
+            out = self.engine.buffer(shape, self.dtype)
+        images = _checked_target(out, shape, self.dtype)
+        flat = images.reshape(block.shape[0], len(self.subbands), math.prod(pixels))
+        self.engine.adjoint(block, flat)
         return images
 
     def forward(self, image: ArrayLike) -> NDArray[Any]:
-        """Model data (..., polarization, pair, frequency), summed over sub-bands: apply A.
+        """Return the data of an image, summed over sub-bands: apply A.
 
-        ``image`` (..., polarization, subband, pixels) is the reflectivity of every pixel, finite; leading axes are
-        scans.
+        Parameters
+        ----------
+        image : (..., polarization, subband, pixels) array_like of complex
+            Reflectivity of every pixel, finite; leading axes are scans.
+
+        Returns
+        -------
+        (..., polarization, pair, frequency) ndarray
+            Data.
+
+        Raises
+        ------
+        ValueError
+            If the image has another shape or is not finite.
         """
         block, lead = self._checked(image, "image", (len(self.subbands), *self.pixel_shape))
         out = np.empty((block.shape[0], self.pairs, self.frequency.size), self.dtype)
@@ -200,13 +236,14 @@ class ImagingOperator:
     def _checked(
         self, value: ArrayLike, name: str, tail: tuple[int, ...]
     ) -> tuple[NDArray[Any], tuple[int, ...]]:
+        """Return values as (row, *tail), all leading axes in one, and the axes before them."""
         block = np.ascontiguousarray(value, dtype=self.dtype)
         if block.ndim <= len(tail) or block.shape[block.ndim - len(tail) :] != tail:
             raise ValueError(
-                f"{name} must have the shape (..., polarization, {', '.join(map(str, tail))}), got {block.shape}"
+                f"{name} must have the shape (..., polarization, {', '.join(map(str, tail))}), "
+                f"got {block.shape}"
             )
-        # A sum is finite only if all its terms are. If it overflows, and only then, every value is
-        # looked at.
+        # A sum is finite only if all its terms are. Every value is checked only where it overflows.
         with np.errstate(over="ignore", invalid="ignore"):
             total = block.sum()
         if not np.isfinite(total) and not np.isfinite(block).all():
@@ -218,31 +255,37 @@ class ImagingOperator:
         return block.reshape(math.prod(lead), *tail), lead
 
     def _offsets(self, value: ArrayLike | None) -> NDArray[np.float64]:
+        """Return the checked path offset (pair,), by default zero."""
         if value is None:
             return np.zeros(self.pairs)
         offset = np.asarray(value, dtype=np.float64)
         if offset.shape != (self.pairs,) or not np.isfinite(offset).all():
             raise ValueError(
-                f"path_offset must hold one finite length per pair ({self.pairs}), got shape {offset.shape}"
+                f"path_offset must hold one finite length per pair ({self.pairs}), "
+                f"got shape {offset.shape}"
             )
         return np.ascontiguousarray(offset)
 
     def _ground(self, value: float | None, pixels: NDArray[np.float64]) -> float | None:
+        """Return the checked permittivity of the ground, above which all antennas must lie."""
         if value is None:
             return None
         if not (math.isfinite(value) and value >= self.permittivity):
             raise ValueError(
-                f"half_space must be a relative permittivity of at least {self.permittivity:g}, that above, got {value}"
+                "half_space must be a relative permittivity of at least "
+                f"{self.permittivity:g}, that above, got {value}"
             )
         lowest = min(self.tx_position[:, 2].min(), self.rx_position[:, 2].min())
         highest = max(0.0, float(pixels[:, 2].max()))
         if not lowest > highest:
             raise ValueError(
-                f"half_space needs all antennas above all pixels and above z = 0 ({highest:g} m), got z = {lowest:g} m"
+                "half_space needs all antennas above all pixels and above z = 0 "
+                f"({highest:g} m), got z = {lowest:g} m"
             )
         return float(value)
 
     def _bands(self, subbands: Subbands | None) -> tuple[tuple[float, float], ...]:
+        """Return the checked sub-bands, by default the whole band."""
         if subbands is None:
             return ((float(self.frequency[0]), float(self.frequency[-1])),)
         bands = tuple((float(lo), float(hi)) for lo, hi in subbands)
@@ -254,6 +297,7 @@ class ImagingOperator:
         return bands
 
     def _weights(self, window: str | ArrayLike | None) -> NDArray[np.float64]:
+        """Return the weights (subband, frequency); every sub-band must hold a tone."""
         name = window if isinstance(window, str) else "boxcar"
         if name not in WINDOWS:
             raise ValueError(
@@ -270,26 +314,28 @@ class ImagingOperator:
             taper = np.asarray(window, dtype=np.float64)
             if taper.shape != self.frequency.shape or not np.isfinite(taper).all():
                 raise ValueError(
-                    f"window must hold one finite weight per tone ({self.frequency.size}), got shape {taper.shape}"
+                    f"window must hold one finite weight per tone ({self.frequency.size}), "
+                    f"got shape {taper.shape}"
                 )
             weight = weight * taper
         return weight
 
 
 def _points(value: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Return checked points (..., 3), at least one."""
     points = np.asarray(value, dtype=np.float64)
     if points.ndim < 1 or points.shape[-1] != 3 or points.size == 0:
         raise ValueError(
             f"{name} must have the shape (..., 3) with at least one point, got {points.shape}"
         )
-    if not np.isfinite(points).all():
-        raise ValueError(
-            f"{name} must be finite, got {np.count_nonzero(~np.isfinite(points))} values that are not"
-        )
+    infinite = np.count_nonzero(~np.isfinite(points))
+    if infinite:
+        raise ValueError(f"{name} must be finite, got {infinite} values that are not")
     return np.ascontiguousarray(points)
 
 
 def _precision(dtype: DTypeLike | None, tolerance: float) -> np.dtype[Any]:
+    """Return the checked dtype, by default the smallest that keeps the tolerance."""
     if dtype is None:
         return np.dtype(np.complex64 if tolerance >= SINGLE_TOLERANCE else np.complex128)
     kind = np.dtype(dtype)
@@ -302,7 +348,10 @@ def _precision(dtype: DTypeLike | None, tolerance: float) -> np.dtype[Any]:
     return kind
 
 
-def _target(out: NDArray[Any], shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+def _checked_target(
+    out: NDArray[Any], shape: tuple[int, ...], dtype: np.dtype[Any]
+) -> NDArray[Any]:
+    """Return the memory for a result, which must be contiguous and of its shape and dtype."""
     if out.shape != shape or out.dtype != dtype or not out.flags.c_contiguous:
         raise ValueError(
             f"out must be contiguous {dtype} of the shape {shape}, got {out.dtype} {out.shape}"

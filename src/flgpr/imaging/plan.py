@@ -1,4 +1,4 @@
-"""What an imaging operator prepares once: tones on a uniform spectrum, the range swath, antennas, pixels in blocks."""
+"""What an imaging operator prepares once: spectrum, range swath, antennas, pixels in blocks."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ Pattern = Callable[[FloatArray, FloatArray], FloatArray]
 class Layout:
     """Antennas (antenna, 3), each once and transmitters first, and pixels (3, pixel) in blocks.
 
-    ``tx`` and ``rx`` are rows of ``antenna``. The last of ``count`` pixels is repeated to fill a block. ``medium`` are
-    the refractive indices above and below z = 0, the second zero where there is no ground; ``gain`` the amplitude of
-    each antenna at each pixel, empty where it is one everywhere.
+    ``tx`` and ``rx`` are rows of ``antenna``. The last of ``count`` pixels is repeated to fill a
+    block. ``medium`` are the refractive indices above and below z = 0, the second zero where there
+    is no ground; ``gain`` the amplitude of each antenna at each pixel, empty where it is one
+    everywhere.
     """
 
     tx: IndexArray
@@ -40,29 +41,32 @@ class Layout:
     gain: FloatArray
 
     def swath(self) -> tuple[float, float]:
-        """Bounds of the optical paths of all pairs and pixels, m, from the box around the pixels."""
+        """Return bounds of the optical paths of all pairs and pixels, m, from the pixels' box."""
         low = self.pixels.min(axis=1)
         high = self.pixels.max(axis=1)
         index, ground = self.medium
         depth = max(0.0, -low[2]) if ground else 0.0
         if ground:
-            # The straight line is a lower bound; down the normal from the surface is a path, so an
-            # upper one.
+            # The straight line is a lower bound. Along the surface and down the normal is a path,
+            # so that its length is an upper bound.
             low = np.minimum(low, [np.inf, np.inf, 0.0])
             high = np.maximum(high, [-np.inf, -np.inf, 0.0])
-        near = np.maximum(0.0, np.maximum(low - self.antenna, self.antenna - high))
-        far = np.maximum(np.abs(self.antenna - low), np.abs(high - self.antenna))
-        least = index * np.linalg.norm(near, axis=1)
-        most = index * np.linalg.norm(far, axis=1) + ground * depth
-        return float((least[self.tx] + least[self.rx]).min()), float(
-            (most[self.tx] + most[self.rx]).max()
-        )
+        nearest = np.maximum(0.0, np.maximum(low - self.antenna, self.antenna - high))
+        farthest = np.maximum(np.abs(self.antenna - low), np.abs(high - self.antenna))
+        least = index * np.linalg.norm(nearest, axis=1)
+        most = index * np.linalg.norm(farthest, axis=1) + ground * depth
+        shortest = float((least[self.tx] + least[self.rx]).min())
+        longest = float((most[self.tx] + most[self.rx]).max())
+        return shortest, longest
 
 
 def lay_out(
-    tx: FloatArray, rx: FloatArray, pixels: FloatArray, medium: tuple[float, float],
+    tx: FloatArray,
+    rx: FloatArray,
+    pixels: FloatArray,
+    medium: tuple[float, float],
     patterns: tuple[Pattern | None, Pattern | None],
-) -> Layout:  # fmt: skip
+) -> Layout:
     """Find the different antennas, put pixels in blocks and evaluate the antennas' amplitudes."""
     tx_unique, tx_index = np.unique(tx, axis=0, return_inverse=True)
     rx_unique, rx_index = np.unique(rx, axis=0, return_inverse=True)
@@ -70,51 +74,61 @@ def lay_out(
     padded = np.empty((3, -(-count // BLOCK) * BLOCK))
     padded[:, :count] = pixels.T
     padded[:, count:] = pixels[-1][:, None]
-    antenna = np.concatenate([tx_unique, rx_unique])
-    gain = np.empty((antenna.shape[0], 0))
-    if any(pattern is not None for pattern in patterns):
-        gain = np.ones((antenna.shape[0], padded.shape[1]))
-        roles = [(tx_unique, patterns[0], "tx_pattern"), (rx_unique, patterns[1], "rx_pattern")]
-        rows = [(p, pattern, name) for points, pattern, name in roles for p in points]
-        for row, (position, pattern, name) in zip(gain, rows, strict=True):
-            if pattern is not None:
-                row[:count] = _amplitude(pattern, name, position, pixels)
-    indices = (
+    gain = np.empty((len(tx_unique) + len(rx_unique), 0))
+    tx_pattern, rx_pattern = patterns
+    if tx_pattern is not None or rx_pattern is not None:
+        gain = np.ones((len(gain), padded.shape[1]))
+        if tx_pattern is not None:
+            for row, position in zip(gain, tx_unique, strict=False):
+                row[:count] = _amplitude(tx_pattern, "tx_pattern", position, pixels)
+        if rx_pattern is not None:
+            for row, position in zip(gain[len(tx_unique) :], rx_unique, strict=True):
+                row[:count] = _amplitude(rx_pattern, "rx_pattern", position, pixels)
+    return Layout(
         tx_index.reshape(-1).astype(np.int64),
         rx_index.reshape(-1).astype(np.int64) + len(tx_unique),
+        np.concatenate([tx_unique, rx_unique]),
+        padded,
+        count,
+        np.array(medium),
+        gain,
     )
-    return Layout(*indices, antenna, padded, count, np.array(medium), gain)
 
 
 def _amplitude(pattern: Pattern, name: str, position: FloatArray, pixels: FloatArray) -> FloatArray:
+    """Evaluate an antenna's amplitude at the pixels (pixel, 3), which must be one number each."""
     value = np.asarray(pattern(position, pixels), dtype=np.float64)
     if value.shape not in ((), (pixels.shape[0],)) or not np.isfinite(value).all():
         raise ValueError(
-            f"{name} must return one finite amplitude per pixel ({pixels.shape[0]}), got shape {value.shape}"
+            f"{name} must return one finite amplitude per pixel ({pixels.shape[0]}), "
+            f"got shape {value.shape}"
         )
     return value
 
 
 @dataclass(frozen=True)
 class Tones:
-    """Where tones lie on a uniform spectrum."""
+    """Positions of tones on a uniform spectrum."""
 
     step: float  #: spacing of the spectrum, Hz
-    #: position of each tone on it, relative to the carrier, in steps; whole numbers where the tones are uniform
-    place: FloatArray
+    #: position of each tone relative to the carrier, in steps; whole numbers if the tones are
+    #: uniform
+    position: FloatArray
     carrier: float  #: frequency of position zero, Hz
-    uniform: bool  #: whether all places are whole numbers
+    uniform: bool  #: whether all positions are whole numbers
 
     @property
     def extent(self) -> int:
         """Number of steps from the first to the last tone, both included."""
-        return 2 * math.ceil(float(np.abs(self.place).max())) + 1
+        return 2 * math.ceil(float(np.abs(self.position).max())) + 1
 
 
 def place_tones(frequency: FloatArray, swath: tuple[float, float], tolerance: float) -> Tones:
-    """Lay tones on a uniform spectrum: their own if they have one, gaps included, else one that the swath calls for.
+    """Place tones on a uniform spectrum.
 
-    Tones count as uniform if their distance from the grid turns no phase by more than a tenth of ``tolerance``.
+    It is their own if they have one, gaps included, else one that is fine enough for the swath.
+    Tones count as uniform if their distance from the grid turns no phase by more than a tenth of
+    ``tolerance``.
     """
     spacing = np.diff(frequency)
     step = float(spacing.min()) if spacing.size else float(frequency[0])
@@ -123,10 +137,8 @@ def place_tones(frequency: FloatArray, swath: tuple[float, float], tolerance: fl
         step = float((frequency[-1] - frequency[0]) / position[-1])
     drift = np.abs(frequency - frequency[0] - step * position).max()
     middle = position[-1] // 2
-    if (
-        2 * math.pi * drift * swath[1] / SPEED_OF_LIGHT <= tolerance / 10
-        and position[-1] < 64 * frequency.size
-    ):
+    phase_error = 2 * math.pi * drift * swath[1] / SPEED_OF_LIGHT
+    if phase_error <= tolerance / 10 and position[-1] < 64 * frequency.size:
         return Tones(step, position - middle, float(frequency[0] + step * middle), True)
     carrier = (frequency[0] + frequency[-1]) / 2
     # Three swaths are unambiguous, so that spreading tones over neighbouring slots has room to
@@ -137,12 +149,12 @@ def place_tones(frequency: FloatArray, swath: tuple[float, float], tolerance: fl
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything the kernels of one operator are made from; the spectrum's tones and bins are in double precision.
+    """Parameters of the kernels of one operator, with the spectrum in double precision.
 
-    ``per_turn`` and ``carrier`` are the spacing of the spectrum and its position zero over the speed of light, 1/m.
-    ``start`` is the first bin that a path reaches; the window's outer taps start earlier. ``phase`` (1 or pair, tone)
-    is a factor on every tone. ``rounding`` is the largest phase that the 32-bit delays of the kernels in single
-    precision are off by, rad.
+    ``per_turn`` and ``carrier`` are the spacing of the spectrum and its position zero over the
+    speed of light, 1/m. ``start`` is the first bin that a path reaches; the window's outer taps
+    start earlier. ``phase`` (1 or pair, tone) is a factor on every tone. ``rounding`` is the
+    largest phase error, rad, of the 32-bit delays of the kernels in single precision.
     """
 
     layout: Layout
@@ -156,25 +168,35 @@ class Plan:
 
     @property
     def bins(self) -> int:
-        """Bins per pair, those that only the window's outer taps reach included."""
+        """Number of bins per pair, with those that only the window's outer taps reach."""
         return self.spectrum.factor.size
 
     def geometry(self) -> Geometry:
-        """Geometry for the kernels in single precision."""
+        """Return the geometry for the kernels in single precision."""
         layout = self.layout
         width = self.window.width
         shift = 33 - self.window.size.bit_length()
         half_bin = 1 << (shift - 1) if width % 2 else 0
         weight = np.zeros((polynomial_degree(width) + 1, padded(width)), np.float32)
         weight[:, :width] = polynomials(self.window, polynomial_degree(width)).T
+        origin = ((self.start << shift) - half_bin) % 2**32
         return Geometry(
-            layout.tx, layout.rx, layout.antenna, layout.pixels, layout.count, layout.medium, self.per_turn,
-            self.carrier, ((self.start << shift) - half_bin) % 2**32, shift, layout.gain.astype(np.float32),
+            layout.tx,
+            layout.rx,
+            layout.antenna,
+            layout.pixels,
+            layout.count,
+            layout.medium,
+            self.per_turn,
+            self.carrier,
+            origin,
+            shift,
+            layout.gain.astype(np.float32),
             weight.reshape(-1),
-        )  # fmt: skip
+        )
 
     def precise_geometry(self) -> PreciseGeometry:
-        """Geometry for the kernels in double precision."""
+        """Return the geometry for the kernels in double precision."""
         layout = self.layout
         path = np.empty((layout.antenna.shape[0], layout.pixels.shape[1]))
         antenna_paths(layout.pixels, layout.antenna, layout.medium, path)
@@ -200,13 +222,19 @@ def make_plan(
     offset: FloatArray,
     tolerance: float,
 ) -> Plan:
-    """Choose window and spectrum for the ``active`` tones; ``offset`` (pair,) m is taken off by a factor on each."""
+    """Choose window and spectrum for the ``active`` tones.
+
+    The path ``offset`` (pair,), m, is subtracted by a factor on every tone.
+    """
     swath = layout.swath()
     tones = place_tones(frequency[active], swath, tolerance)
-    share = tolerance if tones.uniform else tolerance / 2
-    window = design(
-        tones.extent if tones.uniform else max(tones.extent + 16, 100), share, layout.count
-    )
+    if tones.uniform:
+        window_tolerance = tolerance
+        extent = tones.extent
+    else:
+        window_tolerance = tolerance / 2  # the other half is for spreading the tones
+        extent = max(tones.extent + 16, 100)
+    window = design(extent, window_tolerance, layout.count)
     size = window.size
     per_turn = tones.step / SPEED_OF_LIGHT
     start = math.floor(swath[0] * per_turn * size) - 1
@@ -217,27 +245,29 @@ def make_plan(
     centre = 0
     if not tones.uniform:
         centre = start + reach // 2
-        turns[0, active] = tones.place * (centre / size)
+        turns[0, active] = tones.position * (centre / size)
     if offset.any():
         turns = turns - offset[:, None] * (frequency / SPEED_OF_LIGHT)
     phase = np.exp(2j * np.pi * (turns - np.floor(turns))) if turns.any() else None
-    spectrum = _spectrum(tones, active, window, first - centre, bins, share)
-    rounding = 2 * math.pi * float(np.abs(tones.place).max()) * 2 / 2**32
-    return Plan(
-        layout, window, spectrum, per_turn, tones.carrier / SPEED_OF_LIGHT, start, phase, rounding
-    )
+    spectrum = _spectrum(tones, active, window, first - centre, bins, window_tolerance)
+    rounding = 2 * math.pi * float(np.abs(tones.position).max()) * 2 / 2**32
+    carrier = tones.carrier / SPEED_OF_LIGHT
+    return Plan(layout, window, spectrum, per_turn, carrier, start, phase, rounding)
 
 
 def _spectrum(
     tones: Tones, active: NDArray[np.bool_], window: Window, first: int, bins: int, tolerance: float
 ) -> Spectrum:
-    """Slots of every tone; uneven tones are spread over several, as in a non-uniform transform of the first kind."""
+    """Return the slots of every tone in the spectrum.
+
+    Uneven tones are spread over several, as in a non-uniform transform of the first kind.
+    """
     size = window.size
-    weight = 1 / transform(window.width, window.beta, tones.place / size)[:, None]
-    slots = np.rint(tones.place).astype(np.int64)[:, None]
+    weight = 1 / transform(window.width, window.beta, tones.position / size)[:, None]
+    slots = np.rint(tones.position).astype(np.int64)[:, None]
     factor = np.ones(bins)
     if not tones.uniform:
-        slots, shares, factor = _spread(tones.place, size, first, bins, tolerance)
+        slots, shares, factor = _spread(tones.position, size, first, bins, tolerance)
         weight = weight * shares
     per_tone = np.where(active, slots.shape[1], 0)
     entries = np.concatenate([[0], np.cumsum(per_tone)]).astype(np.int64)
@@ -248,15 +278,16 @@ def _spectrum(
 
 
 def _spread(
-    place: FloatArray, size: int, first: int, bins: int, tolerance: float
+    position: FloatArray, size: int, first: int, bins: int, tolerance: float
 ) -> tuple[IndexArray, FloatArray, FloatArray]:
-    """Slots and weights that stand for tones between two slots, and the factor that undoes this on each bin."""
-    width = next(
-        w for w in range(2, MAX_WIDTH + 1) if w == MAX_WIDTH or best_shape(w, 2.0)[1] <= tolerance
-    )
+    """Return slots and weights that represent uneven tones, and the correction of each bin."""
+    width = 2
+    while width < MAX_WIDTH and best_shape(width, 2.0)[1] > tolerance:
+        width += 1
     beta = best_shape(width, 2.0)[0]
-    lowest = np.ceil(place - width / 2).astype(np.int64)
+    lowest = np.ceil(position - width / 2).astype(np.int64)
     slots = lowest[:, None] + np.arange(width)
-    distance = (slots - place[:, None]) / (width / 2)
+    distance = (slots - position[:, None]) / (width / 2)
     shares = np.i0(beta * np.sqrt(np.clip(1 - distance**2, 0, None))) / np.i0(beta)
-    return slots, shares, 1 / transform(width, beta, np.arange(first, first + bins) / size)
+    correction = 1 / transform(width, beta, np.arange(first, first + bins) / size)
+    return slots, shares, correction

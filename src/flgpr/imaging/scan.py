@@ -14,12 +14,11 @@ from flgpr.model import Grid, check_run, complete_scans, vehicle_to_scan
 
 
 class ScanImager:
-    """Make the images of a run, one scan at a time.
+    """Compute the images of a run, one scan at a time.
 
     A scan image is the coherent sum over the array's pairs (Wang et al. 2007, Sec. II), on a grid
-    that moves with the vehicle: the scan frame of ``model.frames``. While height and attitude stay
-    the same, so does the operator. A run that is not valid or has no complete scan, or a sub-band
-    without a tone, is a ValueError.
+    that moves with the vehicle: the scan frame of ``model.frames``. The operator is used again
+    while height and attitude stay the same.
 
     Parameters
     ----------
@@ -30,6 +29,11 @@ class ScanImager:
     window, tolerance, device
         As in :class:`ImagingOperator`.
 
+    Raises
+    ------
+    ValueError
+        If the run is not valid or has no complete scan, or a sub-band has no tone.
+
     Examples
     --------
     >>> from flgpr.imaging import ScanImager
@@ -37,17 +41,23 @@ class ScanImager:
     >>> from flgpr.model import Grid
     >>> run = open_run(sample_lane() / "run.zarr")
     >>> grid = Grid.spanning((-1.0, 1.0), (2.0, 5.0), 0.05)
-    >>> imager = ScanImager(run, grid, {"all": (0.45e9, 1.5e9), "low": (0.45e9, 0.8e9)}, window="hann")
+    >>> subbands = {"all": (0.45e9, 1.5e9), "low": (0.45e9, 0.8e9)}
+    >>> imager = ScanImager(run, grid, subbands, window="hann")
     >>> dict(imager.image(0).sizes)
     {'polarization': 4, 'subband': 2, 'y': 61, 'x': 41}
-    >>> sum(1 for scan in imager)  # an iteration makes all scans, one at a time
+    >>> sum(1 for image in imager)  # iterating images all scans, one at a time
     3
     """
 
     def __init__(
-        self, run: xr.Dataset, grid: Grid, subbands: Mapping[str, tuple[float, float]],
-        window: str | ArrayLike | None = None, tolerance: float = 1e-3, device: str = "cpu",
-    ) -> None:  # fmt: skip
+        self,
+        run: xr.Dataset,
+        grid: Grid,
+        subbands: Mapping[str, tuple[float, float]],
+        window: str | ArrayLike | None = None,
+        tolerance: float = 1e-3,
+        device: str = "cpu",
+    ) -> None:
         self.run = check_run(run)
         self.grid = grid
         if not subbands:
@@ -64,8 +74,9 @@ class ScanImager:
                 f"run must have a scan without missing sweeps, got none among {complete.size}"
             )
         self._poses = np.asarray(run["pose"].values, dtype=np.float64)
-        self._held: tuple[tuple[float, ...], ImagingOperator] | None = None
-        self._blanks: dict[int, xr.DataArray] = {}
+        # The last operator with the height, pitch and roll for which it holds.
+        self._last_operator: tuple[tuple[float, ...], ImagingOperator] | None = None
+        self._blanks: dict[int, xr.DataArray] = {}  # by number of rows
 
     def __len__(self) -> int:
         return len(self.scans)
@@ -75,13 +86,14 @@ class ScanImager:
             yield self.image(int(scan))
 
     def operator(self, scan: int) -> ImagingOperator:
-        """Imaging operator of a scan on the grid."""
+        """Return the imaging operator of a scan on the grid."""
         pose = self._poses[scan]
-        key = tuple(pose[[2, 4, 5]])
-        held = self._held  # read and set in one step: several threads may ask
-        if held is None or held[0] != key:
-            held = self._held = key, self.operator_on(scan, self.grid.points(), self.subbands)
-        return held[1]
+        attitude = tuple(pose[[2, 4, 5]])
+        last = self._last_operator  # read and set in one step each: several threads may ask
+        if last is None or last[0] != attitude:
+            last = (attitude, self.operator_on(scan, self.grid.points(), self.subbands))
+            self._last_operator = last
+        return last[1]
 
     def operator_on(
         self,
@@ -89,7 +101,22 @@ class ScanImager:
         points: NDArray[np.float64],
         subbands: Mapping[str, tuple[float, float]] | None = None,
     ) -> ImagingOperator:
-        """Imaging operator of a scan on other points (..., 3) of the scan frame, by default over the whole band."""
+        """Return the imaging operator of a scan on other points.
+
+        Parameters
+        ----------
+        scan : int
+            Number of the scan.
+        points : (..., 3) ndarray
+            Points of the scan frame, m.
+        subbands : mapping of str to (lo, hi), optional
+            Names and edges in Hz; by default the whole band without a window.
+
+        Returns
+        -------
+        ImagingOperator
+            The operator.
+        """
         pose = self._poses[scan]
         return ImagingOperator(
             self.run["frequency"].values,
@@ -109,26 +136,36 @@ class ScanImager:
     def image(
         self, scan: int, signal: ArrayLike | None = None, rows: int | None = None
     ) -> xr.DataArray:
-        """Image one scan, or other data of it such as cleaned ones: complex64 (polarization, subband, y, x).
+        """Return the image of one scan.
 
-        Its attributes ``scan`` and ``pose`` tell where it was taken. ``rows`` are those nearest, by default all.
+        Parameters
+        ----------
+        scan : int
+            Number of the scan.
+        signal : (polarization, pair, frequency) array_like, optional
+            Data instead of those of the run, such as cleaned ones.
+        rows : int, optional
+            Nearest rows to image, by default all.
+
+        Returns
+        -------
+        (polarization, subband, y, x) xarray.DataArray of complex64
+            Image in the scan frame, with the attributes ``scan`` and ``pose``.
         """
         data = self.signal(scan) if signal is None else signal
         return self.labelled(scan, self.operator(scan).adjoint(data, rows=rows))
 
     def labelled(self, scan: int, values: NDArray[np.complex64]) -> xr.DataArray:
-        """Attach to values (polarization, subband, y, x) the names, axes and pose of a scan's image."""
+        """Return values (polarization, subband, y, x) with the names, axes and pose of a scan."""
         rows = values.shape[-2]
-        blank = self._blanks.get(rows)
-        if blank is None:
-            axes = (
+        if rows not in self._blanks:
+            self._blanks[rows] = blank_image(
                 self.run["polarization"].values,
                 list(self.subbands),
                 self.grid.y[:rows],
                 self.grid.x,
             )
-            blank = self._blanks[rows] = blank_image(*axes)
-        image = blank.copy(deep=False, data=values)
+        image = self._blanks[rows].copy(deep=False, data=values)
         image.attrs = {"scan": scan, "pose": self._poses[scan].tolist()}
         return image
 
@@ -140,7 +177,10 @@ class ScanImager:
 def blank_image(
     polarization: ArrayLike, subband: ArrayLike, y: ArrayLike, x: ArrayLike
 ) -> xr.DataArray:
-    """Make names and axes of images, with no pixels in memory: to copy them takes a tenth of the time of new ones."""
+    """Return an image with names and axes but no pixels in memory.
+
+    To copy it takes a tenth of the time of a new one.
+    """
     axes = {"polarization": polarization, "subband": subband, "y": y, "x": x}
     pixels = np.broadcast_to(np.complex64(0), tuple(map(np.size, axes.values())))
     return xr.DataArray(pixels, dims=tuple(axes), coords=axes, name="image")

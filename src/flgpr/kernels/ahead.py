@@ -1,8 +1,9 @@
-"""What detections call, compiled by another process: ``python -m flgpr.kernels.ahead``.
+"""Compilation of the kernels of a detection by another process: ``python -m flgpr.kernels.ahead``.
 
-A first detection on a machine waits for the compiler longer than for anything else. Two processes share that work
-by the code that either keeps on disk. With the argument ``training`` it goes on with what trainings call, with
-``tolerances`` with imaging to any tolerance that single precision keeps.
+A first detection on a machine waits for the compiler longer than for anything else. Two processes
+share that work by the code that either stores on disk. With the argument ``training`` it also
+compiles the kernels of trainings, with ``tolerances`` imaging to any tolerance that single
+precision keeps.
 """
 
 from __future__ import annotations
@@ -52,47 +53,47 @@ _c, _z = (partial(_array, kind) for kind in (np.complex64, np.complex128))
 
 
 def usual() -> list[tuple[Any, tuple[Any, ...]]]:
-    """List the kernels that the packaged recipes need, in the order of their use, with arguments of the types used."""
+    """Return the kernels of the packaged recipes, in the order of their use, with arguments."""
     spectrum = Spectrum(0, 0, _i(1), _i(1), _f(1), _f(1), _c(1))
     geometry = Geometry(_i(1), _i(1), _d(2), _d(2), 0, _d(1), 0.0, 0.0, 0, 0, _f(2), _f(1))
     tones = (_c(3), _f(2), spectrum)
     read = (_f(1), 0, geometry, _c(2))
-    part = (0, 0)
+    section = (0, 0)
     rows: Any = {length: (0,) * length for length in (4, 5, 8, 9, 16)}  # taps, powers and channels
     cleaned = (_c(2), _d(1), _c(2), _f(2))
     return [
-        (eigen_3x3, (_z(3), _d(2), _z(3), *part)),
-        (compress, (*tones, _f(1), 0, 0, 0, rows[16], *part)),
-        (adjoint, (*read, rows[4], rows[8], rows[16], *part)),
+        (eigen_3x3, (_z(3), _d(2), _z(3), *section)),
+        (compress, (*tones, _f(1), 0, 0, 0, rows[16], *section)),
+        (adjoint, (*read, rows[4], rows[8], rows[16], *section)),
         (_sample, (_f(3), _d(1), _d(1), _f(2))),
-        (locate, (geometry, *part)),
-        (gain_and_limit, (_c(2), 0, 0.0, _d(1), _d(1), *part)),
-        (residual, (*cleaned, *part)),
-        (_sort, (_f(2), _array(np.int32, 2), *part)),
-        (median_of_ranks, (_array(np.int32, 2), _f(3), 0, 0, 0, 0, np.uint16(0), _f(3), *part)),
-        (mean_of_nodes, (_d(3), _i(2), _i(2), _f(3), *part)),
-        (root_mean_square, (_f(3), _d(2), _f(2), *part)),
-        (magnitude_over_background, (*cleaned, _f(2), *part)),
-        (compress, (*tones, _f(1), 0, 0, 0, rows[4], *part)),
-        (adjoint, (*read, rows[5], rows[9], rows[4], *part)),
-        (forward, (*read, rows[5], rows[9], rows[4], *part)),
-        (expand, (_f(1), _f(2), spectrum, _c(3), 0, 0, 0, rows[4], *part)),
+        (locate, (geometry, *section)),
+        (gain_and_limit, (_c(2), 0, 0.0, _d(1), _d(1), *section)),
+        (residual, (*cleaned, *section)),
+        (_sort, (_f(2), _array(np.int32, 2), *section)),
+        (median_of_ranks, (_array(np.int32, 2), _f(3), 0, 0, 0, 0, np.uint16(0), _f(3), *section)),
+        (mean_of_nodes, (_d(3), _i(2), _i(2), _f(3), *section)),
+        (root_mean_square, (_f(3), _d(2), _f(2), *section)),
+        (magnitude_over_background, (*cleaned, _f(2), *section)),
+        (compress, (*tones, _f(1), 0, 0, 0, rows[4], *section)),
+        (adjoint, (*read, rows[5], rows[9], rows[4], *section)),
+        (forward, (*read, rows[5], rows[9], rows[4], *section)),
+        (expand, (_f(1), _f(2), spectrum, _c(3), 0, 0, 0, rows[4], *section)),
         (_sample, (_c(3), _d(1), _d(1), _c(2))),
-        (subtract_and_divide, (*cleaned, _c(2), *part)),
-        (region_statistics, (_f(3), _d(1), _d(1), _d(1), _array(np.int8, 3), _d(4), *part)),
-        (focus, (_c(3), _d(1), _d(2), _f(3), _f(3), *part)),
-        (add_clipped, (_c(2), _d(1), _d(1), _d(1), _z(2), _z(2), *part)),
+        (subtract_and_divide, (*cleaned, _c(2), *section)),
+        (region_statistics, (_f(3), _d(1), _d(1), _d(1), _array(np.int8, 3), _d(4), *section)),
+        (focus, (_c(3), _d(1), _d(2), _f(3), _f(3), *section)),
+        (add_clipped, (_c(2), _d(1), _d(1), _d(1), _z(2), _z(2), *section)),
     ]
 
 
 def compile_usual() -> None:
-    """Compile them, the last first: the process that waits for them begins with the first."""
+    """Compile the usual kernels, the last first: the detection itself begins with the first."""
     for kernel, arguments in reversed(usual()):
         getattr(kernel, "kernel", kernel).compile(tuple(map(typeof, arguments)))
 
 
 def compile_training() -> None:
-    """Compile what trains relevance vector machines, which takes longer than all that a detection calls."""
+    """Compile the training of relevance vector machines, which takes longer than a detection's."""
     rows = np.eye(2)
     target = np.array([0.0, 1.0])
     every = np.ones(2, np.bool_)
@@ -104,7 +105,7 @@ def compile_training() -> None:
 
 
 def compile_tolerances() -> None:
-    """Compile imaging and its forward model for other tolerances than those of the packaged recipes."""
+    """Compile imaging and its forward model for other tolerances than those of the recipes."""
     read = next(arguments[:4] for kernel, arguments in usual() if kernel is adjoint)
     for width, channels in product((5, 6, 4, 7, 3, 9, 8, 2), (1, 16, 4)):
         rows: Any = ((0,) * width, (0,) * (polynomial_degree(width) + 1), (0,) * channels)
@@ -114,33 +115,31 @@ def compile_tolerances() -> None:
 
 @contextmanager
 def compiled_beside() -> Iterator[None]:
-    """Let another process compile what this one will call, until it has done so once or this one leaves the context."""
+    """Let another process compile the kernels until it is done, or this one leaves the context.
+
+    It is started only if it has not finished on this machine before.
+    """
     done = cache_folder(Path(__file__))
-    if (
-        config.NUMBA_NUM_THREADS < 2
-        or not _writable(done.parent)
-        or done.exists()
-        or not (other := _started())
-    ):
+    several_threads = config.NUMBA_NUM_THREADS >= 2
+    compiler = None
+    if several_threads and _writable(done.parent) and not done.exists():
+        compiler = _start_compiler()
+    if compiler is None:
         yield
         return
-    with other:
-        Thread(
-            target=other.wait, daemon=True
-        ).start()  # so that it does not stay as a zombie for a whole drive
+    with compiler:
+        # Waited for, so that it does not stay as a zombie as long as a detection lasts.
+        Thread(target=compiler.wait, daemon=True).start()
         try:
             yield
         finally:
-            other.kill()
+            compiler.kill()
 
 
-def _started() -> Popen[bytes] | None:
-    command = [
-        sys.executable,
-        "-P",
-        "-m",
-        "flgpr.kernels.ahead",
-    ]  # -P: modules in the working folder are not meant
+def _start_compiler() -> Popen[bytes] | None:
+    """Start the compiling process; None if the machine cannot."""
+    # -P: modules in the working folder are not meant
+    command = [sys.executable, "-P", "-m", "flgpr.kernels.ahead"]
     try:
         return Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=DEVNULL)  # noqa: S603 - nothing from outside
     except OSError:  # no more processes, or no memory for one: the detection compiles alone
@@ -148,6 +147,7 @@ def _started() -> Popen[bytes] | None:
 
 
 def _writable(folder: Path) -> bool:
+    """Make a folder, and return whether files can be written to it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
@@ -156,7 +156,7 @@ def _writable(folder: Path) -> bool:
 
 
 def _end_with_input() -> None:
-    """End when the other side of the pipe is closed, which the death of the process there does as well."""
+    """End when the other side of the pipe is closed, also by the death of the process there."""
     while os.read(0, 4096):
         pass
     os._exit(0)

@@ -1,4 +1,4 @@
-"""Pixel loops of background removal, all channels of a scan at once (Wang et al. 2007, Eq. 2, 3 and 5)."""
+"""Pixel loops of background removal for all channels (Wang et al. 2007, Eq. 2, 3 and 5)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ _SHIFT = 20  # float32 bits below the 12 that sort magnitudes into coarse bins
 
 @njit(cache=True)
 def _magnitude(value: Any) -> Any:
-    """Magnitude of a complex64 value, in double precision: it cannot overflow, and is vector code as ``abs`` is not."""
+    """Return the magnitude of a complex64 value, computed in double precision.
+
+    It cannot overflow, and is compiled to vector code as ``abs`` is not.
+    """
     re = np.float64(value.real)
     im = np.float64(value.imag)
     return np.float32(np.sqrt(re * re + im * im))
@@ -23,14 +26,17 @@ def _magnitude(value: Any) -> Any:
 
 @njit(cache=True)
 def _near(limit: float) -> float:
-    """Square of a magnitude below which none need be taken to know that it is below the limit: that is dear."""
+    """Return the square below which a magnitude is surely below the limit.
+
+    It saves the root, which takes long.
+    """
     return limit * limit * (1 - 1e-9)
 
 
 @njit(cache=True)
-def _clipped(pixel: Any, limit: float, near: float) -> Any:
+def _clipped(pixel: Any, limit: float, threshold: float) -> Any:
     value = np.complex128(pixel)
-    if value.real * value.real + value.imag * value.imag > near:
+    if value.real * value.real + value.imag * value.imag > threshold:
         magnitude = abs(value)
         if magnitude > limit:
             value *= limit / magnitude
@@ -39,9 +45,10 @@ def _clipped(pixel: Any, limit: float, near: float) -> Any:
 
 @shared(cache=True)
 def gain_and_limit(images, keep, clip, gain, limit, begin, end):  # type: ignore[no-untyped-def]
-    """Scan gain r_k and clipping limit μ + ``clip``·σ of every channel of ``images`` (channel, pixel).
+    """Fill the scan gain r_k and clipping limit μ + ``clip``·σ of ``images`` (channel, pixel).
 
-    The gain is the root mean square of the ``keep`` smallest magnitudes: bits of such floats order as they do.
+    The gain is the root mean square of the ``keep`` smallest magnitudes. The bits of floats that
+    are not negative have the order of their values.
     """
     for c in range(begin, end):
         magnitude = np.empty(images.shape[1], np.float32)
@@ -59,19 +66,18 @@ def gain_and_limit(images, keep, clip, gain, limit, begin, end):  # type: ignore
         while below + count[edge] < keep:
             below += count[edge]
             edge += 1
-        border = np.empty(
-            count[edge] + 1, np.float32
-        )  # one more: every value is written before it is judged
+        # One more than needed: every value is written before it is known to belong there.
+        border = np.empty(count[edge] + 1, np.float32)
         spread = 0.0
         lowest = 0.0
         at = 0
         for i in range(magnitude.size):
             value = np.float64(magnitude[i])
-            place = bits[i] >> _SHIFT
+            coarse = bits[i] >> _SHIFT
             spread += (value - mean) ** 2
-            lowest += value * value if place < edge else 0.0
+            lowest += value * value if coarse < edge else 0.0
             border[at] = magnitude[i]
-            at += place == edge
+            at += coarse == edge
         order = sorted_order(border[:at])
         for i in range(keep - below):
             lowest += np.float64(border[order[i]]) ** 2
@@ -80,38 +86,39 @@ def gain_and_limit(images, keep, clip, gain, limit, begin, end):  # type: ignore
 
 
 @shared(cache=True)
-def add_clipped(images, limit, own, shared, own_total, shared_total, begin, end):  # type: ignore[no-untyped-def]
-    """Add ``images`` (channel, pixel), clipped in magnitude, times ``own`` and times ``shared``, to two totals.
+def add_clipped(images, limit, own_scale, shared, own_total, shared_total, begin, end):  # type: ignore[no-untyped-def]
+    """Add ``images`` (channel, pixel), clipped in magnitude, to two totals.
 
-    The totals may hold the first pixels alone.
+    They are weighted by ``own_scale`` and by ``shared``. The totals may hold the first pixels
+    alone.
     """
     for c in range(begin, end):
-        near = _near(limit[c])
+        threshold = _near(limit[c])
         for i in range(own_total.shape[1]):
-            value = _clipped(images[c, i], limit[c], near)
-            own_total[c, i] += own[c] * value
+            value = _clipped(images[c, i], limit[c], threshold)
+            own_total[c, i] += own_scale[c] * value
             shared_total[c, i] += shared[c] * value
 
 
 @shared(cache=True)
 def blend_clipped(images, limit, scale, weight, means, out, signature, begin, end):  # type: ignore[no-untyped-def]
-    """Move ``means`` (channel, pixel) by ``weight`` towards ``images``, clipped in magnitude, times ``scale``.
+    """Move ``means`` (channel, pixel) by ``weight`` towards ``images``, clipped and scaled.
 
-    The means may hold the first pixels alone; they go to ``out``, which may be the same, and with less precision to
-    ``signature``.
+    The means may hold the first pixels alone; they go to ``out``, which may be the same array, and
+    with less precision to ``signature``.
     """
     for c in range(begin, end):
-        near = _near(limit[c])
+        threshold = _near(limit[c])
         for i in range(means.shape[1]):
             mean = means[c, i]
-            mean += weight * (scale[c] * _clipped(images[c, i], limit[c], near) - mean)
+            mean += weight * (scale[c] * _clipped(images[c, i], limit[c], threshold) - mean)
             out[c, i] = mean
             signature[c, i] = mean
 
 
 @shared(cache=True)
 def residual(images, gain, signature, out, begin, end):  # type: ignore[no-untyped-def]
-    """Magnitude of ``images/gain - signature`` (channel, pixel), of as many pixels as ``out`` holds."""
+    """Fill ``out`` (channel, pixel) with the magnitude of ``images/gain - signature``."""
     for c in range(begin, end):
         scale = np.float32(1 / gain[c])
         for i in range(out.shape[1]):
@@ -120,10 +127,10 @@ def residual(images, gain, signature, out, begin, end):  # type: ignore[no-untyp
 
 @shared(cache=True)
 def mean_of_nodes(sums, rows, columns, out, begin, end):  # type: ignore[no-untyped-def]
-    """Mean of the nodes of a coarse lattice inside a window about every pixel of ``out`` (channel, y, x).
+    """Fill ``out`` (channel, y, x) with the mean of a coarse lattice's nodes inside a window.
 
-    ``sums`` (channel, row, column) are their sums from the first on, a zero before them; ``rows`` (2, y) and
-    ``columns`` (2, x) the first of them inside the window and the one after the last.
+    ``sums`` (channel, row, column) are their sums from the first on, a zero before them; ``rows``
+    (2, y) and ``columns`` (2, x) the first of them inside the window and the one after the last.
     """
     for c in range(begin, end):
         line = np.empty(sums.shape[2])
@@ -138,7 +145,10 @@ def mean_of_nodes(sums, rows, columns, out, begin, end):  # type: ignore[no-unty
 
 @shared(cache=True)
 def root_mean_square(level, ratio, out, begin, end):  # type: ignore[no-untyped-def]
-    """Root mean square over the first axis of ``level`` (polarization, subband, pixel) times ``ratio``."""
+    """Fill ``out`` with the root mean square over polarizations of ``level`` times ``ratio``.
+
+    ``level`` is (polarization, subband, pixel).
+    """
     for b in range(begin, end):
         for i in range(out.shape[1]):
             total = 0.0
@@ -149,9 +159,9 @@ def root_mean_square(level, ratio, out, begin, end):  # type: ignore[no-untyped-
 
 @shared(cache=True)
 def subtract_and_divide(images, gain, signature, background, out, begin, end):  # type: ignore[no-untyped-def]
-    """``(images/gain - signature)/background`` (channel, pixel), of as many pixels as ``out`` holds.
+    """Fill ``out`` (channel, pixel) with ``(images/gain - signature)/background``.
 
-    One ``gain`` per channel; backgrounds serve every channel in turn where they are fewer.
+    There is one ``gain`` per channel; fewer backgrounds are used for the channels in turn.
     """
     for c in range(begin, end):
         scale = np.float32(1 / gain[c])
@@ -163,7 +173,7 @@ def subtract_and_divide(images, gain, signature, background, out, begin, end):  
 
 @shared(cache=True)
 def magnitude_over_background(images, gain, signature, background, out, begin, end):  # type: ignore[no-untyped-def]
-    """Modulus of :func:`subtract_and_divide`."""
+    """Fill ``out`` with the modulus of :func:`subtract_and_divide`."""
     for c in range(begin, end):
         scale = np.float32(1 / gain[c])
         for i in range(out.shape[1]):

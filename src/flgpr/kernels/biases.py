@@ -9,11 +9,12 @@ from flgpr.kernels.threads import shared
 
 @shared(cache=True)
 def sum_over_biases(table, tx, rx, share, points, step, turns, first, total, begin, end):  # type: ignore[no-untyped-def]
-    """Add to ``total`` (point, polarization, bias) what range profiles (polarization, sweep, bin) hold at the points.
+    """Add the values of range profiles (polarization, sweep, bin) at points to ``total``.
 
-    ``share`` weights the sweeps, whose antennas stand at ``tx`` and ``rx`` (sweep, 3), m. Bins are ``step`` apart, m,
-    and the last ones repeat the first, as far as a window of biases reaches over the end; ``turns`` the phase per
-    metre, of which profiles are rid. The least bias lies ``first`` bins from none.
+    ``total`` is (point, polarization, bias). ``share`` weights the sweeps, whose antennas stand at
+    ``tx`` and ``rx`` (sweep, 3), m. Bins are ``step`` apart, m, and the last ones repeat the first,
+    as far as a window of biases reaches over the end; ``turns`` the phase per metre, of which
+    profiles are rid. The least bias lies ``first`` bins from none.
     """
     biases = total.shape[2]
     size = table.shape[2] - biases - 1

@@ -1,7 +1,8 @@
-"""numba's ``njit``, whose compiled code is found again by every copy of the same sources.
+"""numba's ``njit`` with a cache of compiled code that every copy of the same sources shares.
 
-numba keeps compiled code beside the source or under a name made of the source's path, so that another virtual
-environment or clone would compile everything again. Here the folder is named by what the sources say.
+numba stores compiled code beside the source or under a name made of the source's path, so that
+another virtual environment or clone would compile everything again. Here the folder is named by a
+digest of the sources.
 """
 
 from __future__ import annotations
@@ -26,51 +27,68 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.misc.appdirs import AppDirs
 
 _UNUSED_DAYS = 60  # after which folders of other sources or machines are removed
-_PATIENCE = (
-    120  # seconds for which a process waits for what another compiles, which may have been stopped
-)
+# Seconds for which a process waits for what another compiles, which may have been stopped.
+_PATIENCE = 120
 
 
 @cache
 def _text(source: Path) -> bytes:
-    """Read a module once: what was imported is what was read, though the file may change while the process runs."""
+    """Return the text of a module, read once: the file may change while the process runs."""
     return source.read_bytes()
 
 
 def _modules(source: Path) -> set[Path]:
-    """List a module and those of its folder behind it: what numba inlines and freezes comes from these."""
+    """Return a module and those behind it that hold kernels: numba inlines and freezes what they say.
+
+    These are the modules of its own folder and of ``flgpr.kernels``.
+    """
+    package = _package_of(source)
+    kernels = package / "kernels"
     found = {source}
-    left = [source]
-    while left:
-        names = re.findall(
-            rf"^from flgpr\.{source.parent.name}\.(\w+) import", _text(left.pop()).decode(), re.M
-        )
-        left += (new := {source.with_name(f"{name}.py") for name in names} - found)
-        found |= new
+    unread = [source]
+    while unread:
+        text = _text(unread.pop()).decode()
+        for name in re.findall(r"^from flgpr\.([\w.]+) import", text, re.MULTILINE):
+            module = package.joinpath(*name.split(".")).with_suffix(".py")
+            holds_kernels = module.parent in (source.parent, kernels)
+            if holds_kernels and module.is_file() and module not in found:
+                found.add(module)
+                unread.append(module)
     return found
+
+
+def _package_of(source: Path) -> Path:
+    """Return the folder of the package that a module belongs to, in whatever copy of the sources."""
+    return next((path for path in source.parents if path.name == "flgpr"), source.parents[1])
 
 
 @cache
 def cache_folder(source: Path) -> Path:
-    """Where a module's code is kept. The processor makes part of the name: homes may be shared by unlike machines."""
+    """Return the folder of a module's compiled code.
+
+    The processor enters its name: unlike machines may share a home folder.
+    """
     features = llvmlite.binding.get_host_cpu_features().flatten()
-    told = hashlib.sha256(
+    digest = hashlib.sha256(
         f"{numba.__version__} {llvmlite.binding.get_host_cpu_name()} {features}".encode()
     )
+    package = _package_of(source)
     for path in sorted(_modules(source)):
-        told.update(f"\0{path.name}\0".encode() + _text(path))
+        # With its folder: compiled code names the modules that it was made of, and a module that
+        # has moved is not found by its former name.
+        digest.update(f"\0{path.relative_to(package).as_posix()}\0".encode() + _text(path))
     # A folder of ours in either case: old ones in it are removed.
-    home = (
+    cache_home = (
         Path(config.CACHE_DIR, "flgpr")
         if config.CACHE_DIR
         else Path(AppDirs("flgpr", False).user_cache_dir)
     )
-    return home / f"{source.stem}-{told.hexdigest()[:20]}"
+    return cache_home / f"{source.stem}-{digest.hexdigest()[:20]}"
 
 
 @cache
 def _use(folder: Path) -> None:
-    """Note by its time that a folder is in use; before a new one is made, remove those that have not been for long."""
+    """Set the time of a folder in use; before a new one is made, remove those long unused."""
     with contextlib.suppress(OSError):  # read only, or another process was quicker
         if folder.exists():
             os.utime(folder)
@@ -110,7 +128,7 @@ _implementation._locator_classes = [_BySource, *_implementation._locator_classes
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile as ``numba.njit`` does, not for calls from C; without ``cache`` where no place for it can be written."""
+    """Compile as ``numba.njit`` does, not for calls from C; without a cache if it has no folder."""
 
     def compiled(function: Callable[..., Any]) -> Any:
         try:

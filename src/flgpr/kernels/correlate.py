@@ -14,11 +14,12 @@ WORKERS = 2
 def correlate_bank(image: NDArray[Any], bank: NDArray[Any]) -> NDArray[Any]:
     """Correlate all channels of an image with every filter and sum over channels.
 
-    ``image`` (channel, y, x), ``bank`` (filter, channel, v, u); returns (filter, y - v + 1, x - u + 1) with
-    ``out[j, y, x] = Σ conj(bank[j, c, v, u]) image[c, y + v, x + u]``. Filters one pixel wide, the range cuts of
-    Cosgrove et al. 2004, are transformed along y only.
+    ``image`` (channel, y, x), ``bank`` (filter, channel, v, u); returns (filter, y - v + 1, x - u +
+    1) with ``out[j, y, x] = Σ conj(bank[j, c, v, u]) image[c, y + v, x + u]``. Filters one pixel
+    wide, the range cuts of Cosgrove et al. 2004, are transformed along y only.
     """
-    rows, columns = image.shape[1] - bank.shape[2] + 1, image.shape[2] - bank.shape[3] + 1
+    rows = image.shape[1] - bank.shape[2] + 1
+    columns = image.shape[2] - bank.shape[3] + 1
     size = next_fast_len(image.shape[1])
     if bank.shape[3] == 1:
         spectrum = fft(image, size, axis=1, workers=WORKERS)
@@ -32,6 +33,9 @@ def correlate_bank(image: NDArray[Any], bank: NDArray[Any]) -> NDArray[Any]:
 
 
 def chips(image: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
-    """View of every chip: ``image`` (channel, y, x) to (y - v + 1, x - u + 1, channel, v, u), nothing copied."""
+    """Return a view of every chip of ``image`` (channel, y, x).
+
+    It is (y - v + 1, x - u + 1, channel, v, u); nothing is copied.
+    """
     windows = np.lib.stride_tricks.sliding_window_view(image, shape, axis=(1, 2))
     return np.moveaxis(windows, 0, 2)

@@ -1,4 +1,4 @@
-"""The imaging sums in double precision: term by term for any tones, and from profiles as in ``profiles``, plainly."""
+"""The imaging sums in double precision: term by term for any tones, and from range profiles."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def _amplitude(gain: Any, a: int, b: int, p: int) -> float:
 def adjoint_direct(data, weight, wavenumber, path, tx, rx, offset, gain, out, begin, end):  # type: ignore[no-untyped-def]
     """Sum ``weight·gain·data·exp(+j2π·wavenumber·L)`` over pairs and tones.
 
-    ``data`` (channel, pair, tone), ``weight`` (subband, tone), ``wavenumber`` f/c (tone,) 1/m, ``path``
-    (antenna, pixel) m, ``tx``/``rx`` (pair,) its rows, ``offset`` (pair,) m, ``gain`` (antenna, pixel) or (antenna, 0),
-    ``out`` (channel, subband, pixel).
+    ``data`` (channel, pair, tone), ``weight`` (subband, tone), ``wavenumber`` f/c (tone,) 1/m,
+    ``path`` (antenna, pixel) m, ``tx``/``rx`` (pair,) its rows, ``offset`` (pair,) m, ``gain``
+    (antenna, pixel) or (antenna, 0), ``out`` (channel, subband, pixel).
     """
     channels, pairs, tones = data.shape
     bands = weight.shape[0]
@@ -49,7 +49,10 @@ def adjoint_direct(data, weight, wavenumber, path, tx, rx, offset, gain, out, be
 
 @shared(axis=1, cache=True)
 def forward_direct(image, weight, wavenumber, path, tx, rx, offset, gain, out, begin, end):  # type: ignore[no-untyped-def]
-    """Transpose of :func:`adjoint_direct`: ``image`` (channel, subband, pixel) to ``out`` (channel, pair, tone)."""
+    """Fill ``out`` (channel, pair, tone) from ``image`` (channel, subband, pixel).
+
+    This is the transpose of :func:`adjoint_direct`.
+    """
     channels, bands, count = image.shape
     tones = wavenumber.shape[0]
     for q in range(begin, end):
@@ -74,9 +77,10 @@ def forward_direct(image, weight, wavenumber, path, tx, rx, offset, gain, out, b
 class PreciseGeometry(NamedTuple):
     """Paths and how they become bins and phases.
 
-    ``path`` (antenna, pixel) m; ``tx``, ``rx`` (pair,) its rows; ``gain`` (antenna, pixel), or (antenna, 0) for none;
-    ``per_turn`` and ``carrier`` the tone spacing and the carrier over the speed of light, 1/m; ``size`` bins make the
-    ambiguous range, of which bin 0 of a table starts at ``start``; ``weight`` (tap, power) the taps' polynomials.
+    ``path`` (antenna, pixel) m; ``tx``, ``rx`` (pair,) its rows; ``gain`` (antenna, pixel), or
+    (antenna, 0) for none; ``per_turn`` and ``carrier`` the tone spacing and the carrier over the
+    speed of light, 1/m; ``size`` bins make the ambiguous range, of which bin 0 of a table starts at
+    ``start``; ``weight`` (tap, power) the taps' polynomials.
     """
 
     path: NDArray[np.float64]
@@ -92,15 +96,15 @@ class PreciseGeometry(NamedTuple):
 
 @njit(cache=True)
 def _locate(geometry, q, p, taps):  # type: ignore[no-untyped-def]
-    """Fill ``taps`` with the weights at pixel ``p`` of pair ``q``; return the first bin and the carrier's phasor."""
+    """Fill ``taps`` with the weights at a pixel of a pair; return the first bin and the phasor."""
     i = geometry.tx[q]
     j = geometry.rx[q]
     length = geometry.path[i, p] + geometry.path[j, p]
     turns = length * geometry.per_turn
-    place = (turns - math.floor(turns)) * geometry.size - geometry.start
-    place -= geometry.size * math.floor(place / geometry.size)
-    bin_ = int(place)
-    y = place - bin_ - 0.5
+    position = (turns - math.floor(turns)) * geometry.size - geometry.start
+    position -= geometry.size * math.floor(position / geometry.size)
+    bin_ = int(position)
+    y = position - bin_ - 0.5
     for a in range(taps.size):
         value = 0.0
         for n in range(geometry.weight.shape[1] - 1, -1, -1):

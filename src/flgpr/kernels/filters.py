@@ -1,9 +1,10 @@
-"""Median and mean over a rectangular window that shrinks at the image border, so that nothing beyond it is made up.
+"""Median and mean over a rectangular window that shrinks at the image border.
 
-Every column keeps a histogram of the pixels it adds to the window (Perreault & Hébert 2007), in three levels of 16 bins
-that are one vector of the machine each: at every level the window's bins are the sum of its columns', and the median is
-looked for below one of them. The histograms count ranks, not values: a bin holds equally many pixels of the image, so
-that the few of them inside the window can be looked at and the median is exact.
+Every column has a histogram of the pixels it adds to the window (Perreault & Hébert 2007), in three
+levels of 16 bins that are one vector of the machine each: at every level the window's bins are the
+sum of its columns', and the median is searched below one of them. The histograms count ranks, not
+values: a bin holds equally many pixels of the image, so that the few of them inside the window can
+be compared and the median is exact.
 """
 
 from __future__ import annotations
@@ -80,10 +81,11 @@ def _spread(builder: Any, value: Any, number: Any = _SHORT) -> Any:
 
 
 @intrinsic
-def _bin_of(_context, table, first, columns, wanted, most):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """Find in which of 16 bins, summed over ``columns`` rows of ``table[first:]``, the ``wanted``-th counted pixel is.
+def _bin_of(_context, table, first, columns, number_in_box, most):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """Return the bin of a counted pixel, and the number of pixels in the bins before it.
 
-    Gives the bin and how many pixels those before it count. A number of ``most``'s type can count all pixels.
+    The 16 bins are summed over ``columns`` rows of ``table[first:]``. A number of ``most``'s type
+    can count all pixels.
     """
     pair = types.UniTuple(types.uint64, 2)
     number = ir.IntType(most.bitwidth)
@@ -97,27 +99,33 @@ def _bin_of(_context, table, first, columns, wanted, most):  # type: ignore[no-u
             row = _row(context, builder, sig.args[0], args[0], at)
             row = row if number == _SHORT else builder.zext(row, vector)
             builder.store(builder.add(builder.load(total), row), total)
-        upto = builder.load(total)
+        cumulative = builder.load(total)
         for step in (1, 2, 4, 8):
-            moved = ir.Constant(_ORDER, [_FAN + i if i < step else i - step for i in range(_FAN)])
-            upto = builder.add(upto, builder.shuffle_vector(upto, zero, moved))
-        passed = builder.icmp_unsigned("<=", upto, _spread(builder, args[3], number))
-        found = builder.zext(builder.ctpop(builder.bitcast(passed, _SHORT)), _INDEX)
-        sums = cgutils.alloca_once_value(builder, upto)
+            order = ir.Constant(_ORDER, [_FAN + i if i < step else i - step for i in range(_FAN)])
+            cumulative = builder.add(cumulative, builder.shuffle_vector(cumulative, zero, order))
+        is_before = builder.icmp_unsigned("<=", cumulative, _spread(builder, args[3], number))
+        bin_index = builder.zext(builder.ctpop(builder.bitcast(is_before, _SHORT)), _INDEX)
+        sums = cgutils.alloca_once_value(builder, cumulative)
         last = builder.sub(
-            found, builder.zext(builder.icmp_unsigned(">", found, ir.Constant(_INDEX, 0)), _INDEX)
+            bin_index,
+            builder.zext(builder.icmp_unsigned(">", bin_index, ir.Constant(_INDEX, 0)), _INDEX),
         )
-        passed_by = builder.load(builder.gep(builder.bitcast(sums, number.as_pointer()), [last]))
-        none = builder.icmp_unsigned("==", found, ir.Constant(_INDEX, 0))
-        before = builder.select(none, ir.Constant(_INDEX, 0), builder.zext(passed_by, _INDEX))
-        return context.make_tuple(builder, pair, (found, before))
+        counted_before = builder.load(
+            builder.gep(builder.bitcast(sums, number.as_pointer()), [last])
+        )
+        none = builder.icmp_unsigned("==", bin_index, ir.Constant(_INDEX, 0))
+        before = builder.select(none, ir.Constant(_INDEX, 0), builder.zext(counted_before, _INDEX))
+        return context.make_tuple(builder, pair, (bin_index, before))
 
     return pair(table, types.uint64, types.uint64, types.uint64, most), build
 
 
 @intrinsic
 def _inside(_context, places, at, box):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """Tell as bits which of 16 ``places`` (y, x) from ``at`` on lie in a ``box``: first y, rows, first x, columns."""
+    """Return as bits which of 16 ``places`` (y, x) lie in a ``box``.
+
+    The box is its first y, rows, first x and columns.
+    """
 
     def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         low_y, rows, low_x, columns = (
@@ -127,11 +135,11 @@ def _inside(_context, places, at, box):  # type: ignore[no-untyped-def]  # noqa:
             _row(context, builder, sig.args[0].dtype, builder.extract_value(args[0], i), args[1])
             for i in range(2)
         )
-        both = [
+        inside = [
             builder.icmp_unsigned("<", builder.sub(a, low), n)
             for a, low, n in ((y, low_y, rows), (x, low_x, columns))
         ]
-        return builder.zext(builder.bitcast(builder.and_(*both), _SHORT), _INDEX)
+        return builder.zext(builder.bitcast(builder.and_(*inside), _SHORT), _INDEX)
 
     return types.uint64(places, types.uint64, box), build
 
@@ -144,43 +152,43 @@ def _ones(_context, bits):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def _lowest(_context, bits):  # type: ignore[no-untyped-def]
-    """Place of the lowest bit that is set."""
+    """Return the position of the lowest bit that is set."""
     return types.uint64(bits), lambda _c, builder, _s, args: builder.cttz(
         args[0], ir.Constant(ir.IntType(1), 0)
     )
 
 
 @njit(cache=True)
-def _pick(places: Any, rank: int, last: int, wanted: Any, box: Any) -> int:
-    """Rank of the ``wanted``-th pixel in the ``box`` among the pixels of one bin, from ``rank`` to before ``last``."""
-    one = uint64(1)
+def _pick(places: Any, rank: int, last: int, number_in_box: Any, box: Any) -> int:
+    """Return the rank of a pixel, given its number in the ``box`` among a bin's ranks."""
+    change = uint64(1)
     while rank < last:
         bits = _inside(places, uint64(rank), box)
         if last - rank < _FAN:
-            bits &= (one << uint64(last - rank)) - one
+            bits &= (change << uint64(last - rank)) - change
         count = _ones(bits)
-        if wanted < count:
-            for _ in range(wanted):
-                bits &= bits - one
+        if number_in_box < count:
+            for _ in range(number_in_box):
+                bits &= bits - change
             return rank + int64(_lowest(bits))
-        wanted -= count
+        number_in_box -= count
         rank += _FAN
     return last - 1
 
 
 @njit(cache=True)
 def _count(
-    row: Any, group: Any, groups: Any, one: Any, coarse: Any, middle: Any, fine: Any
+    row: Any, group: Any, groups: Any, change: Any, coarse: Any, middle: Any, fine: Any
 ) -> None:
-    """Add ``one`` to the three levels for every pixel of a row of bins."""
+    """Add ``change`` to the three levels for every pixel of a row of bins."""
     fan = uint64(_FAN)
     for x in range(row.size):
         b = uint64(row[x])
         g = group[x]
         half = b // fan
-        coarse[g * fan + half // fan] += one
-        middle[(half // fan * groups + g) * fan + half % fan] += one
-        fine[(half * groups + g) * fan + b % fan] += one
+        coarse[g * fan + half // fan] += change
+        middle[(half // fan * groups + g) * fan + half % fan] += change
+        fine[(half * groups + g) * fan + b % fan] += change
 
 
 @njit(cache=True)
@@ -196,10 +204,11 @@ def _median_rows(
     most: Any,
     out: Any,
 ) -> None:
-    """Median at every ``step``-th pixel of rows ``first`` to ``last``; ``places`` are the y and the x by rank.
+    """Fill the median at every ``step``-th pixel of rows ``first`` to ``last``.
 
-    Columns that enter and leave the window together share a histogram: ``step`` of them where the window is as many
-    whole groups. Group g begins ``half_x`` pixels before column g·wide, where the window about that column does.
+    ``places`` are the y and the x by rank. Columns that enter and leave the window together share a
+    histogram: ``step`` of them where the window is as many whole groups. Group g begins ``half_x``
+    pixels before column g·wide, where the window about that column does.
     """
     ny, nx = bins.shape
     shared = (2 * half_x + 1) % step == 0 and (2 * half_y + 1) * step <= _MOST
@@ -221,9 +230,8 @@ def _median_rows(
         for v in range(y0 if y == first else y + half_y, y1):
             _count(bins[v], group, groups, np.uint16(1), coarse, middle, fine)
         if y > first and y - half_y - 1 >= 0:
-            _count(
-                bins[y - half_y - 1], group, groups, np.uint16(0xFFFF), coarse, middle, fine
-            )  # takes one away
+            # Adding the largest number subtracts one.
+            _count(bins[y - half_y - 1], group, groups, np.uint16(0xFFFF), coarse, middle, fine)
         if y % step:
             continue
         for x in range(0, nx, step):
@@ -256,7 +264,7 @@ def _bin_width(pixels: int) -> int:
 
 @njit(cache=True)
 def _ranked(order: Any, image: Any) -> Any:
-    """Places (y, x) by rank, a vector's length more of them, values by rank, and every pixel's bin."""
+    """Return positions (y, x) by rank, a vector more of them, values by rank, and pixels' bins."""
     ny, nx = image.shape
     pixels = image.ravel()
     width = _bin_width(order.size)
@@ -266,9 +274,8 @@ def _ranked(order: Any, image: Any) -> Any:
     columns = np.zeros(order.size + _FAN, np.int16)
     per_row = 1 / nx
     for rank in range(order.size):
-        y = int(
-            (order[rank] + 0.5) * per_row
-        )  # a division of whole numbers takes several times as long
+        # A division of whole numbers takes several times as long.
+        y = int((order[rank] + 0.5) * per_row)
         rows[rank] = y
         columns[rank] = order[rank] - y * nx
     for first in range(0, order.size, width):
@@ -279,18 +286,18 @@ def _ranked(order: Any, image: Any) -> Any:
 
 
 @njit(nogil=True, cache=True)
-def median_of_ranks(orders, images, half_y, half_x, step, parts, most, out, begin, end):  # type: ignore[no-untyped-def]
-    """Median of ``images`` (image, y, x) in windows of half-widths ``half_y``, ``half_x``, at every ``step``-th pixel.
+def median_of_ranks(orders, images, half_y, half_x, step, sections, most, out, begin, end):  # type: ignore[no-untyped-def]
+    """Fill the median of ``images`` (image, y, x) in windows at every ``step``-th pixel.
 
-    ``orders`` (image, pixel) ranks the pixels of every image; its rows are dealt to ``parts`` sets of histograms.
-    ``most`` is of a type that counts the pixels of a window.
+    ``orders`` (image, pixel) ranks the pixels of every image, whose rows are divided among
+    ``sections`` sets of histograms. ``most`` is of a type that counts the pixels of a window.
     """
     ny = images.shape[1]
     for task in range(begin, end):
-        i = task // parts
-        part = task % parts
+        i = task // sections
+        section = task % sections
         places, values, bins = _ranked(orders[i], images[i])
-        first, last = part * ny // parts, (part + 1) * ny // parts
+        first, last = section * ny // sections, (section + 1) * ny // sections
         _median_rows(places, values, bins, half_y, half_x, step, first, last, most, out[i])
 
 
@@ -299,21 +306,23 @@ def _sort(images, orders, begin, end):  # type: ignore[no-untyped-def]
     """Fill ``orders`` with the order of every image of ``images`` (image, pixel)."""
     for i in range(begin, end):
         order = sorted_order(images[i])
-        for k in range(order.size):  # as a whole it would take seconds more to compile
+        # Assigning the array would take seconds more to compile.
+        for k in range(order.size):
             orders[i, k] = order[k]
 
 
 def _medians(
     orders: NDArray[np.int32], images: NDArray[Any], size: tuple[int, int], step: int
 ) -> NDArray[Any]:
+    """Return the medians of images whose pixels are ranked, on as many threads as are useful."""
     count, ny, nx = images.shape
     out = np.empty((count, -(-ny // step), -(-nx // step)), images.dtype)
-    parts = max(1, min(8 // max(count, 1), ny))
+    sections = max(1, min(8 // max(count, 1), ny))
     most = np.uint16(0) if size[0] * size[1] <= _MOST else np.uint32(0)
     share(
-        count * parts,
+        count * sections,
         partial(
-            median_of_ranks, orders, images, size[0] // 2, size[1] // 2, step, parts, most, out
+            median_of_ranks, orders, images, size[0] // 2, size[1] // 2, step, sections, most, out
         ),
     )
     return out
@@ -322,7 +331,10 @@ def _medians(
 def median_stack(
     images: NDArray[np.float32], size: tuple[int, int], step: int = 1
 ) -> NDArray[np.float32]:
-    """Exact median of finite images (image, y, x) in a window as :func:`median_filter`, at every ``step``-th pixel."""
+    """Return the exact median of images (image, y, x) at every ``step``-th pixel.
+
+    The images must be finite; the window is that of :func:`median_filter`.
+    """
     stack = np.ascontiguousarray(images, dtype=np.float32)
     orders = np.empty((len(stack), stack.shape[1] * stack.shape[2]), np.int32)
     _sort(stack.reshape(orders.shape), orders)
@@ -330,22 +342,30 @@ def median_stack(
 
 
 def median_filter(image: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:
-    """Exact median of an image (y, x), finite, in a window of ``size`` (y, x) odd pixels that shrinks at the border."""
-    plain = np.ascontiguousarray(image, dtype=np.float64)[None]
-    order = np.argsort(plain.ravel(), kind="stable").astype(np.int32)[None]
-    return _medians(order, plain, size, 1)[0]
+    """Return the exact median of a finite image (y, x) in a window of ``size`` (y, x) odd pixels.
+
+    The window shrinks at the border.
+    """
+    stack = np.ascontiguousarray(image, dtype=np.float64)[None]
+    order = np.argsort(stack.ravel(), kind="stable").astype(np.int32)[None]
+    return _medians(order, stack, size, 1)[0]
 
 
 def mean_filter(image: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:
-    """Mean of an image (y, x), finite, in a window of ``size`` (y, x) odd pixels that shrinks at the border."""
+    """Return the mean of a finite image (y, x) in a window of ``size`` (y, x) odd pixels.
+
+    The window shrinks at the border.
+    """
     total = np.asarray(image, dtype=np.float64)
     count = np.ones(image.shape)
     for axis in (0, 1):
-        total, count = (_running_sum(array, size[axis] // 2, axis) for array in (total, count))
+        total = _running_sum(total, size[axis] // 2, axis)
+        count = _running_sum(count, size[axis] // 2, axis)
     return np.asarray(total / count, dtype=np.float64)
 
 
 def _running_sum(array: NDArray[np.float64], half: int, axis: int) -> NDArray[np.float64]:
+    """Return the sums over windows along an axis, cut off at its ends."""
     array = np.moveaxis(array, axis, 0)
     sums = np.concatenate([np.zeros((1, *array.shape[1:])), np.cumsum(array, axis=0)])
     centre = np.arange(array.shape[0])

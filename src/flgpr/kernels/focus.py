@@ -35,9 +35,9 @@ def _steer(signal: Any, wavenumber: Any, path: Any, real: Any, imaginary: Any) -
 def focus(signal, wavenumber, path, kernel, out, begin, end):  # type: ignore[no-untyped-def]
     """Fill ``out`` (point, polarization, range) with the magnitudes of the beams focused on points.
 
-    ``signal`` (polarization, pair, tone) complex64; ``wavenumber`` f/c (tone,), 1/m; ``path`` (point, pair), m;
-    ``kernel`` (2, tone, range), the real and the imaginary part of what takes a beam to its ranges. A point's sums
-    hang on nothing but its own path.
+    ``signal`` (polarization, pair, tone) complex64; ``wavenumber`` f/c (tone,), 1/m; ``path``
+    (point, pair), m; ``kernel`` (2, tone, range), the real and the imaginary part of what takes a
+    beam to its ranges. A point's sums hang on nothing but its own path.
     """
     channels, pairs, tones = signal.shape
     ranges = kernel.shape[2]

@@ -17,7 +17,7 @@ _TURN32 = 4294967296.0
 
 @njit(inline="always", fastmath=True, error_model="numpy", cache=True)
 def cos_sin(turns: Any) -> Any:
-    """Cosine and sine of 2π·turns, |turns| <= 1/2, as float32 polynomials that vectorise."""
+    """Return cosine and sine of 2π·turns, |turns| <= 1/2, by float32 polynomials that vectorise."""
     size = abs(turns)
     far = size > float32(0.25)
     angle = float32(2 * math.pi) * (float32(0.5) - size if far else size)
@@ -40,17 +40,18 @@ def cos_sin(turns: Any) -> Any:
 
 @njit(inline="always", fastmath=True, error_model="numpy", cache=True)
 def straight_path(x: Any, y: Any, z: Any, index: Any) -> Any:
-    """Optical length of the straight line (x, y, z) in a medium of refractive index ``index``."""
+    """Return the optical length of the line (x, y, z) in a medium of a refractive index."""
     return index * math.sqrt(x * x + y * y + z * z)
 
 
 @njit(inline="always", fastmath=True, error_model="numpy", cache=True)
 def entry_distance(across: Any, height: Any, depth: Any, square: Any, bend: Any, steps: Any) -> Any:
-    """Horizontal distance from a point ``depth`` below the surface to where its ray from ``height`` above enters.
+    """Return the horizontal distance from a buried point to where its ray enters the ground.
 
-    With t the tangent of the angle of incidence, m the ratio of the refractive indices, ``square`` = m² and ``bend`` =
-    m² - 1, Snell's law reads height·t + depth·t/sqrt(m² + (m²-1)·t²) = across. Newton's ``steps`` start from the ray to
-    the surface above the point. Works in the precision of its arguments.
+    The point is ``depth`` below the surface, the ray begins ``height`` above it. With t the tangent
+    of the angle of incidence, m the ratio of the refractive indices, ``square`` = m² and ``bend`` =
+    m² - 1, Snell's law reads height·t + depth·t/sqrt(m² + (m²-1)·t²) = across. Newton's ``steps``
+    start from the ray to the surface above the point. Works in the precision of its arguments.
     """
     t = across / (height + depth)
     t = across / (height + depth / math.sqrt(square + bend * t * t))
@@ -63,10 +64,10 @@ def entry_distance(across: Any, height: Any, depth: Any, square: Any, bend: Any,
 
 @njit(inline="always", fastmath=True, error_model="numpy", cache=True)
 def bent_path(across: Any, height: Any, depth: Any, entry: Any, index: Any, ground: Any) -> Any:
-    """Optical length of the ray that enters the ground ``entry`` from the point below.
+    """Return the optical length of the ray that enters the ground ``entry`` from the point below.
 
-    The length is stationary in the point of entry (Fermat's principle): an error there is one of second order here.
-    ``index`` and ``ground`` are the refractive indices above and below.
+    The length is stationary in the point of entry (Fermat's principle): an error there is one of
+    second order here. ``index`` and ``ground`` are the refractive indices above and below.
     """
     air = across - entry
     return index * math.sqrt(height * height + air * air) + ground * math.sqrt(
@@ -76,14 +77,24 @@ def bent_path(across: Any, height: Any, depth: Any, entry: Any, index: Any, grou
 
 @njit(fastmath=True, error_model="numpy", cache=True)
 def antenna_rows(
-    pixels: Any, first: Any, position: Any, medium: Any, per_turn: Any, carrier: Any, gain: Any, at: Any, delay: Any,
-    cosine: Any, sine: Any,
-) -> None:  # fmt: skip
+    pixels: Any,
+    first: Any,
+    position: Any,
+    medium: Any,
+    per_turn: Any,
+    carrier: Any,
+    gain: Any,
+    at: Any,
+    delay: Any,
+    cosine: Any,
+    sine: Any,
+) -> None:
     """Fill the delays and carrier phasors of one antenna for the block of pixels from ``first``.
 
-    ``pixels`` (3, pixel) m; ``medium`` the refractive indices above and below the surface z = 0, the second zero where
-    there is no ground; ``per_turn`` and ``carrier`` the tone spacing and the carrier over the speed of light, 1/m;
-    ``gain`` (pixel,) the antenna's amplitude or an empty array. A delay is a 32-bit fraction of the ambiguous range.
+    ``pixels`` (3, pixel) m; ``medium`` the refractive indices above and below the surface z = 0,
+    the second zero where there is no ground; ``per_turn`` and ``carrier`` the tone spacing and the
+    carrier over the speed of light, 1/m; ``gain`` (pixel,) the antenna's amplitude or an empty
+    array. A delay is a 32-bit fraction of the ambiguous range.
     """
     index = medium[0]
     ground = medium[1]
@@ -124,7 +135,10 @@ def antenna_rows(
 
 @shared(axis=1, cache=True)
 def antenna_paths(pixels, positions, medium, out, begin, end):  # type: ignore[no-untyped-def]
-    """Optical paths ``out`` (antenna, pixel), m, in double precision; arguments as in :func:`antenna_rows`."""
+    """Fill optical paths ``out`` (antenna, pixel), m, in double precision.
+
+    The arguments are those of :func:`antenna_rows`.
+    """
     index = medium[0]
     ground = medium[1]
     square = (ground / index) ** 2

@@ -5,8 +5,9 @@ antennas and pixels are computed once and kept on the device; a profile is fille
 one block, in its shared memory where it fits; the channels are interpolated in groups small enough
 for registers. No sum is split between threads, so that results do not depend on scheduling.
 
-Complex numbers that are read many times are read as 64-bit words: the compiler makes two loads of a complex64. Strides,
-widths and numbers of channels are compiled in, so that a channel's address costs no instruction.
+Complex numbers that are read many times are read as 64-bit words: the compiler makes two loads of a
+complex64. Strides, widths and numbers of channels are compiled in, so that a channel's address
+costs no instruction.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from flgpr.kernels.geometry import bent_path, cos_sin, entry_distance
 THREADS = 128
 """Threads of a block."""
 SHARED_BINS = 2048
-"""Bins of the longest profile that is transformed in shared memory: twice 16 kB of the 48 kB that every device has."""
+"""Bins of the longest profile transformed in shared memory: twice 16 kB of a device's 48 kB."""
 
 _LOW32 = 0xFFFFFFFF
 _cos_sin = cuda.jit(device=True)(cos_sin.py_func)
@@ -46,7 +47,10 @@ else:
 
 @cuda.jit
 def locate(pixels, antenna, medium, per_turn, carrier, gain, delay, phasor):  # type: ignore[no-untyped-def]
-    """Fill ``delay`` and ``phasor`` (antenna, pixel); arguments as in :class:`flgpr.kernels.profiles.Geometry`."""
+    """Fill ``delay`` and ``phasor`` (antenna, pixel).
+
+    The arguments are those of :class:`flgpr.kernels.profiles.Geometry`.
+    """
     p, a = cuda.grid(2)
     if p >= delay.shape[1] or a >= delay.shape[0]:
         return
@@ -79,7 +83,7 @@ def _turned(value, sign):  # type: ignore[no-untyped-def]
 
 @cuda.jit(device=True)
 def _transform(a, b, twiddle, sign):  # type: ignore[no-untyped-def]
-    """Make Σ_k a_k exp(sign·j2πkm/n) by the threads of a block; tell whether it is in ``b``, else it is in ``a``.
+    """Compute Σ_k a_k exp(sign·j2πkm/n) by the threads of a block; return whether it is in ``b``.
 
     ``twiddle`` holds exp(+j2πk/n).
     """
@@ -129,19 +133,33 @@ def compress_kernel(size: int) -> Any:
     room = 2 * size if shared else 2
 
     @cuda.jit
-    def compress(data, weight, begin, tone, share, phase, factor, twiddle, first, bins, spare, profile):  # type: ignore[no-untyped-def]  # fmt: skip
-        """Fill the first ``bins`` of ``profile`` (pair, channel, bin) from ``data`` (polarization, pair, tone).
+    def compress(  # type: ignore[no-untyped-def]
+        data,
+        weight,
+        begin,
+        tone,
+        share,
+        phase,
+        factor,
+        twiddle,
+        first,
+        bins,
+        spare,
+        profile,
+    ):
+        """Fill the first bins of ``profile`` (pair, channel, bin) from data.
 
-        Slot m of a spectrum is made of the tones ``tone[begin[m]:begin[m + 1]]`` with the weights ``share``; bin 0 is
-        slot ``first``. ``weight`` (subband, tone); ``phase`` (1 or pair, tone), or (0, 0) for none; ``factor`` (slot,);
-        ``spare`` (block, 2·slots) for spectra that are not shared memory's.
+        Slot m of a spectrum is made of the tones ``tone[begin[m]:begin[m + 1]]`` with the weights
+        ``share``; bin 0 is slot ``first``. ``weight`` (subband, tone); ``phase`` (1 or pair, tone),
+        or (0, 0) for none; ``factor`` (slot,); ``spare`` (block, 2·slots) for spectra that are not
+        shared memory's.
         """
         q = uint64(cuda.blockIdx.x)
         channel = uint64(cuda.blockIdx.y)
         c = channel // uint64(weight.shape[0])
         s = channel % uint64(weight.shape[0])
-        both = cuda.shared.array(room, complex64)
-        work = both if shared else spare[channel * uint64(cuda.gridDim.x) + q]
+        buffers = cuda.shared.array(room, complex64)
+        work = buffers if shared else spare[channel * uint64(cuda.gridDim.x) + q]
         a = work[:size]
         b = work[size:]
         for m in range(uint64(cuda.threadIdx.x), uint64(size), uint64(cuda.blockDim.x)):
@@ -171,11 +189,11 @@ def expand_kernel(size: int) -> Any:
 
     @cuda.jit
     def expand(profile, factor, twiddle, spare):  # type: ignore[no-untyped-def]
-        """Turn ``profile`` (pair, channel, slot) into spectra; arguments as in the range compression."""
+        """Transform ``profile`` (pair, channel, slot) to spectra; arguments as in compression."""
         q = uint64(cuda.blockIdx.x)
         channel = uint64(cuda.blockIdx.y)
-        both = cuda.shared.array(room, complex64)
-        work = both if shared else spare[channel * uint64(cuda.gridDim.x) + q]
+        buffers = cuda.shared.array(room, complex64)
+        work = buffers if shared else spare[channel * uint64(cuda.gridDim.x) + q]
         a = work[:size]
         b = work[size:]
         for m in range(uint64(cuda.threadIdx.x), uint64(size), uint64(cuda.blockDim.x)):
@@ -191,7 +209,10 @@ def expand_kernel(size: int) -> Any:
 
 @cuda.jit
 def collect(profile, weight, entries, slot, share, phase, data):  # type: ignore[no-untyped-def]
-    """Transpose of filling the slots: sum those of all sub-bands into ``data``; tone k has ``slot[entries[k]:...]``."""
+    """Sum the slots of all sub-bands into ``data``: the transpose of filling them.
+
+    Tone k has ``slot[entries[k]:...]``.
+    """
     k, q, c = cuda.grid(3)
     if k >= data.shape[2] or q >= data.shape[1] or c >= data.shape[0]:
         return
@@ -207,7 +228,7 @@ def collect(profile, weight, entries, slot, share, phase, data):  # type: ignore
 
 @lru_cache(maxsize=64)
 def adjoint_kernel(width: int, group: int, stride: int) -> Any:
-    """Compile the interpolation for a window width, a number of channels per thread and the bins kept of a profile."""
+    """Compile the interpolation for a window width, channels per thread and bins of a profile."""
     powers = width + 4
     half = (width + 1) // 2
     even = (width + 3) // 2 + 1
@@ -217,8 +238,9 @@ def adjoint_kernel(width: int, group: int, stride: int) -> Any:
     def adjoint(profile, channels, tx, rx, delay, phasor, origin, shift, unit, weight, out):  # type: ignore[no-untyped-def]
         """Fill ``out`` (channel, pixel) from ``profile``, the words of (pair, channel, bin).
 
-        Of ``channels``, a multiple of the group, ``out`` holds the first. ``delay`` and the words of ``phasor`` are
-        flat (antenna, pixel), and ``tx`` and ``rx`` say where an antenna's begin; ``unit`` is 2^-shift.
+        Of ``channels``, a multiple of the group, ``out`` holds the first. ``delay`` and the words
+        of ``phasor`` are flat (antenna, pixel), and ``tx`` and ``rx`` say where an antenna's begin;
+        ``unit`` is 2^-shift.
         """
         pixel = uint64(cuda.grid(1))
         channel = cuda.blockIdx.y * group
@@ -282,15 +304,30 @@ def adjoint_kernel(width: int, group: int, stride: int) -> Any:
 
 @lru_cache(maxsize=64)
 def forward_kernel(width: int, group: int) -> Any:
-    """Compile the transpose of the interpolation for a window width and a number of channels per thread."""
+    """Compile the transpose of the interpolation for a window width and channels per thread."""
     powers = width + 4
 
     @cuda.jit(fastmath=True)
-    def forward(image, tx, rx, delay, phasor, origin, shift, unit, begin, order, first, bins, weight, profile):  # type: ignore[no-untyped-def]  # fmt: skip
+    def forward(  # type: ignore[no-untyped-def]
+        image,
+        tx,
+        rx,
+        delay,
+        phasor,
+        origin,
+        shift,
+        unit,
+        begin,
+        order,
+        first,
+        bins,
+        weight,
+        profile,
+    ):
         """Fill ``profile`` (pair, channel, slot) from the words of ``image`` (channel, pixel).
 
-        ``order[q, begin[q, b]:begin[q, b + 1]]`` are the pixels of pair q whose paths end in bin b; the rest as in the
-        adjoint.
+        ``order[q, begin[q, b]:begin[q, b + 1]]`` are the pixels of pair q whose paths end in bin b;
+        the rest as in the adjoint.
         """
         m, q = cuda.grid(2)
         channel = cuda.blockIdx.z * group

@@ -1,7 +1,8 @@
 """Eigenvalues and eigenvectors of many 3 x 3 Hermitian matrices, by cyclic Jacobi rotations.
 
-Jacobi leaves a diagonal matrix as it is, so that equal eigenvalues keep the axes as their eigenvectors, and finds small
-eigenvectors' components to full relative accuracy; both matter to polarimetry.
+Jacobi leaves a diagonal matrix as it is, so that equal eigenvalues keep the axes as their
+eigenvectors, and finds small eigenvectors' components to full relative accuracy; both matter to
+polarimetry.
 """
 
 from __future__ import annotations
@@ -46,6 +47,7 @@ def _rotate(a: Any, v: Any, p: int, q: int) -> None:
 
 @njit(cache=True)
 def _solve(a: Any, v: Any) -> None:
+    """Make a matrix diagonal by cyclic rotations and gather them in ``v``."""
     for _ in range(_SWEEPS):
         off = abs(a[0, 1]) + abs(a[0, 2]) + abs(a[1, 2])
         scale = abs(a[0, 0].real) + abs(a[1, 1].real) + abs(a[2, 2].real)
@@ -58,7 +60,7 @@ def _solve(a: Any, v: Any) -> None:
 
 @shared(cache=True)
 def eigen_3x3(matrices, values, vectors, begin, end):  # type: ignore[no-untyped-def]
-    """Decompose ``matrices`` (n, 3, 3); column i of ``vectors[n]`` belongs to ``values[n, i]``, in no order."""
+    """Decompose ``matrices`` (n, 3, 3); column i of ``vectors[n]`` belongs to ``values[n, i]``."""
     for n in range(begin, end):
         a = matrices[n].copy()
         v = np.zeros((3, 3), np.complex128)

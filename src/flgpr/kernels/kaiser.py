@@ -1,8 +1,8 @@
 """The interpolation window of the profiles: design from a tolerance, polynomial form, transform.
 
-A profile is the band-limited range response sampled at ``size`` bins over the unambiguous range. Its value between two
-bins is a weighted sum of ``width`` neighbours with Kaiser-Bessel weights, after each tone is divided by the window's
-transform, as in a non-uniform FFT.
+A profile is the band-limited range response sampled at ``size`` bins over the unambiguous range.
+Its value between two bins is a weighted sum of ``width`` neighbours with Kaiser-Bessel weights,
+after each tone is divided by the window's transform, as in a non-uniform FFT.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MAX_WIDTH = 16
 
 @dataclass(frozen=True)
 class Window:
-    """A Kaiser-Bessel window over ``width`` of ``size`` bins, a power of two, and its largest relative error."""
+    """A Kaiser-Bessel window over ``width`` of ``size`` bins, a power of two, and its error."""
 
     width: int
     beta: float
@@ -46,7 +46,10 @@ def transform(width: int, beta: float, frequency: FloatArray) -> FloatArray:
 
 
 def tone_errors(width: int, beta: float, frequency: FloatArray) -> FloatArray:
-    """Relative interpolation error of tones at ``frequency`` cycles per bin: the root of the summed squared aliases."""
+    """Return the relative interpolation error of tones at ``frequency`` cycles per bin.
+
+    It is the root of the summed squared aliases.
+    """
     aliases = np.concatenate([np.arange(-40, 0), np.arange(1, 41)])
     power = (transform(width, beta, frequency[:, None] + aliases) ** 2).sum(axis=1)
     return np.asarray(np.sqrt(power) / np.abs(transform(width, beta, frequency)), dtype=np.float64)
@@ -54,7 +57,10 @@ def tone_errors(width: int, beta: float, frequency: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=256)
 def best_shape(width: int, oversampling: float) -> tuple[float, float]:
-    """Shape of the window of least worst error for tones up to ``0.5/oversampling`` cycles per bin, and that error."""
+    """Return the shape of the window with the least worst error, and that error.
+
+    It holds for tones up to ``0.5/oversampling`` cycles per bin.
+    """
     edge = np.linspace(0, 0.5 / oversampling, 9)
     guess = math.pi * width * (1 - 0.5 / oversampling)
     shapes = guess * np.linspace(0.8, 1.02, 45)
@@ -64,31 +70,32 @@ def best_shape(width: int, oversampling: float) -> tuple[float, float]:
 
 
 def design(tones: int, tolerance: float, pixels: float = 1e5) -> Window:
-    """Cheapest window that keeps every one of ``tones`` neighbouring tones within ``tolerance``.
+    """Return the cheapest window that images all of ``tones`` neighbouring tones to a tolerance.
 
-    ``pixels`` counts the values that are interpolated in each profile: it decides between a wide window on short
-    profiles and a narrow one on long profiles.
+    ``pixels`` counts the values that are interpolated in each profile: it decides between a wide
+    window on short profiles and a narrow one on long profiles.
     """
     if tolerance < 1e-13:
         raise ValueError(f"tolerance must be at least 1e-13, got {tolerance:g}")
     shortest = 1 << max(5, math.ceil(math.log2(1.25 * tones)))
-    found: list[tuple[float, Window]] = []
+    candidates: list[tuple[float, Window]] = []
     for size in (shortest, 2 * shortest, 4 * shortest, 8 * shortest):
         for width in range(2, MAX_WIDTH + 1):
             beta, error = best_shape(width, math.floor(1000 * size / tones) / 1000)
             if error <= tolerance:
                 cost = pixels * (10 + 1.5 * width) + 5 * size * math.log2(size)
-                found.append((cost, Window(width, beta, size, error)))
+                candidates.append((cost, Window(width, beta, size, error)))
                 break
-    return min(found, key=lambda item: item[0])[1]
+    return min(candidates, key=lambda item: item[0])[1]
 
 
 @lru_cache(maxsize=256)
 def polynomials(window: Window, degree: int) -> FloatArray:
-    """Weights of the taps as polynomials in the fraction of a bin less one half.
+    """Return the weights of the taps as polynomials in the fraction of a bin less one half.
 
-    Returns (width, degree + 1), lowest power first. Tap ``a`` weighs the bin ``a`` after the first one covered; the
-    weight of tap ``width - 1 - a`` is that of tap ``a`` with the argument's sign changed.
+    Returns (width, degree + 1), lowest power first. Tap ``a`` weighs the bin ``a`` after the first
+    one covered; the weight of tap ``width - 1 - a`` is that of tap ``a`` with the argument's sign
+    changed.
     """
     nodes = np.cos(np.pi * (np.arange(4 * degree) + 0.5) / (4 * degree)) / 2
     distance = np.arange(window.width)[:, None] - window.width / 2 + 0.5 - nodes

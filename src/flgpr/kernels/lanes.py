@@ -6,8 +6,8 @@ taps instead, so that one load reads them and one store writes them. Numba has n
 LLVM does not keep a row in registers across a loop over pairs by itself, so these few operations
 are built as LLVM vectors. LLVM splits them into whatever registers the machine has.
 
-``taps`` and ``channels`` are tuples of which only the length counts: it is part of the type, so that a kernel is
-compiled for a width and a number of channels.
+``taps`` and ``channels`` are tuples of which only the length counts: it is part of the type, so
+that a kernel is compiled for a width and a number of channels.
 """
 
 from __future__ import annotations
@@ -80,19 +80,48 @@ class _Code:
 
 @intrinsic
 def combine_antennas(  # type: ignore[no-untyped-def]
-    _context, delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, g  # noqa: ARG001
-):  # fmt: skip
-    """Make table rows, phasors and tap weights of pair ``g`` from the rows ``i`` and ``j`` of its two antennas.
+    _context,
+    delay,
+    cosine,
+    sine,
+    i,  # noqa: ARG001
+    j,  # noqa: ARG001
+    base,  # noqa: ARG001
+    origin,  # noqa: ARG001
+    shift,  # noqa: ARG001
+    weight,
+    powers,
+    taps,
+    channels,
+    start,
+    fields,
+    g,  # noqa: ARG001
+):
+    """Compute table rows, phasors and tap weights of pair ``g`` from the rows of its two antennas.
 
-    ``base`` is the pair's first bin in the table, ``origin`` the 32-bit delay of that bin and ``shift`` the number of a
-    delay's bits below a bin; ``weight`` (power, tap) holds the ``powers`` coefficients of the taps' polynomials in the
-    fraction of a bin less one half, the taps padded as in :func:`flgpr.kernels.layout.padded`. ``start`` and ``fields``
-    come out as :func:`gather_pairs` takes them.
+    ``base`` is the pair's first bin in the table, ``origin`` the 32-bit delay of that bin and
+    ``shift`` the number of a delay's bits below a bin; ``weight`` (power, tap) holds the ``powers``
+    coefficients of the taps' polynomials in the fraction of a bin less one half, the taps padded as
+    in :func:`flgpr.kernels.layout.padded`. ``start`` and ``fields`` come out as
+    :func:`gather_pairs` takes them.
     """
     signature = types.void(
-        delay, cosine, sine, types.uint64, types.uint64, types.uint32, types.uint32, types.uint32, weight, powers, taps,
-        channels, start, fields, types.uint64,
-    )  # fmt: skip
+        delay,
+        cosine,
+        sine,
+        types.uint64,
+        types.uint64,
+        types.uint32,
+        types.uint32,
+        types.uint32,
+        weight,
+        powers,
+        taps,
+        channels,
+        start,
+        fields,
+        types.uint64,
+    )
     width = padded.py_func(taps.count)
     numbers = row_size.py_func(taps.count, channels.count)
     together = _VECTOR // width
@@ -103,12 +132,12 @@ def combine_antennas(  # type: ignore[no-untyped-def]
         delays, cosines, sines, table, target, out = (
             code.data(sig.args[n], args[n]) for n in (0, 1, 2, 8, 12, 13)
         )
-        whole = ir.VectorType(ir.IntType(32), _VECTOR)
-        base, origin, shift = (code.spread(args[n], whole) for n in (5, 6, 7))
-        one = ir.Constant(ir.IntType(32), 1)
-        mask = code.spread(builder.sub(builder.shl(one, args[7]), one), whole)
+        index_vector = ir.VectorType(ir.IntType(32), _VECTOR)
+        base, origin, shift = (code.spread(args[n], index_vector) for n in (5, 6, 7))
+        unit = ir.Constant(ir.IntType(32), 1)
+        mask = code.spread(builder.sub(builder.shl(unit, args[7]), unit), index_vector)
         scale = code.spread(
-            builder.fdiv(ir.Constant(_FLOAT, 1), builder.uitofp(builder.shl(one, args[7]), _FLOAT))
+            builder.fdiv(ir.Constant(_FLOAT, 1), builder.uitofp(builder.shl(unit, args[7]), _FLOAT))
         )
         powers_ = [
             narrow.shuffle(
@@ -121,9 +150,9 @@ def combine_antennas(  # type: ignore[no-untyped-def]
         with cgutils.for_range(builder, ir.Constant(_INDEX, BLOCK // _VECTOR), intp=_INDEX) as loop:
             k = builder.mul(loop.index, ir.Constant(_INDEX, _VECTOR))
             at = [builder.add(args[n], k) for n in (3, 4)]
-            d = builder.sub(builder.add(*(code.load(delays, n, whole) for n in at)), origin)
+            d = builder.sub(builder.add(*(code.load(delays, n, index_vector) for n in at)), origin)
             bin_ = builder.add(base, builder.lshr(d, shift))
-            starts = builder.mul(bin_, ir.Constant(whole, [numbers] * _VECTOR))
+            starts = builder.mul(bin_, ir.Constant(index_vector, [numbers] * _VECTOR))
             code.store(starts, target, builder.add(row, k))
             (ci, cj), (si, sj) = ([code.load(rows, n) for n in at] for rows in (cosines, sines))
             where = builder.add(first, k)
@@ -131,17 +160,17 @@ def combine_antennas(  # type: ignore[no-untyped-def]
             code.store(code.add(code.mul(si, cj), code.mul(ci, sj)), out, code.plus(where, BLOCK))
             half = ir.Constant(code.vector, [0.5] * _VECTOR)
             y = code.sub(code.mul(builder.sitofp(builder.and_(d, mask), code.vector), scale), half)
-            here = code.plus(
+            destination = code.plus(
                 builder.add(first, builder.mul(k, ir.Constant(_INDEX, width))), 2 * BLOCK
             )
             for n in range(width):
-                part = code.shuffle(
+                fraction = code.shuffle(
                     y, [n * together + m for m in range(together) for _ in range(width)]
                 )
                 value = powers_[-1]
                 for power in powers_[-2::-1]:
-                    value = code.add(code.mul(value, part), power)
-                code.store(value, out, code.plus(here, n * _VECTOR))
+                    value = code.add(code.mul(value, fraction), power)
+                code.store(value, out, code.plus(destination, n * _VECTOR))
         return context.get_dummy_value()
 
     return signature, build
@@ -151,9 +180,10 @@ def combine_antennas(  # type: ignore[no-untyped-def]
 def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, channels):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """Add to one pixel's row ``total[at:]`` the interpolated, rotated profiles of several pairs.
 
-    ``bins`` and ``fields`` hold per pair what :func:`combine_antennas` makes, of which entry ``k`` is used: starts of
-    table rows, and the rows cosine and sine, ``BLOCK`` long, before the weights (pixel, tap). The total is the complex
-    numbers of all channels; of a single channel it is what every tap adds, all real parts before the imaginary parts.
+    ``bins`` and ``fields`` hold per pair what :func:`combine_antennas` makes, of which entry ``k``
+    is used: starts of table rows, and the rows cosine and sine, ``BLOCK`` long, before the weights
+    (pixel, tap). The total is the complex numbers of all channels; of a single channel it is what
+    every tap adds, all real parts before the imaginary parts.
     """
     signature = types.void(
         total, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels
@@ -168,7 +198,7 @@ def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, chann
         narrow = _Code(context, builder, width)
         sums, profile, start, field = (code.data(sig.args[i], args[i]) for i in (0, 2, 3, 4))
         # Σ cos·v and Σ sin·v, v = Σ_a weight_a·table[bins + a]
-        kept = [
+        accumulators = [
             cgutils.alloca_once_value(builder, ir.Constant(code.vector, None)) for _ in range(2)
         ]
         with cgutils.for_range(builder, args[6], intp=_INDEX) as loop:
@@ -185,11 +215,11 @@ def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, chann
                         code.load(profile, code.plus(row, a * lanes)),
                     )
                     value = term if value is None else code.add(value, term)
-            for sum_, turn in zip(kept, turns, strict=True):
+            for sum_, turn in zip(accumulators, turns, strict=True):
                 builder.store(
                     code.add(builder.load(sum_), code.mul(code.spread(turn), value)), sum_
                 )
-        across, up = (builder.load(sum_) for sum_ in kept)
+        across, up = (builder.load(sum_) for sum_ in accumulators)
         real = [*range(half)]
         imaginary = [*range(half, lanes)]
         re = code.sub(code.shuffle(across, real), code.shuffle(up, imaginary))
@@ -204,7 +234,7 @@ def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, chann
 def _fields_of(
     code: _Code, taps: _Code, start: Any, field: Any, pair: Any, k: Any
 ) -> tuple[Any, list[Any], Any]:
-    """Return where the table row of a pair and pixel starts, its cosine and sine, and its weights."""
+    """Return the start of the table row of a pair and pixel, its cosine, sine and weights."""
     width = taps.lanes
     builder = code.builder
     at_pair = builder.add(builder.mul(pair, ir.Constant(_INDEX, BLOCK)), k)
@@ -263,12 +293,21 @@ def spread_pairs(_context, value, at, table, bins, fields, k, pairs, taps, chann
 def butterfly(_context, source, at, gap, target, to, step, twiddle, turn, channels):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """One radix-4 butterfly of an inverse Fourier transform on lane rows.
 
-    Reads the rows at ``at + i·gap`` and writes those at ``to + i·step`` (i = 0..3), times the twiddle factors 1,
-    w, w², w³ with w = ``twiddle[turn]``, found at ``turn``, ``2·turn`` and ``3·turn``.
+    Reads the rows at ``at + i·gap`` and writes those at ``to + i·step`` (i = 0..3), times the
+    twiddle factors 1, w, w², w³ with w = ``twiddle[turn]``, found at ``turn``, ``2·turn`` and
+    ``3·turn``.
     """
     signature = types.void(
-        source, types.uint64, types.uint64, target, types.uint64, types.uint64, twiddle, types.uint64, channels,
-    )  # fmt: skip
+        source,
+        types.uint64,
+        types.uint64,
+        target,
+        types.uint64,
+        types.uint64,
+        twiddle,
+        types.uint64,
+        channels,
+    )
     half = channels.count
 
     def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:

@@ -1,9 +1,10 @@
-"""The mode of logistic weights under a Laplacian prior, by a search over which weights are zero and their signs.
+"""Mode of logistic weights under a Laplacian prior, by a search over zero weights and signs.
 
-With the signs given, the penalised loss is smooth and Newton's method solves it. The search lets the weight in that
-breaks its condition most, solves, and lets a weight out where it would change its sign (the feature-sign search of
-Lee et al. 2007, here with the logistic loss in place of squares). Wide kernels make nearly dependent basis functions,
-on which descent by coordinates takes thousands of sweeps; the small systems here do not mind.
+With the signs given, the penalised loss is smooth and Newton's method solves it. The search lets
+the weight in that breaks its condition most, solves, and lets a weight out where it would change
+its sign (the feature-sign search of Lee et al. 2007, here with the logistic loss in place of
+squares). Wide kernels make nearly dependent basis functions, on which descent by coordinates takes
+thousands of sweeps; the small systems here do not mind.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ _TINY = 1e-12
 
 
 class Mode(NamedTuple):
-    """Where the search ended: weights (k,), how many entered, and whether every weight keeps its condition."""
+    """End of the search: weights (k,), number of entries, and whether all conditions hold."""
 
     weights: Any
     entries: int
@@ -31,7 +32,7 @@ class Mode(NamedTuple):
 
 @njit(cache=True)
 def _newton_step(rows: Any, residual: Any, curvature: Any, scale: float, sign: Any) -> Any:
-    """Give slope and step (k,) of the penalised loss in the active weights, whose signs are held."""
+    """Return slope and step (k,) of the penalised loss in the active weights of fixed signs."""
     slope = -(rows @ residual) + scale * sign
     hessian = (rows * curvature) @ rows.T
     for i in range(len(sign)):
@@ -50,7 +51,10 @@ def _loss(
     residual: Any,
     curvature: Any,
 ) -> float:
-    """Penalised loss at new active weights, ``start`` the argument of σ at the old; fills residual and curvature in."""
+    """Return the penalised loss at new active weights; fills residual and curvature.
+
+    ``start`` is the argument of σ at the old weights.
+    """
     trial = start + (new - weights) @ rows
     return -_logistic(trial, target, residual, curvature) + scale * np.abs(new).sum()
 
@@ -66,7 +70,7 @@ def _descend(
     residual: Any,
     curvature: Any,
 ) -> Any:
-    """Find the lowest of the whole step and the points on its way where a weight becomes zero; else halve it.
+    """Return the lowest of the full step and the points before where a weight becomes zero.
 
     It gives the new active weights and whether the loss fell.
     """
@@ -102,22 +106,29 @@ def _descend(
 
 @njit(cache=True)
 def _solve_active(
-    rows: Any, target: Any, scale: float, miss: float, weights: Any, sign: Any, argument: Any, residual: Any,
+    rows: Any,
+    target: Any,
+    scale: float,
+    miss: float,
+    weights: Any,
+    sign: Any,
+    argument: Any,
+    residual: Any,
     curvature: Any,
-) -> None:  # fmt: skip
-    """Bring the active weights to the least loss; those that reach zero on the way leave. All arrays are changed."""
+) -> None:
+    """Move the active weights to the least loss, in place; those that reach zero are removed."""
     for _ in range(_NEWTON):
         active = np.flatnonzero(sign)
         if not active.size:
             return
-        some = rows[active]
+        active_rows = rows[active]
         old = weights[active]
-        slope, step = _newton_step(some, residual, curvature, scale, sign[active])
+        slope, step = _newton_step(active_rows, residual, curvature, scale, sign[active])
         if np.abs(slope).max() <= 0.1 * miss:
             return
-        new, fell = _descend(some, target, scale, argument, old, step, residual, curvature)
+        new, fell = _descend(active_rows, target, scale, argument, old, step, residual, curvature)
         if fell:
-            argument += (new - old) @ some
+            argument += (new - old) @ active_rows
             weights[active] = new
             sign[:] = np.sign(weights)
         _logistic(argument, target, residual, curvature)
@@ -131,8 +142,9 @@ def laplacian_mode(
 ) -> Any:
     """Minimise -log p(t | w) + scale · Σ|w|, which is convex.
 
-    ``rows`` (k, N) basis functions, ``target`` (N,) in {0, 1}. It ends when no weight misses its condition by more than
-    ``tol`` times the scale: slope = -scale · sign(w), and |slope| at most the scale where w = 0.
+    ``rows`` (k, N) basis functions, ``target`` (N,) in {0, 1}. It ends when no weight misses its
+    condition by more than ``tol`` times the scale: slope = -scale · sign(w), and |slope| at most
+    the scale where w = 0.
     """
     k, n = rows.shape
     weights = np.zeros(k)

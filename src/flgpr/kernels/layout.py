@@ -23,18 +23,18 @@ KEPT_BYTES = 1 << 26
 
 @njit(cache=True)
 def padded(taps: int) -> int:
-    """Taps padded to whole vectors: 4, 8 or 16."""
+    """Return the number of taps padded to full vectors: 4, 8 or 16."""
     return 4 if taps <= 4 else 8 if taps <= 8 else 16
 
 
 @njit(cache=True)
 def row_size(taps: int, channels: int) -> int:
-    """Numbers in a table row: both parts of every channel, or, of a single channel, of every tap's bin."""
+    """Return the numbers in a table row: both parts of all channels, or of a single one's taps."""
     return 2 * (padded(taps) if channels == 1 else channels)
 
 
 def aligned(size: int, dtype: Any) -> NDArray[Any]:
-    """Uninitialised flat array that starts on a cache line, so that no vector straddles two."""
+    """Return an uninitialised flat array that starts on a cache line: no vector spans two."""
     bytes_ = size * np.dtype(dtype).itemsize
     raw = np.empty(bytes_ + 64, np.uint8)
     start = -raw.ctypes.data % 64

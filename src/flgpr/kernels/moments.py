@@ -12,7 +12,7 @@ from sklearn.covariance import ledoit_wolf, oas
 
 Moments = tuple[NDArray[Any], NDArray[Any]]
 LEAST_OGK = 4
-"""Rows that moments by orthogonal pairs need: of three, one that lies far out cannot be told from the others."""
+"""Rows that moments by orthogonal pairs need: an outlier of three cannot be identified."""
 # Maronna & Zamar 2002, Sec. 5: constants of the τ-scale, and the quantile beyond which rows are
 # left out.
 _TAU_LOCATION = 4.5
@@ -21,7 +21,7 @@ _OGK_KEPT = 0.9
 
 
 def sample_moments(X: NDArray[Any], ddof: int = 0) -> Moments:
-    """Mean and covariance ``E[(x - mean)(x - mean)^H]`` of the rows of ``X``, divided by N - ddof."""
+    """Return mean and covariance ``E[(x - mean)(x - mean)^H]`` of rows, divided by N - ddof."""
     mean = X.mean(axis=0)
     centred = X - mean
     return mean, centred.T @ centred.conj() / (X.shape[0] - ddof)
@@ -40,12 +40,15 @@ def oas_moments(X: NDArray[Any]) -> Moments:
 
 
 def ogk_moments(X: NDArray[Any]) -> Moments:
-    """Robust mean and covariance by orthogonal pairs (Maronna & Zamar 2002), also for fewer rows than columns.
+    """Return robust mean and covariance by orthogonal pairs (Maronna & Zamar 2002).
 
-    Covariances of pairs come from robust scales of their sums and differences (Gnanadesikan & Kettenring 1972). The
-    principal axes of that matrix, with robust scales along them, make a positive semidefinite one. This is done twice;
-    then rows that lie far out are left out, and the rest give mean and covariance. Fewer than ``LEAST_OGK`` rows are a
-    ValueError, and so is a column of which more than half is equal: it has no robust scale.
+    There may be fewer rows than columns.
+
+    Covariances of pairs come from robust scales of their sums and differences (Gnanadesikan &
+    Kettenring 1972). The principal axes of that matrix, with robust scales along them, make a
+    positive semidefinite one. This is done twice; then rows that lie far out are left out, and the
+    rest give mean and covariance. Fewer than ``LEAST_OGK`` rows are a ValueError, and so is a
+    column of which more than half is equal: it has no robust scale.
     """
     if X.shape[0] < LEAST_OGK:
         raise ValueError(f'moments = "ogk" needs at least {LEAST_OGK} samples, got {X.shape[0]}')
@@ -57,7 +60,7 @@ def ogk_moments(X: NDArray[Any]) -> Moments:
 
 
 def _ogk_distance(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return each row's squared distance from the robust mean in the robust covariance, both of two OGK passes."""
+    """Return the rows' squared distances from the robust mean, of two OGK passes."""
     scaled = rows
     for _ in range(2):
         scaled = scaled / _robust_scale(scaled)
@@ -69,31 +72,36 @@ def _ogk_distance(rows: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _pairwise_covariance(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``(s(x_j + x_k)² - s(x_j - x_k)²) / 4`` of all pairs of columns, whose own scales s are one."""
+    """Return ``(s(x_j + x_k)² - s(x_j - x_k)²) / 4`` of all pairs of columns of scale s = 1."""
     features = scaled.shape[1]
     pairs = np.eye(features)
     for j in range(features - 1):
         column = scaled[:, j, None]
-        others = scaled[:, j + 1 :]
-        covariance = (_robust_scale(column + others) ** 2 - _robust_scale(column - others) ** 2) / 4
+        remaining = scaled[:, j + 1 :]
+        covariance = (
+            _robust_scale(column + remaining) ** 2 - _robust_scale(column - remaining) ** 2
+        ) / 4
         pairs[j, j + 1 :] = covariance
         pairs[j + 1 :, j] = covariance
     return pairs
 
 
 def _robust_location(columns: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean of every column, weighed down with the distance from the median (Yohai & Zamar 1988)."""
+    """Return the mean of columns, weighed by the distance from the median (Yohai & Zamar 1988)."""
     median, spread = _median_and_spread(columns)
     weight = np.clip(1 - ((columns - median) / (_TAU_LOCATION * spread)) ** 2, 0, None) ** 2
     return np.asarray(np.sum(weight * columns, axis=0) / np.sum(weight, axis=0))
 
 
 def _robust_scale(columns: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the τ-scale of every column: squares of at most 3 spreads about the location (Yohai & Zamar 1988)."""
+    """Return the τ-scale of every column (Yohai & Zamar 1988).
+
+    It is of squares of at most 3 spreads about the location.
+    """
     _, spread = _median_and_spread(columns)
-    away = (columns - _robust_location(columns)) / spread
+    standardised = (columns - _robust_location(columns)) / spread
     scale: NDArray[np.float64] = spread * np.sqrt(
-        np.mean(np.minimum(away**2, _TAU_SCALE**2), axis=0)
+        np.mean(np.minimum(standardised**2, _TAU_SCALE**2), axis=0)
     )
     return scale
 
@@ -101,7 +109,7 @@ def _robust_scale(columns: NDArray[np.float64]) -> NDArray[np.float64]:
 def _median_and_spread(
     columns: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the median of every column and the median of distances from it, which must not be zero."""
+    """Return the median of every column and the median distance from it, which must not be zero."""
     median = np.median(columns, axis=0)
     spread = np.median(np.abs(columns - median), axis=0)
     if not np.all(spread > 0):
@@ -113,7 +121,7 @@ def _median_and_spread(
 
 
 def clipped_moments(X: NDArray[Any]) -> Moments:
-    """Mean and covariance of rows whose energy is clipped at the median energy: no single row can dominate."""
+    """Return mean and covariance of rows clipped at the median energy, so that none dominates."""
     energy = np.sum(np.abs(X) ** 2, axis=1)
     limit = np.median(energy)
     scale = np.sqrt(np.divide(limit, energy, out=np.ones_like(energy), where=energy > limit))

@@ -13,26 +13,28 @@ PEAK, MEAN, OUTER_MEAN, OUTER_STD = range(4)
 
 @shared(cache=True)
 def region_statistics(images, row, column, offset, regions, out, begin, end):  # type: ignore[no-untyped-def]
-    """Statistics of patches of ``images`` (channel, y, x) about fractional pixels ``row``, ``column`` (patch).
+    """Fill the statistics of patches of ``images`` (channel, y, x) about fractional pixels.
 
-    ``offset`` (pixel,) is where a patch's pixels lie along either axis, in image pixels. ``regions`` (set, pixel,
-    pixel) says ``INNER``, ``OUTER`` or neither. ``out`` (patch, channel, set, statistic) takes the largest and the mean
-    value of the inner region and mean and standard deviation of the outer one, whose pixels beyond the image's border
-    do not count; NaN where part of the inner region lies beyond it or the outer one has less than two pixels.
+    The patches lie about ``row``, ``column`` (patch). ``offset`` (pixel,) is where a patch's pixels
+    lie along either axis, in image pixels. ``regions`` (set, pixel, pixel) says ``INNER``,
+    ``OUTER`` or neither. ``out`` (patch, channel, set, statistic) takes the largest and the mean
+    value of the inner region and mean and standard deviation of the outer one, whose pixels beyond
+    the image's border do not count; NaN where part of the inner region lies beyond it or the outer
+    one has less than two pixels.
     """
     channels, ny, nx = images.shape
     size = offset.size
     sets = regions.shape[0]
-    one = np.float32(1)
-    place = np.empty((size * size, 2), np.int64)
+    unit = np.float32(1)
+    corner = np.empty((size * size, 2), np.int64)
     value = np.empty(size * size)
     right = np.empty(size * size, np.float32)
     below = np.empty(size * size, np.float32)
     members = np.empty((sets, 2, size * size), np.int64)
     count = np.empty((sets, 2), np.int64)
-    whole = np.empty(sets, np.bool_)
+    complete = np.empty(sets, np.bool_)
     for p in range(begin, end):
-        whole[:] = True
+        complete[:] = True
         count[:] = 0
         used = 0
         for i in range(size):
@@ -40,7 +42,7 @@ def region_statistics(images, row, column, offset, regions, out, begin, end):  #
             for j in range(size):
                 c = column[p] + offset[j]
                 inside = -1e-9 <= r <= ny - 1 + 1e-9 and -1e-9 <= c <= nx - 1 + 1e-9
-                wanted = False
+                is_used = False
                 for s in range(sets):
                     kind = regions[s, i, j]
                     if kind != INNER and kind != OUTER:
@@ -48,28 +50,28 @@ def region_statistics(images, row, column, offset, regions, out, begin, end):  #
                     if inside:
                         members[s, kind - 1, count[s, kind - 1]] = used
                         count[s, kind - 1] += 1
-                        wanted = True
+                        is_used = True
                     elif kind == INNER:
-                        whole[s] = False
-                if wanted:
+                        complete[s] = False
+                if is_used:
                     y = min(max(int(r), 0), ny - 2)
                     x = min(max(int(c), 0), nx - 2)
-                    place[used, 0] = y
-                    place[used, 1] = x
+                    corner[used, 0] = y
+                    corner[used, 1] = x
                     below[used] = np.float32(min(max(r - y, 0.0), 1.0))
                     right[used] = np.float32(min(max(c - x, 0.0), 1.0))
                     used += 1
         for k in range(channels):
             for m in range(used):
-                y = place[m, 0]
-                x = place[m, 1]
+                y = corner[m, 0]
+                x = corner[m, 1]
                 fr = below[m]
                 fc = right[m]
-                top = images[k, y, x] * (one - fc) + images[k, y, x + 1] * fc
-                bottom = images[k, y + 1, x] * (one - fc) + images[k, y + 1, x + 1] * fc
-                value[m] = np.float64(top * (one - fr) + bottom * fr)
+                top = images[k, y, x] * (unit - fc) + images[k, y, x + 1] * fc
+                bottom = images[k, y + 1, x] * (unit - fc) + images[k, y + 1, x + 1] * fc
+                value[m] = np.float64(top * (unit - fr) + bottom * fr)
             for s in range(sets):
-                if not whole[s] or count[s, 1] < 2:
+                if not complete[s] or count[s, 1] < 2:
                     out[p, k, s] = np.nan
                     continue
                 peak = -np.inf

@@ -1,8 +1,8 @@
-"""The fast imaging sums in single precision: profiles of every pair, interpolated for all channels at once.
+"""The fast imaging sums in single precision: interpolated range profiles of all channels at once.
 
-Delays are kept as 32-bit fractions of the unambiguous range, so that they wrap as the sampled band does, and they are
-computed once per antenna, not per pair. Every result is computed by one task in a fixed order, whatever the number of
-threads.
+Delays are kept as 32-bit fractions of the unambiguous range, so that they wrap as the sampled band
+does, and they are computed once per antenna, not per pair. Every result is computed by one task in
+a fixed order, whatever the number of threads.
 """
 
 from __future__ import annotations
@@ -24,12 +24,14 @@ _FAST = {"fastmath": True, "error_model": "numpy", "cache": True}
 class Geometry(NamedTuple):
     """Where pairs and pixels are, and how paths become bins and phases.
 
-    ``tx``, ``rx`` (pair,) index ``antenna`` (antenna, 3) m; ``pixels`` (3, pixel) m, padded to whole blocks, of which
-    ``pixel_count`` are wanted; ``medium`` the refractive indices above and below z = 0 (zero: no ground); ``per_turn``
-    and ``carrier`` the tone spacing and the carrier over the speed of light, 1/m; ``origin`` the 32-bit delay at which
-    bin 0 starts and ``shift`` the number of its bits below a bin; ``gain`` (antenna, pixel), or (antenna, 0) for none;
-    ``weight`` (power, tap), flat, the polynomials of :func:`flgpr.kernels.kaiser.polynomials`, padded. ``delay``,
-    ``cosine`` and ``sine`` are what :func:`locate` found, or empty: then it is found anew wherever it is needed.
+    ``tx``, ``rx`` (pair,) index ``antenna`` (antenna, 3) m; ``pixels`` (3, pixel) m, padded to
+    whole blocks, of which ``pixel_count`` are wanted; ``medium`` the refractive indices above and
+    below z = 0 (zero: no ground); ``per_turn`` and ``carrier`` the tone spacing and the carrier
+    over the speed of light, 1/m; ``origin`` the 32-bit delay at which bin 0 starts and ``shift``
+    the number of its bits below a bin; ``gain`` (antenna, pixel), or (antenna, 0) for none;
+    ``weight`` (power, tap), flat, the polynomials of :func:`flgpr.kernels.kaiser.polynomials`,
+    padded. ``delay``, ``cosine`` and ``sine`` are what :func:`locate` found, or empty: then it is
+    found anew wherever it is needed.
     """
 
     tx: NDArray[np.int64]
@@ -79,7 +81,7 @@ def _locate(geometry, a, block, at, delay, cosine, sine):  # type: ignore[no-unt
 
 @njit(nogil=True, **_FAST)
 def locate(geometry, begin, end):  # type: ignore[no-untyped-def]
-    """Fill the geometry's delays and phasors (block, antenna, pixel of the block), flat, for some blocks."""
+    """Fill the geometry's delays and phasors for some blocks: (block, antenna, pixel), flat."""
     antennas = geometry.antenna.shape[0]
     for block in range(begin, end):
         for a in range(antennas):
@@ -96,7 +98,7 @@ def locate(geometry, begin, end):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, **_FAST)
 def adjoint(table, bins, geometry, out, taps, powers, channels, begin, end):  # type: ignore[no-untyped-def]
-    """Fill pixel blocks ``begin`` to ``end`` of ``out`` (channel, pixel) from ``table`` (pair, bin, lane)."""
+    """Fill some blocks of ``out`` (channel, pixel) from ``table`` (pair, bin, lane)."""
     tx = geometry.tx
     rx = geometry.rx
     count = geometry.pixel_count
@@ -109,37 +111,51 @@ def adjoint(table, bins, geometry, out, taps, powers, channels, begin, end):  # 
     width = padded(len(taps))
     lanes = row_size(len(taps), half)
     fields_per_pair = (width + 2) * BLOCK
-    kept = geometry.delay.shape[0] > 0
-    delay = geometry.delay if kept else np.empty(antennas * BLOCK, np.uint32)
-    cosine = geometry.cosine if kept else np.empty(antennas * BLOCK, np.float32)
-    sine = geometry.sine if kept else np.empty(antennas * BLOCK, np.float32)
+    stored = geometry.delay.shape[0] > 0
+    delay = geometry.delay if stored else np.empty(antennas * BLOCK, np.uint32)
+    cosine = geometry.cosine if stored else np.empty(antennas * BLOCK, np.float32)
+    sine = geometry.sine if stored else np.empty(antennas * BLOCK, np.float32)
     start = np.empty(GATHER_PAIRS * BLOCK, np.uint32)
     fields = np.empty(GATHER_PAIRS * fields_per_pair, np.float32)
     total = np.empty(BLOCK * lanes, np.float32)
     complete = total.view(np.complex64)
     for block in range(begin, end):
         total[:] = 0
-        place = block * antennas * BLOCK if kept else 0
-        if not kept:
+        block_start = block * antennas * BLOCK if stored else 0
+        if not stored:
             for a in range(antennas):
                 _locate(geometry, a, block, a * BLOCK, delay, cosine, sine)
         for q in range(0, pairs, GATHER_PAIRS):
-            held = min(GATHER_PAIRS, pairs - q)
-            for g in range(held):
-                i = uint64(place + tx[q + g] * BLOCK)
-                j = uint64(place + rx[q + g] * BLOCK)
+            group = min(GATHER_PAIRS, pairs - q)
+            for g in range(group):
+                i = uint64(block_start + tx[q + g] * BLOCK)
+                j = uint64(block_start + rx[q + g] * BLOCK)
                 base = uint32((q + g) * bins)
                 pair = uint64(g)
                 combine_antennas(
-                    delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, pair
-                )  # fmt: skip
+                    delay,
+                    cosine,
+                    sine,
+                    i,
+                    j,
+                    base,
+                    origin,
+                    shift,
+                    weight,
+                    powers,
+                    taps,
+                    channels,
+                    start,
+                    fields,
+                    pair,
+                )
             for k in range(uint64(BLOCK)):
                 gather_pairs(
-                    total, k * uint64(lanes), table, start, fields, k, uint64(held), taps, channels
+                    total, k * uint64(lanes), table, start, fields, k, uint64(group), taps, channels
                 )
-        wanted = min(BLOCK, count - block * BLOCK)
+        needed = min(BLOCK, count - block * BLOCK)
         if half == 1:
-            for k in range(wanted):
+            for k in range(needed):
                 re = float32(0)
                 im = float32(0)
                 for a in range(width):
@@ -148,32 +164,35 @@ def adjoint(table, bins, geometry, out, taps, powers, channels, begin, end):  # 
                 out[0, block * BLOCK + k] = complex(re, im)
         else:
             for c in range(out.shape[0]):
-                for k in range(wanted):
+                for k in range(needed):
                     out[c, block * BLOCK + k] = complete[k * half + c]
 
 
 @njit(cache=True)
-def _antennas_of(tx, rx, q, held, used, local):  # type: ignore[no-untyped-def]
-    """List in ``used`` the antennas of ``held`` pairs from ``q`` and in ``local`` each one's place; return how many."""
+def _antennas_of(tx, rx, q, group, used, local):  # type: ignore[no-untyped-def]
+    """Return the number of antennas of ``group`` pairs from ``q``.
+
+    They are listed in ``used``, with their numbers there in ``local``.
+    """
     antennas = 0
-    for g in range(2 * held):
-        wanted = tx[q + g // 2] if g % 2 == 0 else rx[q + g // 2]
+    for g in range(2 * group):
+        needed = tx[q + g // 2] if g % 2 == 0 else rx[q + g // 2]
         local[g] = antennas
         for a in range(antennas):
-            if used[a] == wanted:
+            if used[a] == needed:
                 local[g] = a
         if local[g] == antennas:
-            used[antennas] = wanted
+            used[antennas] = needed
             antennas += 1
     return antennas
 
 
 @njit(nogil=True, **_FAST)
 def forward(table, bins, geometry, image, taps, powers, channels, q, end):  # type: ignore[no-untyped-def]
-    """Fill the pairs from ``q`` up to ``end`` of ``table`` from ``image`` (channel, pixel): transpose of the adjoint.
+    """Fill the pairs ``q`` to ``end`` of ``table`` from ``image`` (channel, pixel).
 
-    A call owns the profiles of its pairs and goes through all pixels in order: what it finds for a pair does not depend
-    on the others.
+    This is the transpose of the adjoint. A call owns the profiles of its pairs and goes through all
+    pixels in order: what it finds for a pair does not depend on the others.
     """
     tx = geometry.tx
     rx = geometry.rx
@@ -182,44 +201,58 @@ def forward(table, bins, geometry, image, taps, powers, channels, q, end):  # ty
     shift = uint32(geometry.shift)
     weight = geometry.weight
     half = len(channels)
-    held = end - q
+    group = end - q
     fields_per_pair = (padded(len(taps)) + 2) * BLOCK
     lanes = row_size(len(taps), half)
-    most = 2 * held
+    most = 2 * group
     table[q * bins * lanes : end * bins * lanes] = 0
     used = np.empty(most, np.int64)
     local = np.empty(most, np.int64)
-    antennas = _antennas_of(tx, rx, q, held, used, local)
-    kept = geometry.delay.shape[0] > 0
-    delay = geometry.delay if kept else np.empty(most * BLOCK, np.uint32)
-    cosine = geometry.cosine if kept else np.empty(most * BLOCK, np.float32)
-    sine = geometry.sine if kept else np.empty(most * BLOCK, np.float32)
-    if kept:
+    antennas = _antennas_of(tx, rx, q, group, used, local)
+    stored = geometry.delay.shape[0] > 0
+    delay = geometry.delay if stored else np.empty(most * BLOCK, np.uint32)
+    cosine = geometry.cosine if stored else np.empty(most * BLOCK, np.float32)
+    sine = geometry.sine if stored else np.empty(most * BLOCK, np.float32)
+    if stored:
         for g in range(most):
             local[g] = used[local[g]]
-    start = np.empty(held * BLOCK, np.uint32)
-    fields = np.empty(held * fields_per_pair, np.float32)
+    start = np.empty(group * BLOCK, np.uint32)
+    fields = np.empty(group * fields_per_pair, np.float32)
     value = np.zeros(BLOCK * 2 * half, np.float32)
     for block in range((count + BLOCK - 1) // BLOCK):
         first = uint64(block * BLOCK)
-        wanted = uint64(min(BLOCK, count - block * BLOCK))
-        place = block * geometry.antenna.shape[0] * BLOCK if kept else 0
-        if not kept:
+        needed = uint64(min(BLOCK, count - block * BLOCK))
+        block_start = block * geometry.antenna.shape[0] * BLOCK if stored else 0
+        if not stored:
             for a in range(antennas):
                 _locate(geometry, used[a], block, a * BLOCK, delay, cosine, sine)
-        for g in range(held):
-            i = uint64(place + local[2 * g] * BLOCK)
-            j = uint64(place + local[2 * g + 1] * BLOCK)
+        for g in range(group):
+            i = uint64(block_start + local[2 * g] * BLOCK)
+            j = uint64(block_start + local[2 * g + 1] * BLOCK)
             base = uint32((q + g) * bins)
             pair = uint64(g)
             combine_antennas(
-                delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, pair
-            )  # fmt: skip
+                delay,
+                cosine,
+                sine,
+                i,
+                j,
+                base,
+                origin,
+                shift,
+                weight,
+                powers,
+                taps,
+                channels,
+                start,
+                fields,
+                pair,
+            )
         for c in range(uint64(image.shape[0])):
-            for k in range(wanted):
+            for k in range(needed):
                 value[k * uint64(2 * half) + c] = image[c, first + k].real
                 value[k * uint64(2 * half) + c + uint64(half)] = image[c, first + k].imag
-        for k in range(wanted):
+        for k in range(needed):
             spread_pairs(
-                value, k * uint64(2 * half), table, start, fields, k, uint64(held), taps, channels
+                value, k * uint64(2 * half), table, start, fields, k, uint64(group), taps, channels
             )

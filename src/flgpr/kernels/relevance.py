@@ -1,4 +1,4 @@
-"""Sparse Bayesian logistic models: Laplace's approximation and the fast ascent of the marginal likelihood."""
+"""Sparse Bayesian logistic models: Laplace's approximation and the ascent of the evidence."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ _CONFIRM = 3  # candidates looked at in double precision
 
 
 class Posterior(NamedTuple):
-    """Laplace's approximation: mode (k,), covariance (k, k), residual t - y, curvature y(1 - y), log evidence."""
+    """Laplace's approximation: mode (k,), covariance (k, k), residual t - y, curvature y(1 - y).
+
+    The log evidence follows.
+    """
 
     mean: Any
     covariance: Any
@@ -33,7 +36,7 @@ class Posterior(NamedTuple):
 
 
 class Ascent(NamedTuple):
-    """Where an ascent ended: active indices (k,), precisions (k,), mode, covariance, log evidence, iterations."""
+    """End of an ascent: active indices (k,), precisions (k,), mode, covariance, log evidence."""
 
     active: Any
     alpha: Any
@@ -46,7 +49,7 @@ class Ascent(NamedTuple):
 
 @njit(cache=True)
 def _logistic(c: Any, target: Any, residual: Any, curvature: Any) -> float:
-    """Log likelihood at the argument ``c`` of σ; fills in the residual t - y and the curvature y(1 - y)."""
+    """Return the log likelihood at the argument ``c`` of σ; fills residual t - y and y(1 - y)."""
     total = 0.0
     product = 1.0
     for n in range(c.size):
@@ -67,7 +70,8 @@ def _logistic(c: Any, target: Any, residual: Any, curvature: Any) -> float:
 def laplace(rows: Any, target: Any, offset: float, alpha: Any, mean: Any) -> Any:
     """Newton's method with line search to the mode of the weights (Tipping 2001, Sec. 3).
 
-    ``rows`` (k, N) basis functions, ``target`` (N,) in {0, 1}, ``alpha`` (k,) precisions, ``mean`` (k,) start.
+    ``rows`` (k, N) basis functions, ``target`` (N,) in {0, 1}, ``alpha`` (k,) precisions, ``mean``
+    (k,) start.
     """
     k, n = rows.shape
     residual = np.empty(n)
@@ -75,7 +79,7 @@ def laplace(rows: Any, target: Any, offset: float, alpha: Any, mean: Any) -> Any
     mean = mean.copy()
     c = mean @ rows + offset
     value = _logistic(c, target, residual, curvature) - 0.5 * (alpha * mean * mean).sum()
-    found = False
+    converged = False
     hessian = np.empty((k, k))
     for _ in range(_NEWTON):
         hessian = (rows * curvature) @ rows.T
@@ -84,8 +88,8 @@ def laplace(rows: Any, target: Any, offset: float, alpha: Any, mean: Any) -> Any
         gradient = rows @ residual - alpha * mean
         step = np.linalg.solve(hessian, gradient)
         rise = (gradient * step).sum()
-        if found or rise < 1e-18:
-            found = True
+        if converged or rise < 1e-18:
+            converged = True
             break
         direction = step @ rows
         scale = 1.0
@@ -101,20 +105,23 @@ def laplace(rows: Any, target: Any, offset: float, alpha: Any, mean: Any) -> Any
         mean = trial
         c = moved
         # So near the mode that Newton's steps square the error: one more evaluation ends it.
-        found = rise < 1e-9 * (1 + abs(value))
+        converged = rise < 1e-9 * (1 + abs(value))
         value = reached
     covariance = np.linalg.inv(hessian)
     logdet = 2 * np.log(np.diag(np.linalg.cholesky(hessian))).sum() if k else 0.0
     evidence = value + 0.5 * np.log(alpha).sum() - 0.5 * logdet
-    return Posterior(mean, covariance, residual, curvature, evidence, found)
+    return Posterior(mean, covariance, residual, curvature, evidence, converged)
 
 
 @njit(cache=True)
 def best_variance(s: float, q: float, rate: float) -> float:
-    """Prior variance 1/α that maximises the marginal likelihood of one basis function; not positive: leave it out.
+    """Return the prior variance 1/α of a basis function that maximises the marginal likelihood.
 
-    Root of -s u + q² - rate u² with u = 1 + s/α: Tipping & Faul 2003, Eq. 20 for ``rate`` 0, and with an exponential
-    prior exp(-rate/(2α)) on the variance, which makes the prior of the weight Laplacian.
+    A value that is not positive leaves the function out.
+
+    Root of -s u + q² - rate u² with u = 1 + s/α: Tipping & Faul 2003, Eq. 20 for ``rate`` 0, and
+    with an exponential prior exp(-rate/(2α)) on the variance, which makes the prior of the weight
+    Laplacian.
     """
     q2 = q * q
     u = 2 * q2 / (s + np.sqrt(s * s + 4 * rate * q2))
@@ -149,9 +156,12 @@ def _gains(s: Any, q: Any, allowed: Any, active: Any, rate: float) -> Any:
 
 
 def entries(rows: Any, allowed: Any, active: Any, posterior: Any, rate: float) -> Any:
-    """Gain, sparsity S and quality Q of all basis functions; the gain is 0 where one is in the model or not allowed.
+    """Return gain, sparsity S and quality Q of all basis functions.
 
-    At the mode Q = φᵀ(t - y): the term of the model vanishes with the gradient (Tipping & Faul 2003, Eq. 24).
+    The gain is 0 for those that are in the model or not allowed.
+
+    At the mode Q = φᵀ(t - y): the term of the model vanishes with the gradient (Tipping & Faul
+    2003, Eq. 24).
     """
     covariance = posterior.covariance
     residual = posterior.residual
@@ -186,15 +196,15 @@ def ranking(coarse: Any, allowed: Any, active: Any, posterior: Any, rate: float)
 
 
 @njit(cache=True)
-def entry(rows: Any, one: int, active: Any, posterior: Any, rate: float) -> Any:
-    """Gain, S and Q of one basis function, in double precision."""
+def entry(rows: Any, function: int, active: Any, posterior: Any, rate: float) -> Any:
+    """Return gain, S and Q of a basis function in double precision."""
     covariance = posterior.covariance
     residual = posterior.residual
     curvature = posterior.curvature
-    weighted = rows[one] * curvature
+    weighted = rows[function] * curvature
     cross = rows[active] @ weighted
-    s = (rows[one] * weighted).sum() - (cross * (covariance @ cross)).sum()
-    q = (rows[one] * residual).sum()
+    s = (rows[function] * weighted).sum() - (cross * (covariance @ cross)).sum()
+    q = (rows[function] * residual).sum()
     return _gain(s, q, rate), s, q
 
 
@@ -202,7 +212,7 @@ def entry(rows: Any, one: int, active: Any, posterior: Any, rate: float) -> Any:
 def candidates(
     rows: Any, coarse: Any, allowed: Any, active: Any, posterior: Any, rate: float, tolerance: float
 ) -> Any:  # fmt: skip
-    """Best basis function to enter as double precision confirms, its gain, S and Q; -1 if none gains enough."""
+    """Return the best function to enter, or -1, with its gain, S and Q, in double precision."""
     gain = ranking(coarse, allowed, active, posterior, rate)
     for _ in range(_CONFIRM):
         best = int(gain.argmax())
@@ -217,7 +227,9 @@ def candidates(
 
 @njit(cache=True)
 def _sweep(alpha: Any, mean: Any, covariance: Any, rate: float) -> float:
-    """Give every active weight its best precision in turn, the likelihood held quadratic; returns the largest change.
+    """Set every active weight's best precision in turn; return the largest change.
+
+    The likelihood is taken as quadratic.
 
     Changes ``alpha`` (inf where a weight leaves), ``mean`` and ``covariance`` in place.
     """
@@ -225,19 +237,19 @@ def _sweep(alpha: Any, mean: Any, covariance: Any, rate: float) -> float:
     for j in range(alpha.size):
         if np.isinf(alpha[j]):
             continue
-        own = covariance[j, j]
-        s = 1 / own - alpha[j]
-        q = mean[j] / own
+        variance_j = covariance[j, j]
+        s = 1 / variance_j - alpha[j]
+        q = mean[j] / variance_j
         column = covariance[:, j].copy()
         variance = best_variance(s, q, rate) if s > _TINY and q * q > s + rate else 0.0
         if variance <= 0:
-            factor = 1 / own
+            factor = 1 / variance_j
             alpha[j] = np.inf
             change = np.inf
         else:
             new = 1 / variance
             change = max(change, abs(np.log(new / alpha[j])))
-            factor = (new - alpha[j]) / (1 + (new - alpha[j]) * own)
+            factor = (new - alpha[j]) / (1 + (new - alpha[j]) * variance_j)
             alpha[j] = new
         mean -= factor * mean[j] * column
         for i in range(alpha.size):
@@ -251,28 +263,30 @@ def _step(
     rows: Any, target: Any, offset: float, rate: float,
     active: Any, alpha: Any, goal: Any, mean: Any, floor: float,
 ) -> Any:  # fmt: skip
-    """Take the precisions towards their goal (inf: out), in halved steps where the evidence would fall below a floor.
+    """Move the precisions towards their goal, in halved steps if the evidence fell below a floor.
 
-    The goal is the best for a likelihood held quadratic. Where all examples are as good as certain the curvature
-    vanishes, and functions that carry the model would leave it. Returns active, precisions, Laplace's approximation,
-    evidence less penalty, whether a step was taken.
+    A goal of inf removes the function.
+
+    The goal is the best for a likelihood held quadratic. Where all examples are as good as certain
+    the curvature vanishes, and functions that carry the model would leave it. Returns active,
+    precisions, Laplace's approximation, evidence less penalty, whether a step was taken.
     """
-    part = 1.0
+    share = 1.0
     for _ in range(8):
-        if part == 1.0:
-            kept = np.isfinite(goal)
-            trial = goal[kept]
-            chosen = active[kept]
-            begin = mean[kept]
+        if share == 1.0:
+            remains = np.isfinite(goal)
+            trial = goal[remains]
+            chosen = active[remains]
+            begin = mean[remains]
         else:
-            trial = alpha * (np.minimum(goal, 1e3 * alpha) / alpha) ** part
+            trial = alpha * (np.minimum(goal, 1e3 * alpha) / alpha) ** share
             chosen = active
             begin = mean
         posterior = laplace(rows[chosen], target, offset, trial, begin)
         value = posterior.evidence - 0.5 * rate * (1 / trial).sum()
         if value >= floor:
             return chosen, trial, posterior, value, True
-        part *= 0.5
+        share *= 0.5
     posterior = laplace(rows[active], target, offset, alpha, mean)
     return (
         active,
@@ -288,10 +302,11 @@ def ascend(
     rows: Any, coarse: Any, target: Any, offset: float, allowed: Any, rate: float,
     start: Any, alpha: Any, mean: Any, first: Any, tolerance: float, max_iter: int,
 ) -> Any:  # fmt: skip
-    """Raise the evidence until no basis function gains by entering, changing or leaving (Tipping & Faul 2003).
+    """Raise the evidence until no basis function gains by a change (Tipping & Faul 2003).
 
-    ``rows`` (M, N) all basis functions, ``coarse`` as :func:`single` makes it, ``allowed`` (M,) which may enter;
-    ``start``, ``alpha`` and ``mean`` (k,) the model to begin with; ``first`` (M,) which may enter first.
+    ``rows`` (M, N) all basis functions, ``coarse`` as :func:`single` makes it, ``allowed`` (M,)
+    which may enter; ``start``, ``alpha`` and ``mean`` (k,) the model to begin with; ``first`` (M,)
+    which may enter first.
     """
     active = start.copy()
     alpha = alpha.copy()
@@ -358,8 +373,9 @@ def climb(
 ) -> Any:
     """Take the single best action at a time, removals first (Tipping & Faul 2003, Sec. 4).
 
-    It begins with the function whose sums over the examples of either label differ most, for its norm. Slower than
-    :func:`ascend` and along another way, so that it ends in other maxima. Returns active indices, precisions and mode.
+    It begins with the function whose sums over the examples of either label differ most, for its
+    norm. Slower than :func:`ascend` and along another way, so that it ends in other maxima. Returns
+    active indices, precisions and mode.
     """
     slant = rows @ (target - 0.5)
     for i in range(slant.size):
@@ -378,40 +394,40 @@ def climb(
         posterior = laplace(rows[active], target, offset, alpha, mean)
         mean = posterior.mean
         covariance = posterior.covariance
-        own = np.diag(covariance)
-        s = 1 / own - alpha
-        q = mean / own
+        variance_j = np.diag(covariance)
+        s = 1 / variance_j - alpha
+        q = mean / variance_j
         best = -1
         most = 0.0
         leave = False
         goal = 0.0
         for j in range(active.size):
             ratio = s[j] / alpha[j]
-            held = 0.5 * (q[j] * q[j] / (s[j] + alpha[j]) - np.log1p(ratio))
+            current = 0.5 * (q[j] * q[j] / (s[j] + alpha[j]) - np.log1p(ratio))
             variance = (
                 best_variance(s[j], q[j], rate)
                 if s[j] > _TINY and q[j] * q[j] > s[j] + rate
                 else 0.0
             )
             if variance <= 0:
-                rise = -held
+                rise = -current
                 if active.size > 1 and (not leave or rise > most):
                     best = j
                     most = rise
                     leave = True
             elif not leave:
                 u = 1 + s[j] * variance
-                rise = 0.5 * (q[j] * q[j] * variance / u - np.log(u)) - held
+                rise = 0.5 * (q[j] * q[j] * variance / u - np.log(u)) - current
                 rise -= 0.5 * rate * (variance - 1 / alpha[j])
                 if rise > most and abs(np.log(variance * alpha[j])) > _STILL:
                     best = j
                     most = rise
                     goal = 1 / variance
         if leave:
-            kept = np.arange(active.size) != best
-            active = active[kept]
-            alpha = alpha[kept]
-            mean = mean[kept]
+            remains = np.arange(active.size) != best
+            active = active[remains]
+            alpha = alpha[remains]
+            mean = mean[remains]
             continue
         entering, _, s_new, q_new = candidates(rows, coarse, allowed, active, posterior, rate, most)
         if entering >= 0:

@@ -1,4 +1,4 @@
-"""What the machine can do at most: multiply-adds per second in single precision and bytes per second from memory."""
+"""Limits of the machine: multiply-adds in single precision and bytes from memory per second."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LANES = 16
 
 @intrinsic
 def _multiply_add(_context, count, scale):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """Sum of independent chains x <- x·scale + scale of vectors that stay in registers, ``count`` steps long."""
+    """Return the sum of independent chains x <- x·scale + scale of vectors in registers."""
     signature = types.float32(types.int64, types.float32)
 
     def build(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
@@ -36,12 +36,12 @@ def _multiply_add(_context, count, scale):  # type: ignore[no-untyped-def]  # no
         total = builder.load(chains[0])
         for chain in chains[1:]:
             total = builder.fadd(total, builder.load(chain))
-        parts = [
+        elements = [
             builder.extract_element(total, ir.Constant(ir.IntType(32), i)) for i in range(_LANES)
         ]
-        value = parts[0]
-        for part in parts[1:]:
-            value = builder.fadd(value, part)
+        value = elements[0]
+        for element in elements[1:]:
+            value = builder.fadd(value, element)
         return value
 
     return signature, build
@@ -60,7 +60,7 @@ def _copy(source, target):  # type: ignore[no-untyped-def]
 
 
 def peak_flops() -> float:
-    """Time dependent multiply-adds on all threads once; floating-point operations per second in single precision."""
+    """Measure the floating-point operations per second of multiply-adds on all threads."""
     tasks = 4 * get_num_threads()
     count = 1_000_000
     out = np.empty(tasks, np.float32)
@@ -71,7 +71,7 @@ def peak_flops() -> float:
 
 
 def peak_bandwidth() -> float:
-    """Time a copy that no cache holds once; bytes read and written per second."""
+    """Measure the bytes read and written per second by a copy that no cache holds."""
     source = np.ones(16_000_000, np.float32)
     target = np.empty_like(source)
     _copy(source, target)

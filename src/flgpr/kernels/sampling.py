@@ -13,7 +13,7 @@ from flgpr.kernels.compiled import njit
 def bilinear(
     images: NDArray[Any], row: NDArray[np.float64], column: NDArray[np.float64]
 ) -> NDArray[Any]:
-    """Sample images (..., y, x) at fractional pixels of any shape; NaN outside the outermost pixel centres."""
+    """Return images (..., y, x) at fractional pixels; NaN outside the outermost pixel centres."""
     row, column = np.broadcast_arrays(row, column)
     flat = np.ascontiguousarray(images).reshape(-1, *images.shape[-2:])
     out = np.empty((len(flat), row.size), images.dtype)

@@ -1,7 +1,7 @@
-"""Tasks shared by threads: short work that must not wait for a thread that the machine does not run.
+"""Short tasks on several threads, which never wait for a thread that the machine does not run.
 
-The calling thread works too and tasks are handed out one by one, so that a thread that is late takes fewer. Waiting
-threads sleep. Calls from several threads at once are allowed.
+The calling thread works too and tasks are handed out one by one, so that a thread that is late
+takes fewer. Waiting threads sleep. Calls from several threads at once are allowed.
 """
 
 from __future__ import annotations
@@ -35,10 +35,18 @@ def _pool() -> ThreadPoolExecutor:
 def share(
     count: int, run: Callable[[int, int], None], step: int | None = None, alone: bool = False
 ) -> None:
-    """Call ``run(begin, end)`` for parts of ``range(count)`` on as many threads as numba is set to use.
+    """Call ``run(begin, end)`` for sections of a range on as many threads as numba uses.
 
-    It must release the interpreter lock to run beside others. By default every thread gets a few parts. The caller does
-    it ``alone`` where that takes no longer than to wake a thread.
+    Parameters
+    ----------
+    count : int
+        Length of the range.
+    run : callable
+        Processes a section; it must release the interpreter lock to run in parallel.
+    step : int, optional
+        Length of a section; by default every thread gets a few.
+    alone : bool
+        Whether the calling thread does all, where that takes no longer than to wake another.
     """
     threads = 1 if alone else get_num_threads()
     size = step or max(1, count if alone else -(-count // (TASKS_PER_THREAD * threads)))
@@ -58,7 +66,10 @@ def share(
 
 
 def blas_on_one_thread() -> AbstractContextManager[Any]:
-    """Keep the threads of the linear algebra out of work on small matrices or beside our kernels' own threads."""
+    """Return a context in which the linear algebra uses one thread.
+
+    It is for small matrices, and for work beside the threads of our kernels.
+    """
     return _libraries().limit(limits=1, user_api="blas")
 
 
@@ -70,12 +81,13 @@ def _libraries() -> Any:
 
 
 def shared(axis: int = 0, **options: Any) -> Callable[[Callable[..., None]], Any]:
-    """Compile a kernel and let threads share what it fills: from ``begin`` to ``end`` of the argument before these.
+    """Compile a kernel whose work several threads share.
 
-    These are indices along its ``axis``.
+    Its last arguments ``begin`` and ``end`` are indices along an ``axis`` of the argument before
+    these, which it fills.
 
-    numba's parallel loops would do it, too, but take two to five times as long to compile. As in these, a division by
-    zero is no error: asking for it keeps the compiler from vector code.
+    numba's parallel loops would do it, too, but take two to five times as long to compile. As in
+    these, a division by zero is no error: asking for it keeps the compiler from vector code.
     """
 
     def compiled(function: Callable[..., None]) -> Any:

@@ -1,8 +1,8 @@
-"""Range compression and its transpose: between the tones of a pair and the bins of its profile, all channels at once.
+"""Range compression and its transpose, between the tones of a pair and the bins of its profile.
 
-A tone takes part in one or more slots of the uniform spectrum (one where the tones are uniform). The Fourier transform
-works on lane rows; it is written out here because no result may depend on the number of threads, and because
-the profiles come out in the order in which they are read.
+A tone takes part in one or more slots of the uniform spectrum (one where the tones are uniform).
+The Fourier transform works on lane rows; it is written out here because no result may depend on the
+number of threads, and because the profiles come out in the order in which they are read.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ _FAST = {"fastmath": True, "error_model": "numpy", "cache": True}
 class Spectrum(NamedTuple):
     """How tones lie in the spectrum of ``size`` slots and bins in its transform.
 
-    The slots of tone k are ``slot[entries[k]:entries[k + 1]]`` with the weights ``share``; bin i of a table is bin
-    ``first + i`` of the transform, modulo ``size``, times ``factor[i]``; ``twiddle`` holds exp(+j2πk/size).
+    The slots of tone k are ``slot[entries[k]:entries[k + 1]]`` with the weights ``share``; bin i of
+    a table is bin ``first + i`` of the transform, modulo ``size``, times ``factor[i]``; ``twiddle``
+    holds exp(+j2πk/size).
     """
 
     size: int
@@ -35,17 +36,18 @@ class Spectrum(NamedTuple):
     twiddle: NDArray[Any]
 
     def single(self) -> Spectrum:
-        """Return the spectrum in single precision, which :func:`compress` and :func:`expand` work in."""
+        """Return the spectrum in single precision, for :func:`compress` and :func:`expand`."""
         share = self.share.astype(np.float32)
         factor = self.factor.astype(np.float32)
         return self._replace(share=share, factor=factor, twiddle=self.twiddle.astype(np.complex64))
 
 
 class Form(NamedTuple):
-    """How profiles lie in a table, whose rows are ``row`` numbers, and in the rows of the transform.
+    """Layout of profiles in a table, whose rows are ``row`` numbers, and in the transform.
 
-    Of ``lane``, as long as a row of the transform, only the length counts. A single channel is transformed for as many
-    pairs ``together`` and has ``width`` bins in a row of the table; of several, one pair is transformed at a time.
+    Of ``lane``, as long as a row of the transform, only the length counts. A single channel is
+    transformed for as many pairs ``together`` and has ``width`` bins in a row of the table; of
+    several, one pair is transformed at a time.
     """
 
     row: int
@@ -56,7 +58,7 @@ class Form(NamedTuple):
 
 @njit(**_FAST)
 def fourier(a, b, size, twiddle, channels):  # type: ignore[no-untyped-def]
-    """Transform lane rows ``a``, with ``b`` as work space, to Σ_k a_k exp(+j2πkm/size); returns the one that has it."""
+    """Transform lane rows to Σ_k a_k exp(+j2πkm/size) with work space ``b``; return the result."""
     lanes = uint64(2 * len(channels))
     length = uint64(size)
     stride = uint64(1)
@@ -84,10 +86,10 @@ def fourier(a, b, size, twiddle, channels):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, **_FAST)
 def compress(data, weight, spectrum, table, row, width, together, lane, begin, end):  # type: ignore[no-untyped-def]
-    """Fill ``table`` (pair, bin, row) from ``data`` (polarization, pair, tone) for the pairs ``begin`` up to ``end``.
+    """Fill pairs of ``table`` (pair, bin, row) from ``data`` (polarization, pair, tone).
 
-    The channel of a polarization and a sub-band is polarization·subbands + subband; the rest are zero. From
-    ``row`` on, arguments are as in :class:`Form`.
+    The channel of a polarization and a sub-band is polarization·subbands + subband; the rest are
+    zero. From ``row`` on, arguments are as in :class:`Form`.
     """
     size = spectrum.size
     first = spectrum.first
@@ -135,7 +137,10 @@ def compress(data, weight, spectrum, table, row, width, together, lane, begin, e
 
 @njit(nogil=True, **_FAST)
 def expand(table, weight, spectrum, data, row, width, together, lane, begin, end):  # type: ignore[no-untyped-def]
-    """Add the spectra of ``table`` to ``data`` (polarization, pair, tone): the transpose of :func:`compress`."""
+    """Add the spectra of ``table`` to ``data`` (polarization, pair, tone).
+
+    This is the transpose of :func:`compress`.
+    """
     size = spectrum.size
     first = spectrum.first
     factor = spectrum.factor

@@ -1,4 +1,4 @@
-"""Spectral windows, evaluated at any position in a band so that missing or uneven tones keep their place."""
+"""Spectral windows at any position in a band, so that tones may be missing or uneven."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def boxcar(position: FloatArray) -> FloatArray:
 
 
 def hann(position: FloatArray) -> FloatArray:
-    """Weigh by a raised cosine that is zero at the band edges; ``position`` in [-1, 1] across the band."""
+    """Return a raised cosine that is zero at the band edges; ``position`` is in [-1, 1]."""
     return np.asarray(np.cos(np.pi * position / 2) ** 2, dtype=np.float64)
 
 
@@ -26,25 +26,27 @@ def hamming(position: FloatArray) -> FloatArray:
 
 
 def taylor(position: FloatArray, nbar: int = 4, sidelobe_db: float = 35.0) -> FloatArray:
-    """Weigh for ``nbar`` near sidelobes ``sidelobe_db`` below the peak, whose weight is one (Taylor 1955)."""
+    """Return weights for ``nbar`` sidelobes ``sidelobe_db`` below the peak of one (Taylor 1955)."""
     a = np.arccosh(10 ** (sidelobe_db / 20)) / np.pi
     sigma2 = nbar**2 / (a**2 + (nbar - 0.5) ** 2)
     orders = np.arange(1, nbar)
     coefficients = np.empty(nbar - 1)
     for i, m in enumerate(orders):
-        others = orders[orders != m]
+        remaining = orders[orders != m]
         numerator = (-1) ** (m + 1) * np.prod(1 - m**2 / sigma2 / (a**2 + (orders - 0.5) ** 2))
-        coefficients[i] = numerator / (2 * np.prod(1 - m**2 / others**2))
+        coefficients[i] = numerator / (2 * np.prod(1 - m**2 / remaining**2))
     weight = 1 + 2 * np.cos(np.pi * orders * position[:, None]) @ coefficients
     return np.asarray(weight / (1 + 2 * coefficients.sum()), dtype=np.float64)
 
 
 def ramp(frequency: FloatArray) -> FloatArray:
-    """Weigh tones (Hz) in proportion to their frequency, as filtered backprojection does; the maximum is one.
+    """Return weights in proportion to the tones (Hz), with a maximum of one.
 
-    Aspects and tones sample the ground's wavenumber plane in polar coordinates, where the area of a sample is ``k dk
-    dθ``: the inverse transform, the image, is the backprojection of data weighed by ``k ∝ f``. It holds for data whose
-    amplitude does not depend on frequency otherwise.
+    This is filtered backprojection.
+
+    Aspects and tones sample the ground's wavenumber plane in polar coordinates, where the area of a
+    sample is ``k dk dθ``: the inverse transform, the image, is the backprojection of data weighed
+    by ``k ∝ f``. It holds for data whose amplitude does not depend on frequency otherwise.
     """
     return np.asarray(frequency / frequency.max(), dtype=np.float64)
 
@@ -62,10 +64,10 @@ def band_weights(
     subbands: tuple[tuple[float, float], ...],
     window: Callable[[FloatArray], FloatArray],
 ) -> FloatArray:
-    """Weights (subband, tone) of every tone in every sub-band; a band without a tone is a row of zeros.
+    """Return the weights (subband, tone); a band without a tone is a row of zeros.
 
-    ``frequency`` (tone,) Hz; each sub-band takes the tones in [lo, hi], edges included to one part in a million, and
-    spreads the window from its first to its last tone.
+    ``frequency`` (tone,) Hz; each sub-band takes the tones in [lo, hi], edges included to one part
+    in a million, and spreads the window from its first to its last tone.
     """
     weights = np.zeros((len(subbands), frequency.size))
     for row, (lo, hi) in zip(weights, subbands, strict=True):

@@ -1,4 +1,7 @@
-"""The file of live events: one JSON object per line, only ever appended to; all that the viewer knows of a live run."""
+"""The file of live events: one JSON object per line, only ever appended to.
+
+It is all that the viewer knows of a live run.
+"""
 
 from __future__ import annotations
 
@@ -16,17 +19,19 @@ from numpy.typing import NDArray
 from flgpr.append_log import write_all
 from flgpr.chain.evidence import decibels
 from flgpr.door import open_own
-from flgpr.live.detector import LiveAlarm, LiveUpdate
 from flgpr.live.event_rate import BURST, Event, EventRate
+from flgpr.live.updates import LiveAlarm, LiveUpdate
 from flgpr.live.vehicle import Vehicle
 
 EVENT_FILE = "live.jsonl"
+_BLOCK = 65536  # bytes that are searched for a line's end at once
 
 
 class EventFile:
-    """Appends events, or begins the file anew; a line that an earlier run left unfinished is cut off first.
+    """Appends events to a file, or begins it anew.
 
-    Of a flood of faults only some events are written: ``burst`` of a kind, and after them what
+    A line that an earlier run left unfinished is cut off first. Of a flood of faults only some
+    events are written: ``burst`` of a kind, and after them what
     :class:`flgpr.live.event_rate.EventRate` makes of the others.
     """
 
@@ -51,27 +56,45 @@ class EventFile:
         self._write(self._rate.admit(events))
 
     def _write(self, events: Iterable[Event]) -> None:
+        """Append events to the file in one piece."""
         text = "".join(as_line(event) for event in events)
         write_all(self._file, text.encode())
 
     def beat(self) -> None:
-        """Give the file a new time stamp: whoever shows it sees that detection runs though nothing comes."""
+        """Give the file a new time stamp, which shows that detection runs though nothing comes."""
         self._write(self._rate.due())
         with contextlib.suppress(OSError):  # whoever moved the file away does not stop detection
             os.utime(self.path)
 
 
 def as_line(event: Mapping[str, Any]) -> str:
-    """Write an event, JSON values and finite numbers, as a line with its end."""
+    """Return an event, JSON values and finite numbers, as a line with its end."""
     return json.dumps(event, separators=(",", ":"), allow_nan=False) + "\n"
 
 
 def alarm_event(
     alarm: LiveAlarm, scan: int, pose: NDArray[np.float64], vehicle: Vehicle, latency: float
 ) -> dict[str, Any]:
-    """Tell an alarm that ``scan`` raised or changed, ``latency`` s after it arrived; the pose is the newest scan's.
+    """Return the event of an alarm that a scan raised or changed.
 
-    ``left_m`` was left to the vehicle's front then; ``in_time`` tells whether it can stop, ``margin_m`` by how much.
+    Parameters
+    ----------
+    alarm : LiveAlarm
+        The alarm as it stands.
+    scan : int
+        Number of the scan.
+    pose : (6,) ndarray of float
+        Pose of the newest scan, m and rad.
+    vehicle : Vehicle
+        Speed, brakes and front.
+    latency : float
+        Time from the arrival of the scan to the event, s.
+
+    Returns
+    -------
+    dict
+        ``left_m`` is the distance left to the vehicle's front then. Where a speed is known,
+        ``in_time`` is whether the vehicle can stop before the alarm, and ``margin_m`` by how much.
     """
     left = vehicle.left(alarm.x, alarm.y, pose)
     event: Event = {
@@ -95,40 +118,48 @@ def alarm_event(
 
 
 def position_events(name: str, update: LiveUpdate) -> list[Event]:
-    """Tell that a pose is not plausible ("pose"), or a time ("clock"), with the numbers, of a frame called ``name``."""
-    beyond = (
-        update.step is not None and update.step.strain > 1
-    )  # else it agrees better with those held back
-    kinds = [("pose", update.step if beyond else None), ("clock", update.clock)]
-    return [
-        {"event": "problem", "name": name, "words": step.words, "kind": kind} | step.as_json()
-        for kind, step in kinds
-        if step is not None
-    ]
+    """Return the events of a frame whose pose ("pose") or time ("clock") is not plausible.
 
-
-def anew_event(scan: int, update: LiveUpdate, where: NDArray[np.float64]) -> Event:
-    """Tell that detection started anew with ``scan`` and those held back before it, at the pose of the newest.
-
-    ``forgotten`` tells whether all before was given up, because too few poses had agreed on it.
+    ``name`` is the frame's file, or the socket.
     """
-    numbers = [held.number for held, _ in update.released]
-    pose = [round(float(value), 4) for value in where]
+    faults = []
+    # A strain up to 1 is plausible by itself: the pose only agrees better with those held back.
+    if update.step is not None and update.step.strain > 1:
+        faults.append(("pose", update.step))
+    if update.clock is not None:
+        faults.append(("clock", update.clock))
+    events = []
+    for kind, step in faults:
+        event = {"event": "problem", "name": name, "words": step.words, "kind": kind}
+        events.append(event | step.as_json())
+    return events
+
+
+def anew_event(scan: int, update: LiveUpdate, pose: NDArray[np.float64]) -> Event:
+    """Return the event that detection started anew with ``scan`` and those held back before it.
+
+    ``pose`` is the newest scan's. ``forgotten`` in the event is whether all before was given up,
+    because too few poses agreed on it.
+    """
     return {
         "event": "anew",
         "scan": scan,
-        "held": numbers,
-        "pose": pose,
+        "held": [held_scan.number for held_scan, _ in update.released],
+        "pose": [round(float(value), 4) for value in pose],
         "forgotten": update.forgotten,
     }
 
 
 def view_event(row: int, view: NDArray[np.float32]) -> Event:
-    """Tell rows of the run-view (y, x) over the background as ``halves``: dB, little-endian half floats in base64."""
+    """Return the event of rows of the run-view (y, x).
+
+    ``halves`` holds dB over the background as little-endian half floats in base64. Rows before the
+    lane's first are left out.
+    """
     skip = max(-row, 0)
     values = decibels(view[skip:])
-    seen = values[np.isfinite(values)]
-    median = float(np.median(seen.astype(np.float32))) if seen.size else 0.0
+    finite = values[np.isfinite(values)]
+    median = float(np.median(finite.astype(np.float32))) if finite.size else 0.0
     data = base64.b64encode(values.astype("<f2").tobytes()).decode()
     return {
         "event": "view",
@@ -140,15 +171,16 @@ def view_event(row: int, view: NDArray[np.float32]) -> Event:
 
 
 def _drop_unfinished(path: Path) -> None:
+    """Cut a file off after the end of its last whole line."""
     with open(path, "r+b", opener=open_own) as file:
         size = file.seek(0, os.SEEK_END)
         end = size
         while end > 0:
-            start = max(end - 65536, 0)
+            start = max(end - _BLOCK, 0)
             file.seek(start)
-            at = file.read(end - start).rfind(b"\n")
-            if at >= 0:
-                end = start + at + 1
+            last_newline = file.read(end - start).rfind(b"\n")
+            if last_newline >= 0:
+                end = start + last_newline + 1
                 break
             end = start
         if end < size:

@@ -10,11 +10,13 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from flgpr.door import Folder
-from flgpr.io import (
+from flgpr.store import (
     RunDescription,
     describe_for_live,
     encode_frame,
@@ -23,7 +25,7 @@ from flgpr.io import (
     write_description,
     write_whole,
 )
-from flgpr.io.scan_file import END_FILE, RUN_FILE, scan_name
+from flgpr.store.scan_file import END_FILE, RUN_FILE, scan_name
 
 PathLike = str | Path
 FAULTS = ("lost", "late", "twice", "nan", "jump")
@@ -32,9 +34,10 @@ _JUMP = 45.0  # m along the lane, by which a position is wrong that jumps
 
 @dataclass(frozen=True)
 class Fault:
-    """What goes wrong from a scan on: so many are lost, come twice, have a sweep of NaN or a pose that is 45 m off.
+    """What goes wrong from a scan on.
 
-    One comes so much later.
+    ``count`` scans are lost, come twice, have a sweep of NaN or a pose that is 45 m off. A scan
+    that is "late" comes ``count`` scans later.
     """
 
     kind: str
@@ -43,18 +46,38 @@ class Fault:
 
     @classmethod
     def parse(cls, text: str) -> Fault:
-        """Read ``KIND:SCAN`` or ``KIND:SCAN:COUNT``, such as ``lost:40:13``."""
+        """Return the fault that a text such as ``lost:40:13`` describes.
+
+        The text is ``KIND:SCAN`` or ``KIND:SCAN:COUNT``.
+
+        Raises
+        ------
+        ValueError
+            If the kind is not one of ``FAULTS`` or a number is none.
+        """
         kind, _, rest = text.partition(":")
         numbers = rest.split(":")
-        if (
-            kind not in FAULTS
-            or len(numbers) > 2
-            or not all(n.isascii() and n.isdigit() for n in numbers)
-        ):
+        are_numbers = all(number.isascii() and number.isdigit() for number in numbers)
+        if kind not in FAULTS or len(numbers) > 2 or not are_numbers:
             raise ValueError(
-                f"fault must be {', '.join(FAULTS)} with a scan and a number, as lost:40:5, got {text!r}"
+                f"fault must be {', '.join(FAULTS)} with a scan and a number, "
+                f"as lost:40:5, got {text!r}"
             )
-        return cls(kind, int(numbers[0]), int(numbers[1]) if len(numbers) == 2 else 1)
+        count = int(numbers[1]) if len(numbers) == 2 else 1
+        return cls(kind, int(numbers[0]), count)
+
+    def covers(self, scan: int) -> bool:
+        """Return whether a scan is one of those that the fault concerns."""
+        return self.scan <= scan < self.scan + self.count
+
+
+class _PlayedFrame(NamedTuple):
+    """A frame in the order of playing."""
+
+    moment: float  # when, in scans
+    scan: int
+    is_repeat: bool
+    kinds: frozenset[str]  # of faults
 
 
 def feed(
@@ -68,13 +91,35 @@ def feed(
     wait: Callable[[float], None] = time.sleep,
     faults: Sequence[str] = (),
 ) -> int:
-    """Play a stored run into a folder, made if need be, or a Unix socket, and give the number of frames played.
+    """Play a stored run into a folder or a Unix socket, and return the number of frames played.
 
-    ``rate`` is in scans per second; infinity plays as fast as possible. The end is announced only after the run's last
-    scan. ``lead`` is the time between description and first scan, s, as when a radar is switched on; ``wait`` waits.
-    ``faults`` rehearse what a radar gets wrong, see :class:`Fault`: the vehicle drives on while scans are lost.
+    Parameters
+    ----------
+    run : path
+        Run store.
+    folder : path, optional
+        Folder to play into; it is made if need be. Either a folder or a socket is needed.
+    rate : float, default 4.2
+        Scans per second; infinity plays as fast as possible.
+    socket_path : path, optional
+        Unix socket that is listened on.
+    first : int, default 0
+        First scan that is played.
+    count : int, optional
+        Number of scans; None plays to the end. The end is announced only after the run's last scan.
+    lead : float, default 0
+        Time between description and first scan, s, as when a radar is switched on.
+    wait : callable
+        Waits for so many seconds.
+    faults : sequence of str
+        What a radar gets wrong, see :class:`Fault`. The vehicle drives on while scans are lost.
+
+    Raises
+    ------
+    ValueError
+        If an argument is not valid, or the folder or socket cannot be used.
     """
-    wrong = [Fault.parse(text) for text in faults]
+    parsed_faults = [Fault.parse(text) for text in faults]
     if not rate > 0:
         raise ValueError(f"rate must be positive, got {rate}")
     if (folder is None) == (socket_path is None):
@@ -85,57 +130,63 @@ def feed(
     if not 0 <= first < total:
         raise ValueError(f"first must be a scan of the run (0 to {total - 1}), got {first}")
     last = total if count is None else min(first + count, total)
-    beyond = [fault.scan for fault in wrong if not first <= fault.scan < last]
-    if beyond:
-        raise ValueError(
-            f"fault must begin with a scan that is played ({first} to {last - 1}), got {beyond[0]}"
-        )
-    sink = _FolderSink(Path(folder)) if folder is not None else _SocketSink(Path(str(socket_path)))
+    for fault in parsed_faults:
+        if not first <= fault.scan < last:
+            raise ValueError(
+                f"fault must begin with a scan that is played ({first} to {last - 1}), "
+                f"got {fault.scan}"
+            )
+    sink = _SocketSink(Path(str(socket_path))) if folder is None else _FolderSink(Path(folder))
     with sink:
         sink.begin(description)
         if lead > 0:
             wait(lead)
         start = time.monotonic()
-        played = _played(first, last, wrong)
-        for moment, scan, again, kinds in played:
-            one = dataset.isel(scan=scan)
-            signal = np.array(one["signal"].values)
-            pose = np.array(one["pose"].values)
-            if "nan" in kinds:
-                signal[0, 0] = np.nan
-            if "jump" in kinds:
-                pose[1] += _JUMP
-            frame = encode_scan(scan, signal, pose, float(one["time"]), description.run_id)
-            due = 0.0 if math.isinf(rate) else start + (moment - first) / rate - time.monotonic()
-            if due > 0:
-                wait(due)
-            sink.scan(scan, frame, again)
+        frames = _playing_order(first, last, parsed_faults)
+        for frame in frames:
+            data = _encoded(dataset, frame, description.run_id)
+            if not math.isinf(rate):
+                due = start + (frame.moment - first) / rate - time.monotonic()
+                if due > 0:
+                    wait(due)
+            sink.scan(frame.scan, data, frame.is_repeat)
         if last == total:
             sink.end(total)
-    return len(played)
+    return len(frames)
 
 
-def _played(
-    first: int, last: int, faults: Sequence[Fault]
-) -> list[tuple[float, int, bool, frozenset[str]]]:
-    """Order what is played: when, in scans, which scan, whether once more, and the faults that it has."""
-    played = []
+def _encoded(run: xr.Dataset, frame: _PlayedFrame, run_id: str) -> bytes:
+    """Return the bytes of a scan, with its faults."""
+    row = run.isel(scan=frame.scan)
+    signal = np.array(row["signal"].values)
+    pose = np.array(row["pose"].values)
+    if "nan" in frame.kinds:
+        signal[0, 0] = np.nan
+    if "jump" in frame.kinds:
+        pose[1] += _JUMP
+    return encode_scan(frame.scan, signal, pose, float(row["time"]), run_id)
+
+
+def _playing_order(first: int, last: int, faults: Sequence[Fault]) -> list[_PlayedFrame]:
+    """Return the frames in the order in which they are played."""
+    frames = []
     for scan in range(first, last):
-        late = sum(
-            fault.count + 0.5 for fault in faults if fault.kind == "late" and fault.scan == scan
-        )
-        kinds = frozenset(
-            fault.kind for fault in faults if fault.scan <= scan < fault.scan + fault.count
-        )
-        if "lost" not in kinds:
-            played += [
-                (scan + late, scan, again, kinds)
-                for again in (False, True)[: 1 + ("twice" in kinds)]
-            ]
-    return sorted(played, key=lambda one: one[:3])
+        moment = float(scan)
+        for fault in faults:
+            if fault.kind == "late" and fault.scan == scan:
+                moment += fault.count + 0.5
+        kinds = frozenset(fault.kind for fault in faults if fault.covers(scan))
+        if "lost" in kinds:
+            continue
+        frames.append(_PlayedFrame(moment, scan, False, kinds))
+        if "twice" in kinds:
+            frames.append(_PlayedFrame(moment, scan, True, kinds))
+    return sorted(frames, key=lambda frame: (frame.moment, frame.scan, frame.is_repeat))
 
 
 class _FolderSink(AbstractContextManager["_FolderSink"]):
+    """Writes frames as files."""
+
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         folder.mkdir(parents=True, exist_ok=True)
@@ -144,26 +195,32 @@ class _FolderSink(AbstractContextManager["_FolderSink"]):
         pass
 
     def begin(self, description: RunDescription) -> None:
+        """Hand over the description of the run."""
         path = self._folder / RUN_FILE
         if not path.exists():
             write_description(description, self._folder)
-        elif (
-            Folder(self._folder).read(RUN_FILE)
-            != (json.dumps(description.as_json(), indent=1) + "\n").encode()
-        ):
+            return
+        expected = (json.dumps(description.as_json(), indent=1) + "\n").encode()
+        if Folder(self._folder).read(RUN_FILE) != expected:
             raise ValueError(
-                f"folder must be empty or hold the same run, got {self._folder} with another {RUN_FILE}"
+                f"folder must be empty or hold the same run, "
+                f"got {self._folder} with another {RUN_FILE}"
             )
 
-    def scan(self, number: int, frame: bytes, again: bool) -> None:
+    def scan(self, number: int, frame: bytes, is_repeat: bool) -> None:
+        """Hand over a frame."""
         name = Path(scan_name(number))
-        write_whole(self._folder / (f"{name.stem}-again{name.suffix}" if again else name), frame)
+        file_name = f"{name.stem}-again{name.suffix}" if is_repeat else name
+        write_whole(self._folder / file_name, frame)
 
     def end(self, scans: int) -> None:
+        """Announce the end of the run."""
         write_whole(self._folder / END_FILE, json.dumps({"scans": scans}) + "\n")
 
 
 class _SocketSink(AbstractContextManager["_SocketSink"]):
+    """Sends frames over a Unix socket."""
+
     def __init__(self, path: Path) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
@@ -179,10 +236,13 @@ class _SocketSink(AbstractContextManager["_SocketSink"]):
         self._socket.close()
 
     def begin(self, description: RunDescription) -> None:
+        """Hand over the description of the run."""
         self._socket.sendall(encode_frame("run", description.as_json()))
 
-    def scan(self, number: int, frame: bytes, again: bool) -> None:  # noqa: ARG002
+    def scan(self, number: int, frame: bytes, is_repeat: bool) -> None:  # noqa: ARG002
+        """Hand over a frame."""
         self._socket.sendall(frame)
 
     def end(self, scans: int) -> None:
+        """Announce the end of the run."""
         self._socket.sendall(encode_frame("end", {"scans": scans}))

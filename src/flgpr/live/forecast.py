@@ -1,4 +1,4 @@
-"""What further looks will make of an alarm's probability, learnt from what the alarms of training lanes became.
+"""A forecast of an alarm's probability after further looks, learnt on training lanes.
 
 The map at a place is the mean of its looks, weighed by their distances, and the confidence its
 logistic regression. So after looks of the weights w, W having been gathered, log odds z become z +
@@ -7,8 +7,8 @@ lie off the mean so far. It is taken as Gaussian,
 
     e ~ N(a + (b + c p) z, σ² (ρ + (1 - ρ) Σw² / (Σw)²)),  ln σ = g + h p,  p = 1 / (1 + exp(-z)):
 
-alarms are maxima, so that clutter comes lower when looked at again (b), a mine less so (c) and with a wider spread (h);
-looks at a place are alike (ρ).
+alarms are maxima, so that clutter comes lower when looked at again (b), a mine less so (c) and with
+a wider spread (h); looks at a place are alike (ρ).
 """
 
 from __future__ import annotations
@@ -24,53 +24,70 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.chain.engine import Arrays
 from flgpr.chain.estimators import TrainedEstimator
 from flgpr.chain.model import Model
-from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import Recipe
-from flgpr.io import Scan
-from flgpr.live.detector import LiveAlarm, LiveDetector
+from flgpr.live.detector import LiveDetector
+from flgpr.live.updates import LiveAlarm
 from flgpr.model import complete_scans
+from flgpr.store import Scan
 
 NAME = "live.forecast"
-"""Where a model keeps it, beside what its stages have learnt."""
+"""Name of the forecast in a model, among what its stages have learnt."""
 _SIDE = 1.2816  # standard deviations to either side that hold 80 % of a Gaussian
 _LEAST = 40  # looks at training alarms from which six numbers are learnt
-_LARGEST = 30.0  # of log odds: farther off they tell no more
+_LARGEST = 30.0  # of log odds: beyond it the probability no longer changes
 
 
 class Followed(NamedTuple):
-    """An alarm's log odds when ``seen`` was the weight of its looks, and after further ones of so much in all."""
+    """An alarm's log odds, and those after further looks (``later``).
+
+    ``seen`` is the sum of the weights of the looks before, and ``total`` that of the further looks.
+    """
 
     odds: float
     seen: float
     total: float
-    squares: float  #: of the weights of the further looks
+    squares: float  #: sum of the squared weights of the further looks
     later: float
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """The numbers a, b, c, g, h and ρ."""
+    """The numbers a, b, c (``mean``), g, h (``spread``) and ρ (``correlation``)."""
 
     mean: tuple[float, float, float]
     spread: tuple[float, float]
     correlation: float
 
     def after(self, odds: float, seen: float, looks: Sequence[float]) -> tuple[float, float]:
-        """Mean and standard deviation of log odds after ``looks`` of these weights, of which ``seen`` are gathered."""
-        (a, b, c), (g, h), rho = self.mean, self.spread, self.correlation
+        """Return mean and standard deviation of the log odds after further looks.
+
+        Parameters
+        ----------
+        odds : float
+            Log odds now.
+        seen : float
+            Sum of the weights of the looks so far.
+        looks : sequence of float
+            Weights of the further looks.
+        """
+        a, b, c = self.mean
+        g, h = self.spread
+        rho = self.correlation
         total = sum(looks)
-        known = min(max(odds, -_LARGEST), _LARGEST)
+        clipped = min(max(odds, -_LARGEST), _LARGEST)
         p = _probability(odds)
         share = total / (seen + total)
-        alike = rho + (1 - rho) * sum(one * one for one in looks) / total**2
-        return odds + share * (a + (b + c * p) * known), share * math.exp(g + h * p) * math.sqrt(
-            alike
-        )
+        squares = sum(weight * weight for weight in looks)
+        alike = rho + (1 - rho) * squares / total**2
+        mean = odds + share * (a + (b + c * p) * clipped)
+        deviation = share * math.exp(g + h * p) * math.sqrt(alike)
+        return mean, deviation
 
     def arrays(self) -> Arrays:
-        """Give its arrays."""
+        """Return the numbers as the arrays that a model stores."""
         return {
             "mean": np.array(self.mean),
             "spread": np.array(self.spread),
@@ -79,37 +96,60 @@ class Forecast:
 
 
 def foresees(recipe: Recipe, model: Model) -> bool:
-    """Tell whether a recipe's looks and confidence are such that what comes can be told: a mean, and its log odds."""
+    """Return whether further looks can be forecast.
+
+    The map is a mean of looks, and the confidence its log odds.
+    """
     detector = model.detector
-    linear = isinstance(detector, TrainedEstimator) and detector.linear_in_magnitude
-    return linear and recipe.run_view.look == "mean" and not recipe.waits()
+    if not isinstance(detector, TrainedEstimator) or not detector.linear_in_magnitude:
+        return False
+    return recipe.run_view.look == "mean" and not recipe.not_live_because()
 
 
 def forecast_of(recipe: Recipe, model: Model) -> Forecast | None:
-    """Give what a model has learnt of further looks; a UserWarning and None where it could have, but has not."""
+    """Return what a model has learnt of further looks; None where the recipe allows no forecast.
+
+    A model that could have learnt it and has not gives a UserWarning and None.
+
+    Raises
+    ------
+    ValueError
+        If the model's arrays are not finite or not of the shapes of a forecast.
+    """
     if not foresees(recipe, model):
         return None
     learnt = model.stages.get(NAME)
     if learnt is None:
-        looks = model.notes.get(NAME, {}).get("looks", 0)
-        why = (
-            f"its lanes gave too few, {looks} looks at alarms of {_LEAST}: train on longer lanes, or on more of them"
-            if NAME in model.notes
-            else "it was trained before that was learnt; train it again"
+        warnings.warn(
+            f"model does not tell what further looks are worth: {_why_unlearnt(model)}",
+            stacklevel=2,
         )
-        warnings.warn(f"model does not tell what further looks are worth: {why}", stacklevel=2)
         return None
-    shapes = {name: one.shape for name, one in learnt.items()}
-    known = {"mean": (3,), "spread": (2,), "correlation": ()}
-    if shapes != known or not all(np.isfinite(one).all() for one in learnt.values()):
+    shapes = {name: array.shape for name, array in learnt.items()}
+    expected = {"mean": (3,), "spread": (2,), "correlation": ()}
+    are_numbers = all(array.dtype == np.float64 for array in learnt.values())
+    are_finite = are_numbers and all(np.isfinite(array).all() for array in learnt.values())
+    if shapes != expected or not are_finite:
         raise ValueError(
-            f"model must hold finite {NAME} of shapes {known}, got {shapes}: train it again"
+            f"model must hold finite {NAME} of shapes {expected}, got {shapes}: train it again"
         )
-    (a, b, c), (g, h) = learnt["mean"].tolist(), learnt["spread"].tolist()
+    a, b, c = learnt["mean"].tolist()
+    g, h = learnt["spread"].tolist()
     return Forecast((a, b, c), (g, h), float(learnt["correlation"]))
 
 
-def told(
+def _why_unlearnt(model: Model) -> str:
+    """Return why a model has no forecast, and what to do."""
+    if NAME not in model.notes:
+        return "it was trained before that was learnt; train it again"
+    looks = model.notes[NAME].get("looks", 0)
+    return (
+        f"its lanes gave too few, {looks} looks at alarms of {_LEAST}: "
+        "train on longer lanes, or on more of them"
+    )
+
+
+def forecast_event(
     forecast: Forecast,
     detector: LiveDetector,
     alarm: LiveAlarm,
@@ -117,60 +157,100 @@ def told(
     threshold: float,
     worth: float,
 ) -> dict[str, Any]:
-    """Tell an alarm's probability and, of an open one, what further looks will make of it: members of its event.
+    """Return the members of an alarm's event that forecast it.
 
-    The looks are those to come if the vehicle drives straight on in steps as before. ``margin`` is the room left now
-    to stop before it, m; None where no speed is known: then every look counts, and whether to wait is left open. It is
-    worth it if the next look still leaves room, and the probability that it brings the confidence to the other side of
-    ``threshold`` is ``worth`` or more.
+    They are its probability and, of an open alarm, what further looks will make of it. The looks
+    are those to come if the vehicle drives straight on in steps as before.
+
+    Parameters
+    ----------
+    forecast : Forecast
+        What the model has learnt.
+    detector : LiveDetector
+        The detector that raised the alarm.
+    alarm : LiveAlarm
+        The alarm as it stands.
+    margin : float or None
+        Distance left to stop before the alarm, m. None where no speed is known: then every look
+        counts, and whether to wait is left open.
+    threshold : float
+        Confidence from which an alarm is shown, log odds.
+    worth : float
+        Waiting is worth it if the next look still leaves room to stop, and the probability that it
+        brings the confidence to the other side of ``threshold`` is at least this.
     """
     odds = alarm.confidence
+    event: dict[str, Any] = {"p": round(_probability(odds), 4)}
     if alarm.state in ("withdrawn", "final"):
-        return {"p": round(_probability(odds), 4)}
-    coming = detector.coming(alarm)
-    looks = [weight for _, weight in coming]
-    left = sum(margin is None or way <= margin for way, _ in coming)
-    event: dict[str, Any] = {"p": round(_probability(odds), 4), "looks_left": left}
-    if looks:
-        _, seen = detector.looked(alarm)
-        mean, deviation = forecast.after(odds, seen, looks[:1])
+        return event
+    expected = detector.expected_looks(alarm)
+    weights = [weight for _, weight in expected]
+    in_time = [margin is None or distance <= margin for distance, _ in expected]
+    left = sum(in_time)
+    event["looks_left"] = left
+    if weights:
+        _, seen = detector.mean_of_looks(alarm)
+        mean, deviation = forecast.after(odds, seen, weights[:1])
         event["next_p"] = _interval(mean, deviation)
-        across = math.erfc(abs(mean - threshold) / deviation / math.sqrt(2)) / 2
-        change = across if (mean < threshold) == (odds < threshold) else 1 - across
-        event["change"] = round(change, 4)
+        beyond = math.erfc(abs(mean - threshold) / deviation / math.sqrt(2)) / 2
+        stays = (mean < threshold) == (odds < threshold)
+        event["change"] = round(beyond if stays else 1 - beyond, 4)
         if left:
-            event["last_p"] = _interval(*forecast.after(odds, seen, looks[:left]))
+            event["last_p"] = _interval(*forecast.after(odds, seen, weights[:left]))
     if margin is not None:
         event["wait"] = left > 0 and event["change"] >= worth
     return event
 
 
 def follow(detector: LiveDetector, run: xr.Dataset) -> Iterator[Followed]:
-    """Play a stored run to a detector and tell what became of every alarm after each of its further looks.
+    """Play a stored run to a detector and yield the log odds of alarms after further looks.
 
-    An alarm's log odds are its own as long as it stands, afterwards the map's at its place.
+    While an alarm stands, its later log odds are its own; afterwards they are the map's at its
+    place.
     """
-    open_: list[tuple[LiveAlarm, float, list[float]]] = []
-    for scan in _scans(run):
+    followed: list[tuple[LiveAlarm, float, list[float]]] = []
+    for scan in _stored_scans(run):
         if detector.add(scan).outcome != "taken":
             continue
-        going = []
-        for alarm, seen, looks in open_:
+        remaining = []
+        for alarm, seen, looks in followed:
             if alarm.y <= detector.closed:
                 continue
-            value, weight = detector.looked(alarm)
+            value, weight = detector.mean_of_looks(alarm)
             new = weight - seen - sum(looks)
             if new > 1e-9 * weight:
                 looks.append(new)
-                same = detector.alarms.get(alarm.alarm_id)
-                later = same.confidence if same is not None else _confidence(detector, value)
-                yield Followed(alarm.confidence, seen, sum(looks), sum(w * w for w in looks), later)
-            going.append((alarm, seen, looks))
-        open_ = going + [(one, detector.looked(one)[1], []) for one in detector.alarms.values()]
+                later = _later_odds(detector, alarm, value)
+                squares = sum(look * look for look in looks)
+                yield Followed(alarm.confidence, seen, sum(looks), squares, later)
+            remaining.append((alarm, seen, looks))
+        followed = remaining
+        for alarm in detector.alarms.values():
+            followed.append((alarm, detector.mean_of_looks(alarm)[1], []))
+
+
+def _later_odds(detector: LiveDetector, alarm: LiveAlarm, value: float) -> float:
+    """Return the log odds of an alarm now.
+
+    Of one that is gone, those of the map's value at its place.
+    """
+    current = detector.alarms.get(alarm.alarm_id)
+    if current is not None:
+        return current.confidence
+    return _confidence(detector, value)
 
 
 def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
-    """Learn the likeliest numbers; nothing where alarms were looked at again too seldom."""
+    """Fit the forecast's numbers by maximum likelihood.
+
+    Returns
+    -------
+    arrays : dict of ndarray
+        What a model stores; empty where there are too few looks.
+    notes : dict
+        ``looks``, their number, and ``within``, the share of later log odds inside the 80 %
+        interval.
+    """
     from scipy.optimize import minimize
     from scipy.special import expit
 
@@ -182,53 +262,61 @@ def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
     alike = squares / total**2
     share = total / (seen + total)
     p = expit(odds)
-    known = np.clip(odds, -_LARGEST, _LARGEST)
-    off = (later - odds) / share
-    terms = np.stack([np.ones_like(p), known, p * known], axis=1)
-    first = np.linalg.lstsq(terms, off, rcond=None)[0]
+    clipped = np.clip(odds, -_LARGEST, _LARGEST)
+    error = (later - odds) / share  # e of the looks, from the mean so far
+    terms = np.stack([np.ones_like(p), clipped, p * clipped], axis=1)
+    first = np.linalg.lstsq(terms, error, rcond=None)[0]
 
-    def parts(numbers: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def residual(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+        return error - terms @ numbers[:3]
+
+    def log_variance(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
         rho = expit(numbers[5])
-        return off - terms @ numbers[:3], 2 * (numbers[3] + numbers[4] * p) + np.log(
-            rho + (1 - rho) * alike
-        )
+        return 2 * (numbers[3] + numbers[4] * p) + np.log(rho + (1 - rho) * alike)
 
-    def unlikely(numbers: NDArray[np.float64]) -> float:
-        rest, variance = parts(numbers)
-        return float((variance + rest**2 * np.exp(-variance)).mean())
+    def negative_log_likelihood(numbers: NDArray[np.float64]) -> float:
+        variance = log_variance(numbers)
+        return float((variance + residual(numbers) ** 2 * np.exp(-variance)).mean())
 
-    begin = np.array([*first, np.log(max(np.std(off - terms @ first), 1e-6)), 0.0, 0.0])
-    best = minimize(unlikely, begin, method="BFGS").x
+    spread = np.log(max(np.std(error - terms @ first), 1e-6))
+    begin = np.array([*first, spread, 0.0, 0.0])
+    best = minimize(negative_log_likelihood, begin, method="BFGS").x
     if not np.isfinite(best).all():
         return {}, notes
-    rest, variance = parts(best)
-    notes["within"] = float((np.abs(rest) <= _SIDE * np.exp(variance / 2)).mean())
-    found = Forecast(tuple(best[:3]), tuple(best[3:5]), float(expit(best[5])))
-    return found.arrays(), notes
+    limit = _SIDE * np.exp(log_variance(best) / 2)
+    notes["within"] = float((np.abs(residual(best)) <= limit).mean())
+    fitted = Forecast(tuple(best[:3]), tuple(best[3:5]), float(expit(best[5])))
+    return fitted.arrays(), notes
 
 
-def _scans(run: xr.Dataset) -> Iterator[Scan]:
-    """Give the complete scans of a stored run as if they came."""
+def _stored_scans(run: xr.Dataset) -> Iterator[Scan]:
+    """Yield the complete scans of a stored run as if they arrived."""
     for number in np.flatnonzero(complete_scans(run)):
-        one = run.isel(scan=number)
-        signal = np.asarray(one["signal"].values, dtype=np.complex64)
+        row = run.isel(scan=number)
         yield Scan(
             int(number),
-            float(one["time"]),
-            np.asarray(one["pose"].values, dtype=np.float64),
-            signal,
+            float(row["time"]),
+            np.asarray(row["pose"].values, dtype=np.float64),
+            np.asarray(row["signal"].values, dtype=np.complex64),
         )
 
 
 def _confidence(detector: LiveDetector, value: float) -> float:
+    """Return the confidence of a value of the map; NaN without a detector."""
     trained = detector.model.detector
-    read = pd.DataFrame({"magnitude": [np.float32(value)]})
-    return math.nan if trained is None else float(trained.confidence(read)[0])
+    if trained is None:
+        return math.nan
+    features = pd.DataFrame({"magnitude": [np.float32(value)]})
+    return float(trained.confidence(features)[0])
 
 
 def _probability(odds: float) -> float:
+    """Return the probability of log odds."""
     return 1 / (1 + math.exp(-min(max(odds, -_LARGEST), _LARGEST)))
 
 
 def _interval(mean: float, deviation: float) -> list[float]:
-    return [round(_probability(mean + side * _SIDE * deviation), 4) for side in (-1, 1)]
+    """Return the 80 % interval of the probability for Gaussian log odds."""
+    low = _probability(mean - _SIDE * deviation)
+    high = _probability(mean + _SIDE * deviation)
+    return [round(low, 4), round(high, 4)]

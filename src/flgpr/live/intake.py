@@ -1,4 +1,7 @@
-"""What a radar in the field gets wrong: scans late, twice, out of order, damaged, without a pose. All are counted."""
+"""Decides which scans are used.
+
+Those late, repeated, out of order, damaged or without a pose are all counted.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.io import RunDescription, Scan, ScanFileError, decode_frame, scan_of
 from flgpr.model.plausible import MotionLimits, Sighting, step_between
+from flgpr.store import RunDescription, Scan, ScanFileError, decode_frame, scan_of
+
+NumberedPose = tuple[int, NDArray[np.float64]]
 
 COUNTS = {
     "received": "frames that came",
@@ -32,12 +37,15 @@ COUNTS = {
     "clock": "scans whose time is out of order with the scan before; used all the same",
     "refused": "scans whose image could not be used; left out",
     "missing": "numbers between the first and the last scan that never came",
-    "senders_refused": "senders on the socket that were refused, because as many as may be were connected",
-    "senders_ended": "senders on the socket that were ended, because they sent nothing of use for too long",
+    "senders_refused": "senders on the socket that were refused, "
+    "because as many as may be were connected",
+    "senders_ended": "senders on the socket that were ended, "
+    "because they sent nothing of use for too long",
 }
 _KNOWN_POSES = 8
 _FORGOTTEN = ("taken", "warm_up", "out_of_order", "late", "still", "refused")
-"""What is counted of scans that detection forgets when it begins anew from nothing."""
+"""Counts of scans that detection forgets when it begins anew from nothing."""
+_LARGEST = 2**63  # beyond any number of a scan
 
 
 class Numbers:
@@ -47,22 +55,32 @@ class Numbers:
         self.runs = [[int(first), int(last)] for first, last in runs]
 
     def __contains__(self, number: int) -> bool:
-        at = bisect.bisect_right(self.runs, [number, 2**63])
-        return at > 0 and number <= self.runs[at - 1][1]
+        after = self._next_run(number)
+        return after > 0 and number <= self.runs[after - 1][1]
+
+    def _next_run(self, number: int) -> int:
+        """Return the index of the first run that begins after a number."""
+        return bisect.bisect_right(self.runs, [number, _LARGEST])
 
     def add(self, number: int) -> None:
         """Take in a number."""
         if number in self:
             return
-        at = bisect.bisect_right(self.runs, [number, 2**63])
-        self.runs.insert(at, [number, number])
-        for i in (at, at - 1):
-            if 0 <= i < len(self.runs) - 1 and self.runs[i][1] + 1 == self.runs[i + 1][0]:
+        index = self._next_run(number)
+        self.runs.insert(index, [number, number])
+        for i in (index, index - 1):
+            has_next = 0 <= i < len(self.runs) - 1
+            if has_next and self.runs[i][1] + 1 == self.runs[i + 1][0]:
                 self.runs[i][1] = self.runs.pop(i + 1)[1]
 
     def near(self, number: int, most: int) -> bool:
-        """Tell whether a number lies at most so far outside all of them; any does where there are none."""
-        return not self.runs or self.runs[0][0] - most <= number <= self.runs[-1][1] + most
+        """Return whether a number lies at most ``most`` outside all of them.
+
+        Always true of an empty set.
+        """
+        if not self.runs:
+            return True
+        return self.runs[0][0] - most <= number <= self.runs[-1][1] + most
 
     @property
     def missing(self) -> int:
@@ -71,9 +89,10 @@ class Numbers:
 
 
 class Intake:
-    """Decides which scans go on, and counts the others; fills a pose in at most ``longest_gap`` scans away.
+    """Decides which scans are used, and counts the others.
 
-    A number counts as come before when its scan went on and was not refused: a bad frame takes no number away.
+    A missing pose is filled in from known ones at most ``longest_gap`` scans away. A number counts
+    as used when its scan went on and was not refused: a bad frame uses up no number.
     """
 
     def __init__(
@@ -85,17 +104,27 @@ class Intake:
         self.counts: dict[str, int] = dict.fromkeys(COUNTS, 0)
         self._used = Numbers()
         self._came = Numbers()
-        self._poses: list[
-            tuple[int, NDArray[np.float64]]
-        ] = []  # those that were plausible, ascending
-        self._own_poses: list[
-            tuple[int, NDArray[np.float64]]
-        ] = []  # all that came last, not those that were filled in
+        self._poses: list[NumberedPose] = []  # those that were plausible, ascending
+        # the last that came, plausible or not, without those that were filled in
+        self._own_poses: list[NumberedPose] = []
 
     def admit(self, data: bytes, fault: ScanFileError | None = None) -> Scan | None:
-        """Give a frame's scan if it is whole, of this run, with a pose and not come before; else count it.
+        """Return a frame's scan; None, and a count, if it cannot be used.
 
-        A ``fault`` that was found before, or one that is found here, is counted and raised.
+        A scan is used if it is complete, of this run, not used before, and has a pose or one can be
+        filled in.
+
+        Parameters
+        ----------
+        data : bytes
+            The frame.
+        fault : ScanFileError, optional
+            What was found to be wrong with the frame before; it is counted and raised.
+
+        Raises
+        ------
+        ScanFileError
+            If the frame is damaged or of another run.
         """
         self.counts["received"] += 1
         try:
@@ -108,22 +137,33 @@ class Intake:
         if scan.number in self._used:
             self.counts["duplicate"] += 1
             return None
-        self._note(scan)
+        self._record(scan)
         if not np.isfinite(scan.signal).all():
             self.counts["masked"] += 1
             return None
         if scan.pose is not None:
             return scan
-        pose = (
-            None if self.counts["held"] else self._fill(scan.number)
-        )  # not while it is in doubt where it is
-        self.counts["pose_missing" if pose is None else "pose_filled"] += 1
-        return None if pose is None else Scan(scan.number, scan.time, pose, scan.signal)
+        # While scans are held back it is in doubt where the vehicle is.
+        pose = None if self.counts["held"] else self._fill(scan.number)
+        if pose is None:
+            self.counts["pose_missing"] += 1
+            return None
+        self.counts["pose_filled"] += 1
+        return Scan(scan.number, scan.time, pose, scan.signal)
 
     def judged(self, number: int, outcome: str, newest: int | None) -> None:
-        """Count an admitted scan's outcome, "refused" or as LiveUpdate has it; ``newest`` was taken before it.
+        """Count the outcome of an admitted scan.
 
-        What is held back or implausible is counted by :meth:`settled`.
+        Scans that are held back or implausible are counted by :meth:`settled`.
+
+        Parameters
+        ----------
+        number : int
+            Number of the scan.
+        outcome : str
+            "refused" or an outcome of ``LiveUpdate``.
+        newest : int or None
+            Number of the newest scan that was taken before it.
         """
         if outcome in ("held", "implausible"):
             self._poses = [known for known in self._poses if known[0] != number]
@@ -134,9 +174,8 @@ class Intake:
         if outcome in ("taken", "warm-up") and newest is not None and number < newest:
             self.counts["out_of_order"] += 1
         if not self._used.runs and not self._came.near(number, self._limits.scans):
-            self._came = (
-                Numbers()
-            )  # what came before was of no use, and its numbers are not this run's
+            # No scan before could be used, and their numbers are not this run's.
+            self._came = Numbers()
         if outcome != "refused":
             self._used.add(number)
         self._came.add(number)
@@ -148,9 +187,18 @@ class Intake:
     def settled(
         self, held: int, left_out: int, anew: bool = False, forgotten: bool = False
     ) -> None:
-        """Note how many scans are held back, how many were left out as implausible in all, and a new beginning.
+        """Record how many scans are held back or were left out, and whether detection started anew.
 
-        Where all before was ``forgotten``, so are its counts and numbers.
+        Parameters
+        ----------
+        held : int
+            Scans that are held back now.
+        left_out : int
+            Scans left out as implausible in all.
+        anew : bool
+            Whether detection started anew.
+        forgotten : bool
+            Whether all scans before were forgotten; then so are their counts and numbers.
         """
         self.counts |= {"held": held, "implausible": left_out}
         if anew:
@@ -163,32 +211,30 @@ class Intake:
             self.counts["restarts"] += 1
 
     def state(self) -> dict[str, Any]:
-        """Give what JSON can hold of it, for a later :meth:`restore`."""
-        poses = [[number, pose.tolist()] for number, pose in self._poses]
-        used, came = ([list(run) for run in numbers.runs] for numbers in (self._used, self._came))
-        own_poses = [[number, pose.tolist()] for number, pose in self._own_poses]
+        """Return the state as JSON values, for a later :meth:`restore`."""
         return {
             "counts": dict(self.counts),
-            "used": used,
-            "came": came,
-            "poses": poses,
-            "own_poses": own_poses,
+            "used": [list(run) for run in self._used.runs],
+            "came": [list(run) for run in self._came.runs],
+            "poses": _poses_as_json(self._poses),
+            "own_poses": _poses_as_json(self._own_poses),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a state that :meth:`state` gave."""
-        self.counts = dict.fromkeys(COUNTS, 0) | {
-            name: int(n) for name, n in state["counts"].items()
-        }
+        """Continue from a state that :meth:`state` returned."""
+        self.counts = dict.fromkeys(COUNTS, 0)
+        for name, count in state["counts"].items():
+            self.counts[name] = int(count)
         self._used = Numbers(state["used"])
         self._came = Numbers(state["came"])
-        self._poses, self._own_poses = (
-            [(int(number), np.asarray(pose, dtype=np.float64)) for number, pose in state[name]]
-            for name in ("poses", "own_poses")
-        )
+        self._poses = _poses_from_json(state["poses"])
+        self._own_poses = _poses_from_json(state["own_poses"])
 
-    def _note(self, scan: Scan) -> None:
-        """Note the number of a scan that came and its pose, if it is plausible; not where it is far from all before."""
+    def _record(self, scan: Scan) -> None:
+        """Record the number of a scan that came, and its pose if it is plausible.
+
+        A number far from all before is not recorded: it may be damaged.
+        """
         if not self._came.near(scan.number, self._limits.scans):
             return
         self._came.add(scan.number)
@@ -199,33 +245,49 @@ class Intake:
                 self._poses = _with_pose(self._poses, scan.number, scan.pose)
 
     def _is_plausible(self, number: int, pose: NDArray[np.float64]) -> bool:
-        """Tell whether a pose is plausible by the one next to it; the first one is."""
+        """Return whether a pose is plausible by the nearest known one; the first pose is."""
         if not self._poses:
             return True
-        known, before = min(self._poses, key=lambda other: abs(other[0] - number))
-        ends = Sighting(known, math.nan, before), Sighting(number, math.nan, pose)
-        return step_between(self._limits, *ends).strain <= 1
+        known, known_pose = min(self._poses, key=lambda other: abs(other[0] - number))
+        start = Sighting(known, math.nan, known_pose)
+        end = Sighting(number, math.nan, pose)
+        return step_between(self._limits, start, end).strain <= 1
 
     def _fill(self, number: int) -> NDArray[np.float64] | None:
-        """Pose on the straight line through the two known neighbours, or beyond the last two."""
-        known = [one for one in self._poses if one[0] != number]
+        """Return the pose on the line through two known neighbours, or beyond the last two."""
+        known = [entry for entry in self._poses if entry[0] != number]
         if len(known) < 2:
             return None
-        at = min(max(bisect.bisect([n for n, _ in known], number), 1), len(known) - 1)
-        (first, before), (last, after) = known[at - 1], known[at]
+        index = bisect.bisect([known_number for known_number, _ in known], number)
+        index = min(max(index, 1), len(known) - 1)
+        first, first_pose = known[index - 1]
+        last, last_pose = known[index]
         if min(abs(number - first), abs(number - last)) > self._longest:
             return None
         share = (number - first) / (last - first)
-        step = after - before
+        step = last_pose - first_pose
         step[3:] = np.angle(np.exp(1j * step[3:]))
-        pose: NDArray[np.float64] = before + share * step
+        pose: NDArray[np.float64] = first_pose + share * step
         pose[3] = np.angle(np.exp(1j * pose[3]))
         return pose
 
 
 def _with_pose(
-    poses: list[tuple[int, NDArray[np.float64]]], number: int, pose: NDArray[np.float64]
-) -> list[tuple[int, NDArray[np.float64]]]:
-    """Take in the pose of a number, in place of an older one; the last few are kept, ascending."""
+    poses: list[NumberedPose], number: int, pose: NDArray[np.float64]
+) -> list[NumberedPose]:
+    """Return poses with that of a number, in place of an older one.
+
+    Only the last few, ascending.
+    """
     others = [known for known in poses if known[0] != number]
     return sorted([*others, (number, pose)], key=lambda known: known[0])[-_KNOWN_POSES:]
+
+
+def _poses_as_json(poses: list[NumberedPose]) -> list[list[Any]]:
+    """Return numbered poses as JSON values."""
+    return [[number, pose.tolist()] for number, pose in poses]
+
+
+def _poses_from_json(entries: list[list[Any]]) -> list[NumberedPose]:
+    """Return numbered poses from JSON values."""
+    return [(int(number), np.asarray(pose, dtype=np.float64)) for number, pose in entries]

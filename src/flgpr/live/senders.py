@@ -1,4 +1,4 @@
-"""A local socket that is listened on, and the programs that send scans over it."""
+"""The local socket on which scans arrive, and the programs that send them."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ SENDERS = {
     "ended": "they sent nothing of use for too long",
 }
 """Why senders are refused or ended."""
-_LOOK = 0.2  # s between looks at whether it is over
-_BACKLOG = 64  # senders that wait to be accepted; a further one is told by the system to try again
-_PART = 2**20  # bytes that are taken from a sender at once
+_CHECK = 0.2  # s between checks whether the run has ended
+_BACKLOG = 64  # senders that wait to be accepted; the system makes a further one try again
+_CHUNK = 2**20  # bytes that are taken from a sender at once
 
 
 @dataclass(frozen=True)
 class SenderLimits:
-    """How many senders may be connected, and how long they may hold something up, s."""
+    """How many senders may be connected, and how long one of them may send nothing of use, s."""
 
     senders: int = 8
     pause: float = 1.0  #: within a frame
     frame: float = 10.0  #: from the beginning of a frame to its end
-    silence: float = 10.0  #: of a sender that sent something, but no good frame
+    silence: float = 10.0  #: of a sender that sent something, but no good frame yet
 
 
 class _Sender(threading.Thread):
@@ -47,27 +47,28 @@ class _Sender(threading.Thread):
         self._has_sent = False
         self.has_sent_good = False
         self.useful = time.monotonic()  #: when a good frame came, or else when it connected
-        self.held_back = False  #: whether a frame of it waits to be taken
+        self.held_back = False  #: whether one of its frames waits to be taken
 
     def run(self) -> None:
-        """Take frames."""
-        self._connection.settimeout(_LOOK)
-        heard = begun = time.monotonic()
+        """Take frames until the sender leaves, is closed or sends nothing of use for too long."""
+        self._connection.settimeout(_CHECK)
+        heard = time.monotonic()
+        begun = heard
         is_open = True
         with self._connection:
             while is_open and not self._inbox.stop.is_set():
-                part = self._receive()
-                is_open = part != b""
+                data = self._receive()
+                is_open = data != b""
                 now = time.monotonic()
-                if part:
+                if data:
                     heard = now
                     self._has_sent = True
                 paused = now - heard > self._limits.pause
-                taken = self._hand_over(part or b"", paused or not is_open)
+                taken = self._hand_over(data or b"", paused or not is_open)
                 if taken:
-                    heard = begun = (
-                        time.monotonic()
-                    )  # the time for which it was held back does not count
+                    # The time for which the frames were held back does not count.
+                    heard = time.monotonic()
+                    begun = heard
                 elif not self._stream.waiting:
                     begun = now
                 elif now - begun > self._limits.frame:
@@ -79,24 +80,24 @@ class _Sender(threading.Thread):
                     return
 
     def close(self) -> None:
-        """Let it end, as if the sender had left."""
+        """Let the thread end, as if the sender had left."""
         with contextlib.suppress(OSError):
             self._connection.shutdown(socket.SHUT_RDWR)
 
     def _receive(self) -> bytes | None:
-        """Give what came, None if nothing did for a moment, no bytes if nothing more comes."""
+        """Return what came; None if nothing did for a moment, no bytes if nothing more comes."""
         try:
-            return self._connection.recv(_PART)
+            return self._connection.recv(_CHUNK)
         except TimeoutError:
             return None
         except OSError:
             return b""
 
-    def _hand_over(self, part: bytes, over: bool) -> int:
-        """Hand over what is whole or bad, and give its number."""
+    def _hand_over(self, data: bytes, over: bool) -> int:
+        """Hand over the frames that are complete or bad, and return their number."""
         self._stream.largest = self._inbox.largest
         taken = 0
-        for arrival in self._stream.take(part, over):
+        for arrival in self._stream.take(data, over):
             taken += 1
             if arrival.kind != "frame" or arrival.value is None:
                 self.has_sent_good = True
@@ -110,7 +111,15 @@ class _Sender(threading.Thread):
 
 
 class SocketWatch(threading.Thread):
-    """Listens on a Unix socket of this user alone for frames, one after the other; several senders may come."""
+    """Listens for frames on a Unix socket that only this user may open.
+
+    Several senders may connect.
+
+    Raises
+    ------
+    ValueError
+        If the path cannot be made a socket, or another program listens on it.
+    """
 
     def __init__(self, path: Path, inbox: Inbox, limits: SenderLimits | None = None) -> None:
         super().__init__(name=f"listen {path}", daemon=True)
@@ -118,9 +127,9 @@ class SocketWatch(threading.Thread):
         self._inbox = inbox
         self._limits = limits or SenderLimits()
         self._senders: list[_Sender] = []
-        _make_room(path)
+        _remove_stale_socket(path)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        before = os.umask(0o177)
+        previous_mask = os.umask(0o177)
         try:
             self._socket.bind(str(path))
         except OSError as error:
@@ -129,12 +138,12 @@ class SocketWatch(threading.Thread):
                 f"socket must be a path that can be made, got {path}: {_reason(error)}"
             ) from None
         finally:
-            os.umask(before)
+            os.umask(previous_mask)
         self._socket.listen(_BACKLOG)
-        self._socket.settimeout(_LOOK)
+        self._socket.settimeout(_CHECK)
 
     def run(self) -> None:
-        """Listen until it is over."""
+        """Listen until the run ends."""
         with self._socket:
             while not self._inbox.stop.is_set():
                 try:
@@ -142,7 +151,7 @@ class SocketWatch(threading.Thread):
                 except TimeoutError:
                     continue
                 except OSError:  # the system opens no more files: who connects waits
-                    self._inbox.stop.wait(_LOOK)
+                    self._inbox.stop.wait(_CHECK)
                     continue
                 self._admit(connection)
         self._path.unlink(missing_ok=True)
@@ -150,9 +159,13 @@ class SocketWatch(threading.Thread):
             sender.join(1.0)
 
     def _admit(self, connection: socket.socket) -> None:
-        """Listen to a new sender, in place of the least useful one if there are as many as may be, or refuse it."""
+        """Listen to a new sender, or refuse it.
+
+        If as many senders as may be are connected, it takes the place of the least useful one.
+        """
         self._senders = [sender for sender in self._senders if sender.is_alive()]
-        if len(self._senders) >= self._limits.senders and not self._give_way():
+        is_full = len(self._senders) >= self._limits.senders
+        if is_full and not self._end_least_useful():
             self._inbox.count_sender("refused")
             connection.close()
             return
@@ -165,33 +178,35 @@ class SocketWatch(threading.Thread):
             return
         self._senders.append(sender)
 
-    def _give_way(self) -> bool:
-        """End the sender that is the least use, unless it may still be of some; tell whether one was ended.
+    def _end_least_useful(self) -> bool:
+        """End the sender that is the least use.
 
-        Those that never sent a good frame come first, then those whose last one is the longest ago. A radar that
-        stands still is silent, too: it gives way only where all others have sent good frames.
+        Return False where every sender may still be of use. Senders that never sent a good frame
+        are ended first, then those whose last good frame is the longest ago. A radar that stands
+        still is silent, too: it is ended only where all others have sent good frames.
         """
-        strangers = [sender for sender in self._senders if not sender.has_sent_good]
-        last = time.monotonic() - self._limits.pause
-        idle = [
-            sender
-            for sender in strangers or self._senders
-            if not sender.held_back and sender.useful < last
-        ]
+        candidates = [sender for sender in self._senders if not sender.has_sent_good]
+        if not candidates:
+            candidates = self._senders
+        limit = time.monotonic() - self._limits.pause
+        idle = []
+        for sender in candidates:
+            if not sender.held_back and sender.useful < limit:
+                idle.append(sender)
         if not idle:
             return False
-        longest = min(idle, key=lambda sender: sender.useful)
-        longest.close()
+        least_useful = min(idle, key=lambda sender: sender.useful)
+        least_useful.close()
         self._inbox.count_sender("ended")
-        self._senders.remove(longest)
+        self._senders.remove(least_useful)
         return True
 
 
 def _reason(error: OSError) -> str:
-    """Say why a path cannot be listened on."""
+    """Return why a path cannot be listened on."""
     reasons = {
         errno.ENOENT: "its folder does not exist",
-        errno.ENOTDIR: "its folder is none",
+        errno.ENOTDIR: "what should be its folder is a file",
         errno.EACCES: "this user may not write into its folder",
         errno.EROFS: "its disk cannot be written to",
         errno.EADDRINUSE: "another program listens on it",
@@ -201,12 +216,12 @@ def _reason(error: OSError) -> str:
     return reasons.get(error.errno, error.strerror or "the system refuses it")
 
 
-def _make_room(path: Path) -> None:
-    """Take away a socket that nobody listens on."""
+def _remove_stale_socket(path: Path) -> None:
+    """Remove a socket that nobody listens on; refuse any other file."""
     if not path.exists() and not path.is_symlink():
         return
     if not stat.S_ISSOCK(path.lstat().st_mode):
-        raise ValueError(f"socket must be a new path, got {path}, where something else lies")
+        raise ValueError(f"socket must be a new path, got {path}, where another file lies")
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.settimeout(1.0)
         try:
@@ -216,7 +231,7 @@ def _make_room(path: Path) -> None:
             return
         except FileNotFoundError:
             return
-        except OSError:  # it may listen, and not to us
+        except OSError:  # a program may listen that refuses us
             pass
     raise ValueError(
         f"socket must be free, got {path}, on which another program listens: give another path"

@@ -1,4 +1,7 @@
-"""Live detection: scans from a folder or a socket, alarms to a file of events and to whoever listens."""
+"""Live detection.
+
+Scans come from a folder or a socket, alarms go to a file of events and to a callback.
+"""
 
 from __future__ import annotations
 
@@ -19,23 +22,9 @@ import flgpr
 from flgpr.chain.memory import check_scan_memory
 from flgpr.chain.model import Model, load_model, read_model, unlearnt
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
-from flgpr.io import (
-    RunDescription,
-    Scan,
-    ScanFileError,
-    canonical_json,
-    parse_description,
-    read_anchor,
-    read_description,
-    read_lane,
-    sha256,
-)
-from flgpr.io.bundle import PARTIAL
-from flgpr.io.files import write_whole
-from flgpr.io.outputs import held_folder, tell_finished
-from flgpr.io.tables import write_table
+from flgpr.geo import read_anchor
 from flgpr.live import forecast
-from flgpr.live.detector import LiveAlarm, LiveDetector, LiveSettings, LiveUpdate, check_causal
+from flgpr.live.detector import LiveDetector, LiveSettings, check_causal
 from flgpr.live.event_rate import Event
 from flgpr.live.events import (
     EVENT_FILE,
@@ -57,19 +46,36 @@ from flgpr.live.state import (
     take_snapshot,
 )
 from flgpr.live.stream import largest_frame
+from flgpr.live.updates import LiveAlarm, LiveUpdate
 from flgpr.live.vehicle import Vehicle
 from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox
 from flgpr.model import Lane
+from flgpr.store import (
+    RunDescription,
+    Scan,
+    ScanFileError,
+    canonical_json,
+    parse_description,
+    read_description,
+    read_lane,
+    sha256,
+)
+from flgpr.store.bundle import PARTIAL
+from flgpr.store.files import write_whole
+from flgpr.store.outputs import held_folder, tell_finished
+from flgpr.store.tables import write_table
 
 PathLike = str | Path
-_TICK = 0.1  # s between looks at the clock while nothing comes
+_TICK = 0.1  # s between checks of the clock while nothing comes
 REPORT_FILE = "live.json"
-_REPORTED = 10_000  # latencies kept for the percentiles
+_MOST_LATENCIES = 10_000  # of which percentiles are reported
+# Counts of what is as it should be; the others are faults.
+_NO_FAULT = ("received", "taken", "warm_up")
 
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """What a live run is asked for."""
+    """Options of a live run."""
 
     recipe: PathLike  #: packaged recipe or TOML file
     output: PathLike  #: folder for events, snapshot and alarms
@@ -84,26 +90,39 @@ class LiveOptions:
     idle: float | None = None  #: end after so many seconds without a scan
     threshold: float | None = None  #: confidence from which the page shows alarms; None shows all
     fresh: bool = False  #: begin anew, whatever the output folder holds of an earlier live run
-    #: an alarm tells to wait for the next look if that changes the decision with this probability or a higher one
+    #: an alarm advises to wait for the next look if that changes the decision with at least this
+    #: probability
     worth: float = 0.1
 
 
 @dataclass(frozen=True)
 class LiveReport:
-    """How a live run went."""
+    """Outcome of a live run."""
 
-    counts: dict[str, int]  #: what came and what became of it, see ``COUNTS`` in ``live.intake``
-    #: ``median``, ``p95`` and ``largest`` time from the arrival of a scan to its alarms, and ``scans``, of how many
+    counts: dict[str, int]  #: see ``COUNTS`` in ``live.intake``
+    #: ``median``, ``p95`` and ``largest`` time from the arrival of a scan to its alarms, and the
+    #: number of ``scans``
     latency_ms: dict[str, float]
     alarms: int  #: alarms that stand at the end
-    #: frames dealt with per second between the first and the last one of this process; NaN with fewer than two
+    #: frames processed per second between the first and the last one of this process; NaN with
+    #: fewer than two
     rate: float
 
 
 class LiveRun:
-    """A live run: sources, detector, events and snapshots; ``tell`` is told every line about an alarm.
+    """A live run: sources, detector, events and snapshots.
 
-    An option that is not valid is refused before anything is written.
+    Parameters
+    ----------
+    options : LiveOptions
+        Sources, output, recipe and model.
+    tell : callable
+        Called with every line about an alarm.
+
+    Raises
+    ------
+    ValueError
+        If an option is not valid; nothing is written then.
     """
 
     def __init__(self, options: LiveOptions, tell: Callable[[str], None] = lambda _: None) -> None:
@@ -116,7 +135,7 @@ class LiveRun:
         if options.snapshot < 0:
             raise ValueError(f"snapshot must be a number of scans from 0, got {options.snapshot}")
         self.options = options
-        self._tell = tell
+        self._send_line = tell
         text = recipe_text(options.recipe)
         self._recipe: Recipe = parse_recipe(text, str(options.recipe))
         check_causal(self._recipe)
@@ -124,20 +143,22 @@ class LiveRun:
         self._model = Model() if options.model is None else load_model(options.model, digest)
         unlearnt(self._recipe, self._model)
         self._forecast = forecast.forecast_of(self._recipe, self._model)
-        self._waiting: set[str] = set()  # alarms of which the last word was to wait
-        self._lane: Lane | None = read_lane(options.lane) if options.lane is not None else None
-        self._anchor = read_anchor(options.anchor) if options.anchor is not None else None
-        lane = None if self._lane is None else asdict(self._lane)
-        own = {
+        # alarms whose last event advised to wait
+        self._waiting: set[str] = set()
+        self._lane: Lane | None = None if options.lane is None else read_lane(options.lane)
+        self._anchor = None if options.anchor is None else read_anchor(options.anchor)
+        # what a snapshot must agree with, beside the run
+        self._identity: dict[str, Any] = {
             "recipe": sha256(text.encode()),
             "model": digest,
-            "lane": lane,
+            "lane": None if self._lane is None else asdict(self._lane),
             "flgpr": flgpr.__version__,
+            "settings": asdict(options.settings),
         }
-        self._own: dict[str, Any] = own | {"settings": asdict(options.settings)}
         self.output = Path(options.output)
         self.inbox = Inbox()
         self._latency: list[float] = []
+        # s since 1970, of the first and the last frame that this process took
         self._moments: list[float] = []
         self._frames = 0
         self._names: set[str] = set()
@@ -148,22 +169,29 @@ class LiveRun:
         self._started = False
 
     def stop(self) -> None:
-        """Let :meth:`run` end after the scan in hand."""
+        """Let :meth:`run` end after the scan that it processes."""
         self.inbox.stop.set()
 
     def run(self) -> LiveReport:
-        """Take scans until the run ends, :meth:`stop` is called or nothing comes for too long.
+        """Process scans until the run ends, :meth:`stop` is called or nothing comes for too long.
 
-        An output that another live run writes is a ValueError.
+        Raises
+        ------
+        FileExistsError
+            If the output folder holds other files.
+        ValueError
+            If another live run writes to the output, or the scans are of another run than the
+            snapshot.
         """
         _check_output(self.output)
         self.output.mkdir(parents=True, exist_ok=True)
         with held_folder(self.output):
-            for left in self.output.glob(f"*{PARTIAL}"):  # of a process that was killed
-                left.unlink()
+            for partial in self.output.glob(f"*{PARTIAL}"):  # of a process that was killed
+                partial.unlink()
             return self._run()
 
     def _run(self) -> LiveReport:
+        """Start sources and detector, from a snapshot where there is one, and process scans."""
         options = self.options
         path = self.output / SNAPSHOT_FILE
         if options.fresh:
@@ -192,15 +220,17 @@ class LiveRun:
             return self._finish(events, writer)
 
     def _loop(self, events: EventFile, writer: SnapshotWriter) -> None:
+        """Process arrivals one by one until the run ends."""
         last = time.monotonic()
-        since = 0
+        scans_since_snapshot = 0
         while not self.inbox.stop.is_set():
             events.beat()
-            self._tell_senders(events)
+            self._report_senders(events)
             try:
                 arrival = self._next()
             except queue.Empty:
-                if self.options.idle is not None and time.monotonic() - last > self.options.idle:
+                idle = time.monotonic() - last
+                if self.options.idle is not None and idle > self.options.idle:
                     return
                 continue
             last = time.monotonic()
@@ -209,23 +239,23 @@ class LiveRun:
             if arrival.kind == "end":
                 return
             if arrival.kind == "run":
-                self._announced(arrival, events)
+                self._take_description(arrival, events)
             elif self._take(arrival, events):
-                since += 1
-                if self.options.snapshot and since >= self.options.snapshot:
-                    since = 0
+                scans_since_snapshot += 1
+                if self.options.snapshot and scans_since_snapshot >= self.options.snapshot:
+                    scans_since_snapshot = 0
                     writer.offer(self._snapshot())
 
     def _next(self) -> Arrival:
-        """Give what comes within a tick, else raise queue.Empty."""
+        """Return what arrives within a tick, else raise queue.Empty."""
         self.inbox.awaited = True
         try:
             return self.inbox.arrivals.get(timeout=_TICK)
         finally:
             self.inbox.awaited = False
 
-    def _tell_senders(self, events: EventFile) -> None:
-        """Tell of senders on the socket that were refused or ended."""
+    def _report_senders(self, events: EventFile) -> None:
+        """Write events of senders on the socket that were refused or ended."""
         senders = self.inbox.take_senders()
         for outcome, count in senders.items():
             name = f"senders_{outcome}"
@@ -233,8 +263,11 @@ class LiveRun:
             words = f"senders {outcome}: {count}, {self._senders[name]} in all; {SENDERS[outcome]}"
             events.append([{"event": "problem", "name": SOCKET, "words": words}])
 
-    def _announced(self, arrival: Arrival, events: EventFile) -> None:
-        """Take a description: of this run for the first time, or again from a sender that connected anew."""
+    def _take_description(self, arrival: Arrival, events: EventFile) -> None:
+        """Take a description of this run.
+
+        The first one, or one again from a sender that connected anew.
+        """
         try:
             description = parse_description(arrival.value)
             if self._intake is None:
@@ -249,8 +282,8 @@ class LiveRun:
     def _describe(
         self, description: RunDescription, events: EventFile, snapshot: Snapshot | None
     ) -> None:
-        """Make the detector once the run is known, and go on from a snapshot where there is one."""
-        self._fingerprint = sha256(canonical_json(self._own | {"run": description.run_id}))
+        """Build the detector of the run, and continue from a snapshot where there is one."""
+        self._fingerprint = sha256(canonical_json(self._identity | {"run": description.run_id}))
         check_scan_memory(description.shape, self._recipe)
         detector = LiveDetector(
             description, self._recipe, self._lane, self._model, self.options.settings
@@ -268,23 +301,23 @@ class LiveRun:
         self.inbox.largest = largest_frame(description)
 
     def _take(self, arrival: Arrival, events: EventFile) -> bool:
-        """Process a frame; tell whether a scan was taken in."""
+        """Process a frame; return whether it held a scan that was judged."""
         detector = self._detector
         intake = self._intake
         if detector is None or intake is None:
-            words = str(arrival.value or "left out: it came before the description of its run")
-            events.append([{"event": "problem", "name": arrival.name, "words": words}])
+            reason = arrival.value or "left out: it came before the description of its run"
+            events.append([{"event": "problem", "name": arrival.name, "words": str(reason)}])
             return False
         if arrival.name != SOCKET:
             self._names.add(arrival.name)
-        before = dict(intake.counts)
+        counts_before = dict(intake.counts)
         scan, update, problem = self._judge(arrival, detector, intake)
         lines: list[Event] = []
         if scan is not None and update is not None:
             lines += self._update_events(scan, update, arrival, detector, intake)
         if problem:
             lines.append({"event": "problem", "name": arrival.name, "words": problem})
-        if _faults(before) != _faults(intake.counts):
+        if _faults(counts_before) != _faults(intake.counts):
             lines.append({"event": "counts", **intake.counts})
         events.append(lines)
         detector.learn()
@@ -300,12 +333,12 @@ class LiveRun:
         detector: LiveDetector,
         intake: Intake,
     ) -> list[Event]:
-        """Tell what a scan changed, and those held back that went on with it."""
+        """Return the events of what a scan changed, and of the scans held back that it released."""
         latency = max(time.time() - arrival.when, 0.0)
         lines = position_events(arrival.name, update)
-        where = detector.where if detector.where is not None else scan.pose
-        if update.anew and where is not None:
-            lines.append(anew_event(scan.number, update, where))
+        pose = detector.newest_pose if detector.newest_pose is not None else scan.pose
+        if update.anew and pose is not None:
+            lines.append(anew_event(scan.number, update, pose))
             self._started = self._started and detector.lane is not None and not update.forgotten
             self._waiting &= detector.alarms.keys()
         if update.outcome in ("held", "implausible", "duplicate"):
@@ -314,56 +347,65 @@ class LiveRun:
             self._started = True
             lines.append(self._start_event(detector, intake.description))
         settled = [*update.released, (scan, update)]
-        lines += [_scan_event(each, changed.outcome, arrival, latency) for each, changed in settled]
-        if where is not None:
-            lines += self._alarm_events(update, scan.number, where, latency, detector)
-        lines += [
-            view_event(changed.row, changed.view)
-            for _, changed in settled
-            if changed.view is not None
-        ]
+        for settled_scan, change in settled:
+            lines.append(_scan_event(settled_scan, change.outcome, arrival, latency))
+        if pose is not None:
+            lines += self._alarm_events(update, scan.number, pose, latency, detector)
+        for _, change in settled:
+            if change.view is not None:
+                lines.append(view_event(change.row, change.view))
         if update.outcome == "taken":
-            self._latency = [*self._latency[-_REPORTED:], latency]
+            self._latency = [*self._latency[-_MOST_LATENCIES:], latency]
         return lines
 
     def _alarm_events(
         self,
         update: LiveUpdate,
         scan: int,
-        where: NDArray[np.float64],
+        pose: NDArray[np.float64],
         latency: float,
         detector: LiveDetector,
     ) -> list[Event]:
-        """Tell alarms that changed, to whoever listens, too."""
-        told = [self._alarm_event(alarm, scan, where, latency) for alarm in update.alarms]
-        # Of some the last word was to wait for a look, which did not come: told again where that
-        # holds no more.
-        for name in self._waiting & (
-            detector.alarms.keys() - {alarm.alarm_id for alarm in update.alarms}
-        ):
-            event = self._alarm_event(
-                replace(detector.alarms[name], state="update"), scan, where, latency
-            )
-            told += [event] if event.get("wait") is False else []
-        for event in told:
-            (self._waiting.add if event.get("wait") else self._waiting.discard)(event["alarm_id"])
-            self._tell(as_line(event))
-        return told
+        """Return the events of alarms that changed, and send their lines to the callback."""
+        events = [self._alarm_event(alarm, scan, pose, latency) for alarm in update.alarms]
+        # The last event of some alarms advised to wait for a look that did not come. They are
+        # reported again where waiting is no longer worth it.
+        changed = {alarm.alarm_id for alarm in update.alarms}
+        unchanged = detector.alarms.keys() - changed
+        for alarm_id in self._waiting & unchanged:
+            alarm = replace(detector.alarms[alarm_id], state="update")
+            event = self._alarm_event(alarm, scan, pose, latency)
+            if event.get("wait") is False:
+                events.append(event)
+        for event in events:
+            if event.get("wait"):
+                self._waiting.add(event["alarm_id"])
+            else:
+                self._waiting.discard(event["alarm_id"])
+            self._send_line(as_line(event))
+        return events
 
     def _alarm_event(
-        self, alarm: LiveAlarm, scan: int, where: NDArray[np.float64], latency: float
+        self, alarm: LiveAlarm, scan: int, pose: NDArray[np.float64], latency: float
     ) -> Event:
-        event = alarm_event(alarm, scan, where, self.options.vehicle, latency)
+        """Return an alarm's event, with a forecast where the model has one."""
+        event = alarm_event(alarm, scan, pose, self.options.vehicle, latency)
         if self._forecast is not None and self._detector is not None:
-            least = 0.0 if self.options.threshold is None else self.options.threshold
-            margin = event.get("margin_m")
-            worth = self.options.worth
-            event |= forecast.told(self._forecast, self._detector, alarm, margin, least, worth)
+            threshold = 0.0 if self.options.threshold is None else self.options.threshold
+            event |= forecast.forecast_event(
+                self._forecast,
+                self._detector,
+                alarm,
+                event.get("margin_m"),
+                threshold,
+                self.options.worth,
+            )
         return event
 
     def _judge(
         self, arrival: Arrival, detector: LiveDetector, intake: Intake
     ) -> tuple[Scan | None, LiveUpdate | None, str]:
+        """Return a frame's scan, what it changed and what is wrong with it."""
         try:
             scan = intake.admit(arrival.data, arrival.value)
         except ScanFileError as error:
@@ -379,15 +421,18 @@ class LiveRun:
             return scan, None, str(error)
         intake.settled(len(detector.held), detector.left_out, update.anew, update.forgotten)
         intake.counts["clock"] += update.clock is not None
-        for held, changed in update.released:
-            intake.judged(held.number, changed.outcome, None)
+        for released_scan, change in update.released:
+            intake.judged(released_scan.number, change.outcome, None)
         intake.judged(scan.number, update.outcome, None if update.anew else newest)
         return scan, update, update.words
 
     def _start_event(self, detector: LiveDetector, description: RunDescription) -> Event:
+        """Return the event that detection starts."""
         screen = self._recipe.prescreen
         vehicle = self.options.vehicle
         reference = description.attrs.get("georeference")
+        if self._anchor is not None:
+            reference = self._anchor.georeference()
         return {
             "event": "start",
             "title": description.title,
@@ -395,101 +440,121 @@ class LiveRun:
             "lane": None if detector.lane is None else asdict(detector.lane),
             "grid": detector.view_grid(),
             "channel": [screen.polarization, screen.subband],
-            "georeference": self._anchor.georeference() if self._anchor is not None else reference,
+            "georeference": reference,
             "threshold": self.options.threshold,
             "vehicle": asdict(vehicle) | {"stopping_distance": vehicle.stopping_distance},
         }
 
-    def _snapshot(self) -> Any:
+    def _snapshot(self) -> Snapshot:
+        """Return the state of detector and intake."""
         if self._detector is None or self._intake is None:
             raise ValueError("a snapshot needs a run, got none")
         if self.options.incoming is not None and os.path.isdir(self.options.incoming):
-            self._names.intersection_update(
-                os.listdir(self.options.incoming)
-            )  # what was taken away is not read again
+            # Files that were removed cannot be read again and need not be remembered.
+            self._names.intersection_update(os.listdir(self.options.incoming))
         return take_snapshot(self._detector, self._intake, self._names, self._fingerprint)
 
     def _finish(self, events: EventFile, writer: SnapshotWriter) -> LiveReport:
+        """Write the last snapshot, the alarms and the report."""
         detector = self._detector
         intake = self._intake
         if detector is None or intake is None:
             return LiveReport({}, _percentiles([]), 0, float("nan"))
-        self._tell_senders(events)
+        self._report_senders(events)
         for name, count in self._senders.items():
             intake.counts[name] += count
         writer.last(self._snapshot())
+        counts = dict(intake.counts)
+        table = detector.table()
         if not self._frames and (self.output / REPORT_FILE).is_file():
             tell_finished(self.output, "--fresh makes it anew")
-            return LiveReport(
-                dict(intake.counts), _percentiles([]), len(detector.table()), float("nan")
-            )
-        table = detector.table()
+            return LiveReport(counts, _percentiles([]), len(table), float("nan"))
         write_table(table, self.output / "alarms.csv")
-        moments = self._moments
-        rate = (self._frames - 1) / (moments[-1] - moments[0]) if self._frames > 1 else float("nan")
-        report = LiveReport(dict(intake.counts), _percentiles(self._latency), len(table), rate)
-        events.append(
-            [{"event": "end", "alarms": len(table), "latency": report.latency_ms, **intake.counts}]
-        )
-        told = asdict(report) | {
-            "rate": rate if np.isfinite(rate) else None,
+        report = LiveReport(counts, _percentiles(self._latency), len(table), self._rate())
+        end = {"event": "end", "alarms": len(table), "latency": report.latency_ms}
+        events.append([end | counts])
+        entries = asdict(report) | {
+            "rate": report.rate if np.isfinite(report.rate) else None,
             "recipe": self._recipe.name,
         }
-        write_whole(self.output / REPORT_FILE, canonical_json(told) + b"\n")
+        write_whole(self.output / REPORT_FILE, canonical_json(entries) + b"\n")
         return report
+
+    def _rate(self) -> float:
+        """Return the frames per second between the first and the last one.
+
+        NaN with fewer than two.
+        """
+        if self._frames < 2:
+            return float("nan")
+        return (self._frames - 1) / (self._moments[-1] - self._moments[0])
 
 
 def rehearse(description: RunDescription, recipe: Recipe, model: Model) -> None:
-    """Run noise through a detector of its own, so that what must be compiled or loaded is before the first scan."""
+    """Run noise through a separate detector: all is compiled and loaded before the first scan."""
     detector = LiveDetector(description, recipe, None, model, LiveSettings(looks=1, warm_up=3))
     rng = np.random.default_rng(0)
     for number in range(5):
         noise = rng.standard_normal((2, *description.shape), dtype=np.float32)
         pose = np.array([0.0, float(number), 2.0, 0.0, 0.0, 0.0])
-        detector.add(
-            Scan(number, float("nan"), pose, (noise[0] + 1j * noise[1]).astype(np.complex64))
-        )
+        signal = (noise[0] + 1j * noise[1]).astype(np.complex64)
+        detector.add(Scan(number, float("nan"), pose, signal))
 
 
 def _scan_event(scan: Scan, outcome: str, arrival: Arrival, latency: float) -> Event:
+    """Return the event of what became of a scan."""
     pose = [] if scan.pose is None else [round(float(value), 4) for value in scan.pose]
     return {
-        "event": "scan", "scan": scan.number, "pose": pose, "outcome": outcome, "arrived": round(arrival.when, 3),
+        "event": "scan",
+        "scan": scan.number,
+        "pose": pose,
+        "outcome": outcome,
+        "arrived": round(arrival.when, 3),
         "latency_ms": round(1e3 * latency, 1),
-    }  # fmt: skip
+    }
 
 
 def _faults(counts: dict[str, int]) -> dict[str, int]:
-    return {name: n for name, n in counts.items() if name not in ("received", "taken", "warm_up")}
+    """Return the counts of what is not as it should be."""
+    return {name: count for name, count in counts.items() if name not in _NO_FAULT}
 
 
 def _percentiles(latency: list[float]) -> dict[str, float]:
+    """Return median, 95th percentile and largest of latencies (s) in ms, and their number."""
     if not latency:
         return {"scans": 0}
-    found = {
-        "median": np.median(latency),
-        "p95": np.percentile(latency, 95),
-        "largest": np.max(latency),
+    return {
+        "median": _milliseconds(np.median(latency)),
+        "p95": _milliseconds(np.percentile(latency, 95)),
+        "largest": _milliseconds(np.max(latency)),
+        "scans": len(latency),
     }
-    return {name: round(1e3 * float(value), 1) for name, value in found.items()} | {
-        "scans": len(latency)
-    }
+
+
+def _milliseconds(seconds: Any) -> float:
+    """Return a duration in ms with one decimal."""
+    return round(1e3 * float(seconds), 1)
 
 
 def _check_same_run(snapshot: Snapshot, incoming: Path) -> None:
     """Refuse a folder of another run than that of the snapshot before anything is written."""
-    coming = read_description(incoming)
-    if coming is not None and coming.run_id != parse_description(snapshot[0]["run"]).run_id:
+    description = read_description(incoming)
+    if description is None:
+        return
+    if description.run_id != parse_description(snapshot[0]["run"]).run_id:
         raise ValueError(f"{incoming}: the description is that of another run; --fresh begins anew")
 
 
 def _check_output(folder: Path) -> None:
-    own = {EVENT_FILE, "alarms.csv", REPORT_FILE}
-    own |= {name + PARTIAL for name in own}  # of a process that was killed
-    names = [entry.name for entry in folder.iterdir()] if folder.is_dir() else []
-    if folder.is_file() or any(
-        name not in own and not name.startswith(SNAPSHOT_FILE) for name in names
-    ):
+    """Refuse a folder that holds anything but the files of a live run."""
+    known = {EVENT_FILE, "alarms.csv", REPORT_FILE}
+    known |= {name + PARTIAL for name in known}  # of a process that was killed
+    entries = list(folder.iterdir()) if folder.is_dir() else []
+    foreign = []
+    for entry in entries:
+        if entry.name not in known and not entry.name.startswith(SNAPSHOT_FILE):
+            foreign.append(entry)
+    if folder.is_file() or foreign:
         raise FileExistsError(
             f"output must be a new folder or a live run's, got {folder}, which holds other files"
         )

@@ -1,4 +1,7 @@
-"""Snapshots of a live run: all that detection and intake have learnt, in one file that is whole or absent."""
+"""Snapshots of a live run.
+
+All that detection and intake have learnt, in one file that is complete or absent.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +17,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.chain.gathering import CleanedScan
-from flgpr.io import MAX_MEMORY, Bundle, BundleError, Scan, write_bundle
-from flgpr.live.detector import LiveAlarm, LiveDetector
+from flgpr.chain.steps import CleanedScan
+from flgpr.live.detector import LiveDetector
 from flgpr.live.intake import Intake
+from flgpr.live.updates import LiveAlarm
+from flgpr.store import MAX_MEMORY, Bundle, BundleError, Scan, write_bundle
 
 SNAPSHOT_FILE = "snapshot.bundle"
 FORMAT = "flgpr-live-snapshot"
 VERSION = 6
 _NUMBERS = ("passed", "magnitudes")
-_SCALARS = ("closed", "seen_area", "named", "left_out")
+# Names of scalars in the file, and of the detector's attributes.
+_SCALARS = {
+    "closed": "closed",
+    "seen_area": "seen_area",
+    "named": "alarm_count",
+    "left_out": "left_out",
+}
 Snapshot = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 
 
@@ -34,20 +44,52 @@ class SnapshotError(ValueError):
 def take_snapshot(
     detector: LiveDetector, intake: Intake, names: set[str], fingerprint: str
 ) -> Snapshot:
-    """Gather the state, as JSON values and arrays; later scans do not change what was gathered."""
-    arrays = {f"background.{name}": value for name, value in detector.background.state().items()}
-    arrays |= {f"view.{name}": value for name, value in detector.view.items()}
-    for i, one in enumerate(detector.history):
-        arrays |= {
-            f"scan{i}.{name}": value
-            for name, value in vars(one).items()
-            if isinstance(value, np.ndarray)
-        }
-    arrays |= {f"numbers.{name}": np.array(getattr(detector, name)) for name in _NUMBERS}
-    arrays |= {f"held{number}.signal": scan.signal for number, scan in detector.held.items()}
-    newest = detector.newest
-    scalars = {name: getattr(detector, name) for name in _SCALARS}
-    words = {
+    """Return the state as JSON values and arrays; later scans do not change them.
+
+    Parameters
+    ----------
+    detector : LiveDetector
+        The detector.
+    intake : Intake
+        What counts the scans.
+    names : set of str
+        Files that were read.
+    fingerprint : str
+        Digest of the run, recipe, model and settings.
+    """
+    return _header(detector, intake, names, fingerprint), _arrays(detector)
+
+
+def _arrays(detector: LiveDetector) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a detector, copies or such as are never changed in place."""
+    arrays: dict[str, NDArray[Any]] = {}
+    for name, value in detector.background.state().items():
+        arrays[f"background.{name}"] = value
+    for name, value in detector.view.items():
+        arrays[f"view.{name}"] = value
+    for i, scan in enumerate(detector.history):
+        for name, value in vars(scan).items():
+            if isinstance(value, np.ndarray):
+                arrays[f"scan{i}.{name}"] = value
+    for name in _NUMBERS:
+        arrays[f"numbers.{name}"] = np.array(getattr(detector, name))
+    for number, held_scan in detector.held.items():
+        arrays[f"held{number}.signal"] = held_scan.signal
+    return arrays
+
+
+def _header(
+    detector: LiveDetector, intake: Intake, names: set[str], fingerprint: str
+) -> dict[str, Any]:
+    """Return what is no array of a detector and its intake, as JSON values."""
+    newest = None
+    if detector.newest is not None:
+        newest = [detector.newest[0], detector.newest[1].tolist()]
+    scalars = {}
+    for name, attribute in _SCALARS.items():
+        value = getattr(detector, attribute)
+        scalars[name] = value if np.isfinite(value) else None
+    return {
         "format": FORMAT,
         "version": VERSION,
         "fingerprint": fingerprint,
@@ -56,91 +98,126 @@ def take_snapshot(
         "intake": intake.state(),
         "gate": detector.gate.state(),
         "held": list(detector.held),
-        "history": [one.number for one in detector.history],
-        "alarms": [asdict(one) for one in detector.alarms.values()],
-        "first_pose": None if detector.first_pose is None else detector.first_pose.tolist(),
-        "before": None if detector.before is None else detector.before.tolist(),
-        "newest": None if newest is None else [newest[0], newest[1].tolist()],
-        "scalars": {name: value if np.isfinite(value) else None for name, value in scalars.items()},
+        "history": [scan.number for scan in detector.history],
+        "alarms": [asdict(alarm) for alarm in detector.alarms.values()],
+        "first_pose": _pose_as_json(detector.first_pose),
+        "before": _pose_as_json(detector.previous_pose),
+        "newest": newest,
+        "scalars": scalars,
     }
-    return words, arrays
+
+
+def _pose_as_json(pose: NDArray[np.float64] | None) -> list[float] | None:
+    """Return a pose as JSON values."""
+    return None if pose is None else pose.tolist()
+
+
+def _pose_from_json(values: list[float] | None) -> NDArray[np.float64] | None:
+    """Return a pose from JSON values."""
+    return None if values is None else np.asarray(values, dtype=np.float64)
 
 
 def write_snapshot(path: Path, snapshot: Snapshot) -> None:
-    """Write a snapshot beside its place and rename it when it is whole."""
-    words, arrays = snapshot
-    write_bundle(path, arrays, words, lasting=True)
+    """Write a snapshot to a temporary file and rename it when it is complete."""
+    header, arrays = snapshot
+    write_bundle(path, arrays, header, lasting=True)
 
 
 def read_snapshot(path: Path) -> Snapshot | None:
-    """Read a snapshot; None if there is none."""
+    """Read a snapshot; None if there is none.
+
+    Raises
+    ------
+    SnapshotError
+        If the file is damaged or of another format.
+    """
     try:
         bundle = Bundle(path, most=MAX_MEMORY)
-        words = bundle.about
+        header = bundle.about
         arrays = dict(bundle)
     except FileNotFoundError:
         return None
     except BundleError as error:
         raise SnapshotError(f"{error}; --fresh begins anew") from None
-    if (words.get("format"), words.get("version")) != (FORMAT, VERSION):
+    if (header.get("format"), header.get("version")) != (FORMAT, VERSION):
         raise SnapshotError(
             f"{path}: format must be {FORMAT} version {VERSION}; --fresh begins anew"
         )
-    return words, arrays
+    return header, arrays
 
 
 def restore_snapshot(
     snapshot: Snapshot, detector: LiveDetector, intake: Intake, fingerprint: str
 ) -> set[str]:
-    """Bring a new detector and intake, made alike, to a snapshot's state; give the names of the files read."""
-    words, arrays = snapshot
-    if words.get("fingerprint") != fingerprint:
+    """Bring a new detector and intake to a snapshot's state; return the files that were read.
+
+    Parameters
+    ----------
+    snapshot : tuple
+        As :func:`take_snapshot` returns it.
+    detector : LiveDetector
+        New, and of the same run, recipe, model and settings.
+    intake : Intake
+        New, of the same run.
+    fingerprint : str
+        Digest of the run, recipe, model and settings.
+
+    Raises
+    ------
+    SnapshotError
+        If the fingerprint differs or the snapshot is incomplete.
+    """
+    header, arrays = snapshot
+    if header.get("fingerprint") != fingerprint:
         raise SnapshotError(
             "the snapshot belongs to another run, recipe, model or setting; --fresh begins anew"
         )
     try:
-        return _restored(words, arrays, detector, intake)
+        _restore(header, arrays, detector, intake)
+        return set(header["names"])
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise SnapshotError(
             f"the snapshot does not hold what it must ({error!r}); --fresh begins anew"
         ) from None
 
 
-def _restored(
-    words: dict[str, Any], arrays: dict[str, NDArray[Any]], detector: LiveDetector, intake: Intake
-) -> set[str]:
+def _restore(
+    header: dict[str, Any], arrays: dict[str, NDArray[Any]], detector: LiveDetector, intake: Intake
+) -> None:
+    """Set the state of a detector and its intake."""
     detector.background.restore(_group(arrays, "background."))
     detector.view = _group(arrays, "view.")
-    detector.history = [
-        CleanedScan(number, **_group(arrays, f"scan{i}."))
-        for i, number in enumerate(words["history"])
-    ]
-    detector.alarms = {one["alarm_id"]: LiveAlarm(**one) for one in words["alarms"]}
+    detector.history = []
+    for i, number in enumerate(header["history"]):
+        detector.history.append(CleanedScan(number, **_group(arrays, f"scan{i}.")))
+    detector.alarms = {alarm["alarm_id"]: LiveAlarm(**alarm) for alarm in header["alarms"]}
     for name in _NUMBERS:
         setattr(detector, name, array("d", arrays[f"numbers.{name}"].tobytes()))
-    first = words["first_pose"]
-    newest = words["newest"]
-    before = words["before"]
-    detector.before = None if before is None else np.asarray(before, dtype=np.float64)
-    detector.first_pose = None if first is None else np.asarray(first, dtype=np.float64)
-    detector.newest = (
-        None if newest is None else (newest[0], np.asarray(newest[1], dtype=np.float64))
-    )
-    for name in _SCALARS:
-        value = words["scalars"][name]
-        setattr(detector, name, -np.inf if value is None else value)
-    detector.gate.restore(words["gate"])
-    poses = detector.gate.held
-    detector.held = {
-        number: Scan(number, poses[number].time, poses[number].pose, arrays[f"held{number}.signal"])
-        for number in map(int, words["held"])
-    }
-    intake.restore(words["intake"])
-    return set(words["names"])
+    detector.previous_pose = _pose_from_json(header["before"])
+    detector.first_pose = _pose_from_json(header["first_pose"])
+    detector.newest = None
+    if header["newest"] is not None:
+        number, pose = header["newest"]
+        detector.newest = (number, np.asarray(pose, dtype=np.float64))
+    for name, attribute in _SCALARS.items():
+        value = header["scalars"][name]
+        setattr(detector, attribute, -np.inf if value is None else value)
+    detector.gate.restore(header["gate"])
+    sightings = detector.gate.held
+    detector.held = {}
+    for entry in header["held"]:
+        number = int(entry)
+        sighting = sightings[number]
+        signal = arrays[f"held{number}.signal"]
+        detector.held[number] = Scan(number, sighting.time, sighting.pose, signal)
+    intake.restore(header["intake"])
 
 
 class SnapshotWriter:
-    """Writes snapshots in a thread of its own, one at a time; while one is being written others are passed over."""
+    """Writes snapshots in a thread of its own, one at a time.
+
+    Those offered meanwhile are skipped.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -152,7 +229,7 @@ class SnapshotWriter:
         if self._thread is None or not self._thread.is_alive():
             self.raise_error()
             self._thread = threading.Thread(
-                target=self._write_aside, args=(snapshot,), name="snapshot"
+                target=self._write_in_background, args=(snapshot,), name="snapshot"
             )
             self._thread.start()
 
@@ -168,13 +245,16 @@ class SnapshotWriter:
         if self._error is not None:
             raise self._error
 
-    def _write_aside(self, snapshot: Snapshot) -> None:
-        if sys.platform == "linux":  # where threads have priorities of their own: scans come first
+    def _write_in_background(self, snapshot: Snapshot) -> None:
+        """Write a snapshot in this thread, at the lowest priority."""
+        # On Linux threads have priorities of their own: scans come first.
+        if sys.platform == "linux":
             with suppress(OSError):  # a service may be forbidden to
                 os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
         self._write(snapshot)
 
     def _write(self, snapshot: Snapshot) -> None:
+        """Write a snapshot; an error is stored for the caller's thread."""
         try:
             write_snapshot(self._path, snapshot)
         except OSError as error:
@@ -182,8 +262,9 @@ class SnapshotWriter:
 
 
 def _group(arrays: dict[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
-    return {
-        name.removeprefix(prefix): array
-        for name, array in arrays.items()
-        if name.startswith(prefix)
-    }
+    """Return the arrays whose names begin with a prefix, without it."""
+    group = {}
+    for name, values in arrays.items():
+        if name.startswith(prefix):
+            group[name.removeprefix(prefix)] = values
+    return group

@@ -1,4 +1,4 @@
-"""How far a vehicle still drives before it stands, and whether an alarm comes before that."""
+"""Stopping distance of a vehicle, and whether it can stop before an alarm."""
 
 from __future__ import annotations
 
@@ -12,15 +12,19 @@ from flgpr.model import lane_to_scan
 
 @dataclass(frozen=True)
 class Vehicle:
-    """A vehicle and its brakes: it goes on while driver and brakes react, then slows evenly, ``v·t + v²/(2·a)``."""
+    """A vehicle and its brakes.
+
+    It drives on while driver and brakes react, then slows evenly: the stopping distance is ``v·t +
+    v²/(2·a)``.
+    """
 
     speed: float | None = None  #: v, m/s; None where no stopping distance is asked for
-    #: t, s: from the alarm to brakes that hold. Default 1.5 s, a driver who is alert and brakes that build up
+    #: t, s: from the alarm to brakes that hold. Default 1.5 s, a driver who is alert and brakes
+    #: that build up
     reaction: float = 1.5
-    deceleration: float = (
-        3.0  #: a, m/s². Default 3, loose ground; a dry road allows about 7, mud or ice 1 to 2
-    )
-    # : how far the vehicle's foremost wheel or bumper lies ahead of the array's reference point, m
+    #: a, m/s². Default 3, loose ground; a dry road allows about 7, mud or ice 1 to 2
+    deceleration: float = 3.0
+    #: how far the vehicle's foremost wheel or bumper lies ahead of the array's reference point, m
     front: float = 0.0
 
     def __post_init__(self) -> None:
@@ -43,17 +47,19 @@ class Vehicle:
         return self.speed * self.reaction + self.speed**2 / (2 * self.deceleration)
 
     def left(self, x: float, y: float, pose: NDArray[np.float64]) -> float:
-        """Distance from the vehicle's front to a place in the lane, along its heading, m; negative once past it."""
+        """Return the distance along the heading from the vehicle's front to a place, m.
+
+        It is negative once the vehicle is past the place.
+        """
         return float(lane_to_scan([x, y, 0.0], pose)[1]) - self.front
 
     def margin(self, left: float, latency: float) -> float | None:
-        """Room between the stand and an alarm, m, if the brakes are called for now; negative if it cannot stop before.
+        """Return the distance between the stand and an alarm, m, if the driver is alarmed now.
 
-        ``left`` was left when the scan was taken, ``latency`` seconds ago. None without a speed.
+        None without a speed. It is negative if the vehicle cannot stop before the alarm. ``left``
+        is the distance to the alarm, m, when the scan was taken, ``latency`` seconds ago.
         """
         stopping = self.stopping_distance
-        return (
-            None
-            if stopping is None or self.speed is None
-            else left - self.speed * latency - stopping
-        )
+        if stopping is None or self.speed is None:
+            return None
+        return left - self.speed * latency - stopping

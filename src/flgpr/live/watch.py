@@ -1,4 +1,7 @@
-"""Where scans come from: the inbox of what came, and a folder that is looked at in a thread of its own."""
+"""Where scans come from.
+
+The inbox of what arrived, and a folder that a thread of its own watches.
+"""
 
 from __future__ import annotations
 
@@ -13,28 +16,29 @@ from pathlib import Path
 from typing import Any, Literal
 
 from flgpr.door import DoorError, Folder
-from flgpr.io import ScanFileError, read_description
-from flgpr.io.scan_file import END_FILE, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
+from flgpr.store import ScanFileError, read_description
+from flgpr.store.scan_file import END_FILE, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
 
-# s between looks at a folder, while a scan is in hand and while one is waited for
-_LOOK = 0.004
-_GLANCE = 0.001
-_SETTLED = 0.05  # s after which a folder's time stamp tells of every change
-_PATIENCE = 1.0  # s that a file may stay shorter than it says
+# s between checks of a folder, while a scan is processed and while the next one is awaited
+_CHECK_BUSY = 0.004
+_CHECK_AWAITED = 0.001
+_SETTLED = 0.05  # s after which a folder's time stamp shows every change
+_PATIENCE = 1.0  # s that a file may stay shorter than its header states
 _MOST_WAITING = 32
 _MOST_BYTES_WAITING = 2**28
 _MOST_FILE = 2**63  # of a file larger than a frame only the head is read
 LARGEST_FRAME = 2**28
-"""Bytes that a frame may have, whatever its run is."""
+"""Most bytes that a frame of any run may have."""
 SOCKET = "socket"
-"""Name of what came over the socket."""
+"""Name of arrivals over the socket."""
 
 
 @dataclass(frozen=True)
 class Arrival:
-    """A description, a frame, the end, or an error that ends the watch, from ``name`` at ``when``, s since 1970.
+    """A description, a frame, the end, or an error that ends the watch.
 
-    A frame that breaks the format has its ScanFileError as ``value`` in place of ``data``.
+    It came from ``name`` at ``when``, s since 1970. A frame that breaks the format has its
+    ScanFileError as ``value`` in place of ``data``.
     """
 
     kind: Literal["run", "frame", "end", "failed"]
@@ -45,7 +49,7 @@ class Arrival:
 
 
 class ArrivalQueue(queue.Queue[Arrival]):
-    """Arrivals in their order; full with so many of them, or with so many bytes."""
+    """Arrivals in their order; the queue is full with so many of them, or with so many bytes."""
 
     def __init__(self, most: int = _MOST_WAITING, most_bytes: int = _MOST_BYTES_WAITING) -> None:
         super().__init__(most)
@@ -53,33 +57,38 @@ class ArrivalQueue(queue.Queue[Arrival]):
         self._bytes = 0
 
     def _put(self, item: Arrival) -> None:
+        """Add an arrival and count its bytes."""
         super()._put(item)
         self._bytes += len(item.data)
 
     def _get(self) -> Arrival:
+        """Remove an arrival and its bytes."""
         item = super()._get()
         self._bytes -= len(item.data)
         return item
 
     def _qsize(self) -> int:
+        """Return the number of arrivals; the largest one if there are too many bytes."""
         return self.maxsize if self._bytes >= self._most_bytes else super()._qsize()
 
 
 @dataclass
 class Inbox:
-    """What came and was not taken yet, and whether it is over; a source waits rather than filling the memory."""
+    """What arrived and was not taken yet, and whether the run ends.
+
+    A source waits rather than filling the memory.
+    """
 
     arrivals: queue.Queue[Arrival] = field(default_factory=ArrivalQueue)
     stop: threading.Event = field(default_factory=threading.Event)
-    awaited: bool = False  #: whether what comes is taken at once
-    largest: int | None = (
-        None  #: bytes that a frame of the run may have; None while the run is not known
-    )
+    awaited: bool = False  #: whether the next arrival is taken at once
+    #: most bytes that a frame of the run may have; None while the run is not known
+    largest: int | None = None
     _senders: Counter[str] = field(default_factory=Counter)
     _counting: threading.Lock = field(default_factory=threading.Lock)
 
     def put(self, arrival: Arrival) -> bool:
-        """Hand something over and tell whether it was; give up when it is over."""
+        """Hand an arrival over; return False if the run ended before there was room."""
         while not self.stop.is_set():
             with contextlib.suppress(queue.Full):
                 self.arrivals.put(arrival, timeout=0.1)
@@ -92,15 +101,18 @@ class Inbox:
             self._senders[outcome] += 1
 
     def take_senders(self) -> Counter[str]:
-        """Give how many senders were refused or ended since this was last asked."""
+        """Return how many senders were refused or ended since the last call."""
         with self._counting:
-            taken = self._senders
+            counts = self._senders
             self._senders = Counter()
-        return taken
+        return counts
 
 
 class FolderWatch(threading.Thread):
-    """Watches a folder, made now or later: ``run.json``, then ``*.scan`` in the order of names, then ``end.json``."""
+    """Watches a folder, which may be made later.
+
+    It reads ``run.json``, then ``*.scan`` in the order of names, then ``end.json``.
+    """
 
     def __init__(self, folder: Path, inbox: Inbox, known: set[str] | None = None) -> None:
         super().__init__(name=f"watch {folder}", daemon=True)
@@ -109,22 +121,24 @@ class FolderWatch(threading.Thread):
         self._known = set(known or ())
         self._began = time.time()
         self._growing: dict[str, tuple[int, float]] = {}
-        self._described = self._ended = False
+        self._described = False
+        self._ended = False
         self._stamp = -1
 
     def run(self) -> None:
-        """Look until it is over."""
+        """Check the folder until the run ends."""
         while not self._inbox.stop.is_set():
             try:
-                busy = self._look()
+                busy = self._check()
             except (OSError, ScanFileError) as error:
                 self._inbox.put(Arrival("failed", str(self._folder), time.time(), value=error))
                 return
             if not busy:
-                self._inbox.stop.wait(_GLANCE if self._inbox.awaited else _LOOK)
+                pause = _CHECK_AWAITED if self._inbox.awaited else _CHECK_BUSY
+                self._inbox.stop.wait(pause)
 
-    def _look(self) -> bool:
-        """Look once; tell whether something came."""
+    def _check(self) -> bool:
+        """Check the folder once; return whether a scan came."""
         try:
             stamp = self._folder.stat().st_mtime_ns
         except FileNotFoundError:
@@ -137,53 +151,55 @@ class FolderWatch(threading.Thread):
             if description is None:
                 return False
             self._described = True
-            self._inbox.put(
-                Arrival("run", str(self._folder), time.time(), value=description.as_json())
-            )
+            source = str(self._folder)
+            self._inbox.put(Arrival("run", source, time.time(), value=description.as_json()))
         names = set(os.listdir(self._folder))
-        self._known &= names  # a radar that takes away what was read lets us forget it
-        self._growing = {name: seen for name, seen in self._growing.items() if name in names}
+        self._known &= names  # files that the radar removed need not be remembered
+        for name in list(self._growing):
+            if name not in names:
+                del self._growing[name]
         new = sorted(name for name in names - self._known if name.endswith(SCAN_SUFFIX))
-        found = [name for name in new if self._read(name)]
-        if END_FILE in names and not self._ended and not found and not self._growing:
+        n_read = 0
+        for name in new:
+            n_read += self._read(name)
+        if END_FILE in names and not self._ended and not n_read and not self._growing:
             self._ended = True
             self._inbox.put(Arrival("end", END_FILE, time.time()))
-        self._stamp = stamp if settled and not found else -1
-        return bool(found)
+        self._stamp = stamp if settled and not n_read else -1
+        return n_read > 0
 
     def _read(self, name: str) -> bool:
-        """Hand a file over, unless it still grows."""
+        """Hand a file over; return False if it still grows or cannot be a scan."""
         try:
             with Folder(self._folder).open(name, _MOST_FILE) as file:
-                state = os.fstat(file.fileno())
-                data = (
-                    file.read(LARGEST_FRAME)
-                    if state.st_size <= LARGEST_FRAME
-                    else file.read(head_size())
-                )
+                status = os.fstat(file.fileno())
+                fits = status.st_size <= LARGEST_FRAME
+                data = file.read(LARGEST_FRAME if fits else head_size())
         except FileNotFoundError:
             return False
         except DoorError:
             self._known.add(name)  # links, folders and pipes are no scans
             return False
-        if self._grows(name, data, state.st_size):
+        if self._grows(name, data, status.st_size):
             return False
         self._known.add(name)
-        when = max(state.st_ctime, self._began)
+        when = max(status.st_ctime, self._began)
         return self._inbox.put(Arrival("frame", name, when, data))
 
     def _grows(self, name: str, data: bytes, size: int) -> bool:
-        """Tell whether a file is shorter than it says and may still be completed."""
+        """Return whether a file is shorter than its header states and may still be completed."""
         try:
-            short = frame_size(data) > size
+            is_short = frame_size(data) > size
         except TruncatedFrameError:
-            short = True
+            is_short = True
         except ScanFileError:
-            short = False
-        before, since = self._growing.get(name, (-1, 0.0))
+            is_short = False
+        previous_size, since = self._growing.get(name, (-1, 0.0))
         now = time.time()
-        if short and (size != before or now - since < _PATIENCE):
-            self._growing[name] = (size, now if size != before else since)
+        if size != previous_size:
+            since = now
+        if is_short and (size != previous_size or now - since < _PATIENCE):
+            self._growing[name] = (size, since)
             return True
         self._growing.pop(name, None)
         return False

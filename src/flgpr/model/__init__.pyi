@@ -5,6 +5,7 @@ from flgpr.model.ambiguity import clear_end as clear_end
 from flgpr.model.ambiguity import image_paths as image_paths
 from flgpr.model.ambiguity import tightest_paths as tightest_paths
 from flgpr.model.ambiguity import unambiguous_path as unambiguous_path
+from flgpr.model.aperture import LINE_STARTS as LINE_STARTS
 from flgpr.model.aperture import antennas_in_lane as antennas_in_lane
 from flgpr.model.aperture import aperture_pose as aperture_pose
 from flgpr.model.aperture import aperture_run as aperture_run

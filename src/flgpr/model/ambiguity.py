@@ -1,7 +1,8 @@
-"""What steps between tones keep apart: an echo of path p is the same data as one of path p + c/Δf.
+"""Range ambiguity of stepped tones: an echo of path p gives the same data as one of path p + c/Δf.
 
-Tones Δf apart sample the spectrum of the echoes, so an image shows an echo of path p at p + k·c/Δf as well, for every
-whole k. This tells whether such an alias falls inside an image, and what step or what image would keep it out.
+Tones Δf apart sample the spectrum of the echoes, so an image shows an echo of path p at p + k·c/Δf
+as well, for every whole k. These functions find whether such an alias falls inside an image, and
+which step or which image keeps it out.
 """
 
 from __future__ import annotations
@@ -23,24 +24,23 @@ Span = tuple[float, float]
 
 ALIAS_LEVEL = 0.25
 """Amplitude over an echo's own from which on its repetition counts as an alias: -12 dB."""
-_CHANCE = 3.5  # amplitude over 1/√N that N tones at random places pass at one path in 200,000
+_CHANCE = 3.5  # amplitude over 1/√N that N random tones exceed at one path in 200,000
 _EVEN = 1e-3  # spread of the steps of even tones, over the step
-_GAP = 20  # usual steps: what wider gaps do to the response lies beside the echo itself
-# places per usual step to which uneven tones are rounded: 6 degrees of phase at the first alias
-_FINENESS = 32
-_MOST_PLACES = 2**20
+_GAP = 20  # usual steps: the response to wider gaps lies beside the echo itself
+# Raster cells per usual step to which uneven tones are rounded: 6 degrees of phase at the first
+# alias.
+_CELLS_PER_STEP = 32
+_MOST_CELLS = 2**20
 _HALVINGS = 40
 
 
 @dataclass(frozen=True)
 class ImagePaths:
-    """Paths of an image (m, from transmitter by way of a pixel to receiver) against what its tones keep apart."""
+    """Paths of an image, from transmitter by a pixel to receiver, m, and its tones' ambiguity."""
 
     unambiguous: float  #: path after which echoes repeat, see :func:`unambiguous_path`
     cell: float  #: width of a range cell in path, c over the band
-    direct: (
-        float  #: shortest path that an echo can have: from a transmitter straight to its receiver
-    )
+    direct: float  #: shortest path of an echo: from a transmitter straight to its receiver
     nearest: float  #: no path by way of the image is shorter
     farthest: float  #: longest path by way of the image
 
@@ -71,15 +71,15 @@ class ImagePaths:
 
 
 def unambiguous_path(frequency: ArrayLike) -> float:
-    """Give the path after which the echoes of tones repeat, m: c/Δf for even tones, infinite for a single one.
+    """Return the path after which the echoes of tones repeat, m.
 
-    Uneven tones repeat exactly after c over their greatest common spacing, which may be far off,
-    and nearly as strongly before: half the tones 5 MHz and half 2.5 MHz apart show an echo 60 m
-    behind itself with a third of its amplitude. So the first path counts at which the response of
-    the tones, ``|Σ_f exp(j2πfL/c)|`` over their number N, comes back to ``ALIAS_LEVEL``, or to
-    3.5/√N where chance alone brings more; infinite if none does within two usual steps' path.
-    Missing tones and gaps up to 20 usual steps are no coarser steps: such tones repeat as if none
-    were missing.
+    It is c/Δf for even tones and infinite for a single one. Uneven tones repeat exactly after c
+    over their greatest common spacing, which may be far off, and nearly as strongly before: half
+    the tones 5 MHz and half 2.5 MHz apart show an echo 60 m behind itself with a third of its
+    amplitude. So the first path counts at which the response of the tones, ``|Σ_f exp(j2πfL/c)|``
+    over their number N, returns to ``ALIAS_LEVEL``, or to 3.5/√N where chance alone brings more;
+    infinite if none does within two usual steps' path. Missing tones and gaps up to 20 usual steps
+    are no coarser steps: such tones repeat as if none were missing.
 
     Examples
     --------
@@ -98,12 +98,12 @@ def unambiguous_path(frequency: ArrayLike) -> float:
 
 
 def _first_return(tones: FloatArray, usual: float) -> float:
-    """Find the first path at which the response of uneven tones, rounded to a fine raster, comes back."""
+    """Return the first path at which the response of uneven tones, on a fine raster, returns."""
     band = float(np.ptp(tones))
-    raster = max(usual / _FINENESS, band / _MOST_PLACES)
-    places = np.rint((tones - tones[0]) / raster).astype(np.intp)
-    size = 2 ** math.ceil(math.log2(4 * (places[-1] + 1)))
-    response = np.abs(np.fft.rfft(np.bincount(places, minlength=size))) / tones.size
+    raster = max(usual / _CELLS_PER_STEP, band / _MOST_CELLS)
+    cells = np.rint((tones - tones[0]) / raster).astype(np.intp)
+    size = 2 ** math.ceil(math.log2(4 * (cells[-1] + 1)))
+    response = np.abs(np.fft.rfft(np.bincount(cells, minlength=size))) / tones.size
     path = SPEED_OF_LIGHT / (size * raster) * np.arange(response.size)
     begin = SPEED_OF_LIGHT * max(1 / (_GAP * usual), 2 / band)
     searched = (path >= begin) & (path <= 2.01 * SPEED_OF_LIGHT / usual)
@@ -117,7 +117,10 @@ def _first_return(tones: FloatArray, usual: float) -> float:
 
 
 def alias_paths(path: float, unambiguous: float, nearest: float, farthest: float) -> FloatArray:
-    """Give the paths (n,) from ``nearest`` to ``farthest`` at which an echo appears besides its own, m, rising."""
+    """Return the rising paths (n,), m, at which an echo appears besides its own.
+
+    They lie from ``nearest`` to ``farthest``.
+    """
     if not math.isfinite(unambiguous):
         return np.empty(0)
     first = math.ceil((nearest - path) / unambiguous)
@@ -127,37 +130,61 @@ def alias_paths(path: float, unambiguous: float, nearest: float, farthest: float
 
 
 def longest_path(tx: ArrayLike, rx: ArrayLike, x: Span, y: Span) -> float:
-    """Give the longest path of any pair (pair, 3) by way of a rectangle of ground, to a corner: paths are convex."""
+    """Return the longest path of any pair (pair, 3) by way of a rectangle of ground, m.
+
+    It leads to a corner, as paths are convex.
+    """
     corners = np.array([(a, b, 0.0) for a, b in itertools.product(x, y)])[:, None]
-    return float(sum(np.linalg.norm(corners - np.asarray(end), axis=-1) for end in (tx, rx)).max())
+    there = np.linalg.norm(corners - np.asarray(tx), axis=-1)
+    back = np.linalg.norm(corners - np.asarray(rx), axis=-1)
+    return float((there + back).max())
 
 
 def shortest_path(tx: ArrayLike, rx: ArrayLike, x: Span, y: Span) -> float:
-    """Give a path that none of any pair (pair, 3) by way of a rectangle of ground falls below.
+    """Return a lower bound of the paths of all pairs (pair, 3) by way of a rectangle of ground, m.
 
     It is the antennas' distances to the rectangle, each to the point that is nearest to it.
     """
     total = 0.0
     for end in (np.asarray(tx, dtype=float), np.asarray(rx, dtype=float)):
-        beside = end[:, 0] - np.clip(end[:, 0], *x)
+        across = end[:, 0] - np.clip(end[:, 0], *x)
         ahead = end[:, 1] - np.clip(end[:, 1], *y)
-        total = total + np.sqrt(beside**2 + ahead**2 + end[:, 2] ** 2)
+        total = total + np.sqrt(across**2 + ahead**2 + end[:, 2] ** 2)
     return float(np.min(total))
 
 
 def image_paths(frequency: ArrayLike, tx: ArrayLike, rx: ArrayLike, x: Span, y: Span) -> ImagePaths:
-    """Compare the paths by way of an image with what its tones (Hz) keep apart.
+    """Return the paths by way of an image and the ambiguity of its tones.
 
-    Antennas (pair, 3) and the image's borders are in the scan frame, heights over the ground. The shortest path that an
-    echo can have is that of the direct coupling, the brightest of all: subtracting the self-signature leaves of it what
-    drifts. The ground below the antennas follows at twice their height.
+    The shortest path of an echo is that of the direct coupling, the brightest of all: subtracting
+    the self-signature leaves what of it drifts. The ground below the antennas follows at twice
+    their height.
+
+    Parameters
+    ----------
+    frequency : (frequency,) array_like
+        Tones, Hz.
+    tx, rx : (pair, 3) array_like
+        Antennas in the scan frame, heights over the ground, m.
+    x, y : tuple of float
+        Borders of the image in the scan frame, m.
+
+    Returns
+    -------
+    ImagePaths
+        The paths.
     """
     tones = check_frequency(frequency)
     direct = np.linalg.norm(np.asarray(tx, dtype=float) - np.asarray(rx, dtype=float), axis=-1)
     band = float(np.ptp(tones))
     cell = SPEED_OF_LIGHT / band if band else 0.0
-    paths = shortest_path(tx, rx, x, y), longest_path(tx, rx, x, y)
-    return ImagePaths(unambiguous_path(tones), cell, float(direct.min()), *paths)
+    return ImagePaths(
+        unambiguous_path(tones),
+        cell,
+        float(direct.min()),
+        shortest_path(tx, rx, x, y),
+        longest_path(tx, rx, x, y),
+    )
 
 
 def tightest_paths(
@@ -168,32 +195,37 @@ def tightest_paths(
     x: Span,
     y: Span,
 ) -> ImagePaths:
-    """Compare an image's paths with the tones of every sub-band (Hz) by themselves; give what has least room.
+    """Return :func:`image_paths` of the sub-band (Hz) with the least room.
 
-    Sub-bands without a tone are passed over; without any other the whole band counts.
+    Sub-bands without a tone are skipped; if all are, the whole band counts.
     """
     tones = check_frequency(frequency)
-    chosen = [tones[(tones >= low) & (tones <= high)] for low, high in subbands.values()]
-    found = [image_paths(part, tx, rx, x, y) for part in chosen if part.size]
-    return min(
-        found or [image_paths(tones, tx, rx, x, y)],
-        key=lambda paths: paths.unambiguous - paths.needed,
-    )
+    paths = []
+    for low, high in subbands.values():
+        in_band = tones[(tones >= low) & (tones <= high)]
+        if in_band.size:
+            paths.append(image_paths(in_band, tx, rx, x, y))
+    if not paths:
+        paths = [image_paths(tones, tx, rx, x, y)]
+    return min(paths, key=lambda of_band: of_band.unambiguous - of_band.needed)
 
 
 def clear_end(paths: ImagePaths, tx: ArrayLike, rx: ArrayLike, x: Span, y: Span) -> float:
-    """Give how far ahead an image may end, m, for echoes from before it to stay out; NaN if it may not even begin."""
+    """Return how far ahead an image may end, m, without echoes from before it.
+
+    It is NaN if the image may not even begin.
+    """
     most = paths.longest_clear
-    near, far = y
-    if longest_path(tx, rx, x, (near, near)) > most:
+    clear, aliased = y
+    if longest_path(tx, rx, x, (clear, clear)) > most:
         return math.nan
     for _ in range(_HALVINGS):
-        middle = (near + far) / 2
+        middle = (clear + aliased) / 2
         if longest_path(tx, rx, x, (y[0], middle)) > most:
-            far = middle
+            aliased = middle
         else:
-            near = middle
-    return near
+            clear = middle
+    return clear
 
 
 def check_tones(sensor: Sensor, x: Span, y: Span) -> ImagePaths:
@@ -202,23 +234,22 @@ def check_tones(sensor: Sensor, x: Span, y: Span) -> ImagePaths:
     Raises
     ------
     ValueError
-        ``tones.step`` is wider than c over the image's longest path and a range cell less the
-        shortest path that an echo can have; the error tells the widest step, and where the image
-        may end for the step given.
+        If ``tones.step`` is wider than c over the image's longest path and a range cell less the
+        shortest path of an echo. The error names the widest step, and where the image may end with
+        the step of the sensor.
     """
     tx, rx = (side + [0.0, 0.0, sensor.height] for side in sensor.pairs())
     paths = image_paths(sensor.tones.axis(), tx, rx, x, y)
-    if paths.aliased:
-        end = clear_end(paths, tx, rx, x, y)
-        mend = (
-            f", or end the image {math.floor(100 * end) / 100:g} m ahead"
-            if math.isfinite(end)
-            else ""
-        )
-        raise ValueError(
-            f"tones.step must be at most {math.floor(paths.widest_step / 1e4) / 100:g} MHz for an image up to "
-            f"{y[1]:g} m ahead, whose longest path is {paths.farthest:.4g} m, got {sensor.tones.step / 1e6:g} MHz: "
-            f"echoes repeat after {paths.unambiguous:.4g} m of path, so what lies under and before the sensor appears "
-            f"in the image again; take finer steps{mend}"
-        )
-    return paths
+    if not paths.aliased:
+        return paths
+    widest = math.floor(paths.widest_step / 1e4) / 100
+    end = clear_end(paths, tx, rx, x, y)
+    shorter_image = ""
+    if math.isfinite(end):
+        shorter_image = f", or end the image {math.floor(100 * end) / 100:g} m ahead"
+    raise ValueError(
+        f"tones.step must be at most {widest:g} MHz for an image up to {y[1]:g} m ahead, whose "
+        f"longest path is {paths.farthest:.4g} m, got {sensor.tones.step / 1e6:g} MHz: "
+        f"echoes repeat after {paths.unambiguous:.4g} m of path, so what lies under and before "
+        f"the sensor appears in the image again; take finer steps{shorter_image}"
+    )

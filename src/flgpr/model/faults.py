@@ -1,8 +1,7 @@
-"""Files of entries (scene, sensor, body, recipe, mapping): read, and what is wrong with one in words that help."""
+"""Reading of TOML files (scene, sensor, body, recipe, mapping), and messages on their faults."""
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from difflib import get_close_matches
 from importlib.resources.abc import Traversable
@@ -11,27 +10,21 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from flgpr.door import read_named
+from flgpr.door import parse_toml, read_named
 
-_BRANCHES = (
-    "float",
-    "str",
-    "Variable",
-)  # what pydantic calls the kinds of an entry that may be of several
+# Names that pydantic inserts into a location where an entry may be of several types.
+_TYPE_NAMES = ("float", "str", "Variable")
 Entries = TypeVar("Entries", bound=BaseModel)
 
 
 def preset_names(folder: Traversable) -> list[str]:
-    """Names of the TOML files in a folder of the package."""
-    return sorted(
-        entry.name.removesuffix(".toml")
-        for entry in folder.iterdir()
-        if entry.name.endswith(".toml")
-    )
+    """Return the names of the TOML files in a folder of the package."""
+    names = [entry.name for entry in folder.iterdir()]
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
 def load_preset(schema: type[Entries], kind: str, name: str | Path, folder: Traversable) -> Entries:
-    """Load a preset of the package, or a TOML file; a fault is a ValueError that names the entry."""
+    """Load a preset or a TOML file; a fault is a ValueError that names the entry."""
     if str(name) in preset_names(folder):
         data = (folder / f"{name}.toml").read_bytes()
     elif Path(name).is_file():
@@ -41,62 +34,72 @@ def load_preset(schema: type[Entries], kind: str, name: str | Path, folder: Trav
     return parse_entries(schema, data, f"{kind} {name}", kind)
 
 
-def parse_entries(schema: type[Entries], data: str | bytes, what: str, whole: str = "") -> Entries:
-    """Read TOML that is ``what``; see :func:`describe_fault` for ``whole``."""
+def parse_entries(
+    schema: type[Entries], data: str | bytes, what: str, file_name: str = ""
+) -> Entries:
+    """Read TOML, which errors call ``what``; see :func:`describe_fault` for ``file_name``."""
     try:
-        return schema.model_validate(
-            tomllib.loads(data if isinstance(data, str) else data.decode("utf-8"))
-        )
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        tables = parse_toml(data)
+    except ValueError as error:
         raise ValueError(f"{what}: not valid TOML: {error}") from None
+    try:
+        return schema.model_validate(tables)
     except ValidationError as error:
-        raise ValueError(f"{what}: {first_fault(error, schema, whole)}") from None
+        raise ValueError(f"{what}: {first_fault(error, schema, file_name)}") from None
 
 
-def describe_fault(fault: Any, schema: type[BaseModel], whole: str) -> str:
-    """Tell one fault in a line, ``targets.0.dept: no such entry; did you mean depth?``, or of the ``whole`` file."""
-    place = tuple(part for part in fault["loc"] if part not in _BRANCHES)
-    where = ".".join(map(str, place)) or whole
-    return f"{where}: {_rule(fault, schema, place)}" if where else _rule(fault, schema, place)
+def describe_fault(fault: Any, schema: type[BaseModel], file_name: str) -> str:
+    """Return a fault in a line, ``targets.0.dept: no such entry; did you mean depth?``.
+
+    A fault of no entry is one of the whole file, called ``file_name``.
+    """
+    path = tuple(step for step in fault["loc"] if step not in _TYPE_NAMES)
+    where = ".".join(map(str, path)) or file_name
+    rule = _rule(fault, schema, path)
+    return f"{where}: {rule}" if where else rule
 
 
-def first_fault(error: ValidationError, schema: type[BaseModel], whole: str = "") -> str:
-    """Tell the first fault of a validation, unknown entries before missing ones; see :func:`describe_fault`."""
-    return describe_fault(
-        min(error.errors(), key=lambda one: one["type"] != "extra_forbidden"), schema, whole
-    )
+def first_fault(error: ValidationError, schema: type[BaseModel], file_name: str = "") -> str:
+    """Return the first fault of a validation, unknown entries first; see :func:`describe_fault`."""
+    faults = error.errors()
+    unknown = [fault for fault in faults if fault["type"] == "extra_forbidden"]
+    return describe_fault((unknown or faults)[0], schema, file_name)
 
 
 def _rule(fault: Any, schema: type[BaseModel], path: tuple[str | int, ...]) -> str:
-    said = str(fault["msg"]).removeprefix("Value error, ")
+    """Return the rule that an entry breaks, with what might have been meant."""
+    message = str(fault["msg"]).removeprefix("Value error, ")
     if fault["type"] == "missing":
         return "is missing"
     if fault["type"] == "extra_forbidden":
-        known = sorted(
-            {name for model in _models_at(schema, path[:-1]) for name in model.model_fields}
-        )
-        near = get_close_matches(str(path[-1]), known, 1)
-        if near:
-            return f"no such entry; did you mean {near[0]}?"
+        names: set[str] = set()
+        for model in _models_at(schema, path[:-1]):
+            names |= set(model.model_fields)
+        known = sorted(names)
+        close = get_close_matches(str(path[-1]), known, 1)
+        if close:
+            return f"no such entry; did you mean {close[0]}?"
         return "no such entry" + (f"; there are {', '.join(known)}" if known else "")
-    if isinstance(fault["input"], str | int | float) and "got " not in said:
-        return f"{said[0].lower()}{said[1:]}, got {fault['input']!r}"
-    return said
+    if isinstance(fault["input"], str | int | float) and "got " not in message:
+        return f"{message[0].lower()}{message[1:]}, got {fault['input']!r}"
+    return message
 
 
 def _models_at(schema: type[BaseModel], path: tuple[str | int, ...]) -> list[type[BaseModel]]:
-    """Models that may stand at a place, found by walking down the types of the entries."""
-    here = [schema]
-    for part in path:
-        if isinstance(part, str):
-            fields = [
-                model.model_fields[part].annotation for model in here if part in model.model_fields
-            ]
-            here = [model for field in fields for model in _models_in(field)]
-    return here
+    """Return the models that an entry may be of, from the types of the entries on the way to it."""
+    models = [schema]
+    for name in path:
+        if isinstance(name, str):
+            inner: list[type[BaseModel]] = []
+            for model in models:
+                if name in model.model_fields:
+                    inner += _models_in(model.model_fields[name].annotation)
+            models = inner
+    return models
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Iterate over the models in a type annotation."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for inner in get_args(annotation):
@@ -104,11 +107,11 @@ def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
 
 
 def no_preset(kind: str, name: str | Path, presets: list[str]) -> str:
-    """Say that a name is neither a preset nor a file that is there."""
+    """Return the message that a name is neither a preset nor an existing file."""
     if Path(name).suffix or len(Path(name).parts) > 1:
         return f"{kind} file not found: {name}"
-    near = get_close_matches(str(name), presets, 1)
-    return (
-        f"{kind} must be a TOML file or one of {', '.join(presets)}, got {str(name)!r}"
-        + (f"; did you mean {near[0]}?" if near else "")
-    )  # fmt: skip
+    message = f"{kind} must be a TOML file or one of {', '.join(presets)}, got {str(name)!r}"
+    close = get_close_matches(str(name), presets, 1)
+    if close:
+        message += f"; did you mean {close[0]}?"
+    return message

@@ -1,9 +1,10 @@
 """Lane, vehicle and scan frames, and the pixel grids that lie in them.
 
-Lane frame: x cross-track (right positive), y down-track (forward positive), z up, mean ground at z = 0. Vehicle frame:
-the same axes at the array's reference point. Scan frame: the vehicle frame levelled and dropped to the ground, that is
-lane axes turned by the heading only, origin on the mean ground below the array's reference point. Scan images live in
-it, because whatever moves with the vehicle (the self-signature) stays in place there.
+Lane frame: x cross-track (right positive), y down-track (forward positive), z up, mean ground at z
+= 0. Vehicle frame: the same axes at the array's reference point. Scan frame: the vehicle frame
+levelled and dropped to the ground, that is lane axes turned by the heading only, origin on the mean
+ground below the array's reference point. Scan images live in it, because whatever moves with the
+vehicle (the self-signature) stays in place there.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ if TYPE_CHECKING:
 
 
 def attitude_matrix(pitch: ArrayLike, roll: ArrayLike) -> NDArray[np.float64]:
-    """Rotations Rx(pitch)·Ry(roll), (..., 3, 3), from the vehicle frame to level axes along the vehicle."""
-    (cp, sp), (cr, sr) = _cos_sin(pitch), _cos_sin(roll)
+    """Return rotations Rx(pitch)·Ry(roll), (..., 3, 3), from the vehicle frame to level axes."""
+    cp, sp = _cos_sin(pitch)
+    cr, sr = _cos_sin(roll)
     m = np.zeros((*cp.shape, 3, 3))
     m[..., 0, 0] = cr
     m[..., 0, 2] = sr
@@ -35,7 +37,10 @@ def attitude_matrix(pitch: ArrayLike, roll: ArrayLike) -> NDArray[np.float64]:
 
 
 def heading_matrix(heading: ArrayLike) -> NDArray[np.float64]:
-    """Rotations Rz(-heading), (..., 3, 3), from level axes along the vehicle to the lane frame; clockwise from +y."""
+    """Return rotations Rz(-heading), (..., 3, 3), from level axes along the vehicle to lane axes.
+
+    The heading is clockwise from +y.
+    """
     c, s = _cos_sin(heading)
     m = np.zeros((*c.shape, 3, 3))
     m[..., 0, 0] = m[..., 1, 1] = c
@@ -46,31 +51,40 @@ def heading_matrix(heading: ArrayLike) -> NDArray[np.float64]:
 
 
 def pose_matrix(pose: ArrayLike) -> NDArray[np.float64]:
-    """Rotations Rz(-heading)·Rx(pitch)·Ry(roll), (..., 3, 3), from the vehicle frame to lane axes of poses (..., 6)."""
+    """Return rotations Rz(-heading)·Rx(pitch)·Ry(roll), (..., 3, 3), of poses (..., 6).
+
+    They turn the vehicle frame to lane axes.
+    """
     p = np.asarray(pose, dtype=np.float64)
     return heading_matrix(p[..., 3]) @ attitude_matrix(p[..., 4], p[..., 5])
 
 
 def _cos_sin(angle: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Cosine and sine by the mathematical library: NumPy's differ between processors in the last bit."""
-    every = np.asarray(angle, dtype=np.float64)
-    of = every.ravel().tolist()
-    return np.reshape([*map(math.cos, of)], every.shape), np.reshape(
-        [*map(math.sin, of)], every.shape
-    )
+    """Compute cosine and sine by the mathematical library.
+
+    NumPy's differ between processors in the last bit.
+    """
+    angles = np.asarray(angle, dtype=np.float64)
+    numbers = angles.ravel().tolist()
+    cosine = np.reshape([math.cos(number) for number in numbers], angles.shape)
+    sine = np.reshape([math.sin(number) for number in numbers], angles.shape)
+    return cosine, sine
 
 
 def _shift(pose: NDArray[np.float64], components: list[int]) -> NDArray[np.float64]:
-    """Those components of the place, zero in the others: (3,) of one pose, (..., 1, 3) of several."""
+    """Return some components of the position, the others zero.
+
+    The shape is (3,) for one pose and (..., 1, 3) for several.
+    """
     shift = np.zeros((*pose.shape[:-1], 3))
     shift[..., components] = pose[..., components]
     return shift if pose.ndim == 1 else shift[..., None, :]
 
 
 def attitude_angles(rotation: ArrayLike) -> NDArray[np.float64]:
-    """Heading, pitch and roll (..., 3), rad, of rotations (..., 3, 3) from the vehicle frame to lane axes.
+    """Return heading, pitch and roll (..., 3), rad, of rotations (..., 3, 3) to lane axes.
 
-    The inverse of ``Rz(-heading)·Rx(pitch)·Ry(roll)``, with the pitch within ±π/2.
+    This is the inverse of ``Rz(-heading)·Rx(pitch)·Ry(roll)``, with the pitch within ±π/2.
     """
     m = np.asarray(rotation, dtype=np.float64)
     heading = np.arctan2(m[..., 0, 1], m[..., 1, 1])
@@ -79,7 +93,7 @@ def attitude_angles(rotation: ArrayLike) -> NDArray[np.float64]:
 
 
 def ground_points(table: pd.DataFrame) -> NDArray[np.float64]:
-    """Points (n, 3) on the mean ground of the lane frame, m, of a table with ``x`` and ``y``."""
+    """Return the points (n, 3) on the mean ground, m, of a table with ``x`` and ``y``."""
     points = np.zeros((len(table), 3))
     points[:, 0] = table["x"]
     points[:, 1] = table["y"]
@@ -87,33 +101,36 @@ def ground_points(table: pd.DataFrame) -> NDArray[np.float64]:
 
 
 def vehicle_to_scan(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
-    """Take points (..., 3), m, from the vehicle frame to the scan frame of a pose (6,).
+    """Convert points (..., 3), m, from the vehicle frame to the scan frame of a pose (6,).
 
-    This and its kin take points (..., point, 3) for poses (..., 6) as well, whose leading axes broadcast.
+    This and the functions below also convert points (..., point, 3) for poses (..., 6), whose
+    leading axes broadcast.
     """
     p = np.asarray(pose, dtype=np.float64)
-    level = np.asarray(position, dtype=np.float64) @ attitude_matrix(p[..., 4], p[..., 5]).swapaxes(
-        -1, -2
-    )
+    rotation = attitude_matrix(p[..., 4], p[..., 5])
+    level = np.asarray(position, dtype=np.float64) @ rotation.swapaxes(-1, -2)
     return level + _shift(p, [2])
 
 
 def scan_to_lane(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
-    """Take points (..., 3), m, from the scan frame of a pose (6,) to the lane frame."""
+    """Convert points (..., 3), m, from the scan frame of a pose (6,) to the lane frame."""
     p = np.asarray(pose, dtype=np.float64)
-    return np.asarray(position, dtype=np.float64) @ heading_matrix(p[..., 3]).swapaxes(
-        -1, -2
-    ) + _shift(p, [0, 1])
+    rotation = heading_matrix(p[..., 3])
+    turned = np.asarray(position, dtype=np.float64) @ rotation.swapaxes(-1, -2)
+    return turned + _shift(p, [0, 1])
 
 
 def lane_to_scan(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
-    """Take points (..., 3), m, from the lane frame to the scan frame of a pose (6,), undoing :func:`scan_to_lane`."""
+    """Convert points (..., 3), m, from the lane frame to the scan frame of a pose (6,)."""
     p = np.asarray(pose, dtype=np.float64)
     return (np.asarray(position, dtype=np.float64) - _shift(p, [0, 1])) @ heading_matrix(p[..., 3])
 
 
 def vehicle_to_lane(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
-    """Take points (..., 3), m, from the vehicle to the lane frame: ``t + Rz(-heading)·Rx(pitch)·Ry(roll)·p``."""
+    """Convert points (..., 3), m, from the vehicle frame to the lane frame.
+
+    A point p becomes ``t + Rz(-heading)·Rx(pitch)·Ry(roll)·p``.
+    """
     return scan_to_lane(vehicle_to_scan(position, pose), pose)
 
 
@@ -148,7 +165,7 @@ class Grid:
 
     @classmethod
     def spanning(cls, x: tuple[float, float], y: tuple[float, float], spacing: float) -> Grid:
-        """Make the grid whose first and last pixel centres lie on the given limits, the last rounded to the spacing."""
+        """Return the grid with pixel centres on the limits, the last rounded to the spacing."""
         if not spacing > 0:
             raise ValueError(f"spacing must be positive, got {spacing}")
         if not (x[1] > x[0] and y[1] > y[0]):
@@ -190,10 +207,13 @@ class Grid:
 
     def corners(self, y_max: float = math.inf) -> NDArray[np.float64]:
         """Corners (4, 3) of the outer edges, no farther than ``y_max``, z = 0."""
-        x_min, x_max, near, far = self.extent()
-        return np.array([(x, y, 0.0) for x in (x_min, x_max) for y in (near, min(far, y_max))])
+        left, right, bottom, top = self.extent()
+        end = min(top, y_max)
+        return np.array(
+            [(left, bottom, 0.0), (left, end, 0.0), (right, bottom, 0.0), (right, end, 0.0)]
+        )
 
 
 def _centres(first: float, spacing: float, count: int) -> NDArray[np.float64]:
-    # Rounded to a nanometre, so that tables of positions do not end in 0000000000002.
+    """Return pixel centres, rounded to a nanometre so that tables do not end in 0000000000002."""
     return np.asarray(np.round(first + spacing * np.arange(count), 9), dtype=np.float64)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class Lane:
     """The rectangle that is scored; a point on its border is inside."""
 
-    #: x_min, x_max, y_min, y_max: its borders in the lane frame, m. A point on the border is inside
+    #: x_min, x_max, y_min, y_max: its borders in the lane frame, m
     x_min: float
     x_max: float
     y_min: float
@@ -39,18 +39,21 @@ class Lane:
         return (self.x_max - self.x_min) * (self.y_max - self.y_min)
 
     def contains(self, x: Any, y: Any) -> Any:
-        """Tell which points lie in the lane or on its border."""
+        """Mark the points that lie in the lane or on its border."""
         x = np.asarray(x, dtype=float)
         y = np.asarray(y, dtype=float)
         return (x >= self.x_min) & (x <= self.x_max) & (y >= self.y_min) & (y <= self.y_max)
 
 
 def as_lane(lane: Lane | Mapping[str, float] | pd.DataFrame | pd.Series[Any]) -> Lane:
-    """Take a lane, or what holds x_min, x_max, y_min and y_max (m) once; a border missing or wrong is a ValueError."""
+    """Return a lane, or make one of what holds x_min, x_max, y_min and y_max (m) once.
+
+    A border that is missing or wrong is a ValueError.
+    """
     if isinstance(lane, Lane):
         return lane
     row: Any = lane
-    if getattr(row, "ndim", 1) == 2:  # a table; pandas is not asked, for it takes long to load
+    if getattr(row, "ndim", 1) == 2:  # a table; pandas is not imported to ask, which takes long
         if len(row) != 1:
             raise ValueError(f"lane must be one row, got a table of {len(row)} rows")
         row = row.iloc[0]

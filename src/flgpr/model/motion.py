@@ -1,4 +1,4 @@
-"""Which poses of a stored run are plausible: judged one after the other as live, and told in words."""
+"""Plausible poses of a stored run, judged one after the other as live, and what to say of them."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from flgpr.model.plausible import (
 if TYPE_CHECKING:
     import xarray as xr
 
-_LISTED = 3  # steps that are told one by one
-_AIRBORNE = 100.0  # m above the ground, from where on a run is no vehicle's
+_LISTED = 3  # steps that are listed one by one
+_AIRBORNE = 100.0  # m above the ground, from where on a run is no ground vehicle's
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How plausible a track is: which poses (scan,) are, and what is told of the others."""
+    """Plausibility of a track."""
 
-    plausible: NDArray[np.bool_]
+    plausible: NDArray[np.bool_]  #: (scan,): poses that are plausible
     steps: list[Step] = field(default_factory=list)  #: of poses that are not plausible
-    restarts: list[Step] = field(default_factory=list)  #: after which positions go on elsewhere
+    restarts: list[Step] = field(default_factory=list)  #: after which positions continue elsewhere
     clock: list[Step] = field(default_factory=list)  #: of times that are not plausible
     fits: bool = True  #: False where the limits do not fit the track, so that nothing is left out
 
@@ -44,22 +44,24 @@ class Motion:
         return [int(scan) for scan in np.flatnonzero(~self.plausible)]
 
     def notes(self) -> list[str]:
-        """Tell what is implausible in lines, the first few with their numbers; none if nothing is."""
+        """Return lines on what is implausible, with the first few numbers; none if nothing is."""
         lines = []
         count = self.plausible.size
         if not self.fits:
             lines.append(
-                f"{len(self.steps)} of {count} scans lie farther from those before than [motion] allows, too many to "
-                f"be faults: all are used; set its limits for this vehicle: {some_steps(self.steps)}"
+                f"{len(self.steps)} of {count} scans lie farther from those before than [motion] "
+                "allows, too many to be faults: all are used; set its limits for this vehicle: "
+                f"{some_steps(self.steps)}"
             )
         elif self.left_out:
             lines.append(
-                f"{len(self.left_out)} of {count} scans have positions that no vehicle reaches, which "
-                f"images leave out: {some_steps(self.steps)}"
+                f"{len(self.left_out)} of {count} scans have positions that no vehicle reaches, "
+                f"which images leave out: {some_steps(self.steps)}"
             )
         if self.restarts and self.fits:
             lines.append(
-                f"positions jump {_times(self.restarts)} and go on from there: {some_steps(self.restarts)}"
+                f"positions jump {_times(self.restarts)} and go on from there: "
+                f"{some_steps(self.restarts)}"
             )
         if self.clock:
             lines.append(
@@ -68,19 +70,24 @@ class Motion:
         return lines
 
     def as_json(self) -> dict[str, Any]:
-        """Give it as JSON values."""
-        told = {"steps": self.steps, "restarts": self.restarts, "clock": self.clock}
-        lists = {name: [one.as_json() for one in steps] for name, steps in told.items()}
-        return {"scans": self.left_out, "fits": self.fits} | lists
+        """Return it as JSON values."""
+        return {
+            "scans": self.left_out,
+            "fits": self.fits,
+            "steps": [step.as_json() for step in self.steps],
+            "restarts": [step.as_json() for step in self.restarts],
+            "clock": [step.as_json() for step in self.clock],
+        }
 
 
 def some_steps(steps: Sequence[Step]) -> str:
-    """Tell the first few steps in words, and how many more there are."""
+    """Return a text on the first few steps, and how many more there are."""
     more = f"; and {len(steps) - _LISTED} more" if len(steps) > _LISTED else ""
-    return "; ".join(one.words for one in steps[:_LISTED]) + more
+    return "; ".join(step.words for step in steps[:_LISTED]) + more
 
 
 def _times(steps: Sequence[Step]) -> str:
+    """Return "once" or the number of times."""
     return "once" if len(steps) == 1 else f"{len(steps)} times"
 
 
@@ -90,11 +97,32 @@ def judge_poses(
     limits: MotionLimits | None = None,
     number: ArrayLike | None = None,
 ) -> Motion:
-    """Tell which poses (scan, 6) of a track, with times (scan,) or none, are plausible after those before.
+    """Judge which poses of a track are plausible after those before.
 
-    ``number`` (scan,) are the scans' numbers, ascending, by default from 0 on. Where more than half are not plausible,
-    or no ``limits.agree`` in a row agree, the limits are those of another vehicle: then all are taken to be plausible,
-    ``fits`` is False, and the steps are told.
+    If more than half are not plausible, or no ``limits.agree`` in a row agree, the limits are those
+    of another vehicle: then all are taken to be plausible, ``fits`` is False, and the steps are
+    listed.
+
+    Parameters
+    ----------
+    pose : (scan, 6) array_like
+        Poses, m and rad.
+    time : (scan,) array_like, optional
+        Times, s; by default unknown.
+    limits : MotionLimits, optional
+        Limits of the vehicle; default a ground vehicle.
+    number : (scan,) array_like of int, optional
+        Ascending numbers of the scans, by default from 0 on.
+
+    Returns
+    -------
+    Motion
+        The plausible poses, and the steps to the others.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not agree.
     """
     limits = limits or MotionLimits()
     poses = np.asarray(pose, dtype=np.float64)
@@ -113,29 +141,27 @@ def judge_poses(
     restarts = []
     clock = []
     sightings = list(map(Sighting, numbers.tolist(), times.tolist(), poses))
-    at = 0
-    while at < len(sightings):
-        one = sightings[at]
-        if at and not doubtful[at] and gate.is_settled_at(sightings[at - 1].number):
-            stop = at + int(
-                np.argmax(np.append(doubtful[at:], True))
-            )  # all until then follow one from the other
-            trusted |= set(numbers[at:stop].tolist())
-            gate.trust(sightings[max(stop - REMEMBERED, at) : stop])
-            at = stop
+    scan = 0
+    while scan < len(sightings):
+        sighting = sightings[scan]
+        if scan and not doubtful[scan] and gate.is_settled_at(sightings[scan - 1].number):
+            # Up to the next doubtful pose each follows from the one before.
+            stop = scan + int(np.argmax(np.append(doubtful[scan:], True)))
+            trusted |= set(numbers[scan:stop].tolist())
+            gate.trust(sightings[max(stop - REMEMBERED, scan) : stop])
+            scan = stop
             continue
-        at += 1
-        verdict = gate.judge(one)
+        scan += 1
+        verdict = gate.judge(sighting)
         trusted = (trusted - set(verdict.forgotten)) | set(verdict.trusted)
         if verdict.clock is not None:
             clock.append(verdict.clock)
         if verdict.step is not None:
-            faults[one.number] = verdict.step
+            faults[sighting.number] = verdict.step
         if verdict.anew and not verdict.forgotten:
             restarts.append(faults[verdict.trusted[0]])
-        for forgotten in (
-            verdict.forgotten
-        ):  # the step away from it is that of the first one that others agree with
+        # The step away from a forgotten pose is that of the first one that others agree with.
+        for forgotten in verdict.forgotten:
             faults[forgotten] = faults[verdict.trusted[0]]
     plausible = np.isin(numbers, list(trusted))
     fits = len(gate.confirmed) >= limits.agree and 2 * np.count_nonzero(plausible) > len(poses)
@@ -147,7 +173,7 @@ def judge_poses(
 def _doubtful(
     limits: MotionLimits, times: FloatArray, poses: FloatArray, numbers: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Tell at once which poses may not be plausible after the two before; the gate looks at these one by one."""
+    """Mark poses that may not be plausible after the two before, for the gate to judge."""
     if not np.isfinite(poses).all():
         return np.ones(len(poses), bool)
     gaps = np.diff(numbers)
@@ -160,14 +186,17 @@ def _doubtful(
     step = np.diff(poses[:, :2], axis=0)
     past = seconds[:-1]
     now = seconds[1:]
-    off = np.hypot(*(step[1:] - step[:-1] * (now / past)[:, None]).T)
+    swerve = np.hypot(*(step[1:] - step[:-1] * (now / past)[:, None]).T)
     most = np.maximum(limits.acceleration * now * (now + past) / 2, FLOOR["acceleration"])
-    doubt[1:] |= (off > most) & known[1:] & known[:-1]
+    doubt[1:] |= (swerve > most) & known[1:] & known[:-1]
     return np.append(False, doubt)
 
 
 def judge_run(run: xr.Dataset, limits: MotionLimits | None = None) -> Motion:
-    """Judge the poses of a run; what flies is not judged by the limits of a ground vehicle, the default."""
+    """Judge the poses of a run, see :func:`judge_poses`.
+
+    An aircraft is not judged by the default limits, which are those of a ground vehicle.
+    """
     pose = run["pose"].values
     limits = limits or MotionLimits()
     if limits == MotionLimits() and np.median(pose[:, 2]) > _AIRBORNE:
@@ -176,7 +205,7 @@ def judge_run(run: xr.Dataset, limits: MotionLimits | None = None) -> Motion:
 
 
 def plausible_run(run: xr.Dataset, limits: MotionLimits | None = None) -> xr.Dataset:
-    """Mark the sweeps of scans whose pose is not plausible as missing, so that no image is made of them."""
+    """Return a run that lacks the sweeps of scans without a plausible pose: they have no image."""
     plausible = judge_run(run, limits).plausible
     if plausible.all():
         return run

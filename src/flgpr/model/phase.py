@@ -11,17 +11,17 @@ from flgpr.model.constants import SPEED_OF_LIGHT
 
 
 def path_phase(frequency: ArrayLike, path: ArrayLike) -> NDArray[np.complex128]:
-    """Field (..., frequency) of a unit scatterer at a total path: ``exp(-j2πf·path/c)``, exact for long paths."""
-    turns = (
-        np.asarray(path, dtype=np.float64)[..., None]
-        * np.asarray(frequency, dtype=np.float64)
-        / SPEED_OF_LIGHT
-    )
+    """Compute the field (..., frequency) of a unit scatterer at a total path (...), m.
+
+    It is ``exp(-j2πf·path/c)``, exact for long paths.
+    """
+    lengths = np.asarray(path, dtype=np.float64)[..., None]
+    turns = lengths * np.asarray(frequency, dtype=np.float64) / SPEED_OF_LIGHT
     return np.asarray(np.exp(-2j * np.pi * (turns - np.floor(turns))), dtype=np.complex128)
 
 
 def lengthen(signal: ArrayLike, frequency: ArrayLike, path: ArrayLike) -> NDArray[Any]:
-    """Make the paths of a signal (..., frequency) longer by ``path``, which broadcasts against its leading axes."""
+    """Lengthen the paths of a signal (..., frequency) by ``path`` (m), of its leading axes."""
     values = np.asarray(signal)
     dtype = values.dtype if np.iscomplexobj(values) else np.dtype(np.complex128)
     return (values * path_phase(frequency, path)).astype(dtype, copy=False)

@@ -11,18 +11,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model.constants import AXES, POLARIZATIONS, POSE_COMPONENTS
 
-# Hz; anything below is a unit other than hertz, for no ground-penetrating radar works there
+# Hz; smaller numbers are in another unit, for no ground-penetrating radar works there
 _LOWEST_FREQUENCY = 1e6
-# m and rad, s; runs of one vehicle are told apart by their heights alone
-_MOUNT = 1e-6
-_LATE = 1e-3
+# Poses and times of runs of one vehicle agree to so much, m and rad, and s.
+_POSE_TOLERANCE = 1e-6
+_TIME_TOLERANCE = 1e-3
 
 
 def make_run(
-    signal: ArrayLike, frequency: ArrayLike, polarization: ArrayLike, tx_position: ArrayLike, rx_position: ArrayLike,
-    pose: ArrayLike, time: ArrayLike | None = None, attrs: Mapping[str, Any] | None = None,
-) -> xr.Dataset:  # fmt: skip
-    """Assemble and validate a run: a ValueError names the parameter, the rule it breaks and the value received.
+    signal: ArrayLike,
+    frequency: ArrayLike,
+    polarization: ArrayLike,
+    tx_position: ArrayLike,
+    rx_position: ArrayLike,
+    pose: ArrayLike,
+    time: ArrayLike | None = None,
+    attrs: Mapping[str, Any] | None = None,
+) -> xr.Dataset:
+    """Assemble and validate a run.
 
     Parameters
     ----------
@@ -48,6 +54,11 @@ def make_run(
         Variables ``signal`` (complex64), ``valid`` (scan, polarization, pair), ``tx_position``,
         ``rx_position``, ``pose``; coordinates ``frequency``, ``polarization``, ``time``.
 
+    Raises
+    ------
+    ValueError
+        If a parameter breaks its rule.
+
     Examples
     --------
     >>> import numpy as np
@@ -62,17 +73,17 @@ def make_run(
     data = np.asarray(signal)
     if data.ndim != 4:
         raise ValueError(
-            f"signal must have the dimensions (scan, polarization, pair, frequency), got shape {data.shape}"
+            "signal must have the dimensions (scan, polarization, pair, frequency), "
+            f"got shape {data.shape}"
         )
-    if not (
-        np.issubdtype(data.dtype, np.complexfloating) or np.issubdtype(data.dtype, np.floating)
-    ):
+    if not np.issubdtype(data.dtype, np.inexact):
         raise ValueError(f"signal must be complex numbers, got {data.dtype}")
     data = data.astype(np.complex64, copy=False)
     scans, polarizations, pairs, tones = data.shape
     if data.size == 0:
         raise ValueError(
-            f"signal must hold at least one scan, polarization, pair and frequency, got shape {data.shape}"
+            "signal must hold at least one scan, polarization, pair and frequency, "
+            f"got shape {data.shape}"
         )
     valid = np.isfinite(data).all(axis=-1)
     if not valid.any():
@@ -97,30 +108,36 @@ def make_run(
 
 
 def check_frequency(frequency: ArrayLike, count: int | None = None) -> NDArray[np.float64]:
-    """Validate a frequency axis, Hz: finite, strictly increasing, as long as ``count``; give it as float64."""
+    """Return a validated frequency axis, Hz, as float64.
+
+    It must be finite, strictly increasing and as long as ``count``; else it is a ValueError.
+    """
     tones = np.asarray(frequency, dtype=np.float64)
     if tones.ndim != 1 or tones.size == 0 or (count is not None and tones.size != count):
-        want = "at least one tone" if count is None else f"{count} tones"
-        raise ValueError(f"frequency must be one-dimensional with {want}, got shape {tones.shape}")
-    if not np.isfinite(tones).all():
+        expected = "at least one tone" if count is None else f"{count} tones"
         raise ValueError(
-            f"frequency must be finite, got {np.count_nonzero(~np.isfinite(tones))} values that are not"
+            f"frequency must be one-dimensional with {expected}, got shape {tones.shape}"
         )
+    infinite = np.count_nonzero(~np.isfinite(tones))
+    if infinite:
+        raise ValueError(f"frequency must be finite, got {infinite} values that are not")
     if tones.min() < _LOWEST_FREQUENCY:
+        unit = "GHz" if tones.max() < 100 else "MHz or kHz"
         raise ValueError(
             f"frequency must be in hertz (at least {_LOWEST_FREQUENCY:.0e} Hz), "
-            f"got {tones.min():g} to {tones.max():g}: is it in {'GHz' if tones.max() < 100 else 'MHz or kHz'}?"
+            f"got {tones.min():g} to {tones.max():g}: is it in {unit}?"
         )
     if (np.diff(tones) <= 0).any():
         first = int(np.argmax(np.diff(tones) <= 0))
         raise ValueError(
-            f"frequency must increase strictly, got {tones[first]:g} Hz followed by {tones[first + 1]:g} Hz at {first}"
+            f"frequency must increase strictly, got {tones[first]:g} Hz followed by "
+            f"{tones[first + 1]:g} Hz at {first}"
         )
     return tones
 
 
 def check_run(run: xr.Dataset) -> xr.Dataset:
-    """Validate that a dataset is a run, as :func:`make_run` makes it, and give it back; the signal itself is not read.
+    """Return a dataset that is a run, as :func:`make_run` makes it; the signal itself is not read.
 
     A variable or dimension that is missing or holds values a run may not hold is a ValueError.
     """
@@ -151,11 +168,12 @@ def check_run(run: xr.Dataset) -> xr.Dataset:
 
 
 def complete_scans(run: xr.Dataset) -> NDArray[np.bool_]:
-    """Tell which scans have every sweep (scan,): a gap changes the array, and the scan is left out of processing."""
+    """Mark the scans (scan,) with every sweep; a gap changes the array, so it is not processed."""
     return np.asarray(run["valid"].values.all(axis=(1, 2)), dtype=np.bool_)
 
 
 def _positions(value: ArrayLike, name: str, pairs: int) -> NDArray[np.float64]:
+    """Return checked antenna positions (pair, 3)."""
     array = np.asarray(value, dtype=np.float64)
     if array.shape != (pairs, 3):
         raise ValueError(f"{name} must have the shape (pair, 3) = ({pairs}, 3), got {array.shape}")
@@ -168,42 +186,45 @@ def _positions(value: ArrayLike, name: str, pairs: int) -> NDArray[np.float64]:
 
 
 def check_poses(value: ArrayLike, scans: int) -> NDArray[np.float64]:
-    """Validate poses (scan, 6) of so many scans: finite, angles in radians; give them as float64."""
+    """Return checked poses (scan, 6) of so many scans, finite and in radians, as float64."""
     if value is None:
         raise ValueError("pose must give x, y, z, heading, pitch, roll of every scan, got none")
     array = np.asarray(value, dtype=np.float64)
     if array.shape != (scans, 6):
         raise ValueError(
-            f"pose must have the shape (scan, 6) = ({scans}, 6): x, y, z, heading, pitch, roll of every scan, "
-            f"got {array.shape}"
+            f"pose must have the shape (scan, 6) = ({scans}, 6): "
+            f"x, y, z, heading, pitch, roll of every scan, got {array.shape}"
         )
     missing = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if missing.size:
         raise ValueError(
-            f"pose must be finite for every scan, got a missing pose for {missing.size} of {scans} scans "
-            f"(first: scan {missing[0]}); drop those scans or interpolate their poses before"
+            f"pose must be finite for every scan, got a missing pose for {missing.size} of {scans} "
+            f"scans (first: scan {missing[0]}); drop those scans or interpolate their poses before"
         )
-    if np.abs(array[:, 3]).max() > 2 * np.pi or np.abs(array[:, 4:]).max() > np.pi / 2:
+    heading = np.abs(array[:, 3]).max()
+    tilt = np.abs(array[:, 4:]).max()
+    if heading > 2 * np.pi or tilt > np.pi / 2:
         raise ValueError(
-            "pose must have its heading within ±2π and its pitch and roll within ±π/2 radians, got up to "
-            f"{np.abs(array[:, 3]).max():g} and {np.abs(array[:, 4:]).max():g}: are they in degrees?"
+            "pose must have its heading within ±2π and its pitch and roll within ±π/2 radians, "
+            f"got up to {heading:g} and {tilt:g}: are they in degrees?"
         )
     return array
 
 
 def _polarization_labels(value: ArrayLike, count: int) -> list[str]:
+    """Return checked labels of so many polarizations, all known and different."""
     labels = [str(label) for label in np.atleast_1d(np.asarray(value))]
     unknown = [label for label in labels if label not in POLARIZATIONS]
     if unknown:
-        raise ValueError(
-            f"polarization must be among {', '.join(POLARIZATIONS)}, got {', '.join(map(repr, unknown))}"
-        )
+        listed = ", ".join(map(repr, unknown))
+        raise ValueError(f"polarization must be among {', '.join(POLARIZATIONS)}, got {listed}")
     if len(labels) != count or len(set(labels)) != count:
         raise ValueError(f"polarization must name {count} different polarizations, got {labels}")
     return labels
 
 
 def _times(value: ArrayLike | None, scans: int) -> NDArray[np.float64]:
+    """Return checked times (scan,), NaN if there are none."""
     if value is None:
         return np.full(scans, np.nan)
     array = np.asarray(value, dtype=np.float64)
@@ -215,25 +236,28 @@ def _times(value: ArrayLike | None, scans: int) -> NDArray[np.float64]:
 
 
 def check_shared_poses(runs: Mapping[str, xr.Dataset]) -> None:
-    """Make sure that runs, by name and at least one, were taken together: one vehicle, each at its own height.
+    """Check that runs, by name and at least one, were taken together by one vehicle.
 
-    Scans, poses or times that differ by more than that height are a ValueError.
+    Each may have its own height. Scans, poses or times that differ otherwise are a ValueError.
     """
-    (first, one), *others = runs.items()
-    for name, other in others:
-        a = one["pose"].values
-        b = other["pose"].values
-        if a.shape != b.shape:
+    names = list(runs)
+    first = runs[names[0]]
+    for name in names[1:]:
+        run = runs[name]
+        pose = first["pose"].values
+        other_pose = run["pose"].values
+        if pose.shape != other_pose.shape:
             raise ValueError(
-                f"runs must share their poses: {first} has {len(a)} scans, {name} has {len(b)}"
+                f"runs must share their poses: {names[0]} has {len(pose)} scans, "
+                f"{name} has {len(other_pose)}"
             )
-        apart = np.abs(np.delete(a - b, 2, axis=1)).max()
-        height = np.ptp(a[:, 2] - b[:, 2])
-        late = np.nan_to_num(
-            np.abs(one["time"].values - other["time"].values)
-        ).max()  # NaN where there are no times
-        if not (max(apart, height) <= _MOUNT and late <= _LATE):
+        distance = np.abs(np.delete(pose - other_pose, 2, axis=1)).max()
+        height = np.ptp(pose[:, 2] - other_pose[:, 2])
+        # NaN where there are no times
+        delay = np.nan_to_num(np.abs(first["time"].values - run["time"].values)).max()
+        if not (max(distance, height) <= _POSE_TOLERANCE and delay <= _TIME_TOLERANCE):
             raise ValueError(
-                f"runs must share their poses: {first} and {name} are up to {apart:.3g} m or rad apart, their heights "
-                f"by {height:.3g} m from scan to scan, their times by {late:.3g} s"
+                f"runs must share their poses: {names[0]} and {name} are up to {distance:.3g} m or "
+                f"rad apart, their heights by {height:.3g} m from scan to scan, "
+                f"their times by {delay:.3g} s"
             )

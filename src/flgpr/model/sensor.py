@@ -35,25 +35,25 @@ class Tones(Entries):
 class Antenna(Entries):
     """Directivity of the antennas."""
 
-    #: a horn has the power pattern cos^n about its axis, a gain that grows as f² (constant aperture) and receives
-    #: waves; H and V are the horizontal and vertical directions across each ray. A dipole is ideal and short, along x
-    #: for H and along z for V, and records the field at the receiver over the transmitter's current moment
+    #: a horn has the power pattern cos^n about its axis, a gain that grows as f² (constant
+    #: aperture) and receives waves; H and V are the horizontal and vertical directions across each
+    #: ray. A dipole is ideal and short, along x for H and along z for V, and records the field at
+    #: the receiver over the transmitter's current moment
     kind: Literal["horn", "dipole"] = "horn"
-    #: gain_db, gain_frequency: a horn's gain on its axis, dBi, and the frequency at which it holds, Hz
-    gain_db: Decibels = 7.8
-    gain_frequency: Hertz = 1e9
-    exponent: Annotated[float, Field(ge=0, le=1000)] = (
-        2.0  #: n of a horn's cos^n at ``gain_frequency``
-    )
-    #: whether n is the same at all frequencies, or grows as the gain of a constant aperture does, so that the beam
-    #: narrows as 1/f
+    gain_db: Decibels = 7.8  #: gain of a horn on its axis, dBi
+    gain_frequency: Hertz = 1e9  #: frequency of that gain, Hz
+    #: n of a horn's cos^n at ``gain_frequency``
+    exponent: Annotated[float, Field(ge=0, le=1000)] = 2.0
+    #: whether n is the same at all frequencies, or grows as the gain of a constant aperture does,
+    #: so that the beam narrows as 1/f
     beam: Literal["constant", "aperture"] = "constant"
 
     def exponents(self, frequency: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Give n of a horn's power pattern cos^n at every frequency.
+        """Return n of a horn's power pattern cos^n at every frequency.
 
-        Its directivity is ``2(n + 1)``: a constant aperture has ``n + 1`` grow as f². Where that would make n negative
-        the aperture is too small for any beam: n stays 0, and the gain that f² lacks there is mismatch.
+        Its directivity is ``2(n + 1)``: a constant aperture has ``n + 1`` grow as f². Where that
+        would make n negative the aperture is too small for any beam: n stays 0, and the gain that
+        f² lacks there is mismatch.
         """
         if self.beam == "constant":
             return np.full(np.shape(frequency), self.exponent)
@@ -61,64 +61,56 @@ class Antenna(Entries):
 
 
 class SystemErrors(Entries):
-    """What the radar adds to the echoes. Each entry is switched off by leaving it at its zero or None."""
+    """What the radar adds to the echoes; the default of an entry, zero or None, switches it off."""
 
     #: leakage between an antenna's polarizations, dB, -20 to -25 for quad-ridge horns
     isolation_db: Decibels | None = None
-    #: spacing of tones at which the leakage's coherence is one half, Hz; None is a leakage that is the same at all
+    #: spacing of tones at which the leakage's coherence is one half, Hz; None is a leakage that is
+    #: the same at all
     isolation_bandwidth: Annotated[float | None, Field(gt=0), Largest(1e12)] = None
-    #: antenna_gain_db, antenna_phase, antenna_delay: rms error of every antenna's H and V port, dB, rad and s
+    #: antenna_gain_db, antenna_phase, antenna_delay: rms error of every antenna's H and V port, dB,
+    #: rad and s
     antenna_gain_db: Annotated[float, Field(ge=0, le=100)] = 0.0
     antenna_phase: Annotated[float, Field(ge=0)] = 0.0
     antenna_delay: Annotated[float, Field(ge=0)] = 0.0
-    antenna_drift: Annotated[float, Field(ge=0)] = (
-        0.0  #: slow change of these errors over their fixed part, rms
-    )
-    #: imbalance_db, imbalance_phase: rms gain, dB, and phase, rad, of V over H that all transmitting, and that all
-    #: receiving antennas share
+    #: slow change of these errors over their fixed part, rms
+    antenna_drift: Annotated[float, Field(ge=0)] = 0.0
+    #: imbalance_db, imbalance_phase: rms gain, dB, and phase, rad, of V over H that all
+    #: transmitting, and that all receiving antennas share
     imbalance_db: Annotated[float, Field(ge=0, le=100)] = 0.0
     imbalance_phase: Annotated[float, Field(ge=0)] = 0.0
     #: response of an antenna's resonances over its direct one, each at its own frequency, dB
     ringing_db: Decibels | None = None
-    ringing_q: Annotated[float, Field(gt=0)] = (
-        15.0  #: their quality factor: they ring as ``exp(-π·f·t/Q)``
-    )
+    #: their quality factor: they ring as ``exp(-π·f·t/Q)``
+    ringing_q: Annotated[float, Field(gt=0)] = 15.0
     #: their frequencies, Hz; every port's differ from them by 2 % rms
     ringing_frequencies: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Largest(1e12)] = ()
-    #: time of a sweep over all tones, s, in which the vehicle drives on; the pose is that of its middle
+    #: time of a sweep over all tones, s, in which the vehicle drives on; the pose is that of its
+    #: middle
     sweep_time: Annotated[float, Field(ge=0)] = 0.0
-    self_signature_db: Decibels | None = (
-        None  #: level of the self-signature over the clutter in the image, dB
-    )
-    self_signature_drift: Annotated[float, Field(ge=0)] = (
-        0.0  #: its relative change from scan to scan, rms
-    )
-    gain_db: Annotated[float, Field(ge=0, le=100)] = (
-        0.0  #: change of the gain from scan to scan, dB rms
-    )
+    #: level of the self-signature over the clutter in the image, dB
+    self_signature_db: Decibels | None = None
+    #: its relative change from scan to scan, rms
+    self_signature_drift: Annotated[float, Field(ge=0)] = 0.0
+    #: change of the gain from scan to scan, dB rms
+    gain_db: Annotated[float, Field(ge=0, le=100)] = 0.0
     #: mean clutter over thermal noise in the image at ``noise_range`` within ``noise_band``, dB
     clutter_to_noise_db: Decibels | None = None
     noise_range: Annotated[float, Field(gt=0)] = 16.0  #: distance ahead of the array, m
-    noise_band: Annotated[tuple[float, float], Largest(1e12)] = (
-        0.75e9,
-        1.35e9,
-    )  #: band of that image, Hz
-    interference_tones: Annotated[int, Field(ge=0, le=100_000)] = (
-        0  #: number of tones with interference
-    )
+    #: band of that image, Hz
+    noise_band: Annotated[tuple[float, float], Largest(1e12)] = (0.75e9, 1.35e9)
+    #: number of tones with interference
+    interference_tones: Annotated[int, Field(ge=0, le=100_000)] = 0
     #: least and greatest level of the interference over the noise, dB
     interference_db: tuple[Decibels, Decibels] = (10.0, 30.0)
-    burst_probability: Annotated[float, Field(ge=0, le=1)] = (
-        0.0  #: fraction of sweeps that pulsed interference hits
-    )
+    #: fraction of sweeps that pulsed interference hits
+    burst_probability: Annotated[float, Field(ge=0, le=1)] = 0.0
     #: least and greatest number of consecutive tones that it hits
     burst_tones: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (5, 40)
-    burst_db: tuple[Decibels, Decibels] = (
-        10.0,
-        30.0,
-    )  #: least and greatest level of it over the noise, dB
-    #: position, heading, attitude: rms error of the reported position in each axis, m, of the reported heading, and of
-    #: pitch and roll, rad
+    #: least and greatest level of it over the noise, dB
+    burst_db: tuple[Decibels, Decibels] = (10.0, 30.0)
+    #: position, heading, attitude: rms error of the reported position in each axis, m, of the
+    #: reported heading, and of pitch and roll, rad
     position: Annotated[float, Field(ge=0)] = 0.0
     heading: Annotated[float, Field(ge=0)] = 0.0
     attitude: Annotated[float, Field(ge=0)] = 0.0
@@ -136,20 +128,21 @@ class SystemErrors(Entries):
 
 
 class Sensor(Entries):
-    """An antenna array: every transmitter paired with every receiver, or pairs that a scanned head visits."""
+    """An antenna array: every transmitter with every receiver, or the pairs of a scanned head."""
 
     name: str
     source: str  #: where the figures come from
     tones: Tones
     polarization: tuple[str, ...]  #: polarizations in the order of the data
-    #: tx, rx: antenna positions in the vehicle frame, m. The vehicle frame's origin is the array's reference point
+    #: tx, rx: antenna positions in the vehicle frame, m. The vehicle frame's origin is the array's
+    #: reference point
     tx: tuple[Position, ...]
     rx: tuple[Position, ...]
-    height: Annotated[
-        float, Field(gt=0, le=1000)
-    ]  #: height of the reference point over the mean ground, m
+    #: height of the reference point over the mean ground, m
+    height: Annotated[float, Field(gt=0, le=1000)]
     tilt: Angle = 0.0  #: downward tilt of the antennas' axes, rad
-    #: whether one pair is moved over the positions, so that transmitter i goes with receiver i alone
+    #: whether one pair is moved over the positions, so that transmitter i goes with receiver i
+    #: alone
     scanned: bool = False
     #: ground that the simulator fills with clutter, m, in the scan frame; wider than what is imaged
     footprint: tuple[float, float, float, float] = (-7.0, 7.0, 5.5, 28.0)
@@ -159,34 +152,21 @@ class Sensor(Entries):
     @model_validator(mode="before")
     @classmethod
     def _spread_lines(cls, data: Any) -> Any:
-        # An array along a line may be written as {first, last, count} instead of every position.
-        if isinstance(data, dict):
-            data = dict(data)
-            for side in ("tx", "rx"):
-                line = data.get(side)
-                if isinstance(line, dict):
-                    try:
-                        ends = np.asarray([line["first"], line["last"]], dtype=float)
-                        count = int(line["count"])
-                    except (KeyError, TypeError, ValueError, OverflowError):
-                        raise ValueError(
-                            f"{side} must be a list of positions or hold first, last and count"
-                        ) from None
-                    if not 0 <= count <= MOST_ANTENNAS or not (np.abs(ends) <= LARGEST).all():
-                        raise ValueError(
-                            f"{side} must hold finite places, count up to {MOST_ANTENNAS}, got {line}"
-                        )
-                    data[side] = [tuple(p) for p in np.linspace(ends[0], ends[1], count).tolist()]
+        """Replace an array along a line, {first, last, count}, by all its positions."""
+        if not isinstance(data, dict):
+            return data
+        data = dict(data)
+        for side in ("tx", "rx"):
+            line = data.get(side)
+            if isinstance(line, dict):
+                data[side] = _positions_on_line(side, line)
         return data
 
     @model_validator(mode="after")
     def _check(self) -> Sensor:
-        unknown = [label for label in self.polarization if label not in POLARIZATIONS]
-        if (
-            unknown
-            or not self.polarization
-            or len(set(self.polarization)) != len(self.polarization)
-        ):
+        labels = set(self.polarization)
+        known = labels <= set(POLARIZATIONS)
+        if not known or not labels or len(labels) != len(self.polarization):
             raise ValueError(
                 f"polarization must be different ones of {POLARIZATIONS}, got {self.polarization}"
             )
@@ -194,7 +174,8 @@ class Sensor(Entries):
             raise ValueError("tx and rx must each hold at least one antenna")
         if self.scanned and len(self.tx) != len(self.rx):
             raise ValueError(
-                f"a scanned pair needs as many tx as rx positions, got {len(self.tx)} and {len(self.rx)}"
+                "a scanned pair needs as many tx as rx positions, "
+                f"got {len(self.tx)} and {len(self.rx)}"
             )
         x_min, x_max, y_min, y_max = self.footprint
         if not (x_max > x_min and y_max > y_min):
@@ -204,28 +185,47 @@ class Sensor(Entries):
         return self
 
     def pairs(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions (pair, 3) of every pair's transmitter and receiver in the vehicle frame, transmitters outermost."""
+        """Return the positions (pair, 3), m, of every pair's transmitter and receiver.
+
+        They are in the vehicle frame; the pairs of a transmitter follow one another.
+        """
         tx = np.asarray(self.tx, dtype=float)
         rx = np.asarray(self.rx, dtype=float)
         first, second = self.pair_indices()
         return tx[first], rx[second]
 
     def pair_indices(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Transmitter and receiver of every pair, as indices into ``tx`` and ``rx``, each of shape (pair,)."""
+        """Return the indices (pair,) of transmitters in ``tx`` and receivers in ``rx``."""
+        transmitters = np.arange(len(self.tx))
+        receivers = np.arange(len(self.rx))
         if self.scanned:
-            return np.arange(len(self.tx)), np.arange(len(self.rx))
-        return np.repeat(np.arange(len(self.tx)), len(self.rx)), np.tile(
-            np.arange(len(self.rx)), len(self.tx)
-        )
+            return transmitters, receivers
+        return np.repeat(transmitters, len(receivers)), np.tile(receivers, len(transmitters))
+
+
+def _positions_on_line(side: str, line: dict[str, Any]) -> list[tuple[float, ...]]:
+    """Return the positions of an array written as {first, last, count}."""
+    try:
+        ends = np.asarray([line["first"], line["last"]], dtype=float)
+        count = int(line["count"])
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise ValueError(
+            f"{side} must be a list of positions or hold first, last and count"
+        ) from None
+    if not 0 <= count <= MOST_ANTENNAS or not (np.abs(ends) <= LARGEST).all():
+        raise ValueError(f"{side} must hold finite places, count up to {MOST_ANTENNAS}, got {line}")
+    return [tuple(position) for position in np.linspace(ends[0], ends[1], count).tolist()]
 
 
 def sensor_presets() -> list[str]:
-    """Names of the packaged sensors."""
+    """Return the names of the packaged sensors."""
     return preset_names(_PRESETS)
 
 
 def load_sensor(name: str | Path) -> Sensor:
-    """Load a sensor from a preset's name or a TOML file; an entry that breaks a rule is a ValueError that names it.
+    """Load a sensor from a preset's name or a TOML file.
+
+    An entry that breaks a rule is a ValueError that names it.
 
     Examples
     --------
@@ -235,7 +235,7 @@ def load_sensor(name: str | Path) -> Sensor:
     >>> sensor = load_sensor("sri-array")
     >>> tx, rx = sensor.pairs()
     >>> tones = sensor.tones.axis()
-    >>> print(f"{len(tx)} pairs, {tones.size} tones from {tones[0] / 1e9:.4f} to {tones[-1] / 1e9:.4f} GHz")
-    36 pairs, 1024 tones from 0.4425 to 3.0000 GHz
+    >>> print(f"{len(tx)} pairs, {tones[0] / 1e9:.4f} to {tones[-1] / 1e9:.4f} GHz")
+    36 pairs, 0.4425 to 3.0000 GHz
     """
     return load_preset(Sensor, "sensor", name, _PRESETS)

@@ -1,4 +1,4 @@
-"""The tables: alarms, truth and objects. Every column states name, unit, meaning and missing value here."""
+"""Tables of alarms, truth and objects: name, unit, meaning and missing value of every column."""
 
 from __future__ import annotations
 
@@ -18,9 +18,8 @@ class Column:
     unit: str  #: unit, "1" for a pure number, "" for text
     meaning: str  #: what the value says
     required: bool = False  #: whether the table must have it
-    missing: str = (
-        "NaN"  #: the value that stands for "not known"; empty when the column may have no gap
-    )
+    #: the value that stands for "not known"; empty if every row must have one
+    missing: str = "NaN"
 
 
 ALARM_COLUMNS = (
@@ -134,57 +133,57 @@ OBJECT_COLUMNS = (
 
 
 def check_alarms(alarms: pd.DataFrame) -> pd.DataFrame:
-    """Give a copy with float64 numbers of a valid alarm table: ``ALARM_COLUMNS`` and any others, or no row.
+    """Return a copy of a valid alarm table with float64 numbers.
 
-    A missing column, a position or confidence that is not finite, or an ``alarm_id`` twice is a ValueError.
+    Parameters
+    ----------
+    alarms : DataFrame
+        ``ALARM_COLUMNS`` and any others; it may be empty.
+
+    Returns
+    -------
+    DataFrame
+        The copy.
+
+    Raises
+    ------
+    ValueError
+        If a column is missing, a position or confidence is not finite, or an ``alarm_id`` is
+        repeated.
     """
     return _check(alarms, ALARM_COLUMNS, "alarms", "alarm_id")
 
 
 def check_truth(truth: pd.DataFrame) -> pd.DataFrame:
-    """Give a copy of a valid truth table (``TRUTH_COLUMNS``), as :func:`check_alarms` does, with ``target_id``."""
+    """Return a copy of a valid truth table (``TRUTH_COLUMNS``), as :func:`check_alarms` does."""
     return _check(truth, TRUTH_COLUMNS, "truth", "target_id")
 
 
 def check_objects(objects: pd.DataFrame) -> pd.DataFrame:
-    """Give a copy of a valid table of objects (``OBJECT_COLUMNS``), which never score, as :func:`check_alarms` does."""
+    """Return a copy of a valid table of objects (``OBJECT_COLUMNS``), which never score.
+
+    The checks are those of :func:`check_alarms`.
+    """
     return _check(objects, OBJECT_COLUMNS, "objects", "object_id")
 
 
 def empty_table(columns: tuple[Column, ...]) -> pd.DataFrame:
-    """Make a table of all columns and no rows."""
+    """Return a table of all columns and no rows."""
     types = {"number": "float64", "text": "object"}
     return pd.DataFrame({column.name: pd.Series(dtype=types[column.kind]) for column in columns})
 
 
 def _check(table: pd.DataFrame, columns: tuple[Column, ...], name: str, key: str) -> pd.DataFrame:
-    missing = [
-        column.name for column in columns if column.required and column.name not in table.columns
-    ]
+    """Return a checked copy of a table, whose ``key`` must be unique within a lane."""
+    required = [column.name for column in columns if column.required]
+    missing = [column for column in required if column not in table.columns]
     if missing:
-        raise ValueError(
-            f"{name} must have the columns {', '.join(missing)}; got {', '.join(map(str, table.columns))}"
-        )
+        existing = ", ".join(map(str, table.columns))
+        raise ValueError(f"{name} must have the columns {', '.join(missing)}; got {existing}")
     table = table.copy()
     for column in columns:
-        if column.kind != "number" or column.name not in table.columns:
-            continue
-        values = table[column.name]
-        # Float64 stays as it is: to take a column out and put it back costs more than all the rest
-        # of a small table.
-        if not (isinstance(values, pd.Series) and values.dtype == np.float64):
-            try:
-                values = table[column.name] = pd.to_numeric(values).astype(np.float64)
-            except (ValueError, TypeError) as error:
-                raise ValueError(
-                    f"{name}.{column.name} must be numbers ({column.unit}): {error}"
-                ) from None
-        bad = ~np.isfinite(values.to_numpy())
-        if not column.missing and bad.any():
-            raise ValueError(
-                f"{name}.{column.name} must be finite in every row, got {values[bad].iloc[0]} in row "
-                f"{int(np.flatnonzero(bad)[0])} ({int(bad.sum())} such rows)"
-            )
+        if column.kind == "number" and column.name in table.columns:
+            _check_numbers(table, column, name)
     if key in table.columns:
         repeated = table[key].duplicated().to_numpy() & table[key].notna().to_numpy()
         keys = ["lane", key] if "lane" in table.columns else [key]
@@ -193,3 +192,24 @@ def _check(table: pd.DataFrame, columns: tuple[Column, ...], name: str, key: str
                 f"{name}.{key} must be unique, got {table[key][repeated].iloc[0]!r} more than once"
             )
     return table
+
+
+def _check_numbers(table: pd.DataFrame, column: Column, name: str) -> None:
+    """Convert a column to float64 in place, and refuse missing values where none may be."""
+    values = table[column.name]
+    # Float64 stays as it is: to take a column out and put it back costs more than all the rest of a
+    # small table.
+    if not (isinstance(values, pd.Series) and values.dtype == np.float64):
+        try:
+            values = pd.to_numeric(values).astype(np.float64)
+        except (ValueError, TypeError) as error:
+            raise ValueError(
+                f"{name}.{column.name} must be numbers ({column.unit}): {error}"
+            ) from None
+        table[column.name] = values
+    bad = ~np.isfinite(values.to_numpy())
+    if not column.missing and bad.any():
+        raise ValueError(
+            f"{name}.{column.name} must be finite in every row, got {values[bad].iloc[0]} in row "
+            f"{int(np.flatnonzero(bad)[0])} ({int(bad.sum())} such rows)"
+        )

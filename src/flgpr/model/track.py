@@ -1,4 +1,4 @@
-"""Tracks: where the vehicle was at what time, from another instrument than the radar."""
+"""Tracks: positions of the vehicle in time, from another instrument than the radar."""
 
 from __future__ import annotations
 
@@ -30,26 +30,45 @@ def make_track(
     pitch: ArrayLike = 0.0,
     roll: ArrayLike = 0.0,
 ) -> pd.DataFrame:
-    """Assemble and validate a track: times on the positions' clock, and positions (fix, 3) in the lane frame."""
+    """Assemble and validate a track.
+
+    Parameters
+    ----------
+    time : (fix,) array_like
+        Times on the clock of the positions, s.
+    position : (fix, 3) array_like
+        Positions in the lane frame, m.
+    heading, pitch, roll : float or (fix,) array_like
+        Angles, rad.
+
+    Returns
+    -------
+    DataFrame
+        ``TRACK_COLUMNS``.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, there are fewer than two fixes, or :func:`check_track` refuses it.
+    """
     times = np.asarray(time, dtype=np.float64)
     points = np.asarray(position, dtype=np.float64)
     if times.ndim != 1 or times.size < 2 or points.shape != (times.size, 3):
         raise ValueError(
-            f"a track must have at least two fixes with time (fix,) and position (fix, 3), got {times.shape} and "
-            f"{points.shape}"
+            "a track must have at least two fixes with time (fix,) and position (fix, 3), "
+            f"got {times.shape} and {points.shape}"
         )
-    angles = [
-        np.broadcast_to(np.asarray(v, dtype=np.float64), times.shape)
-        for v in (heading, pitch, roll)
-    ]
-    track = pd.DataFrame(
-        dict(zip(("time", *POSE_COMPONENTS), [times, *points.T, *angles], strict=True))
-    )
-    return check_track(track)
+    columns = {"time": times, "x": points[:, 0], "y": points[:, 1], "z": points[:, 2]}
+    for name, angle in (("heading", heading), ("pitch", pitch), ("roll", roll)):
+        columns[name] = np.broadcast_to(np.asarray(angle, dtype=np.float64), times.shape)
+    return check_track(pd.DataFrame(columns))
 
 
 def check_track(track: pd.DataFrame) -> pd.DataFrame:
-    """Validate a track: the columns of ``TRACK_COLUMNS``, finite, and time that increases strictly."""
+    """Return a track that is valid; any other is a ValueError.
+
+    It must have the columns of ``TRACK_COLUMNS``, finite, and time that increases strictly.
+    """
     names = [column.name for column in TRACK_COLUMNS]
     missing = [name for name in names if name not in track.columns]
     if missing:
@@ -66,7 +85,8 @@ def check_track(track: pd.DataFrame) -> pd.DataFrame:
     if (np.diff(values[:, 0]) <= 0).any():
         first = int(np.argmax(np.diff(values[:, 0]) <= 0))
         raise ValueError(
-            f"track.time must increase strictly, got {values[first, 0]:g} s, {values[first + 1, 0]:g} s"
+            f"track.time must increase strictly, got {values[first, 0]:g} s, "
+            f"{values[first + 1, 0]:g} s"
         )
     return track
 
@@ -74,28 +94,28 @@ def check_track(track: pd.DataFrame) -> pd.DataFrame:
 def bridged(
     time: NDArray[np.float64], pose: NDArray[np.float64], max_gap: float = np.inf
 ) -> tuple[NDArray[np.bool_], list[str]]:
-    """Tell which fixes, of times (fix,) and poses (fix, 6), are finite, and count the others in a note.
+    """Mark the finite fixes of times (fix,) and poses (fix, 6), and count the others in a note.
 
-    Fixes that are missing between others more than ``max_gap`` s apart, or fewer than two finite ones, are a
+    Missing fixes between others more than ``max_gap`` s apart, or fewer than two finite ones, are a
     ValueError.
     """
-    keep = np.isfinite(time) & np.isfinite(pose).all(axis=1)
-    rows = np.flatnonzero(keep)
+    finite = np.isfinite(time) & np.isfinite(pose).all(axis=1)
+    rows = np.flatnonzero(finite)
     if rows.size < 2:
         raise ValueError(
-            f"a track must have at least two finite fixes, got {rows.size} of {keep.size}"
+            f"a track must have at least two finite fixes, got {rows.size} of {finite.size}"
         )
     gap = np.where(np.diff(rows) > 1, np.diff(time[rows]), 0.0)
     worst = int(gap.argmax())
     if gap[worst] > max_gap:
         raise ValueError(
-            f"a track must have a finite fix at least every max_gap = {max_gap:g} s, got none for {gap[worst]:g} s "
-            f"after {time[rows[worst]]:g} s"
+            f"a track must have a finite fix at least every max_gap = {max_gap:g} s, "
+            f"got none for {gap[worst]:g} s after {time[rows[worst]]:g} s"
         )
-    missing = keep.size - rows.size
-    return keep, [
-        f"{missing} of {keep.size} fixes of the track not finite, bridged"
-    ] if missing else []
+    missing = finite.size - rows.size
+    if not missing:
+        return finite, []
+    return finite, [f"{missing} of {finite.size} fixes of the track not finite, bridged"]
 
 
 def poses_at(
@@ -105,34 +125,55 @@ def poses_at(
     clock_rate: float = 1.0,
     max_gap: float = np.inf,
 ) -> NDArray[np.float64]:
-    """Interpolate a track at ``clock_offset + clock_rate·time``, linearly, to poses (scan, 6) with headings within ±π.
+    """Interpolate the poses of a track linearly.
 
-    A time outside the track, or in a gap longer than ``max_gap``, is a ValueError.
+    Parameters
+    ----------
+    track : DataFrame
+        Track.
+    time : (scan,) array_like
+        Times on the radar's clock, s.
+    clock_offset, clock_rate : float
+        Time on the track's clock is ``clock_offset + clock_rate·time``, s and 1.
+    max_gap : float
+        Longest gap of the track that is bridged, s.
+
+    Returns
+    -------
+    (scan, 6) ndarray
+        Poses, headings within ±π.
+
+    Raises
+    ------
+    ValueError
+        If a time is missing, outside the track or in a longer gap.
     """
     check_track(track)
     stamp = track["time"].to_numpy()
-    when = clock_offset + clock_rate * np.asarray(time, dtype=np.float64)
-    if not np.isfinite(when).all():
+    track_time = clock_offset + clock_rate * np.asarray(time, dtype=np.float64)
+    if not np.isfinite(track_time).all():
         raise ValueError(
             "time must be finite for every scan to take poses from a track, got a missing time"
         )
     slack = 1e-9 * max(1.0, float(np.abs(stamp).max()))
-    if when.min() < stamp[0] - slack or when.max() > stamp[-1] + slack:
+    if track_time.min() < stamp[0] - slack or track_time.max() > stamp[-1] + slack:
         raise ValueError(
-            f"scan times must lie within the track, {stamp[0]:g} to {stamp[-1]:g} s, got {when.min():g} to "
-            f"{when.max():g} s: is the clock offset right?"
+            f"scan times must lie within the track, {stamp[0]:g} to {stamp[-1]:g} s, "
+            f"got {track_time.min():g} to {track_time.max():g} s: is the clock offset right?"
         )
-    right = np.clip(np.searchsorted(stamp, when), 1, stamp.size - 1)
+    right = np.clip(np.searchsorted(stamp, track_time), 1, stamp.size - 1)
     gap = stamp[right] - stamp[right - 1]
     if gap.max() > max_gap:
         worst = int(gap.argmax())
         raise ValueError(
             f"the track must have no gap over {max_gap:g} s, got {gap[worst]:g} s at scan {worst}"
         )
-    pose = np.empty((when.size, 6))
+    pose = np.empty((track_time.size, 6))
     for column, name in enumerate(POSE_COMPONENTS):
         values = track[name].to_numpy(dtype=np.float64)
-        pose[:, column] = np.interp(when, stamp, np.unwrap(values) if name == "heading" else values)
+        if name == "heading":
+            values = np.unwrap(values)
+        pose[:, column] = np.interp(track_time, stamp, values)
     pose[:, 3] = np.angle(np.exp(1j * pose[:, 3]))
     return pose
 
@@ -140,37 +181,57 @@ def poses_at(
 def reference_track(
     track: pd.DataFrame, lever_arm: ArrayLike = (0.0, 0.0, 0.0), latency: float = 0.0
 ) -> pd.DataFrame:
-    """Take a track of a positioning antenna to the array's reference point.
+    """Return the track of the array's reference point from that of a positioning antenna.
 
-    ``p - Rz(-heading)·Rx(pitch)·Ry(roll)·lever_arm`` at ``time - latency``; the lever arm is the antenna's place in the
-    vehicle frame, the latency how late the time stamps are.
+    It is ``p - Rz(-heading)·Rx(pitch)·Ry(roll)·lever_arm`` at ``time - latency``.
+
+    Parameters
+    ----------
+    track : DataFrame
+        Track of the antenna.
+    lever_arm : (3,) array_like
+        Position of the antenna in the vehicle frame, m.
+    latency : float
+        How late the time stamps are, s.
+
+    Returns
+    -------
+    DataFrame
+        Track of the reference point.
+
+    Raises
+    ------
+    ValueError
+        If the track is not valid, or the lever arm or the latency is not finite.
     """
     check_track(track)
     lever = np.asarray(lever_arm, dtype=np.float64)
     if lever.shape != (3,) or not np.isfinite(lever).all() or not np.isfinite(latency):
         raise ValueError(
-            f"lever_arm must be three finite lengths and latency finite, got {lever.tolist()}, {latency}"
+            "lever_arm must be three finite lengths and latency finite, "
+            f"got {lever.tolist()}, {latency}"
         )
-    moved = track.copy()
-    moved["time"] = track["time"] - latency
-    moved[["x", "y", "z"]] = track[["x", "y", "z"]].to_numpy() - attitudes(track) @ lever
-    return moved
+    reference = track.copy()
+    reference["time"] = track["time"] - latency
+    reference[["x", "y", "z"]] = track[["x", "y", "z"]].to_numpy() - attitudes(track) @ lever
+    return reference
 
 
 def attitudes(track: pd.DataFrame) -> NDArray[np.float64]:
-    """Rotation (fix, 3, 3) from the vehicle frame to lane axes at every fix: ``Rz(-heading)·Rx(pitch)·Ry(roll)``."""
+    """Return the rotations (fix, 3, 3) from the vehicle frame to lane axes at every fix."""
     return pose_matrix(track[list(POSE_COMPONENTS)])
 
 
 def course(position: ArrayLike, least: float = 0.05) -> NDArray[np.float64]:
-    """Heading clockwise from +y of a track from the direction it moves in; one that never moves is a ValueError.
+    """Return the heading, clockwise from +y, from the motion of positions (fix, 2 or 3).
 
-    A fix nearer than ``least`` to its neighbours takes the heading of the nearest that is not.
+    A fix nearer than ``least`` (m) to its neighbours has the heading of the nearest that is not. A
+    track that never moves so far is a ValueError.
     """
     points = np.asarray(position, dtype=np.float64)[:, :2]
     rows = np.arange(len(points))
-    after = _first_away(points, least)
-    before = len(points) - 1 - _first_away(points[::-1], least)[::-1]
+    after = _first_distant(points, least)
+    before = len(points) - 1 - _first_distant(points[::-1], least)[::-1]
     step = points[after] - points[before]
     known = np.flatnonzero(np.hypot(*step.T) >= least)
     if not known.size:
@@ -181,15 +242,18 @@ def course(position: ArrayLike, least: float = 0.05) -> NDArray[np.float64]:
     return np.asarray(np.angle(np.exp(1j * np.interp(rows, known, heading))), dtype=np.float64)
 
 
-def _first_away(points: NDArray[np.float64], least: float) -> NDArray[np.intp]:
-    """Index of the first later point that is at least so far away, of every point; its own where there is none."""
-    found = np.arange(len(points))
-    open_ones = np.arange(len(points) - 1)
+def _first_distant(points: NDArray[np.float64], least: float) -> NDArray[np.intp]:
+    """Return, for every point, the index of the first later one at least so far away.
+
+    Where there is none it is the point's own index.
+    """
+    first = np.arange(len(points))
+    searching = np.arange(len(points) - 1)
     lag = 1
-    while open_ones.size:
-        away = np.hypot(*(points[open_ones + lag] - points[open_ones]).T) >= least
-        found[open_ones[away]] += lag
+    while searching.size:
+        is_distant = np.hypot(*(points[searching + lag] - points[searching]).T) >= least
+        first[searching[is_distant]] += lag
         lag += 1
-        open_ones = open_ones[~away]
-        open_ones = open_ones[open_ones + lag < len(points)]
-    return found
+        searching = searching[~is_distant]
+        searching = searching[searching + lag < len(points)]
+    return first

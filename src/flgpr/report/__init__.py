@@ -1,4 +1,8 @@
-"""Pages: one kit of templates and figures for all of them, the report on a result, and the report on an array."""
+"""Pages.
+
+One kit of templates and figures for all of them, the report on a result, and the report on an
+array.
+"""
 
 from flgpr.lazy import face
 

@@ -8,13 +8,15 @@ from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from flgpr.chain.progress import Track, silent
 from flgpr.design.array import KINDS, Design, Question, expected_in_words, study
-from flgpr.io.outputs import write_new
 from flgpr.model import load_sensor
 from flgpr.report.kit import render
+from flgpr.store.outputs import write_new
 
 _BLUE = "#1b5e9b"
 _RED = "#c1440e"
@@ -27,9 +29,25 @@ def design_report(
     question: Question | None = None,
     track: Track = silent,
 ) -> list[Design]:
-    """Study one to four arrays (presets or TOML) side by side, write the page and give the findings.
+    """Study one to four arrays side by side, write the page and return the designs.
 
-    Another page that is there already is a FileExistsError.
+    Parameters
+    ----------
+    sensors : sequence of str or path
+        Presets or TOML files.
+    output : path
+        HTML file to write.
+    question : Question, optional
+        Band, window, site and depth of the mines.
+    track : callable
+        Shows the progress.
+
+    Raises
+    ------
+    ValueError
+        If there are no sensors or more than four, or one is not valid.
+    FileExistsError
+        If another page is there already.
     """
     if not 1 <= len(sensors) <= 4:
         raise ValueError(f"sensors must be one to four, got {len(sensors)}")
@@ -42,13 +60,14 @@ def design_report(
 
 
 def design_html(designs: Sequence[Design], asked: Question) -> str:
-    """Write the page of one to four arrays."""
+    """Return the page of one to four arrays."""
+    worst_lobes = [max(design.lobes, key=itemgetter("level")) for design in designs]
     return render(
         "design.html",
         names=" and ".join(design.sensor.name for design in designs),
         designs=designs,
         asked=asked,
-        worst=[max(design.lobes, key=itemgetter("level")) for design in designs],
+        worst=worst_lobes,
         degree=math.degrees(1),
         geometry=geometry_figure(designs),
         spread=spread_figure(designs),
@@ -62,20 +81,16 @@ def design_html(designs: Sequence[Design], asked: Question) -> str:
 
 
 def geometry_figure(designs: Sequence[Design]) -> Figure:
-    """Draw where the antennas stand, seen from the ground ahead."""
+    """Draw the antennas as seen from the ground ahead."""
     figure = Figure(figsize=(11, 2.4), layout="constrained")
-    for axes, design in zip(np.atleast_1d(figure.subplots(1, len(designs))), designs, strict=True):
+    panels = np.atleast_1d(figure.subplots(1, len(designs)))
+    for axes, design in zip(panels, designs, strict=True):
         tx, rx = design.sensor.pairs()
         height = design.sensor.height
         middle = (tx + rx) / 2
-        axes.plot(
-            middle[:, 0],
-            middle[:, 2] + height - 0.25,
-            "|",
-            color="0.6",
-            ms=6,
-            label="midpoints of the pairs",
-        )
+        # Below the antennas, so that the midpoints do not hide them.
+        marks_z = middle[:, 2] + height - 0.25
+        axes.plot(middle[:, 0], marks_z, "|", color="0.6", ms=6, label="midpoints of the pairs")
         axes.plot(tx[:, 0], tx[:, 2] + height, "^", color=_RED, ms=6, label="transmitters")
         axes.plot(
             rx[:, 0], rx[:, 2] + height, "v", color=_BLUE, ms=5, mfc="none", label="receivers"
@@ -87,7 +102,10 @@ def geometry_figure(designs: Sequence[Design]) -> Figure:
 
 
 def spread_figure(designs: Sequence[Design]) -> Figure:
-    """Draw the point spread close to the point, an array per row and a distance per column, 0 to -40 dB."""
+    """Draw the point spread close to the point, 0 to -40 dB.
+
+    There is a row per array and a column per distance.
+    """
     figure = Figure(figsize=(11, 3.6 * len(designs)), layout="constrained")
     rows = figure.subplots(len(designs), 3, squeeze=False)
     for row, design in zip(rows, designs, strict=True):
@@ -110,40 +128,44 @@ def resolution_figure(designs: Sequence[Design]) -> Figure:
     figure = Figure(figsize=(11, 3.6 * len(designs)), layout="constrained")
     rows = figure.subplots(len(designs), 2, squeeze=False)
     for column, (name, title) in enumerate((("down", "down-range"), ("cross", "cross-range"))):
-        values = [100 * getattr(design, name) for design in designs]
-        low = min(map(np.nanmin, values))
-        high = max(map(np.nanmax, values))
-        for row, design, value in zip(rows, designs, values, strict=True):
-            image = row[column].pcolormesh(
+        widths = [100 * getattr(design, name) for design in designs]  # cm
+        low = min(np.nanmin(width) for width in widths)
+        high = max(np.nanmax(width) for width in widths)
+        for axes, design, width in zip(rows[:, column], designs, widths, strict=True):
+            image = axes.pcolormesh(
                 design.y,
                 design.x,
-                value.T,
+                width.T,
                 vmin=low,
                 vmax=high,
                 cmap=_SHADES,
                 shading="gouraud",
                 rasterized=True,
             )
-            levels = np.unique(
-                np.round(np.linspace(np.nanmin(value), np.nanmax(value), 6)[1:-1], 0)
+            inner = np.linspace(np.nanmin(width), np.nanmax(width), 6)[1:-1]
+            levels = np.unique(np.round(inner, 0))
+            lines = axes.contour(
+                design.y, design.x, width.T, levels=levels, colors="white", linewidths=0.8
             )
-            lines = row[column].contour(
-                design.y, design.x, value.T, levels=levels, colors="white", linewidths=0.8
-            )
-            row[column].clabel(lines, fmt="%.0f cm", fontsize=8)
-            row[column].set(
-                title=f"{design.sensor.name}, {title}", xlabel="ahead y (m)", ylabel="across x (m)"
-            )
-            figure.colorbar(image, ax=row[column], label="half-power width (cm)")
+            axes.clabel(lines, fmt="%.0f cm", fontsize=8)
+            _label_ground(axes, f"{design.sensor.name}, {title}")
+            figure.colorbar(image, ax=axes, label="half-power width (cm)")
     return figure
 
 
+def _label_ground(axes: Axes, title: str) -> None:
+    """Label the axes of a map of the ground."""
+    axes.set(title=title, xlabel="ahead y (m)", ylabel="across x (m)")
+
+
 def lobe_figure(designs: Sequence[Design]) -> Figure:
-    """Draw the response over the ground to a point at the middle distance, 0 to -60 dB, its highest lobe ringed."""
+    """Draw the response over the ground to a point at the middle distance, 0 to -60 dB.
+
+    A ring marks its highest lobe.
+    """
     figure = Figure(figsize=(11, 3.8 * len(designs)), layout="constrained")
-    for axes, design in zip(
-        figure.subplots(len(designs), 1, squeeze=False)[:, 0], designs, strict=True
-    ):
+    panels = figure.subplots(len(designs), 1, squeeze=False)[:, 0]
+    for axes, design in zip(panels, designs, strict=True):
         distance = list(design.responses)[1]
         y, x, power = design.responses[distance]
         image = axes.pcolormesh(
@@ -152,55 +174,56 @@ def lobe_figure(designs: Sequence[Design]) -> Figure:
         lobe = design.lobes[1]
         middle = (design.x[0] + design.x[-1]) / 2
         axes.plot(distance + lobe["y"], middle + lobe["x"], "o", ms=13, mfc="none", mec=_RED, mew=2)
-        axes.set(
-            title=f"{design.sensor.name}: a point {distance:.0f} m ahead, highest lobe {lobe['level']:.0f} dB",
-            xlabel="ahead y (m)",
-            ylabel="across x (m)",
-        )
+        name = design.sensor.name
+        level = lobe["level"]
+        title = f"{name}: a point {distance:.0f} m ahead, highest lobe {level:.0f} dB"
+        _label_ground(axes, title)
         figure.colorbar(image, ax=axes, label="dB")
     return figure
 
 
 def ratio_figure(designs: Sequence[Design], kind: str) -> Figure:
-    """Draw the signal-to-clutter map of a kind of mine, an array per row and a polarization per column."""
-    labels = [sorted({p for k, p in design.ratio if k == kind}) for design in designs]
-    columns = max(1, *map(len, labels))
+    """Draw the signal-to-clutter map of a kind of mine.
+
+    There is a row per array and a column per polarization.
+    """
+    ratios = [_ratios_of(design, kind) for design in designs]
+    columns = max(1, *(len(by_polarization) for by_polarization in ratios))
     figure = Figure(figsize=(11, 3.2 * len(designs)), layout="constrained")
     rows = figure.subplots(len(designs), columns, squeeze=False)
-    values = [
-        design.ratio[kind, p] for design, some in zip(designs, labels, strict=True) for p in some
-    ]
-    low, high = (min(map(np.min, values)), max(map(np.max, values))) if values else (0.0, 1.0)
+    low = 0.0
+    high = 1.0
+    maps = [ratio for by_polarization in ratios for ratio in by_polarization.values()]
+    if maps:
+        low = min(float(ratio.min()) for ratio in maps)
+        high = max(float(ratio.max()) for ratio in maps)
     image = None
-    for row, design, some in zip(rows, designs, labels, strict=True):
-        for axes in row[len(some) :]:
+    for row, design, by_polarization in zip(rows, designs, ratios, strict=True):
+        for axes in row[len(by_polarization) :]:
             axes.set_axis_off()
-        for axes, label in zip(row, some, strict=False):
-            value = design.ratio[kind, label]
+        for axes, (polarization, ratio) in zip(row, by_polarization.items(), strict=False):
             y = design.ratio_y
             x = design.ratio_x
             image = axes.pcolormesh(
-                y, x, value.T, vmin=low, vmax=high, cmap=_SHADES, shading="nearest"
+                y, x, ratio.T, vmin=low, vmax=high, cmap=_SHADES, shading="nearest"
             )
-            for i, j in np.ndindex(*value.shape):
-                colour = "black" if value[i, j] > (low + high) / 2 else "white"
-                axes.text(
-                    y[i],
-                    x[j],
-                    f"{value[i, j]:.0f}",
-                    color=colour,
-                    fontsize=8,
-                    ha="center",
-                    va="center",
-                )
-            axes.set(
-                title=f"{design.sensor.name}, {kind}, {label}",
-                xlabel="ahead y (m)",
-                ylabel="across x (m)",
-            )
+            centred = {"fontsize": 8, "ha": "center", "va": "center"}
+            for i, j in np.ndindex(*ratio.shape):
+                colour = "black" if ratio[i, j] > (low + high) / 2 else "white"
+                axes.text(y[i], x[j], f"{ratio[i, j]:.0f}", color=colour, **centred)
+            _label_ground(axes, f"{design.sensor.name}, {kind}, {polarization}")
     if image is not None:
         figure.colorbar(image, ax=rows, label="signal to clutter (dB)")
     return figure
+
+
+def _ratios_of(design: Design, kind: str) -> dict[str, NDArray[np.float64]]:
+    """Return the signal-to-clutter maps of a kind of mine by polarization, sorted."""
+    ratios = {}
+    for of_kind, polarization in sorted(design.ratio):
+        if of_kind == kind:
+            ratios[polarization] = design.ratio[of_kind, polarization]
+    return ratios
 
 
 def range_figure(designs: Sequence[Design]) -> Figure:
@@ -209,17 +232,13 @@ def range_figure(designs: Sequence[Design]) -> Figure:
     colours = [_BLUE, _RED, "#3a7d44", "#6b4c9a"]
     for axes, kind in zip(figure.subplots(1, 2, sharey=True), KINDS, strict=True):
         for design, colour in zip(designs, colours, strict=False):
-            for (one, label), value in design.ratio.items():
-                if one == kind:
-                    style = "-" if label == "HH" else "--"
-                    middle = value[:, value.shape[1] // 2]
-                    axes.plot(
-                        design.ratio_y,
-                        middle,
-                        style,
-                        color=colour,
-                        label=f"{design.sensor.name} {label}",
-                    )
+            for (of_kind, polarization), ratio in design.ratio.items():
+                if of_kind != kind:
+                    continue
+                style = "-" if polarization == "HH" else "--"
+                ahead = ratio[:, ratio.shape[1] // 2]
+                label = f"{design.sensor.name} {polarization}"
+                axes.plot(design.ratio_y, ahead, style, color=colour, label=label)
         axes.axhline(0, color="0.5", lw=0.8)
         axes.set(title=f"{kind} mine, straight ahead", xlabel="ahead y (m)")
     figure.axes[0].set_ylabel("signal to clutter (dB)")

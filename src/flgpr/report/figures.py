@@ -13,10 +13,12 @@ import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
+from flgpr.chain.detection import Detection
 from flgpr.model import Lane
 from flgpr.results.description import plausible_poses
 from flgpr.results.result import Result, thinned
@@ -24,16 +26,18 @@ from flgpr.scoring import Score
 from flgpr.screen import select
 
 DYNAMIC_RANGE = 30.0  # dB
-_ROWS = 2400  # more than that are not told apart in a figure
+_ROWS = 2400  # a figure cannot show more
 _LONG = 12.0  # lanes longer than so many times their width are not drawn to scale
-_RANKS = 100  # so many alarms get their rank written beside them
+_RANKS = 100  # alarms whose rank is written next to them
+_POSES = 200  # stops of the array that are drawn
+_PANEL_WIDTH = 4.6  # inches
 _wrapped = partial(fill, break_long_words=False, break_on_hyphens=False)
-_POSES = 200  # so many stops of the array are drawn
+_PLANES = (("x", "y"), ("x", "z"), ("y", "z"))
 _MARKER = {"metal": "s", "plastic": "^", "simulant": "D"}
 
 
-def _band(name: str) -> str:
-    """Call a sub-band by its name; those named by their edges are in GHz."""
+def _band_label(name: str) -> str:
+    """Return the name of a sub-band, with the unit if the name is its edges."""
     return f"{name} GHz" if re.fullmatch(r"[\d.]+-[\d.]+", name) else name
 
 
@@ -43,20 +47,30 @@ def run_view_figure(
     truth: pd.DataFrame | None = None,
     objects: pd.DataFrame | None = None,
 ) -> Figure:
-    """Draw run-views of some detections with alarms, lane and what stands there; dB re the lane's strongest pixel."""
+    """Draw the run-views of some detections with their alarms, in dB re the lane's strongest pixel.
+
+    Parameters
+    ----------
+    result : Result
+        The result.
+    names : list of str
+        Names of the detections.
+    truth : pandas.DataFrame, optional
+        Targets, which are drawn with their halos.
+    objects : pandas.DataFrame, optional
+        Other objects on the lane.
+    """
     screen = result.recipe.prescreen
-    chosen = [one for one in result.detections if one.name in names]
-    width = 4.6
-    ratio = _ratio(chosen[0].view)
-    figure = Figure(
-        figsize=(width * len(chosen) + 0.6, width * ratio * 0.82 + 1.5), layout="constrained"
-    )
-    for axes, one in zip(np.atleast_1d(figure.subplots(1, len(chosen))), chosen, strict=True):
-        view = select(one.view, screen.polarization, screen.subband)
-        _show(axes, view, result.lane)
-        _overlay(axes, one.alarms, result, truth, objects)
-        title = "recipe as it stands" if one.name == "main" else one.title
-        axes.set_title(_wrapped(title, 38), fontsize=9)
+    chosen = [detection for detection in result.detections if detection.name in names]
+    width = _PANEL_WIDTH * len(chosen) + 0.6
+    height = _PANEL_WIDTH * _ratio(chosen[0].view) * 0.82 + 1.5
+    figure = Figure(figsize=(width, height), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(1, len(chosen)))
+    for axes, detection in zip(panels, chosen, strict=True):
+        view = select(detection.view, screen.polarization, screen.subband)
+        _draw_view(axes, view, result.lane)
+        _draw_marks(axes, detection.alarms, result, truth, objects)
+        axes.set_title(_wrapped(_title_of(detection), 38), fontsize=9)
     figure.legend(
         handles=_legend(truth, objects),
         loc="outside lower center",
@@ -65,60 +79,65 @@ def run_view_figure(
         frameon=False,
     )
     scale = ", not to scale" if _is_long(chosen[0].view) else ""
-    figure.suptitle(f"Run-view {screen.polarization}, {_band(screen.subband)}{scale}", fontsize=11)
+    figure.suptitle(
+        f"Run-view {screen.polarization}, {_band_label(screen.subband)}{scale}", fontsize=11
+    )
     return figure
 
 
+def _title_of(detection: Detection | Score) -> str:
+    """Return the title of a detection; the main one is the recipe itself."""
+    return "recipe as it stands" if detection.name == "main" else detection.title
+
+
 def channel_figure(result: Result) -> Figure:
-    """Draw the main run-view, polarizations down, sub-bands across; each in dB re its strongest pixel in the lane."""
+    """Draw the main run-view, each channel in dB re its strongest pixel in the lane.
+
+    There is a row per polarization and a column per sub-band.
+    """
     view = result.detections[0].view
-    rows, columns = view.sizes["polarization"], view.sizes["subband"]
-    figure = Figure(
-        figsize=(2.6 * columns + 0.6, 2.6 * _ratio(view) * rows * 0.92 + 0.6), layout="constrained"
-    )
+    rows = view.sizes["polarization"]
+    columns = view.sizes["subband"]
+    size = (2.6 * columns + 0.6, 2.6 * _ratio(view) * rows * 0.92 + 0.6)
+    figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for i, polarization in enumerate(view["polarization"].values):
         for j, subband in enumerate(view["subband"].values):
-            _show(grid[i, j], view[i, j], result.lane, bar=False)
-            grid[i, j].set_title(f"{polarization}  {_band(subband)}", fontsize=9)
+            _draw_view(grid[i, j], view[i, j], result.lane, bar=False)
+            grid[i, j].set_title(f"{polarization}  {_band_label(subband)}", fontsize=9)
             grid[i, j].label_outer()
     return figure
 
 
-def whole_roc_figure(scored: Sequence[Score]) -> Figure:
-    """Draw every detection's Pd up to its last alarm; of the main curve also the exact intervals and chance."""
+def complete_roc_figure(scored: Sequence[Score]) -> Figure:
+    """Draw every detection's Pd up to its last alarm.
+
+    The main curve also has its exact intervals and chance.
+    """
     figure = Figure(figsize=(5.2, 4.0), layout="constrained")
     axes = figure.subplots()
-    for i, one in enumerate(scored):
-        curve = one.curve
-        targets = int(one.curve.attrs["n_targets"])
-        far = np.append(curve["far"], curve["far"].iloc[-1] + 1 / one.curve.attrs["area"])
-        label = (
-            "all targets"
-            if len(scored) == 1
-            else "recipe as it stands"
-            if one.name == "main"
-            else one.title
-        )
-        style: dict[str, Any] = {
-            "lw": 2.2 if i == 0 else 1.3,
-            "ls": "-" if i == 0 else "--",
-            "color": f"C{i}",
-        }
+    for i, detection in enumerate(scored):
+        curve = detection.curve
+        targets = int(curve.attrs["n_targets"])
+        # A step beyond the last alarm, so that its Pd is seen.
+        far = np.append(curve["far"], curve["far"].iloc[-1] + 1 / curve.attrs["area"])
+        label = "all targets" if len(scored) == 1 else _title_of(detection)
+        is_main = i == 0
         axes.step(
             far,
-            np.append(curve["pd"], curve["pd"].iloc[-1]),
+            _with_last_repeated(curve["pd"]),
             where="post",
             label=_wrapped(label, 44),
-            **style,
+            lw=2.2 if is_main else 1.3,
+            ls="-" if is_main else "--",
+            color=f"C{i}",
         )
-        if i == 0:
-            low, high = (
-                np.append(curve[name], curve[name].iloc[-1]) for name in ("pd_low", "pd_high")
-            )
+        if is_main:
+            low = _with_last_repeated(curve["pd_low"])
+            high = _with_last_repeated(curve["pd_high"])
+            chance = _with_last_repeated(curve["chance"])
             axes.fill_between(far, low, high, step="post", alpha=0.15, color="C0", lw=0)
-            by_chance = np.append(curve["chance"], curve["chance"].iloc[-1])
-            axes.step(far, by_chance, where="post", color="0.45", ls=":", lw=1.6, label="chance")
+            axes.step(far, chance, where="post", color="0.45", ls=":", lw=1.6, label="chance")
     axes.set(
         xlabel="false alarms per m²",
         ylabel=f"probability of detection ({targets} targets)",
@@ -133,86 +152,128 @@ def whole_roc_figure(scored: Sequence[Score]) -> Figure:
     return figure
 
 
+def _with_last_repeated(values: pd.Series[float]) -> NDArray[np.float64]:
+    """Return values with the last one once more."""
+    return np.append(values, values.iloc[-1])
+
+
 def geometry_figure(
     run: dict[str, Any], lane: Lane, looks: xr.DataArray | None, beyond: float
 ) -> Figure:
-    """Draw in plan and from the side where a manifest's run had its antennas, and how often each spot was seen."""
-    tx, rx = (np.asarray(run[name], dtype=float) for name in ("tx_m", "rx_m"))
+    """Draw the antennas of a run in plan and from the side, and how often the ground was seen.
+
+    Parameters
+    ----------
+    run : dict
+        Description of the run in a manifest.
+    lane : Lane
+        Ground that was searched.
+    looks : xarray.DataArray or None
+        Number of scans (y, x) that see each pixel.
+    beyond : float
+        Ground that is drawn before the first pose and after the lane's end, m.
+    """
     pose = plausible_poses(run)
     figure = Figure(figsize=(8.2, 5.6), layout="constrained")
     plan, side = figure.subplots(1, 2, width_ratios=(1.25, 1))
     if looks is not None:
         most = int(looks.max())
         looks = _thinned(looks)
-        shades: dict[str, Any] = {
-            "cmap": "Blues",
-            "vmin": 0,
-            "vmax": max(most, 1),
-            "shading": "nearest",
-        }
-        mesh = plan.pcolormesh(looks["x"], looks["y"], looks, **shades)
+        mesh = plan.pcolormesh(
+            looks["x"],
+            looks["y"],
+            looks,
+            cmap="Blues",
+            vmin=0,
+            vmax=max(most, 1),
+            shading="nearest",
+        )
         figure.colorbar(mesh, ax=plan, label="scans that see the ground", shrink=0.7)
-    plan.add_patch(_lane_patch(lane))
-    for k, one in enumerate(pose[:: -(-len(pose) // _POSES)]):
-        turn = np.array([[np.cos(one[3]), np.sin(one[3])], [-np.sin(one[3]), np.cos(one[3])]])
-        for positions, marker, name in ((rx, ".", "receivers"), (tx, "^", "transmitters")):
-            place = positions[:, :2] @ turn.T + one[:2]
-            plan.plot(
-                *place.T,
-                marker,
-                ms=5,
-                color="C3" if marker == "^" else "0.25",
-                label=name if k == 0 else None,
-            )
-    scale = looks is not None and _is_long(looks)
-    plan.set(
-        xlabel="cross-track x (m)",
-        ylabel="down-track y (m)",
-        title="plan, not to scale" if scale else "plan",
-    )
-    plan.set_aspect("auto" if scale else "equal")
-    plan.set_ylim(min(pose[:, 1].min(), lane.y_min) - beyond, lane.y_max + beyond)
+    is_stretched = looks is not None and _is_long(looks)
+    first_y = min(pose[:, 1].min(), lane.y_min)
+    _draw_plan(plan, run, pose, lane, is_stretched)
+    plan.set_ylim(first_y - beyond, lane.y_max + beyond)
     plan.legend(fontsize=8, loc="upper right")
-    side.axhline(0, color="saddlebrown")
-    side.plot(pose[:, 1], pose[:, 2], "C3^", ms=5)
-    for one in pose[[0, -1]]:
-        for y in (lane.y_min, lane.y_max):
-            side.plot([one[1], y], [one[2], 0], color="0.6", lw=0.8)
-    highest = max(float(pose[:, 2].max()), 0.5)
-    flat = lane.y_max - min(pose[:, 1].min(), lane.y_min) > 6 * highest
-    title = "side, with rays to\nboth ends of the lane" + (", not to scale" if flat else "")
-    side.set(
-        xlabel="down-track y (m)",
-        ylabel="height z (m)",
-        title=title,
-        aspect="auto" if flat else "equal",
-    )
-    side.set_ylim(min(-0.3 * highest, 1.2 * float(pose[:, 2].min())), 1.4 * highest)
+    _draw_side(side, pose, lane)
     return figure
 
 
+def _draw_plan(
+    axes: Axes, run: dict[str, Any], pose: NDArray[np.float64], lane: Lane, is_stretched: bool
+) -> None:
+    """Draw the lane and the antennas at the poses from above."""
+    tx = np.asarray(run["tx_m"], dtype=float)
+    rx = np.asarray(run["rx_m"], dtype=float)
+    axes.add_patch(_lane_patch(lane))
+    every = -(-len(pose) // _POSES)
+    for k, stop in enumerate(pose[::every]):
+        cosine = np.cos(stop[3])
+        sine = np.sin(stop[3])
+        rotation = np.array([[cosine, sine], [-sine, cosine]])
+        for antennas, marker, colour, name in (
+            (rx, ".", "0.25", "receivers"),
+            (tx, "^", "C3", "transmitters"),
+        ):
+            position = antennas[:, :2] @ rotation.T + stop[:2]
+            label = name if k == 0 else None
+            axes.plot(*position.T, marker, ms=5, color=colour, label=label)
+    axes.set(
+        xlabel="cross-track x (m)",
+        ylabel="down-track y (m)",
+        title="plan, not to scale" if is_stretched else "plan",
+    )
+    axes.set_aspect("auto" if is_stretched else "equal")
+
+
+def _draw_side(axes: Axes, pose: NDArray[np.float64], lane: Lane) -> None:
+    """Draw the poses from the side, and rays from the first and the last to the lane's ends."""
+    axes.axhline(0, color="saddlebrown")
+    axes.plot(pose[:, 1], pose[:, 2], "C3^", ms=5)
+    for stop in pose[[0, -1]]:
+        for y in (lane.y_min, lane.y_max):
+            axes.plot([stop[1], y], [stop[2], 0], color="0.6", lw=0.8)
+    highest = max(float(pose[:, 2].max()), 0.5)
+    is_flat = lane.y_max - min(pose[:, 1].min(), lane.y_min) > 6 * highest
+    title = "side, with rays to\nboth ends of the lane"
+    if is_flat:
+        title += ", not to scale"
+    axes.set(
+        xlabel="down-track y (m)",
+        ylabel="height z (m)",
+        title=title,
+        aspect="auto" if is_flat else "equal",
+    )
+    axes.set_ylim(min(-0.3 * highest, 1.2 * float(pose[:, 2].min())), 1.4 * highest)
+
+
 def _shape(view: xr.DataArray) -> float:
-    x, y = view["x"].values, view["y"].values
+    """Return length over width of a view."""
+    x = view["x"].values
+    y = view["y"].values
     return float((y[-1] - y[0]) / (x[-1] - x[0]))
 
 
 def _ratio(view: xr.DataArray) -> float:
+    """Return height over width of a view's panel."""
     return float(np.clip(_shape(view), 0.3, 6.0))
 
 
 def _is_long(view: xr.DataArray) -> bool:
+    """Return whether a view is too long to be drawn to scale."""
     return _shape(view) > _LONG
 
 
 def _thinned(view: xr.DataArray) -> xr.DataArray:
-    """Take the largest of neighbouring rows where there are more than a figure shows."""
+    """Return a view with no more rows than a figure shows: the largest of neighbouring rows."""
     return thinned(view, -(-view.sizes["y"] // _ROWS))
 
 
-def _show(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> None:
-    stretched = _is_long(view)
+def _draw_view(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> None:
+    """Draw a channel of a run-view in dB and the lane."""
+    is_stretched = _is_long(view)
     view = _thinned(view)
-    x, y = view["x"].values, view["y"].values
+    x = view["x"].values
+    y = view["y"].values
     level = 20 * np.log10(np.maximum(view.values, 1e-12))
     inside = level[lane.contains(*np.meshgrid(x, y)) & np.isfinite(level)]
     level = level - (inside.max() if inside.size else 0.0)
@@ -224,13 +285,14 @@ def _show(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> None:
     axes.set(
         xlabel="cross-track x (m)",
         ylabel="down-track y (m)",
-        aspect="auto" if stretched else "equal",
+        aspect="auto" if is_stretched else "equal",
     )
     if bar and axes.figure is not None:
         axes.figure.colorbar(mesh, ax=axes, shrink=0.7, label="dB re strongest pixel in the lane")
 
 
 def _lane_patch(lane: Lane) -> Rectangle:
+    """Return the outline of a lane."""
     corner = (lane.x_min, lane.y_min)
     return Rectangle(
         corner,
@@ -243,32 +305,28 @@ def _lane_patch(lane: Lane) -> Rectangle:
     )
 
 
-def _overlay(
+def _draw_marks(
     axes: Axes,
     alarms: pd.DataFrame,
     result: Result,
     truth: pd.DataFrame | None,
     objects: pd.DataFrame | None,
 ) -> None:
+    """Draw objects, targets with their halos, and alarms with their ranks."""
     if objects is not None:
         axes.plot(objects["x"], objects["y"], "x", color="white", ms=7, mew=1.6)
     if truth is not None:
-        for row in truth.to_dict("records"):
-            axes.plot(
-                row["x"],
-                row["y"],
-                _MARKER.get(row["kind"], "o"),
-                mfc="none",
-                mec="red",
-                ms=9,
-                mew=1.8,
-            )
-            halo = Circle(
-                (row["x"], row["y"]), result.recipe.score.halo, fill=False, ec="red", lw=1.2, ls=":"
-            )
-            axes.add_patch(halo)
+        radius = result.recipe.score.halo
+        for target in truth.to_dict("records"):
+            x = target["x"]
+            y = target["y"]
+            marker = _MARKER.get(target["kind"], "o")
+            axes.plot(x, y, marker, mfc="none", mec="red", ms=9, mew=1.8)
+            axes.add_patch(Circle((x, y), radius, fill=False, ec="red", lw=1.2, ls=":"))
     axes.plot(alarms["x"], alarms["y"], "o", mfc="none", mec="white", ms=6, mew=1.2)
-    for rank, (x, y) in enumerate(zip(alarms["x"][:_RANKS], alarms["y"][:_RANKS], strict=True), 1):
+    ranked = zip(alarms["x"][:_RANKS], alarms["y"][:_RANKS], strict=True)
+    for rank, (x, y) in enumerate(ranked, 1):
+        # Next to the right edge the number stands on the left.
         offset = (-11, 3) if x > 0.8 * result.lane.x_max else (5, 3)
         axes.annotate(
             str(rank), (x, y), xytext=offset, textcoords="offset points", color="white", fontsize=8
@@ -276,6 +334,8 @@ def _overlay(
 
 
 def _legend(truth: pd.DataFrame | None, objects: pd.DataFrame | None) -> list[Line2D]:
+    """Return the entries of the legend for what is drawn."""
+
     def mark(marker: str, colour: str, label: str) -> Line2D:
         return Line2D(
             [], [], marker=marker, ls="none", mfc="none", mec=colour, ms=7, mew=1.6, label=label
@@ -286,17 +346,15 @@ def _legend(truth: pd.DataFrame | None, objects: pd.DataFrame | None) -> list[Li
         Line2D([], [], color="0.3", ls="-.", label="lane"),
     ]
     if truth is not None:
-        handles += [
-            mark(_MARKER.get(kind, "o"), "red", f"{kind} mine")
-            for kind in dict.fromkeys(truth["kind"])
-        ]
+        for kind in dict.fromkeys(truth["kind"]):
+            handles.append(mark(_MARKER.get(kind, "o"), "red", f"{kind} mine"))
         handles.append(Line2D([], [], color="red", ls=":", label="halo"))
     if objects is not None and len(objects):
         handles.append(mark("x", "0.3", ", ".join(dict.fromkeys(objects["kind"]))))
     return handles
 
 
-# inches of a panel at most
+# largest size of a panel, inches
 _WIDE = 7.5
 _HIGH = 6.0
 _MARGIN = 0.08  # of a panel, beside whose edge a number would be cut off
@@ -305,52 +363,81 @@ _MARGIN = 0.08  # of a panel, beside whose edge a number would be cut off
 def image_figure(
     image: xr.DataArray, peaks: pd.DataFrame, pose: NDArray[np.float64], span: float = 40.0
 ) -> Figure:
-    """Draw an image (polarization, z, y, x), complex, ``span`` dB down from each polarization's strongest pixel.
+    """Draw an image in planes, each polarization in dB re its strongest pixel.
 
-    An axis of one value is left out; a volume is drawn as its strongest pixels along each axis. ``peaks`` (x, y, z, m)
-    are numbered in the first polarization's panels, poses (scan, 6) drawn where they lie in a panel.
+    An axis of one value is left out; a volume is drawn as its strongest pixels along each axis.
+
+    Parameters
+    ----------
+    image : xarray.DataArray
+        Complex image (polarization, z, y, x).
+    peaks : pandas.DataFrame
+        Peaks with ``x``, ``y``, ``z``, m, which are numbered in the first polarization's panels.
+    pose : (scan, 6) ndarray of float
+        Poses, which are drawn where they lie in a panel, m and rad.
+    span : float
+        Range of the scale, dB.
     """
     labels = [str(label) for label in image["polarization"].values]
-    wide = [axis for axis in ("x", "y", "z") if image.sizes[axis] > 1]
-    planes = [("x", "y"), ("x", "z"), ("y", "z")]
-    shown = [plane for plane in planes if all(axis in wide for axis in plane)]
+    wide = [axis for axis in "xyz" if image.sizes[axis] > 1]
+    planes = [plane for plane in _PLANES if plane[0] in wide and plane[1] in wide]
     sizes = {axis: max(float(np.ptp(image[axis].values)), 1e-9) for axis in "xyz"}
-    across, up = shown[0]
+    across, up = planes[0]
     ratio = np.clip(sizes[up] / sizes[across], 0.12, 2.5)
     width = min(_WIDE, _HIGH / ratio)
-    figure = Figure(
-        figsize=(width * len(shown) + 1.6, (width * ratio + 1.1) * len(labels)), layout="compressed"
-    )  # fmt: skip
-    panels = figure.subplots(len(labels), len(shown), squeeze=False)
+    size = (width * len(planes) + 1.6, (width * ratio + 1.1) * len(labels))
+    figure = Figure(figsize=size, layout="compressed")
+    panels = figure.subplots(len(labels), len(planes), squeeze=False)
     for row, (label, line) in enumerate(zip(labels, panels, strict=True)):
         level = np.abs(image.values[row])
-        top = max(float(level.max()), np.finfo(float).tiny)
-        for axes, (a, b) in zip(line, shown, strict=True):
-            others = tuple(k for k, axis in enumerate(("z", "y", "x")) if axis not in (a, b))
-            flat = 20 * np.log10(np.maximum(level.max(axis=others) / top, 1e-9))
-            u = image[a].values
-            v = image[b].values
-            du, dv = (np.diff(one).mean() / 2 for one in (u, v))
-            drawn = axes.imshow(
-                flat, origin="lower", extent=(u[0] - du, u[-1] + du, v[0] - dv, v[-1] + dv), cmap="magma", vmin=-span,
-                vmax=0, aspect="equal" if 0.12 < np.ptp(v) / np.ptp(u) < 2.5 else "auto", interpolation="nearest",
-            )  # fmt: skip
-            window = axes.axis()
-            axes.plot(
-                pose[:, "xyz".index(a)], pose[:, "xyz".index(b)], ".", color="#4fc3f7", markersize=2
-            )
-            axes.axis(window)
-            axes.set(xlabel=f"{a} (m)", ylabel=f"{b} (m)")
+        for axes, plane in zip(line, planes, strict=True):
+            mesh = _draw_plane(axes, image, level, plane, span)
+            _draw_poses(axes, pose, plane)
+            axes.set(xlabel=f"{plane[0]} (m)", ylabel=f"{plane[1]} (m)")
             if row == 0:
-                _number_points(axes, peaks[[a, b]].to_numpy())
-        bar = figure.colorbar(drawn, ax=line[-1], shrink=0.8, pad=0.02)
-        # On two lines, so that the bar of a low panel holds its label as a whole.
+                _number_points(axes, peaks[list(plane)].to_numpy())
+        bar = figure.colorbar(mesh, ax=line[-1], shrink=0.8, pad=0.02)
+        # On two lines, so that the label fits the bar of a low panel.
         bar.set_label(f"{label}, dB re its\nstrongest pixel", fontsize=9)
-    fixed = ", ".join(f"{axis} = {image[axis].values[0]:g} m" for axis in "xyz" if axis not in wide)
-    figure.suptitle(
-        ", ".join(part for part in (str(image.attrs.get("title", "")), fixed) if part), fontsize=10
-    )
+    title = [str(image.attrs.get("title", ""))]
+    for axis in "xyz":
+        if axis not in wide:
+            title.append(f"{axis} = {image[axis].values[0]:g} m")
+    figure.suptitle(", ".join(text for text in title if text), fontsize=10)
     return figure
+
+
+def _draw_plane(
+    axes: Axes, image: xr.DataArray, level: NDArray[np.float32], plane: tuple[str, str], span: float
+) -> AxesImage:
+    """Draw the strongest pixels of a polarization's magnitude (z, y, x) in a plane."""
+    top = max(float(level.max()), np.finfo(float).tiny)
+    collapsed = tuple(k for k, axis in enumerate("zyx") if axis not in plane)
+    decibels = 20 * np.log10(np.maximum(level.max(axis=collapsed) / top, 1e-9))
+    u = image[plane[0]].values
+    v = image[plane[1]].values
+    half_du = np.diff(u).mean() / 2
+    half_dv = np.diff(v).mean() / 2
+    is_to_scale = 0.12 < np.ptp(v) / np.ptp(u) < 2.5
+    return axes.imshow(
+        decibels,
+        origin="lower",
+        extent=(u[0] - half_du, u[-1] + half_du, v[0] - half_dv, v[-1] + half_dv),
+        cmap="magma",
+        vmin=-span,
+        vmax=0,
+        aspect="equal" if is_to_scale else "auto",
+        interpolation="nearest",
+    )
+
+
+def _draw_poses(axes: Axes, pose: NDArray[np.float64], plane: tuple[str, str]) -> None:
+    """Draw poses as dots, without changing the limits of the axes."""
+    limits = axes.axis()
+    u = pose[:, "xyz".index(plane[0])]
+    v = pose[:, "xyz".index(plane[1])]
+    axes.plot(u, v, ".", color="#4fc3f7", markersize=2)
+    axes.axis(limits)
 
 
 def _number_points(axes: Axes, points: NDArray[np.float64]) -> None:

@@ -1,4 +1,4 @@
-"""What all pages share: templates that are filled in, and figures that are put into them."""
+"""What all pages share: templates that are filled in, and figures as images."""
 
 from __future__ import annotations
 
@@ -13,23 +13,35 @@ from matplotlib.figure import Figure
 
 import flgpr
 
-_HOME = "flgpr.report"
+_PACKAGE = "flgpr.report"
 
 
-def render(template: str, package: str = _HOME, **values: Any) -> str:
-    """Fill in a template of a package, which may extend and import those of this one; the page needs nothing beside it.
+def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
+    """Return a page: a template with its values filled in.
 
-    Beside Jinja's own filters there are ``fmt``, Python's ``format``, ``metres``, which says a place in the lane to the
-    centimetre, and ``data_url``, which makes of a figure or its PNG what an ``img`` shows. Text is escaped, and what is
-    asked for and not given is an error.
+    The page is self-contained. Text is escaped, and a value that the template uses must be given.
+    Beside Jinja's own filters there are ``fmt``, Python's ``format``; ``metres``, which writes a
+    length to the centimetre; and ``data_url``, which turns a figure or its PNG into the address of
+    an image.
+
+    Parameters
+    ----------
+    template : str
+        File name of the template.
+    package : str
+        Package that holds it; its templates may extend and import those of this package.
+    **values
+        Values for the template.
     """
     return _environment(package).get_template(template).render(version=flgpr.__version__, **values)
 
 
 @cache
 def _environment(package: str) -> Environment:
+    """Return the environment of a package's templates."""
+    packages = dict.fromkeys((package, _PACKAGE))
     environment = Environment(
-        loader=ChoiceLoader([PackageLoader(name) for name in dict.fromkeys((package, _HOME))]),
+        loader=ChoiceLoader([PackageLoader(name) for name in packages]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -41,21 +53,22 @@ def _environment(package: str) -> Environment:
 
 
 def figure_png(figure: Figure, dpi: float = 110) -> bytes:
-    """Render a figure as PNG, the same for equal figures; dpi in dots per inch."""
+    """Return a figure as PNG, the same bytes for equal figures; dpi in dots per inch."""
     stream = BytesIO()
     figure.dpi = dpi
-    # savefig draws a figure with a layout twice. Without the metadata the library's version is in
-    # it.
+    # savefig would draw a figure with a layout twice. The metadata would hold the library's
+    # version.
     FigureCanvasAgg(figure).print_png(stream, metadata={"Software": None})  # type: ignore[no-untyped-call]
     return stream.getvalue()
 
 
 def _metres(value: float) -> str:
-    """Say a length to the centimetre, without zeros that tell nothing."""
+    """Return a length in m to the centimetre, without trailing zeros."""
     text = f"{value:.2f}".rstrip("0").rstrip(".")
     return "0" if text == "-0" else text
 
 
 def _data_url(picture: Figure | bytes, dpi: float = 110) -> str:
+    """Return a figure or a PNG as a data address."""
     png = figure_png(picture, dpi) if isinstance(picture, Figure) else picture
     return "data:image/png;base64," + b64encode(png).decode()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 _UNEVEN = 0.02  # of the mean trace spacing; more than that is not drawn as an even axis
-_CLIP = 99.0  # per cent of the amplitudes that the grey scale tells apart
+_CLIP = 99.0  # per cent of the amplitudes that the grey scale covers
 _TICKS = 8
 
 
@@ -25,23 +25,42 @@ def radargram_figure(
     unit: str,
     steps: Sequence[str],
 ) -> Figure:
-    """Draw traces (trace, sample) in grey over two-way time, s, with a second axis of depth, m, if there is one.
+    """Draw traces in grey over two-way time, with a second axis of depth if there is one.
 
-    Traces stand side by side at equal widths. Where their distances (trace,), m, are even, they are the axis below;
-    where they are not, that is the traces' numbers, and the axis above has the distances at some of them. What holds
-    no data is left white. The grey scale ends at the 99th percentile of the amplitudes;
-    pointed ends of its bar tell that there are larger ones.
+    Traces stand side by side at equal widths. Where their distances are even, these are the axis
+    below; otherwise that axis has the traces' numbers, and the axis above has the distances at some
+    of them. Samples without data are white. The grey scale ends at the 99th percentile of the
+    amplitudes; pointed ends of its bar say that there are larger ones.
+
+    Parameters
+    ----------
+    values : (trace, sample) ndarray of float
+        Amplitudes; NaN where there are no data.
+    delay : (sample,) ndarray of float
+        Two-way time, s.
+    number : (trace,) ndarray of int
+        Numbers of the traces.
+    distance : (trace,) ndarray of float or None
+        Distance along the line, m.
+    depth : (sample,) ndarray of float or None
+        Depth, m.
+    title : str
+        Title of the figure.
+    unit : str
+        Label of the grey scale.
+    steps : sequence of str
+        Processing steps, for the title.
     """
     figure = Figure(figsize=(9.5, 5.6), layout="constrained")
     axes = figure.subplots()
-    known = np.abs(values[np.isfinite(values)])
-    top = float(np.percentile(known, _CLIP)) if known.size else 0.0
-    if top == 0:  # a silent line, or one with fewer than a hundredth of echoes
-        top = float(known.max(initial=0.0)) or 1.0
+    amplitudes = np.abs(values[np.isfinite(values)])
+    top = float(np.percentile(amplitudes, _CLIP)) if amplitudes.size else 0.0
+    if top == 0:  # a silent line, or one with echoes in fewer than a hundredth of its samples
+        top = float(amplitudes.max(initial=0.0)) or 1.0
     time = delay * 1e9
     half_sample = 0.5 * (time[1] - time[0])
     left, right, label = _across(number, distance)
-    drawn = axes.imshow(
+    image = axes.imshow(
         values.T,
         extent=(left, right, time[-1] + half_sample, time[0] - half_sample),
         cmap="gray",
@@ -52,23 +71,24 @@ def radargram_figure(
     )
     axes.set(xlabel=label, ylabel="two-way time (ns)")
     axes.set_title(f"{title}\n{'; '.join(steps) or 'as recorded'}", fontsize=10)
-    if distance is not None and not _even(distance):
-        _distances_above(axes, number, distance)
+    if distance is not None and not _is_even(distance):
+        _add_distance_axis(axes, number, distance)
     if depth is not None:
-        _depth_beside(axes, time, depth)
-    clipped = bool((known > top).any())
+        _add_depth_axis(axes, time, depth)
+    is_clipped = bool((amplitudes > top).any())
     figure.colorbar(
-        drawn,
+        image,
         ax=axes,
         label=unit,
         shrink=0.8,
         pad=0.02 if depth is None else 0.03,
-        extend="both" if clipped else "neither",
+        extend="both" if is_clipped else "neither",
     )
     return figure
 
 
-def _even(distance: FloatArray) -> bool:
+def _is_even(distance: FloatArray) -> bool:
+    """Return whether distances grow in steps that are nearly equal."""
     steps = np.diff(distance)
     if not steps.size or not np.isfinite(distance).all():
         return False
@@ -78,31 +98,31 @@ def _even(distance: FloatArray) -> bool:
 
 def _across(number: NDArray[np.int64], distance: FloatArray | None) -> tuple[float, float, str]:
     """Return the outer edges of the first and the last trace and the label of the axis below."""
-    if distance is not None and _even(distance):
+    if distance is not None and _is_even(distance):
         half = 0.5 * float(distance[-1] - distance[0]) / (distance.size - 1)
         return float(distance[0]) - half, float(distance[-1]) + half, "distance along the line (m)"
     return float(number[0]) - 0.5, float(number[-1]) + 0.5, "trace"
 
 
-def _distances_above(axes: Axes, number: NDArray[np.int64], distance: FloatArray) -> None:
-    """Write the distances of some traces on an axis above."""
-    chosen = np.unique(
-        np.linspace(0, number.size - 1, min(_TICKS, number.size)).round().astype(int)
-    )
+def _add_distance_axis(axes: Axes, number: NDArray[np.int64], distance: FloatArray) -> None:
+    """Add an axis above with the distances of some traces."""
+    ticks = np.linspace(0, number.size - 1, min(_TICKS, number.size))
+    chosen = np.unique(ticks.round().astype(int))
     above = axes.secondary_xaxis("top")
     above.set_xticks(number[chosen], [f"{value:.4g}" for value in distance[chosen]])
     above.set_xlabel("distance along the line (m), uneven")
 
 
-def _depth_beside(axes: Axes, time: FloatArray, depth: FloatArray) -> None:
-    """Draw an axis of depth beside that of time; both are zero at time zero."""
+def _add_depth_axis(axes: Axes, time: FloatArray, depth: FloatArray) -> None:
+    """Add an axis of depth to the right; depth is zero at time zero."""
     metres_per_ns = float((depth[-1] - depth[0]) / (time[-1] - time[0]))
 
-    def to_depth(at: FloatArray) -> FloatArray:
-        return at * metres_per_ns
+    def to_depth(nanoseconds: FloatArray) -> FloatArray:
+        return nanoseconds * metres_per_ns
 
-    def to_time(at: FloatArray) -> FloatArray:
-        return at / metres_per_ns
+    def to_time(metres: FloatArray) -> FloatArray:
+        return metres / metres_per_ns
 
-    beside = axes.secondary_yaxis("right", functions=(to_depth, to_time))  # type: ignore[arg-type]
-    beside.set_ylabel("depth (m)")
+    functions = (to_depth, to_time)
+    depth_axis = axes.secondary_yaxis("right", functions=functions)  # type: ignore[arg-type]
+    depth_axis.set_ylabel("depth (m)")

@@ -1,4 +1,4 @@
-"""What a manifest tells of a run."""
+"""The description of a run in a manifest."""
 
 from __future__ import annotations
 
@@ -10,26 +10,42 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.io import read_manifest
 from flgpr.model import complete_scans
 from flgpr.model.motion import judge_run
 from flgpr.model.plausible import MotionLimits
+from flgpr.store import read_manifest
+
+_COPIED_ATTRIBUTES = ("soil", "georeference")
 
 
 def describe_run(
     run: xr.Dataset, path: str | Path | None = None, limits: MotionLimits | None = None
 ) -> dict[str, Any]:
-    """Describe a run for a manifest: counts, band, antennas, poses, missing sweeps, and the digest of its store.
+    """Return the description of a run for a manifest.
 
-    ``motion`` tells what positions are not plausible by the ``limits``, in words and numbers, where some are not.
+    Parameters
+    ----------
+    run : xarray.Dataset
+        The run.
+    path : path, optional
+        Its store. With it the description holds the path and the digest of the store.
+    limits : MotionLimits, optional
+        What a vehicle can do; None takes the default limits.
+
+    Returns
+    -------
+    dict
+        Counts, band, antennas, poses and missing sweeps. ``motion`` lists in words and numbers the
+        positions that are not plausible by ``limits``, where there are any.
     """
     frequency = run["frequency"].values
-    complete = complete_scans(run)
-    description = {
-        "title": str(run.attrs.get("title", Path(path).stem if path else "run")),
+    incomplete = np.flatnonzero(~complete_scans(run))
+    default_title = Path(path).stem if path else "run"
+    description: dict[str, Any] = {
+        "title": str(run.attrs.get("title", default_title)),
         "source": str(run.attrs.get("source", "")),
         "scans": int(run.sizes["scan"]),
-        "masked_scans": [int(scan) for scan in np.flatnonzero(~complete)],
+        "masked_scans": [int(scan) for scan in incomplete],
         "missing_sweeps": int(np.count_nonzero(~run["valid"].values)),
         "pairs": int(run.sizes["pair"]),
         "polarizations": [str(label) for label in run["polarization"].values],
@@ -39,7 +55,9 @@ def describe_run(
         "rx_m": np.unique(run["rx_position"].values, axis=0).tolist(),
         "pose": run["pose"].values.tolist(),
     }
-    description |= {name: run.attrs[name] for name in ("soil", "georeference") if name in run.attrs}
+    for name in _COPIED_ATTRIBUTES:
+        if name in run.attrs:
+            description[name] = run.attrs[name]
     motion = judge_run(run, limits)
     if motion.notes():
         description["motion"] = motion.as_json() | {"notes": motion.notes()}
@@ -49,16 +67,19 @@ def describe_run(
     return description
 
 
-def left_out_scans(described: Mapping[str, Any]) -> list[int]:
-    """List the scans of a described run that no image is made of: with missing sweeps, or a pose that is not plausible.
+def left_out_scans(description: Mapping[str, Any]) -> list[int]:
+    """Return the scans of a described run that no image is made of, ascending.
 
-    A run that was described before poses were judged has the first alone.
+    They have missing sweeps or a pose that is not plausible. A description of an older version,
+    from before poses were judged, lists the first only.
     """
-    implausible = described.get("motion", {}).get("scans", [])
-    return sorted({*described.get("masked_scans", []), *implausible})
+    incomplete = description.get("masked_scans", [])
+    implausible = description.get("motion", {}).get("scans", [])
+    return sorted({*incomplete, *implausible})
 
 
-def plausible_poses(described: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Give the poses (scan, 6) of a described run that are plausible."""
-    poses = np.asarray(described.get("pose", np.zeros((0, 6))), dtype=np.float64).reshape(-1, 6)
-    return np.delete(poses, described.get("motion", {}).get("scans", []), axis=0)
+def plausible_poses(description: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Return the poses (scan, 6) of a described run that are plausible."""
+    poses = np.asarray(description.get("pose", np.zeros((0, 6))), dtype=np.float64).reshape(-1, 6)
+    implausible = description.get("motion", {}).get("scans", [])
+    return np.delete(poses, implausible, axis=0)

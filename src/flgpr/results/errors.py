@@ -1,4 +1,4 @@
-"""What reading a result folder raises."""
+"""Errors of reading a result folder."""
 
 
 class ResultError(ValueError):

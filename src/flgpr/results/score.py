@@ -1,4 +1,7 @@
-"""Scoring a result against truth, the only place of a result's making that sees it, and the files of a score."""
+"""Scores a result against truth, and writes the files of a score.
+
+No other module that makes a result sees the truth.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +18,10 @@ from numpy.typing import NDArray
 
 import flgpr
 from flgpr.door import MOST_JSON, Folder, parse_json
-from flgpr.io import canonical_json, sha256
-from flgpr.io.files import listed_files
 from flgpr.results.description import plausible_poses
 from flgpr.results.result import Result, read_result_manifest
 from flgpr.results.view_files import plain_json
 from flgpr.scoring import (
-    BlindScore,
     Rules,
     Score,
     SideBySide,
@@ -32,44 +32,88 @@ from flgpr.scoring import (
     score,
     score_frames,
 )
+from flgpr.store import canonical_json, sha256
+from flgpr.store.files import listed_files
+from flgpr.trials import BlindScore
 
 ROC_FORMAT = "flgpr-score"
 ROC_VERSION = 1
 COMPARISON_FORMAT = "flgpr-comparison"
-_SHARED = (
-    "far",
-    "n_false",
-    "far_low",
-    "far_high",
-)  # alike for all subsets of the targets (rules 5 and 6)
-_OWN = ("pd", "n_detected", "pd_low", "pd_high", "chance")
+# Columns of a curve that are alike for all subsets of the targets (rules 5 and 6), and the others.
+_SHARED_COLUMNS = ("far", "n_false", "far_low", "far_high")
+_SUBSET_COLUMNS = ("pd", "n_detected", "pd_low", "pd_high", "chance")
 _MOST_DEPTHS = 6
+_DEPTH_MARGIN = 5e-5  # m; depths are rounded to a tenth of a millimetre
 VIEW_SCORE = "view/score.json"
 
 
 def score_detections(result: Result, truth: pd.DataFrame, far: float = Rules.far) -> list[Score]:
-    """Score the main result and every variant by the halo and the area of the recipe, at an operating point.
+    """Score the main result and every variant by the halo and the area of the recipe.
 
-    Places of the lane are scored once here: a recipe whose area is "frames" is scored by the union of halos, and frame
-    by frame by :func:`score_by_frames`.
+    Every place of the lane counts once here: a recipe whose area is "frames" is scored by the union
+    of halos, and frame by frame by :func:`score_by_frames`.
+
+    Parameters
+    ----------
+    result : Result
+        The result.
+    truth : pandas.DataFrame
+        Targets, one row each.
+    far : float
+        FAR of the operating point, per m².
+
+    Returns
+    -------
+    list of Score
+        In the order of the result's detections.
     """
-    own = result.recipe.score
-    rules = Rules(halo=own.halo, area="union" if own.area == "frames" else own.area, far=far)
-    scored = [
-        score(one.alarms, truth, result.lane, rules, name=one.name, title=one.title)
-        for one in result.detections
-    ]
-    shift = expected_shift(scored[0].matched.truth, result.manifest["run"])
-    return [replace(one, outcomes=one.outcomes.assign(expected_shift=shift)) for one in scored]
+    table = result.recipe.score
+    area = "union" if table.area == "frames" else table.area
+    rules = Rules(halo=table.halo, area=area, far=far)
+    scores = []
+    for detection in result.detections:
+        scores.append(
+            score(
+                detection.alarms,
+                truth,
+                result.lane,
+                rules,
+                name=detection.name,
+                title=detection.title,
+            )
+        )
+    shift = expected_shift(scores[0].matched.truth, result.manifest["run"])
+    shifted = []
+    for unshifted in scores:
+        outcomes = unshifted.outcomes.assign(expected_shift=shift)
+        shifted.append(replace(unshifted, outcomes=outcomes))
+    return shifted
 
 
 def score_by_frames(result: Result, truth: pd.DataFrame, far: float = Rules.far) -> Score:
-    """Score a result whose recipe has ``score.area = "frames"``: every frame counts its area (Fuse et al. 2018)."""
+    """Score a result whose recipe has ``score.area = "frames"``: every frame counts its area.
+
+    This is how Fuse et al. (2018) score.
+
+    Parameters
+    ----------
+    result : Result
+        The result.
+    truth : pandas.DataFrame
+        Targets, one row each.
+    far : float
+        FAR of the operating point, per m².
+
+    Raises
+    ------
+    ValueError
+        If the result has no alarms of single frames.
+    """
     main = result.detections[0]
     if main.frames is None:
         raise ValueError(
-            'score.area must be "frames" when the run is detected for its alarms to be kept frame by frame, got a '
-            "result without them; run flgpr detect again"
+            'score.area must be "frames" when the run is detected, so that the alarms of every '
+            "frame are stored, got a result without them; run flgpr detect again"
         )
     rules = Rules(halo=result.recipe.score.halo, far=far)
     title = f"{main.title}, every frame counts its area"
@@ -79,57 +123,98 @@ def score_by_frames(result: Result, truth: pd.DataFrame, far: float = Rules.far)
 
 
 def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float64]:
-    """Estimate how far (m) beyond each buried target its image lies when focused on the surface, a mean over the scans.
+    """Estimate how far beyond each buried target its image lies when it is focused on the surface.
 
-    Scoring does not correct for it; NaN where depth or soil is unknown. See :func:`flgpr.scoring.refraction_shift`.
+    Scoring does not correct for it. See :func:`flgpr.scoring.refraction_shift`.
+
+    Parameters
+    ----------
+    truth : pandas.DataFrame
+        Targets with ``x``, ``y`` and ``depth``, m.
+    run : dict
+        Description of the run, with its ``soil`` and poses.
+
+    Returns
+    -------
+    (n_targets,) ndarray of float
+        Mean over the scans, m; NaN where depth or soil is unknown.
     """
     if "soil" not in run:
         return np.full(len(truth), np.nan)
-    x, y, depth = (truth[name].to_numpy(dtype=float) for name in ("x", "y", "depth"))
-    soil = run["soil"]["permittivity"]
-    poses = plausible_poses(run)
-    shifts = [
-        refraction_shift(depth, soil, pose[2], np.hypot(x - pose[0], y - pose[1])) for pose in poses
-    ]
+    x = truth["x"].to_numpy(dtype=float)
+    y = truth["y"].to_numpy(dtype=float)
+    depth = truth["depth"].to_numpy(dtype=float)
+    permittivity = run["soil"]["permittivity"]
+    shifts = []
+    for pose in plausible_poses(run):
+        distance = np.hypot(x - pose[0], y - pose[1])
+        shifts.append(refraction_shift(depth, permittivity, pose[2], distance))
     return np.asarray(np.mean(shifts, axis=0), dtype=np.float64)
 
 
 def roc_json(scored: Sequence[Score], notes: Mapping[str, Any]) -> str:
-    """Write ``roc.json`` of scores by the same rules; an infinite threshold and all that is unknown are null."""
-    return _roc_json(scored[0].told_rules(), notes, {one.name: one.told() for one in scored})
+    """Return ``roc.json`` of scores by the same rules.
+
+    An infinite threshold and all that is unknown are null.
+    """
+    detections = {entry.name: entry.told() for entry in scored}
+    return _roc_json(scored[0].told_rules(), notes, detections)
 
 
-def blind_roc_json(told: BlindScore, notes: Mapping[str, Any]) -> str:
-    """Write ``roc.json`` of a blind score: points per group at fixed FARs, no threshold and no place."""
-    rules = {name: told.counts[name] for name in ("area_rule", "halo_radius")}
-    counts = {name: value for name, value in told.counts.items() if name not in rules}
-    main = {"title": "", **counts, "points": told.points.to_dict("records")}
-    if told.targets is not None:
-        main["targets"] = told.targets.to_dict("records")
-    return _roc_json(rules, {"looks": told.looks, "lists": told.lists, **notes}, {"main": main})
+def blind_roc_json(blind: BlindScore, notes: Mapping[str, Any]) -> str:
+    """Return ``roc.json`` of a blind score: points per group at fixed FARs.
+
+    It holds no thresholds and no positions, which would give the truth away.
+    """
+    counts = dict(blind.counts)
+    rules = {name: counts.pop(name) for name in ("area_rule", "halo_radius")}
+    main = {"title": "", **counts, "points": blind.points.to_dict("records")}
+    if blind.targets is not None:
+        main["targets"] = blind.targets.to_dict("records")
+    all_notes = {"looks": blind.looks, "lists": blind.lists, **notes}
+    return _roc_json(rules, all_notes, {"main": main})
 
 
-def comparison_json(told: SideBySide, rules: Mapping[str, Any], notes: Mapping[str, Any]) -> str:
-    """Write ``comparison.json`` of detectors side by side."""
-    head = {"format": COMPARISON_FORMAT, "version": ROC_VERSION, "flgpr": flgpr.__version__}
-    tables = {"points": told.points, "pairs": told.pairs, "means": told.means}
-    rows = {
-        name: None if table is None else table.to_dict("records") for name, table in tables.items()
+def comparison_json(
+    comparison: SideBySide, rules: Mapping[str, Any], notes: Mapping[str, Any]
+) -> str:
+    """Return ``comparison.json`` of detectors side by side."""
+    content = {
+        "format": COMPARISON_FORMAT,
+        "version": ROC_VERSION,
+        "flgpr": flgpr.__version__,
+        "rules": rules,
+        "notes": notes,
+        "points": _records(comparison.points),
+        "pairs": _records(comparison.pairs),
+        "means": _records(comparison.means),
     }
-    return (
-        json.dumps(
-            plain_json({**head, "rules": rules, "notes": notes, **rows}), indent=1, allow_nan=False
-        )
-        + "\n"
-    )
+    return _json_text(content)
+
+
+def _records(table: pd.DataFrame | None) -> list[dict[Any, Any]] | None:
+    """Return the rows of a table as JSON objects."""
+    return None if table is None else table.to_dict("records")
 
 
 def _roc_json(
     rules: Mapping[str, Any], notes: Mapping[str, Any], detections: Mapping[str, Any]
 ) -> str:
-    head = {"format": ROC_FORMAT, "version": ROC_VERSION, "flgpr": flgpr.__version__}
-    content = plain_json({**head, "rules": rules, "notes": notes, "detections": detections})
-    return json.dumps(content, indent=1, allow_nan=False) + "\n"
+    """Return the text of ``roc.json``."""
+    content = {
+        "format": ROC_FORMAT,
+        "version": ROC_VERSION,
+        "flgpr": flgpr.__version__,
+        "rules": rules,
+        "notes": notes,
+        "detections": detections,
+    }
+    return _json_text(content)
+
+
+def _json_text(content: Mapping[str, Any]) -> str:
+    """Return indented JSON with a line's end; what JSON cannot hold becomes null."""
+    return json.dumps(plain_json(content), indent=1, allow_nan=False) + "\n"
 
 
 SCORE_FORMAT = "flgpr-view-score"
@@ -139,7 +224,17 @@ SCORE_VERSION = 1
 def view_score(
     result: Result, scored: Sequence[Score], objects: pd.DataFrame | None = None
 ) -> bytes:
-    """Make ``view/score.json``, which names the result it belongs to and its own digest."""
+    """Return ``view/score.json``, which names the result it belongs to and its own digest.
+
+    Parameters
+    ----------
+    result : Result
+        The result that was scored.
+    scored : sequence of Score
+        Scores of its detections, by the same truth.
+    objects : pandas.DataFrame, optional
+        Objects that never score, such as rocks and posts.
+    """
     truth = scored[0].matched.truth
     classes = depth_classes(truth)
     content = plain_json(
@@ -151,7 +246,7 @@ def view_score(
             "kinds": sorted({str(kind) for kind in truth["kind"]}),
             "depths": [label for label, _ in classes],
             "target_depth": depth_labels(truth, classes),
-            "detections": {one.name: _scored(one, classes) for one in scored},
+            "detections": {entry.name: _view_entry(entry, classes) for entry in scored},
         }
     )
     body = canonical_json(content)
@@ -162,15 +257,21 @@ def view_score(
 def read_scored_truth(
     result: Result, folder: Path | None = None
 ) -> tuple[pd.DataFrame, pd.DataFrame | None] | None:
-    """Read truth and objects that a result, or a score's ``folder``, was scored with; None where it was not scored.
+    """Read the truth and the objects that a result was scored with; None where it was not scored.
 
-    A file that is altered or another result's is a ValueError.
+    Parameters
+    ----------
+    result : Result
+        The result.
+    folder : Path, optional
+        Folder of the score, where it is not the result's own.
+
+    Raises
+    ------
+    ValueError
+        If the file is altered or belongs to another result.
     """
-    files = (
-        listed_files(result.folder, read_result_manifest(result.folder))
-        if folder is None
-        else Folder(folder)
-    )
+    files = _files_of(result) if folder is None else Folder(folder)
     path = files.root / VIEW_SCORE
     data = files.read_if_listed(VIEW_SCORE, MOST_JSON)
     if data is None:
@@ -182,93 +283,128 @@ def read_scored_truth(
             raise ValueError("it differs from what was written")
         if content["result_sha256"] != result.manifest["identity"]:
             raise ValueError("it belongs to another result")
-        objects = content["objects"]
-        return pd.DataFrame(content["truth"]), None if objects is None else pd.DataFrame(objects)
+        truth = pd.DataFrame(content["truth"])
+        objects = None if content["objects"] is None else pd.DataFrame(content["objects"])
+        return truth, objects
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: {error}; run flgpr score again") from None
 
 
+def _files_of(result: Result) -> Folder:
+    """Return a result's files as its manifest lists them now."""
+    return listed_files(result.folder, read_result_manifest(result.folder))
+
+
 def depth_classes(truth: pd.DataFrame) -> list[tuple[str, tuple[float, float]]]:
-    """Divide targets by depth (least and largest, m): each depth for itself while they are few, else four quarters."""
+    """Return classes of the targets' depths.
+
+    Each depth by itself while they are few, else quarters. A class is its label and its least and
+    largest depth, m.
+    """
     depths = np.unique(truth["depth"].dropna().to_numpy(dtype=np.float64).round(4))
+    classes = []
     if len(depths) <= _MOST_DEPTHS:
-        return [(f"{_centimetres(depth)} cm", (depth - 5e-5, depth + 5e-5)) for depth in depths]
+        for depth in depths:
+            limits = (depth - _DEPTH_MARGIN, depth + _DEPTH_MARGIN)
+            classes.append((f"{_centimetres(depth)} cm", limits))
+        return classes
     edges = np.quantile(depths, [0.25, 0.5, 0.75, 1.0], method="lower")
-    lows = [float(depths[0]), *(float(depths[depths > edge][0]) for edge in edges[:-1])]
-    return [
-        (f"{_centimetres(low)} to {_centimetres(high)} cm", (low - 5e-5, float(high) + 5e-5))
-        for low, high in zip(lows, edges, strict=True)
-    ]
+    low = float(depths[0])
+    for edge in edges:
+        limits = (low - _DEPTH_MARGIN, float(edge) + _DEPTH_MARGIN)
+        classes.append((f"{_centimetres(low)} to {_centimetres(edge)} cm", limits))
+        deeper = depths[depths > edge]
+        if deeper.size:
+            low = float(deeper[0])
+    return classes
 
 
 def depth_labels(
     truth: pd.DataFrame, classes: list[tuple[str, tuple[float, float]]]
 ) -> list[str | None]:
-    """Name each target's depth class; None where the depth is unknown."""
-    return [
-        next((label for label, (low, high) in classes if low <= depth <= high), None)
-        for depth in truth["depth"].to_numpy(dtype=np.float64)
-    ]
+    """Return the label of each target's depth class; None where the depth is unknown."""
+    labels = []
+    for depth in truth["depth"].to_numpy(dtype=np.float64):
+        fitting = [label for label, (low, high) in classes if low <= depth <= high]
+        labels.append(fitting[0] if fitting else None)
+    return labels
 
 
 def _centimetres(depth: float) -> str:
+    """Return a depth in m as text in cm."""
     return f"{100 * depth:.3g}"
 
 
-def _scored(one: Score, classes: list[tuple[str, tuple[float, float]]]) -> Mapping[str, Any]:
-    truth = one.matched.truth
+def _view_entry(scored: Score, classes: list[tuple[str, tuple[float, float]]]) -> dict[str, Any]:
+    """Return what the viewer shows of a detection's score: a curve per kind and depth class."""
+    truth = scored.matched.truth
     kinds: list[str | None] = [None, *sorted({str(kind) for kind in truth["kind"]})]
     depths: list[str | None] = [None, *(label for label, _ in classes)]
-    of_target = np.array([label or "" for label in depth_labels(truth, classes)], dtype=object)
+    labels = [label or "" for label in depth_labels(truth, classes)]
+    depth_of_target = np.array(labels, dtype=object)
     curves = []
     for kind, depth in product(kinds, depths):
         chosen = np.ones(len(truth), dtype=bool)
         if kind is not None:
             chosen &= (truth["kind"].astype(str) == kind).to_numpy()
         if depth is not None:
-            chosen &= of_target == depth
+            chosen &= depth_of_target == depth
         if chosen.any() or not len(truth):
-            curves.append({"kind": kind, "depth": depth, **_curve(one, chosen)})
+            curves.append({"kind": kind, "depth": depth, **_curve(scored, chosen)})
     return {
-        "label": one.labels["label"].tolist(),
-        "target": one.labels["target"].tolist(),
-        "distance": one.labels["distance"].tolist(),
-        "outcomes": _columns(one.outcomes),
-        "shared": _shared(one),
+        "label": scored.labels["label"].tolist(),
+        "target": scored.labels["target"].tolist(),
+        "distance": scored.labels["distance"].tolist(),
+        "outcomes": _columns(scored.outcomes),
+        "shared": _shared(scored),
         "curves": curves,
     }
 
 
-def _shared(one: Score) -> dict[str, Any]:
-    attrs = {"area": float(one.curve.iloc[-1]["area"]), "level": one.curve.attrs["level"]}
+def _shared(scored: Score) -> dict[str, Any]:
+    """Return what is alike for all subsets of the targets.
+
+    Area, operating point, thresholds, FAR.
+    """
+    curve = scored.curve
     point: dict[str, Any] = {
-        "row": int(operating_row(one.curve, one.far)),
-        "few_halos": one.few_halos,
+        "row": int(operating_row(curve, scored.far)),
+        "few_halos": scored.few_halos,
+        "far_asked": scored.rules.far,
+        "far_allowed": scored.far,
     }
-    point |= {"far_asked": one.rules.far, "far_allowed": one.far}
     return {
-        **attrs,
+        "area": float(curve.iloc[-1]["area"]),
+        "level": curve.attrs["level"],
         "point": point,
-        "threshold": one.curve["threshold"].tolist(),
-        **_rounded(one.curve, _SHARED),
+        "threshold": curve["threshold"].tolist(),
+        **_rounded(curve, _SHARED_COLUMNS),
     }
 
 
-def _curve(one: Score, chosen: NDArray[np.bool_]) -> dict[str, Any]:
+def _curve(scored: Score, chosen: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return the curve of the chosen targets."""
     subset = chosen if len(chosen) else None
-    options: dict[str, Any] = {
-        "area": one.rules.area,
-        "frame_area": one.rules.frame_area,
-        "level": one.rules.level,
+    rules = scored.rules
+    roc_curve = roc_of(
+        scored.matched, subset, area=rules.area, frame_area=rules.frame_area, level=rules.level
+    )
+    curve = scored.chance.beside(roc_curve, subset)
+    return {
+        "n_targets": int(curve.iloc[-1]["n_targets"]),
+        "pd_mean": pd_mean(curve) if len(chosen) else None,
+        **_rounded(curve, _SUBSET_COLUMNS),
     }
-    curve = one.chance.beside(roc_of(one.matched, subset, **options), subset)
-    mean = pd_mean(curve) if len(chosen) else None
-    return {"n_targets": int(curve.iloc[-1]["n_targets"]), "pd_mean": mean, **_rounded(curve, _OWN)}
 
 
 def _rounded(curve: pd.DataFrame, names: tuple[str, ...]) -> dict[str, list[float]]:
-    return {name: [float(f"{value:.5g}") for value in curve[name]] for name in names}
+    """Return columns of a curve with five significant digits."""
+    rounded = {}
+    for name in names:
+        rounded[name] = [float(f"{value:.5g}") for value in curve[name]]
+    return rounded
 
 
 def _columns(table: pd.DataFrame) -> dict[str, list[Any]]:
+    """Return a table as lists by column."""
     return {str(name): table[name].tolist() for name in table.columns}

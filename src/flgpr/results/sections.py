@@ -1,4 +1,7 @@
-"""The folder of a lane that was taken in sections: a result folder each, and what all of them are together."""
+"""The folder of a lane that was processed in sections.
+
+A result folder each, and their joint files.
+"""
 
 from __future__ import annotations
 
@@ -10,27 +13,27 @@ from typing import Any
 import pandas as pd
 
 from flgpr.door import DoorError, Folder
-from flgpr.io import seal, sha256
-from flgpr.io.files import listed_files, read_sealed, write_whole
-from flgpr.io.tables import parse_lane, parse_own_table
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
+from flgpr.store import seal, sha256
+from flgpr.store.files import listed_files, read_sealed, write_whole
+from flgpr.store.tables import parse_lane, parse_own_table
 
 FORMAT = "flgpr-sections"
 VERSION = 1
 SECTIONS = "sections.json"
-"""What lists the result folders of a lane that was taken in sections."""
-_OWN = ("alarms.csv", "lane.toml")
+"""File that lists the result folders of a lane that was processed in sections."""
+_JOINT_FILES = ("alarms.csv", "lane.toml")
 _MANIFEST = "manifest.json"
 
 
 @dataclass(frozen=True)
 class Sections:
-    """A folder of sections, of which the list and every section's manifest were checked."""
+    """A folder of sections whose list and manifests were checked."""
 
-    files: Folder  #: what lies beside the sections
+    files: Folder  #: files of all sections together
     names: tuple[str, ...]  #: the sections' folders, in their order
-    identity: Mapping[str, Any]  #: what they were made of
+    identity: Mapping[str, Any]  #: run, recipe and model that they come from
 
     @property
     def homes(self) -> list[Path]:
@@ -38,49 +41,69 @@ class Sections:
         return [self.files.path(name) for name in self.names]
 
     def alarms(self) -> pd.DataFrame:
-        """Read all alarms, ranked together."""
-        return parse_own_table(
-            self.files.read("alarms.csv"), "alarms", self.files.root / "alarms.csv"
-        )
+        """Read the alarms of all sections, ranked together."""
+        data = self.files.read("alarms.csv")
+        return parse_own_table(data, "alarms", self.files.root / "alarms.csv")
 
     def lane(self) -> Lane:
-        """Read the whole lane."""
+        """Read the lane that the sections cover."""
         return parse_lane(self.files.read("lane.toml"))
 
 
 def write_sections(folder: Path, names: Sequence[str], identity: Mapping[str, Any]) -> None:
-    """List the sections of a folder with their digests, when all else is written."""
-    own = {name: Folder(folder).read(name) for name in _OWN}
-    digests = {name: sha256(data) for name, data in own.items()}
-    manifests = {f"{name}/{_MANIFEST}": _identity(folder / name) for name in names}
+    """Write the list of sections with their digests, after all other files.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder that holds the sections' folders and their joint files.
+    names : sequence of str
+        The sections' folders, in their order.
+    identity : mapping
+        Run, recipe and model that they come from.
+    """
+    digests = {}
+    sizes = {}
+    for name in _JOINT_FILES:
+        data = Folder(folder).read(name)
+        digests[name] = sha256(data)
+        sizes[name] = len(data)
+    for name in names:
+        digests[f"{name}/{_MANIFEST}"] = _identity(folder / name)
     content = {
         "format": FORMAT,
         "version": VERSION,
         "identity": identity,
         "sections": list(names),
-        "files": digests | manifests,
-        "sizes": {name: len(data) for name, data in own.items()},
+        "files": digests,
+        "sizes": sizes,
     }
     write_whole(folder / SECTIONS, seal(content))
 
 
 def read_sections(folder: str | Path) -> Sections:
-    """Read the list of a folder of sections; one that is missing, altered or not true is a ResultError."""
+    """Read the list of a folder of sections.
+
+    Raises
+    ------
+    ResultError
+        If the list, a joint file or a section's manifest is missing or altered.
+    """
     folder = Path(folder)
     try:
         content = read_sealed(folder, SECTIONS)
         if content["format"] != FORMAT or content["version"] != VERSION:
             raise ValueError(f"format must be {FORMAT} version {VERSION}")
-        own = {name: content["files"][name] for name in _OWN}
-        files = listed_files(folder, {"files": own, "sizes": content.get("sizes", {})})
+        digests = {name: content["files"][name] for name in _JOINT_FILES}
+        files = listed_files(folder, {"files": digests, "sizes": content.get("sizes", {})})
         sections = Sections(files, tuple(content["sections"]), content["identity"])
-        for name in _OWN:
+        for name in _JOINT_FILES:
             files.check(name)
         for name, home in zip(sections.names, sections.homes, strict=True):
             _check_section(folder, home, name, content["files"][f"{name}/{_MANIFEST}"])
     except OSError as error:
         raise ResultError(
-            f"{folder}: not a whole folder of sections: {error.filename} is missing"
+            f"{folder}: not a complete folder of sections: {error.filename} is missing"
         ) from None
     except DoorError as error:
         raise ResultError(str(error)) from None
@@ -92,6 +115,7 @@ def read_sections(folder: str | Path) -> Sections:
 
 
 def _check_section(folder: Path, home: Path, name: str, identity: str) -> None:
+    """Refuse a section whose identity is not the one that the list holds."""
     try:
         actual = _identity(home)
     except DoorError:
@@ -103,5 +127,5 @@ def _check_section(folder: Path, home: Path, name: str, identity: str) -> None:
 
 
 def _identity(home: Path) -> str:
-    """Identity of a result, which stays when pages and scores are added to it."""
+    """Return the identity of a result, which does not change when pages and scores are added."""
     return str(read_sealed(home, _MANIFEST)["identity"])

@@ -1,7 +1,8 @@
-"""What the viewer shows, written with the result: the viewer itself only reads.
+"""The files that the viewer shows, written with the result: the viewer itself only reads.
 
-``view/index.json`` tells what there is; ``view/layers/*.f16`` hold one run-view channel at one level each; and
-``view/evidence/*.f16`` what explains the alarms. All numbers in ``.f16`` files are little-endian half floats in dB.
+``view/index.json`` lists all; ``view/layers/*.f16`` hold one run-view channel at one level each;
+and ``view/evidence/*.f16`` hold what explains the alarms. All numbers in ``.f16`` files are
+little-endian half floats in dB.
 """
 
 from __future__ import annotations
@@ -17,17 +18,18 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.chain.detection import MAIN, Detection
 from flgpr.chain.evidence import Evidence, decibels
-from flgpr.chain.lane_chain import MAIN, Detection, variations_of
-from flgpr.chain.recipe import Recipe
-from flgpr.io import write_whole
+from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.model import Lane
 from flgpr.results.description import left_out_scans
+from flgpr.store import write_whole
 
 VIEW_FORMAT = "flgpr-view"
 VIEW_VERSION = 1
 TILE_ROWS = 512
-_PLACE = ("alarm_id", "x", "y", "confidence")
+_ALARM_COLUMNS = ("alarm_id", "x", "y", "confidence")
+_PERCENTILES = ("1", "50", "99", "99.9", "100")
 
 
 def write_view(
@@ -38,22 +40,48 @@ def write_view(
     recipe: Recipe,
     border: float | None = None,
 ) -> None:
-    """Write the viewer's files to ``folder/view``, main one first; ``border`` is where a learnt detector decides."""
-    home = folder / "view"
-    (home / "layers").mkdir(parents=True)
-    (home / "evidence").mkdir()
-    stages = _stages(recipe)
-    views = [(one.name, stages.get(one.name, stages[MAIN]), one.view) for one in detections]
-    before = detections[0].before
-    channel = detections[0].channel
-    if before is not None:
-        views.insert(0, ("before", stages["before"], before))
+    """Write the viewer's files to ``folder/view``.
+
+    Parameters
+    ----------
+    folder : Path
+        Result folder.
+    detections : sequence of Detection
+        That of the recipe first, then those of recipes beside it.
+    lane : Lane
+        Ground that was searched.
+    run : mapping
+        Description of the run.
+    recipe : Recipe
+        What was computed.
+    border : float, optional
+        Confidence at which a learnt detector decides.
+
+    Raises
+    ------
+    ValueError
+        If the run-views do not share one grid.
+    """
+    view_folder = folder / "view"
+    (view_folder / "layers").mkdir(parents=True)
+    (view_folder / "evidence").mkdir()
+    views = _titled_views(detections, recipe)
     grid = _grid(views[0][2])
     for name, _, view in views:
         if _grid(view) != grid:
             raise ValueError(
                 f"run-views must share one grid, got another in {name!r}: {_grid(view)} and {grid}"
             )
+    layers: list[dict[str, Any]] = []
+    for name, stage, view in views:
+        layers.extend(_write_layers(view_folder, name, stage, view))
+    entries = []
+    for detection in detections:
+        entries.append(_write_detection(view_folder, detection) | {"border": border})
+    channel = detections[0].channel
+    if not channel:
+        last_view = views[-1][2]
+        channel = (last_view["polarization"].values[0], last_view["subband"].values[0])
     index = {
         "format": VIEW_FORMAT,
         "version": VIEW_VERSION,
@@ -62,40 +90,55 @@ def write_view(
         "grid": grid,
         "tile_rows": TILE_ROWS,
         "unit": "dB",
-        "channel": list(channel)
-        if channel
-        else [str(views[-1][2][n].values[0]) for n in ("polarization", "subband")],
-        "layers": [
-            layer for name, stage, view in views for layer in _write_layers(home, name, stage, view)
-        ],
+        "channel": [str(label) for label in channel],
+        "layers": layers,
         "scans": _scans(run),
         "sight": [recipe.image.y[0], recipe.run_view.y_max],
         "georeference": run.get("georeference"),
-        "detections": [_write_detection(home, one) | {"border": border} for one in detections],
+        "detections": entries,
     }
     if recipe.image.frames == "all":
         index["aperture"] = True  # what explains alarms is of all scans
-    write_whole(
-        home / "index.json",
-        json.dumps(plain_json(index), separators=(",", ":"), allow_nan=False) + "\n",
-    )
+    text = json.dumps(plain_json(index), separators=(",", ":"), allow_nan=False)
+    write_whole(view_folder / "index.json", text + "\n")
 
 
-def _stages(recipe: Recipe) -> dict[str, str]:
-    """Say what the run-views show, by detection and ``before``: suppression is named only where clutter is removed."""
-    told = {}
-    for one in variations_of(recipe):
-        removes = bool(recipe.clutter) or one.signature != "none" or one.suppressed
-        told[one.name] = "after clutter suppression" if removes else "without clutter suppression"
-        if one.name == MAIN:
-            told["before"] = "before clutter suppression" if removes else "as imaged"
-        if recipe.map is not None:
-            told[one.name] = f"map by {recipe.map.stage}"
-    return told
+def _titled_views(
+    detections: Sequence[Detection], recipe: Recipe
+) -> list[tuple[str, str, xr.DataArray]]:
+    """Return the run-views with their names and what they show, that before suppression first."""
+    views = []
+    if detections[0].before is not None:
+        views.append(("before", shown_before(recipe), detections[0].before))
+    for detection in detections:
+        own = parse_recipe(detection.recipe_text) if detection.recipe_text else recipe
+        views.append((detection.name, shown_stage(own), detection.view))
+    return views
+
+
+def shown_stage(recipe: Recipe) -> str:
+    """Return what a recipe's run-view shows: suppression is named only where clutter is removed."""
+    if recipe.map is not None:
+        return f"map by {recipe.map.stage}"
+    if _removes_clutter(recipe):
+        return "after clutter suppression"
+    return "without clutter suppression"
+
+
+def shown_before(recipe: Recipe) -> str:
+    """Return what the run-view before the background is removed shows."""
+    return "before clutter suppression" if _removes_clutter(recipe) else "as imaged"
+
+
+def _removes_clutter(recipe: Recipe) -> bool:
+    return bool(recipe.clutter) or recipe.background.self_signature != "none"
 
 
 def pyramid(level: NDArray[np.float16]) -> Iterable[NDArray[np.float16]]:
-    """Yield a run-view at every level down to one tile, each with half the rows before: two become their maximum."""
+    """Yield a run-view at every level down to one tile.
+
+    Each level has half the rows of the one before: two rows become their maximum.
+    """
     yield level
     while len(level) > TILE_ROWS:
         if len(level) % 2:
@@ -105,83 +148,98 @@ def pyramid(level: NDArray[np.float16]) -> Iterable[NDArray[np.float16]]:
 
 
 def _write_layers(
-    home: Path, detection: str, stage: str, view: xr.DataArray
+    folder: Path, detection: str, stage: str, view: xr.DataArray
 ) -> Iterable[dict[str, Any]]:
+    """Write every channel of a run-view at every level; yield their entries of the index."""
     for p, polarization in enumerate(view["polarization"].values):
         for s, subband in enumerate(view["subband"].values):
             values = decibels(view.sel(polarization=polarization, subband=subband).values)
-            seen = values[np.isfinite(values)].astype(np.float32)
-            marks = np.percentile(seen, [1, 50, 99, 99.9, 100]) if seen.size else np.zeros(5)
             files = []
             for number, level in enumerate(pyramid(values)):
                 name = f"layers/{detection}.{p}.{s}.{number}.f16"
-                write_whole(home / name, level.astype("<f2").tobytes())
+                write_whole(folder / name, level.astype("<f2").tobytes())
                 files.append({"file": name, "rows": len(level)})
             yield {
                 "detection": detection,
                 "stage": stage,
                 "polarization": str(polarization),
                 "subband": str(subband),
-                "percentiles": dict(
-                    zip(("1", "50", "99", "99.9", "100"), np.round(marks, 2).tolist(), strict=True)
-                ),
+                "percentiles": _percentiles(values),
                 "levels": files,
             }
 
 
-def _write_detection(home: Path, detection: Detection) -> dict[str, Any]:
+def _percentiles(values: NDArray[np.float16]) -> dict[str, float]:
+    """Return percentiles of the finite values; zeros where there are none."""
+    finite = values[np.isfinite(values)].astype(np.float32)
+    levels = np.zeros(len(_PERCENTILES))
+    if finite.size:
+        levels = np.percentile(finite, [float(name) for name in _PERCENTILES])
+    return dict(zip(_PERCENTILES, np.round(levels, 2).tolist(), strict=True))
+
+
+def _write_detection(folder: Path, detection: Detection) -> dict[str, Any]:
+    """Write what explains a detection's alarms; return its entry of the index."""
     alarms = detection.alarms.reset_index(drop=True)
     features = detection.features
     if features is None:
-        features = alarms[[name for name in alarms.columns if name not in _PLACE]].select_dtypes(
-            "number"
-        )
+        other_columns = [name for name in alarms.columns if name not in _ALARM_COLUMNS]
+        features = alarms[other_columns].select_dtypes("number")
     contributions = detection.contributions
+    training = detection.training
     entry: dict[str, Any] = {
         "name": detection.name,
         "title": detection.title,
         "notes": detection.notes,
-        "alarms": {str(name): alarms[name].tolist() for name in alarms.columns if name in _PLACE},
+        "alarms": {
+            str(name): alarms[name].tolist() for name in alarms.columns if name in _ALARM_COLUMNS
+        },
         "features": _columns(features),
         "contributions": None if contributions is None else _columns(contributions),
-        "training": None if detection.training is None else _distribution(detection.training),
+        "training": None if training is None else _distribution(training),
         "main": detection.name == MAIN,
     }
     if detection.evidence is not None:
-        entry["evidence"] = _write_evidence(home, detection.name, detection.evidence)
+        entry["evidence"] = _write_evidence(folder, detection.name, detection.evidence)
     return entry
 
 
 def _columns(table: pd.DataFrame) -> dict[str, list[float]]:
-    return {str(name): [_rounded(value) for value in table[name]] for name in table.columns}
+    """Return a table of numbers as lists by column."""
+    columns = {}
+    for name in table.columns:
+        columns[str(name)] = [_rounded(value) for value in table[name]]
+    return columns
 
 
 def _rounded(value: float) -> float:
+    """Return a number with six significant digits; NaN for an infinite one."""
     return float(f"{value:.6g}") if np.isfinite(value) else float("nan")
 
 
 def _distribution(training: pd.DataFrame) -> list[dict[str, Any]]:
-    """Quantiles of every feature, per value of ``label`` where there is such a column."""
+    """Return the quantiles of every feature, per value of ``label`` if there is such a column."""
     groups = training.groupby("label") if "label" in training.columns else [("training", training)]
     shares = [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0]
-    return [
-        {
-            "label": str(label),
-            "count": len(group),
-            "shares": shares,
-            "quantiles": {
-                str(name): [_rounded(value) for value in group[name].dropna().quantile(shares)]
-                for name in group.select_dtypes("number").columns
-            },
-        }
-        for label, group in groups
-    ]
+    entries = []
+    for label, group in groups:
+        quantiles = {}
+        for name in group.select_dtypes("number").columns:
+            values = group[name].dropna().quantile(shares)
+            quantiles[str(name)] = [_rounded(value) for value in values]
+        entries.append(
+            {"label": str(label), "count": len(group), "shares": shares, "quantiles": quantiles}
+        )
+    return entries
 
 
-def _write_evidence(home: Path, name: str, evidence: Evidence) -> dict[str, Any]:
+def _write_evidence(folder: Path, name: str, evidence: Evidence) -> dict[str, Any]:
+    """Write the images that explain the alarms, one after the other; return their entry."""
     file = f"evidence/{name}.f16"
-    write_whole(home / file, b"".join(block.astype("<f2").tobytes() for block in evidence.blocks))
-    ends = np.cumsum([0, *(block.size for block in evidence.blocks)])
+    data = [block.astype("<f2").tobytes() for block in evidence.blocks]
+    write_whole(folder / file, b"".join(data))
+    starts = np.cumsum([0, *(block.size for block in evidence.blocks)])
+    causes = [_rounded_rows(matrix) for matrix in evidence.causes]
     return {
         "file": file,
         "polarization": evidence.polarization,
@@ -189,39 +247,57 @@ def _write_evidence(home: Path, name: str, evidence: Evidence) -> dict[str, Any]
         "patch": asdict(evidence.patch),
         "cut": evidence.cut.tolist(),
         "trace": evidence.trace.tolist(),
-        "start": ends.tolist(),
+        "start": starts.tolist(),
         "scans": evidence.scans,
         "polarimetric": _columns(evidence.polarimetric),
         "adds": evidence.adds,
         "alone": evidence.alone,
-        "causes": [
-            [[_rounded(value) for value in row] for row in np.round(one, 3)]
-            for one in evidence.causes
-        ],
+        "causes": causes,
     }
+
+
+def _rounded_rows(matrix: NDArray[np.float64]) -> list[list[float]]:
+    """Return a matrix as rows of numbers with three decimals."""
+    rows = []
+    for row in np.round(matrix, 3):
+        rows.append([_rounded(value) for value in row])
+    return rows
 
 
 def _grid(view: xr.DataArray) -> dict[str, float]:
+    """Return the lattice of a run-view: first pixel, number of pixels and spacings, m."""
     y = view["y"].values
     x = view["x"].values
-    steps = {"dx": x[1] - x[0] if len(x) > 1 else 1.0, "dy": y[1] - y[0] if len(y) > 1 else 1.0}
-    found = {"x": x[0], "y": y[0], "nx": len(x), "ny": len(y)} | steps
     return {
-        name: round(float(value), 9) if name[0] != "n" else int(value)
-        for name, value in found.items()
+        "x": round(float(x[0]), 9),
+        "y": round(float(y[0]), 9),
+        "nx": len(x),
+        "ny": len(y),
+        "dx": _step(x),
+        "dy": _step(y),
     }
+
+
+def _step(axis: NDArray[np.float64]) -> float:
+    """Return the spacing of an axis, m; 1 m of an axis of one pixel."""
+    return round(float(axis[1] - axis[0]), 9) if len(axis) > 1 else 1.0
 
 
 def _scans(run: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Return position and heading of every scan, and the numbers of those left out."""
     pose = np.asarray(run.get("pose", np.zeros((0, 6))), dtype=np.float64).reshape(-1, 6)
-    columns = {
-        name: np.round(pose[:, i], 4).tolist() for i, name in enumerate(("x", "y", "z", "heading"))
-    }
-    return columns | {"masked": left_out_scans(run)}
+    columns: dict[str, list[Any]] = {}
+    for i, name in enumerate(("x", "y", "z", "heading")):
+        columns[name] = np.round(pose[:, i], 4).tolist()
+    columns["masked"] = left_out_scans(run)
+    return columns
 
 
 def plain_json(value: Any) -> Any:
-    """Make a value fit for JSON: NaN and infinity become null, arrays lists, NumPy numbers plain ones."""
+    """Return a value as JSON holds it.
+
+    NaN and infinity become null, arrays become lists, and NumPy numbers become plain ones.
+    """
     if isinstance(value, Mapping):
         return {str(key): plain_json(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray):
@@ -232,4 +308,6 @@ def plain_json(value: Any) -> Any:
         value = value.item()
     if isinstance(value, float):
         return value if np.isfinite(value) else None
-    return value if isinstance(value, str | int | bool | None) else str(value)
+    if isinstance(value, str | int | bool | None):
+        return value
+    return str(value)

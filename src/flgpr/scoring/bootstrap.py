@@ -36,9 +36,8 @@ class Design:
     target_cluster: IntArray
     target_lane: IntArray
     block_lane: IntArray  #: (block,) lane of every block
-    block_area: (
-        FloatArray  #: (block,) area of every block outside the halos, m², in proportion to ``area``
-    )
+    #: (block,) area of every block outside the halos, m², in proportion to ``area``
+    block_area: FloatArray
     block_y: tuple[
         tuple[int, float, float], ...
     ]  #: first block, start (m) and length (m) of the blocks of each lane

@@ -335,9 +335,8 @@ class Agreement:
     share: float
     share_low: float
     share_high: float
-    expected: (
-        float  #: share that analysts with these shares of verdicts would judge alike by chance
-    )
+    #: share that analysts with these shares of verdicts would judge alike by chance
+    expected: float
     #: kappa, kappa_low, kappa_high: NaN where both gave one and the same verdict throughout: chance explains all of it
     kappa: float
     kappa_low: float

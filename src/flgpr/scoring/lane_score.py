@@ -41,9 +41,8 @@ class Rules:
     far_max: float = 0.1  #: end of the FAR axis and of the averaging of PD_mean, per m²
     level: float = 0.95  #: level of all intervals and bands
     draws: int = 1000  #: draws of the bootstrap
-    shifts: int = (
-        SHIFTS  #: shifts of the targets for the chance level, see :func:`flgpr.scoring.chance`
-    )
+    #: shifts of the targets for the chance level, see :func:`flgpr.scoring.chance`
+    shifts: int = SHIFTS
     seed: int = 0  #: seed of both
     #: block, cluster: what the bootstrap draws together, see :func:`flgpr.scoring.band`
     block: float = 10.0

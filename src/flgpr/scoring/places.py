@@ -80,9 +80,8 @@ class SurveyShare:
     sigma: float  #: standard deviation of a surveyed position per axis, m
     halo: float  #: halo radius, m
     share: float  #: ``sigma`` over ``halo``
-    radius_95: (
-        float  #: radius around a surveyed position that holds the true one 95 times in 100, m
-    )
+    #: radius around a surveyed position that holds the true one 95 times in 100, m
+    radius_95: float
     lost: float  #: probability that an alarm exactly on the true position falls outside the halo
 
 

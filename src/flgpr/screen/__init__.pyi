@@ -6,10 +6,10 @@ from flgpr.screen.clusters import fit_ellipse as fit_ellipse
 from flgpr.screen.clusters import fuse_clusters as fuse_clusters
 from flgpr.screen.clusters import learn_thresholds as learn_thresholds
 from flgpr.screen.clusters import prescreen_clusters as prescreen_clusters
+from flgpr.screen.labels import label_alarms as label_alarms
 from flgpr.screen.maxima import counts as counts
 from flgpr.screen.maxima import density_threshold as density_threshold
 from flgpr.screen.maxima import frame_alarms as frame_alarms
-from flgpr.screen.maxima import label_alarms as label_alarms
 from flgpr.screen.maxima import local_maxima as local_maxima
 from flgpr.screen.maxima import prescreen as prescreen
 from flgpr.screen.maxima import view_threshold as view_threshold

@@ -1,4 +1,7 @@
-"""flsar2004's prescreeners: amplitude with clustering, standard deviation, energy within an ellipse (Sec. 3.1)."""
+"""Prescreeners of flsar2004: amplitude with clustering, standard deviation, energy in an ellipse.
+
+They are described in Sec. 3.1.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +24,11 @@ CLUSTER_COLUMNS = ("x", "y", "peak", "size", "mean", "std", "energy_ratio")
 
 @dataclass(frozen=True)
 class Ellipse:
-    """Template of the energy ratio (Fig. 2): an ellipse, and a rectangle twice as long and wide around it."""
+    """Template of the energy ratio (Fig. 2): an ellipse in a rectangle twice as long and wide."""
 
-    #: half_x, half_y: half-axes cross-track and down-track, m
-    half_x: float
-    half_y: float
-    #: offset_x, offset_y: from a signature's brightest pixel, where it is applied, to the ellipse's centre, m
+    half_x: float  #: half-axis cross-track, m
+    half_y: float  #: half-axis down-track, m
+    #: from the brightest pixel of a signature, where it is applied, to the ellipse's centre, m
     offset_x: float = 0.0
     offset_y: float = 0.0
 
@@ -48,85 +50,126 @@ class ClusterThresholds:
 
 
 def find_clusters(image: xr.DataArray, threshold: float, radius: float = 0.2) -> pd.DataFrame:
-    """Mark the pixels of a magnitude (y, x) above a threshold and gather them into clusters (Sec. 3.1.1).
+    """Return clusters of the pixels above a threshold (flsar2004, Sec. 3.1.1).
 
-    The paper names a clustering method without its parameters; here a marked pixel that none within
-    ``radius`` (m; the paper's is 20 cm) outshines leads a cluster, and every other joins the
-    strongest leader within the radius, if there is one: a cluster depends on its surroundings
-    alone, however long the lane.
+    The paper names a clustering method without its parameters. Here a marked pixel that none within
+    the radius outshines leads a cluster, and every other joins the strongest leader within the
+    radius, if there is one: a cluster depends on its surroundings alone, however long the lane.
 
-    The table has x, y (m) of the strongest pixel, peak, size (marked area, m²), mean, std of the marked amplitudes;
-    from strong to weak.
+    Parameters
+    ----------
+    image : (y, x) xarray.DataArray
+        Magnitude.
+    threshold : float
+        Pixels above it are marked, in units of the image.
+    radius : float
+        Radius of a cluster, m; the paper's is 20 cm.
+
+    Returns
+    -------
+    DataFrame
+        From strong to weak: x, y (m) of the strongest pixel, peak, size (marked area, m²), mean and
+        std of the marked amplitudes.
+
+    Raises
+    ------
+    ValueError
+        If the image has other dimensions or the radius is not positive.
     """
     if image.dims != ("y", "x"):
         raise ValueError(f"image must have the dimensions (y, x), got {image.dims}")
     if not radius > 0:
         raise ValueError(f"radius must be positive, got {radius}")
     values = np.asarray(image.values, dtype=np.float64)
-    x, y = image["x"].values, image["y"].values
+    x = image["x"].values
+    y = image["y"].values
     rows, columns = np.nonzero(values > threshold)
     order = np.argsort(-values[rows, columns], kind="stable")
-    rows, columns = rows[order], columns[order]
+    rows = rows[order]
+    columns = columns[order]
     amplitude = values[rows, columns]
-    place = np.column_stack([x[columns], y[rows]])
-    pixel = _pixel(image)
-    found = []
-    for members in _leaders(place, radius):
-        inside = amplitude[members]
-        found.append(
-            (*place[members[0]], inside[0], members.size * pixel, inside.mean(), inside.std())
-        )
-    return pd.DataFrame(found, columns=list(CLUSTER_COLUMNS[:-1]), dtype=np.float64)
+    position = np.column_stack([x[columns], y[rows]])
+    pixel_area = _pixel_area(image)
+    clusters = []
+    for members in _groups_about_leaders(position, radius):
+        marked = amplitude[members]
+        size = members.size * pixel_area
+        leader_x, leader_y = position[members[0]]
+        clusters.append((leader_x, leader_y, marked[0], size, marked.mean(), marked.std()))
+    return pd.DataFrame(clusters, columns=list(CLUSTER_COLUMNS[:-1]), dtype=np.float64)
 
 
-def _leaders(points: FloatArray, radius: float) -> list[NDArray[np.intp]]:
-    """Group points (n, 2), the strongest first, about leaders; the leader is the first of its group."""
+def _groups_about_leaders(points: FloatArray, radius: float) -> list[NDArray[np.intp]]:
+    """Group points (n, 2), the strongest first, about leaders, each the first of its group."""
     if not len(points):
         return []
-    strong, weak = (
-        cKDTree(points).query_pairs(radius * (1 + 1e-9), output_type="ndarray").T
-    )  # strong < weak
-    joins = np.arange(len(points))
-    joins[weak] = len(points)
-    leads = joins < len(points)
-    led = leads[strong]
-    np.minimum.at(joins, weak[led], strong[led])
-    order = np.argsort(joins, kind="stable")
-    ends = np.searchsorted(joins[order], np.flatnonzero(leads), "right")
+    # The first of a pair has the smaller number: it is the stronger one.
+    pairs = cKDTree(points).query_pairs(radius * (1 + 1e-9), output_type="ndarray")
+    strong, weak = pairs.T
+    leader = np.arange(len(points))
+    leader[weak] = len(points)
+    leads = leader < len(points)
+    by_leader = leads[strong]
+    np.minimum.at(leader, weak[by_leader], strong[by_leader])
+    order = np.argsort(leader, kind="stable")
+    ends = np.searchsorted(leader[order], np.flatnonzero(leads), "right")
     return np.split(order, ends)[:-1]
 
 
 def energy_ratio(image: xr.DataArray, places: ArrayLike, ellipse: Ellipse) -> FloatArray:
-    """Energy outside the elliptical template over that inside (Sec. 3.1.3), for clusters of a magnitude.
+    """Compute the energy outside the elliptical template over that inside (flsar2004, Sec. 3.1.3).
 
-    ``places`` (n, 2), m, are the clusters' brightest pixels; the ellipse lies at its offset from them. What reaches
-    beyond the image is left out; inf where no energy is inside.
+    Parameters
+    ----------
+    image : (y, x) xarray.DataArray
+        Magnitude; NaN counts as zero.
+    places : (n, 2) array_like
+        x, y of the clusters' brightest pixels, m; the ellipse lies at its offset from them.
+    ellipse : Ellipse
+        Template; what of it reaches beyond the image is left out.
+
+    Returns
+    -------
+    (n,) ndarray
+        Ratio, 1; inf where no energy is inside.
     """
     power = np.nan_to_num(np.asarray(image.values, dtype=np.float64)) ** 2
-    x, y = image["x"].values, image["y"].values
-    ratio = np.empty(len(np.reshape(places, (-1, 2))))
-    centres = np.reshape(np.asarray(places, dtype=np.float64), (-1, 2)) + [
-        ellipse.offset_x,
-        ellipse.offset_y,
-    ]
+    x = image["x"].values
+    y = image["y"].values
+    positions = np.reshape(np.asarray(places, dtype=np.float64), (-1, 2))
+    centres = positions + [ellipse.offset_x, ellipse.offset_y]
+    ratio = np.empty(len(positions))
     for i, (u, v) in enumerate(centres):
         rows = np.flatnonzero(np.abs(y - v) <= 2 * ellipse.half_y)
         columns = np.flatnonzero(np.abs(x - u) <= 2 * ellipse.half_x)
-        inside = ((x[columns] - u) / ellipse.half_x) ** 2 + (
-            (y[rows, None] - v) / ellipse.half_y
-        ) ** 2 <= 1
-        part = power[np.ix_(rows, columns)]
-        e_in = float(part[inside].sum())
-        ratio[i] = (float(part.sum()) - e_in) / e_in if e_in > 0 else math.inf
+        across = (x[columns] - u) / ellipse.half_x
+        along = (y[rows, None] - v) / ellipse.half_y
+        rectangle = power[np.ix_(rows, columns)]
+        e_in = float(rectangle[across**2 + along**2 <= 1].sum())
+        ratio[i] = (float(rectangle.sum()) - e_in) / e_in if e_in > 0 else math.inf
     return ratio
 
 
 def prescreen_clusters(
     image: xr.DataArray, thresholds: ClusterThresholds, ellipse: Ellipse, radius: float = 0.2
 ) -> pd.DataFrame:
-    """Apply the three prescreeners in sequence to a magnitude (y, x) (Sec. 3.1): ``CLUSTER_COLUMNS`` of what passes.
+    """Apply the three prescreeners in sequence (flsar2004, Sec. 3.1).
 
-    The radius is that of :func:`find_clusters`.
+    Parameters
+    ----------
+    image : (y, x) xarray.DataArray
+        Magnitude.
+    thresholds : ClusterThresholds
+        Of the polarization and range of the image.
+    ellipse : Ellipse
+        Template of the energy ratio.
+    radius : float
+        As for :func:`find_clusters`, m.
+
+    Returns
+    -------
+    DataFrame
+        ``CLUSTER_COLUMNS`` of the clusters that pass, from strong to weak.
     """
     table = find_clusters(image, thresholds.amplitude, radius)
     table = table[(table["size"] >= thresholds.size) & (table["std"] <= thresholds.std)]
@@ -136,16 +179,40 @@ def prescreen_clusters(
 
 
 def learn_thresholds(
-    lanes: Sequence[tuple[xr.DataArray, ArrayLike]], ellipse: Ellipse, radius: float = 0.2, reach: float = 0.5,
+    lanes: Sequence[tuple[xr.DataArray, ArrayLike]],
+    ellipse: Ellipse,
+    radius: float = 0.2,
+    reach: float = 0.5,
     pass_share: float = 0.9,
-) -> ClusterThresholds:  # fmt: skip
-    """Set the thresholds so that a share of given mines passes each prescreener on its own.
+) -> ClusterThresholds:
+    """Estimate thresholds with which a share of known mines passes each prescreener.
 
-    Each lane is a magnitude (y, x) and the places (n, 2) of its mines, m. A mine's peak is the largest pixel within
-    ``reach`` of its place. The amplitude threshold is half the peak that the share of the mines exceeds, so that a
-    cluster is what lies within 6 dB of a weak mine's peak. The other limits are quantiles over the mines' clusters,
-    which are those that :func:`find_clusters` finds, as when the thresholds are applied. The mines should be a subset
-    that is not used again; the images must see one.
+    The amplitude threshold is half the peak that the share of the mines exceeds, so that a cluster
+    is what lies within 6 dB of a weak mine's peak. The other limits are quantiles over the mines'
+    clusters, which are those of :func:`find_clusters`, as when the thresholds are applied.
+
+    Parameters
+    ----------
+    lanes : sequence of (DataArray, array_like)
+        A magnitude (y, x) and the positions (n, 2) of mines, m, that are not used again.
+    ellipse : Ellipse
+        Template of the energy ratio.
+    radius : float
+        As for :func:`find_clusters`, m.
+    reach : float
+        A mine's peak is the largest pixel within this distance, m.
+    pass_share : float
+        Share of the mines that passes each prescreener on its own, above 0 and up to 1.
+
+    Returns
+    -------
+    ClusterThresholds
+        The thresholds.
+
+    Raises
+    ------
+    ValueError
+        If the share is out of range, or no mine is seen or leads a cluster.
     """
     if not 0 < pass_share <= 1:
         raise ValueError(f"pass_share must lie between 0 and 1, got {pass_share}")
@@ -179,49 +246,72 @@ def _clusters_of_mines(
     reach: float,
     ellipse: Ellipse,
 ) -> pd.DataFrame:
-    """Give the strongest cluster within ``reach`` of every place, with its energy ratio.
+    """Return the strongest cluster within ``reach`` of every position, with its energy ratio.
 
-    Where the brightest pixel within reach is outshone by a neighbour beyond, the cluster is that neighbour's. A place
-    without a cluster (fainter than the threshold, or not seen) gives none.
+    Where the brightest pixel within reach is outshone by a neighbour beyond, the cluster is that
+    neighbour's. A position without a cluster, fainter than the threshold or not seen, has no row.
     """
     clusters = find_clusters(image.fillna(0.0), amplitude, radius)
     centres = clusters[["x", "y"]].to_numpy(dtype=np.float64)
     rows = []
-    for place in np.reshape(np.asarray(places, dtype=np.float64), (-1, 2)):
-        distance = np.linalg.norm(centres - place, axis=1)
-        near = np.flatnonzero(distance <= reach)
-        if not near.size:
-            near = np.flatnonzero(distance <= reach + radius)
-        if near.size:
-            rows.append(near[0])  # from strong to weak
+    for position in np.reshape(np.asarray(places, dtype=np.float64), (-1, 2)):
+        distance = np.linalg.norm(centres - position, axis=1)
+        within = np.flatnonzero(distance <= reach)
+        if not within.size:
+            within = np.flatnonzero(distance <= reach + radius)
+        if within.size:
+            rows.append(within[0])  # clusters are sorted from strong to weak
     table = clusters.iloc[rows]
     return table.assign(energy_ratio=energy_ratio(image, table[["x", "y"]].to_numpy(), ellipse))
 
 
-def _pixel(image: xr.DataArray) -> float:
-    """Area of a pixel, m², the same wherever along the lane the image begins: areas are compared with limits."""
-    dy, dx = (float(image[axis].values[1] - image[axis].values[0]) for axis in ("y", "x"))
+def _pixel_area(image: xr.DataArray) -> float:
+    """Return the area of a pixel, m².
+
+    It is rounded, so that it is the same wherever along the lane the image begins: areas are
+    compared with limits.
+    """
+    dy = float(image["y"].values[1] - image["y"].values[0])
+    dx = float(image["x"].values[1] - image["x"].values[0])
     return round(dx * dy, 9)
 
 
 def _peaks(image: xr.DataArray, places: ArrayLike, reach: float) -> FloatArray:
-    """Give the largest magnitude within reach of every place that some scan saw."""
+    """Return the largest magnitude within reach of every position that some scan saw."""
     values = np.nan_to_num(np.asarray(image.values, dtype=np.float64))
     x, y = np.meshgrid(image["x"].values, image["y"].values)
     peaks = []
     for u, v in np.reshape(np.asarray(places, dtype=np.float64), (-1, 2)):
-        near = values[(x - u) ** 2 + (y - v) ** 2 <= reach**2]
-        if near.size and near.max() > 0:
-            peaks.append(near.max())
+        within = values[(x - u) ** 2 + (y - v) ** 2 <= reach**2]
+        if within.size and within.max() > 0:
+            peaks.append(within.max())
     return np.array(peaks)
 
 
 def fit_ellipse(template: ArrayLike, spacing: tuple[float, float]) -> Ellipse:
-    """Match the ellipse to a mean signature (y, x) whose pixels are ``spacing`` (x, y) apart, m.
+    """Fit the ellipse of the energy ratio to a mean signature.
 
-    Its half-axes are twice the rms width of the signature's energy above its median: an even ellipse has the same
-    second moments. Its centre is the centroid of that energy, told as the offset from the brightest pixel, about which
-    a cluster is looked at: a signature with two flashes has its brightest pixel in one of them.
+    Its half-axes are twice the rms width of the signature's energy above its median: an even
+    ellipse has the same second moments. Its centre is the centroid of that energy, as an offset
+    from the brightest pixel, where it is applied to a cluster: a signature with two flashes has its
+    brightest pixel in one of them.
+
+    Parameters
+    ----------
+    template : (y, x) array_like
+        Mean signature.
+    spacing : tuple of float
+        Pixel spacing (x, y), m.
+
+    Returns
+    -------
+    Ellipse
+        The template.
+
+    Raises
+    ------
+    ValueError
+        If the signature does not rise above its median.
     """
     power = np.asarray(template, dtype=np.float64) ** 2
     brightest = np.unravel_index(int(power.argmax()), power.shape)
@@ -234,9 +324,9 @@ def fit_ellipse(template: ArrayLike, spacing: tuple[float, float]) -> Ellipse:
     offset = []
     for axis, step in ((1, spacing[0]), (0, spacing[1])):
         profile = power.sum(axis=1 - axis)
-        place = np.arange(profile.size) * step
-        centre = (place * profile).sum() / profile.sum()
-        variance = ((place - centre) ** 2 * profile).sum() / profile.sum()
+        position = np.arange(profile.size) * step
+        centre = (position * profile).sum() / profile.sum()
+        variance = ((position - centre) ** 2 * profile).sum() / profile.sum()
         half.append(2 * math.sqrt(max(variance, (step / 2) ** 2)))
         offset.append(float(centre - brightest[axis] * step))
     return Ellipse(half[0], half[1], offset[0], offset[1])
@@ -248,7 +338,7 @@ def fuse_clusters(
     rule: Rule = "and",
     levels: Mapping[tuple[str, Any], float] | None = None,
 ) -> pd.DataFrame:
-    """Bring together the clusters of all polarizations and ranges into regions (par. 18 and 44).
+    """Combine clusters of all polarizations and ranges into regions (flsar2004, par. 18 and 44).
 
     Parameters
     ----------
@@ -260,45 +350,51 @@ def fuse_clusters(
         Which regions pass: those seen in all images (par. 18), in any, or in all ranges of some
         polarization (par. 44).
     levels : mapping of (polarization, range) to float, optional
-        What the peaks of an image are measured in; default the mean peak of its clusters.
+        Unit of the peaks of an image; default the mean peak of its clusters.
 
     Returns
     -------
     DataFrame
-        x, y (m), mean over the images' strongest clusters; ``images``, how many saw it;
+        x, y (m), mean over the images' strongest clusters; ``images``, how many show it;
         ``strength``, its peak over the image's level.
+
+    Raises
+    ------
+    ValueError
+        If the rule is unknown or there is no table.
     """
     if rule not in RULES:
         raise ValueError(f"rule must be one of {', '.join(RULES)}, got {rule!r}")
     if not tables:
         raise ValueError("tables must hold at least one image, got none")
     keys = list(tables)
-    parts = [
-        table[["x", "y"]].assign(
-            strength=table["peak"] / (levels[key] if levels else table["peak"].mean()), image=i
-        )
-        for i, (key, table) in enumerate(tables.items())
-    ]
-    pool = pd.concat(parts, ignore_index=True).sort_values(
-        "strength", ascending=False, kind="stable"
-    )
-    pool = pool.reset_index(drop=True)
+    scaled = []
+    for i, (key, table) in enumerate(tables.items()):
+        level = levels[key] if levels else table["peak"].mean()
+        scaled.append(table[["x", "y"]].assign(strength=table["peak"] / level, image=i))
+    clusters = pd.concat(scaled, ignore_index=True)
+    clusters = clusters.sort_values("strength", ascending=False, kind="stable")
+    clusters = clusters.reset_index(drop=True)
+    positions = clusters[["x", "y"]].to_numpy(dtype=np.float64)
     regions = []
-    for members in _leaders(pool[["x", "y"]].to_numpy(dtype=np.float64), radius):
-        best = pool.iloc[members].drop_duplicates("image")
-        if _passes({keys[i] for i in best["image"]}, keys, rule):
-            regions.append(
-                (best["x"].mean(), best["y"].mean(), len(best), best["strength"].iloc[0])
-            )
+    for members in _groups_about_leaders(positions, radius):
+        best = clusters.iloc[members].drop_duplicates("image")
+        detected_in = {keys[i] for i in best["image"]}
+        if _passes(detected_in, keys, rule):
+            strength = best["strength"].iloc[0]
+            regions.append((best["x"].mean(), best["y"].mean(), len(best), strength))
     table = pd.DataFrame(regions, columns=["x", "y", "images", "strength"])
     return table.astype({"x": float, "y": float, "images": int, "strength": float})
 
 
-def _passes(seen: set[tuple[str, Any]], keys: list[tuple[str, Any]], rule: Rule) -> bool:
+def _passes(detected_in: set[tuple[str, Any]], keys: list[tuple[str, Any]], rule: Rule) -> bool:
+    """Apply the rule to the images (polarization, range) that show a region, of all images."""
     if rule == "and":
-        return len(seen) == len(keys)
+        return len(detected_in) == len(keys)
     if rule == "or":
-        return bool(seen)
-    return any(
-        all(key in seen for key in keys if key[0] == name) for name in {name for name, _ in keys}
-    )
+        return bool(detected_in)
+    for polarization in {name for name, _ in keys}:
+        of_polarization = {key for key in keys if key[0] == polarization}
+        if of_polarization <= detected_in:
+            return True
+    return False

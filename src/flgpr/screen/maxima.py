@@ -1,4 +1,7 @@
-"""The energy prescreener, local maxima thinned by a density rule, and alarm labels (Wang et al. 2007, Sec. II-B)."""
+"""Energy prescreener: local maxima thinned by a density rule.
+
+See Wang et al. 2007, Sec. II-B.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +14,11 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_erosion, maximum_filter
 
-from flgpr.model import Grid, Lane, check_truth
+from flgpr.model import Grid, Lane
 
 Count = Literal["lane", "view"]
-_ALL = 10.0  # alarms per disc of their radius: more than there can be maxima
-_AT_ONCE = 2**18  # neighbours of candidate maxima that are looked at in one go
+_ALL_MAXIMA = 10.0  # alarms per disc of their radius: more than there can be maxima
+_NEIGHBOURS_AT_ONCE = 2**18  # compared with candidate maxima in one step
 
 
 def prescreen(
@@ -35,7 +38,7 @@ def prescreen(
     Parameters
     ----------
     view : xarray.DataArray
-        Run-view (y, x) in the lane frame; NaN where nothing was seen.
+        Run-view (y, x) in the lane frame; NaN where no scan sees the pixel.
     lane : Lane
         Area for the density rule.
     radius : float
@@ -43,14 +46,20 @@ def prescreen(
     density : float
         ρ, mean number of alarms kept per area π·radius².
     count : {"lane", "view"}
-        Where area and alarms are counted for the density rule: in the lane, or in all that was
-        seen, as in the paper.
+        Where area and alarms are counted for the density rule: in the lane, or wherever a scan
+        sees, as in the paper.
 
     Returns
     -------
     DataFrame
         x, y (m), magnitude, ordered from strong to weak; empty if there is no maximum. Pixels on
-        the border of what was seen never raise an alarm.
+        the border of the area seen never raise an alarm.
+
+    Raises
+    ------
+    ValueError
+        If ``count`` is unknown, the view has other dimensions, or radius or density is not
+        positive.
 
     Examples
     --------
@@ -77,11 +86,26 @@ def prescreen(
 
 
 def frame_alarms(level: NDArray[Any], grid: Grid, area: Lane, radius: float) -> pd.DataFrame:
-    """Raise alarms at all local maxima of one frame's magnitude (y, x) inside its detection area.
+    """Raise alarms at all local maxima of one frame inside its detection area.
 
-    ``area`` is in the frame's own coordinates, m. Pixels within the radius beyond its border take part, so that the
-    flank of a peak outside is no alarm inside. The table is that of :func:`prescreen`, ``x`` being cross-range and
-    ``y`` the distance ahead.
+    Pixels within the radius beyond the area's border are compared too, so that the flank of a peak
+    outside is no alarm inside.
+
+    Parameters
+    ----------
+    level : (y, x) ndarray
+        Magnitude of the frame.
+    grid : Grid
+        Its pixels in the scan frame.
+    area : Lane
+        Detection area in the scan frame.
+    radius : float
+        An alarm is the largest pixel within this distance, m.
+
+    Returns
+    -------
+    DataFrame
+        As of :func:`prescreen`; x is cross-range and y the distance ahead.
     """
     rows = np.flatnonzero((grid.y >= area.y_min - radius) & (grid.y <= area.y_max + radius))
     columns = np.flatnonzero((grid.x >= area.x_min - radius) & (grid.x <= area.x_max + radius))
@@ -90,12 +114,12 @@ def frame_alarms(level: NDArray[Any], grid: Grid, area: Lane, radius: float) -> 
         dims=("y", "x"),
         coords={"y": grid.y[rows], "x": grid.x[columns]},
     )
-    found = prescreen(view, area, radius, density=_ALL)
-    return found[area.contains(found["x"], found["y"])].reset_index(drop=True)
+    alarms = prescreen(view, area, radius, density=_ALL_MAXIMA)
+    return alarms[area.contains(alarms["x"], alarms["y"])].reset_index(drop=True)
 
 
 def counts(x: ArrayLike, y: ArrayLike, lane: Lane, count: Count) -> NDArray[np.bool_]:
-    """Tell which places (x and y in the lane frame, m) the density rule counts: those in the lane, or all."""
+    """Mark the positions (x, y in the lane frame, m) that the density rule counts."""
     inside = np.asarray(lane.contains(x, y), np.bool_)
     return inside if count == "lane" else np.ones_like(inside)
 
@@ -103,21 +127,52 @@ def counts(x: ArrayLike, y: ArrayLike, lane: Lane, count: Count) -> NDArray[np.b
 def view_threshold(
     maxima: pd.DataFrame, lane: Lane, seen: float, radius: float, density: float, count: Count
 ) -> float:
-    """Apply the density rule to the local maxima (x, y in m, magnitude) of a whole run-view.
+    """Return the threshold of the density rule for all local maxima of a run-view.
 
-    ``seen`` is the area, m², of the run-view that was seen; the rest is as in :func:`prescreen`.
+    Parameters
+    ----------
+    maxima : DataFrame
+        x, y (m), magnitude.
+    lane, radius, density, count
+        As for :func:`prescreen`.
+    seen : float
+        Area of the run-view that a scan sees, m².
+
+    Returns
+    -------
+    float
+        Least magnitude of an alarm, see :func:`density_threshold`.
     """
-    counted = maxima["magnitude"].to_numpy()[counts(maxima["x"], maxima["y"], lane, count)]
-    return density_threshold(counted, seen if count == "view" else lane.area, radius, density)
+    counted = counts(maxima["x"], maxima["y"], lane, count)
+    area = seen if count == "view" else lane.area
+    return density_threshold(maxima["magnitude"].to_numpy()[counted], area, radius, density)
 
 
 def density_threshold(
     magnitude: NDArray[np.float64], area: float, radius: float, density: float
 ) -> float:
-    """Find the magnitude from which on local maxima are alarms (Wang et al. 2007, Sec. II-B).
+    """Return the magnitude from which on local maxima are alarms (Wang et al. 2007, Sec. II-B).
 
-    They were found on ``area``, m²; ρ is the ``density`` of those kept per area π·radius². -inf if
-    all are kept, inf if none is.
+    Parameters
+    ----------
+    magnitude : (maximum,) ndarray
+        Magnitudes of the local maxima.
+    area : float
+        Area on which they were found, m².
+    radius : float
+        Alarm radius, m.
+    density : float
+        ρ, mean number of alarms per area π·radius².
+
+    Returns
+    -------
+    float
+        Least magnitude of an alarm; -inf if all are alarms, inf if none is.
+
+    Raises
+    ------
+    ValueError
+        If radius or density is not positive.
 
     Examples
     --------
@@ -126,16 +181,33 @@ def density_threshold(
     """
     if not (radius > 0 and density > 0):
         raise ValueError(f"radius and density must be positive, got {radius} and {density}")
-    keep = math.floor(density * area / (math.pi * radius**2))
-    if len(magnitude) <= keep:
+    allowed = math.floor(density * area / (math.pi * radius**2))
+    if len(magnitude) <= allowed:
         return -math.inf
-    return float(np.partition(magnitude, -keep)[-keep]) if keep else math.inf
+    if allowed == 0:
+        return math.inf
+    return float(np.partition(magnitude, -allowed)[-allowed])
 
 
 def local_maxima(view: xr.DataArray, radius: float) -> pd.DataFrame:
-    """Find the local maxima of a run-view (y, x), the largest pixels within ``radius`` m, before the density rule.
+    """Return the local maxima of a run-view before the density rule.
 
-    They come as x, y (m) and magnitude, strong to weak. Pixels on the border of what was seen are never among them.
+    Parameters
+    ----------
+    view : (y, x) xarray.DataArray
+        Run-view.
+    radius : float
+        A maximum is the largest pixel within this distance, m.
+
+    Returns
+    -------
+    DataFrame
+        x, y (m), magnitude, from strong to weak; none on the border of the area seen.
+
+    Raises
+    ------
+    ValueError
+        If the view has other dimensions.
     """
     if view.dims != ("y", "x"):
         raise ValueError(f"view must have the dimensions (y, x), got {view.dims}")
@@ -150,98 +222,93 @@ def local_maxima(view: xr.DataArray, radius: float) -> pd.DataFrame:
     )
 
 
+def _spacing(view: xr.DataArray) -> tuple[float, float]:
+    """Return the pixel spacing (y, x) of a view, m."""
+    dy = float(view["y"].values[1] - view["y"].values[0])
+    dx = float(view["x"].values[1] - view["x"].values[0])
+    return dy, dx
+
+
 def _area_seen(view: xr.DataArray) -> float:
-    dy, dx = (float(view[axis].values[1] - view[axis].values[0]) for axis in ("y", "x"))
+    """Return the area of all finite pixels, m²."""
+    dy, dx = _spacing(view)
     return float(np.isfinite(view.values).sum()) * dy * dx
 
 
 def _maxima(view: xr.DataArray, radius: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of the local maxima, strongest first; of equal neighbours the first by row and column."""
+    """Return rows and columns of the local maxima, strongest first.
+
+    Of equal pixels within the radius the first by row and column is taken.
+    """
     values = np.asarray(view.values, dtype=np.float64)
-    dy, dx = (float(view[axis].values[1] - view[axis].values[0]) for axis in ("y", "x"))
-    seen = np.isfinite(values)
-    filled = np.where(seen, values, -np.inf)
+    dy, dx = _spacing(view)
+    known = np.isfinite(values)
+    filled = np.where(known, values, -np.inf)
+    rows, columns = _candidates(filled, known, (dy, dx), radius)
+    rows, columns = _largest_in_disc(filled, rows, columns, (dy, dx), radius)
+    order = np.argsort(-values[rows, columns], kind="stable")
+    rows = rows[order]
+    columns = columns[order]
+
+    selected: list[int] = []
+    with_value: dict[float, list[int]] = {}
+    for i in range(rows.size):
+        equal = with_value.setdefault(float(values[rows[i], columns[i]]), [])
+        down = (rows[equal] - rows[i]) * dy
+        across = (columns[equal] - columns[i]) * dx
+        if all(math.hypot(v, u) > radius for v, u in zip(down, across, strict=True)):
+            selected.append(i)
+            equal.append(i)
+    return rows[selected], columns[selected]
+
+
+def _candidates(
+    filled: NDArray[np.float64],
+    known: NDArray[np.bool_],
+    spacing: tuple[float, float],
+    radius: float,
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the inner pixels that may be maxima.
+
+    A maximum within the radius is one among its direct neighbours too, and those are quick to find.
+    With neighbours beyond the radius all inner pixels may be maxima.
+    """
+    dy, dx = spacing
+    inner = binary_erosion(known, np.ones((3, 3), bool), border_value=0)
+    if min(dy, dx) > radius / math.sqrt(2):
+        rows, columns = np.nonzero(inner)
+        return rows, columns
+    size = (3 if math.floor(radius / dy + 1e-9) else 1, 3 if math.floor(radius / dx + 1e-9) else 1)
+    largest = maximum_filter(filled, size=size, mode="constant", cval=-np.inf)
+    rows, columns = np.nonzero((filled == largest) & inner)
+    return rows, columns
+
+
+def _largest_in_disc(
+    filled: NDArray[np.float64],
+    rows: NDArray[np.intp],
+    columns: NDArray[np.intp],
+    spacing: tuple[float, float],
+    radius: float,
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the candidates that no pixel within the radius exceeds."""
+    dy, dx = spacing
     ny = math.floor(radius / dy + 1e-9)
     nx = math.floor(radius / dx + 1e-9)
-    inner = binary_erosion(seen, np.ones((3, 3), bool), border_value=0)
-    # A maximum within the radius is one among its neighbours too, which is quickly found out.
-    near = maximum_filter(
-        filled, size=(3 if ny else 1, 3 if nx else 1), mode="constant", cval=-np.inf
-    )
-    rows, columns = (
-        np.nonzero((filled == near) & inner)
-        if min(dy, dx) <= radius / math.sqrt(2)
-        else np.nonzero(inner)
-    )
     padded = np.pad(filled, ((ny, ny), (nx, nx)), constant_values=-np.inf)
     v, u = np.mgrid[-ny : ny + 1, -nx : nx + 1].reshape(2, -1)
     disc = (v * dy) ** 2 + (u * dx) ** 2 <= radius**2 * (1 + 1e-9)
-    # Far neighbours first, some at a time, as memory allows: after each lot few candidates are
-    # left.
-    v, u = (one[disc][np.argsort(-(v**2 + u**2)[disc], kind="stable")] for one in (v, u))
+    # Far neighbours first, and as many at once as memory allows: they leave few candidates.
+    order = np.argsort(-(v**2 + u**2)[disc], kind="stable")
+    v = v[disc][order]
+    u = u[disc][order]
     begin = 0
     while begin < v.size:
-        lot = slice(begin, begin + min(max(_AT_ONCE // max(rows.size, 1), 1), -(-v.size // 8)))
-        begin = lot.stop
-        around = padded[rows[:, None] + (ny + v[lot]), columns[:, None] + (nx + u[lot])]
-        peak = (filled[rows, columns, None] >= around).all(axis=1)
-        rows, columns = rows[peak], columns[peak]
-    order = np.argsort(-values[rows, columns], kind="stable")
-    rows, columns = rows[order], columns[order]
-    kept: list[int] = []
-    taken: dict[float, list[int]] = {}
-    for i in range(rows.size):
-        equal = taken.setdefault(float(values[rows[i], columns[i]]), [])
-        if all(
-            math.hypot((rows[k] - rows[i]) * dy, (columns[k] - columns[i]) * dx) > radius
-            for k in equal
-        ):
-            kept.append(i)
-            equal.append(i)
-    return rows[kept], columns[kept]
-
-
-HIT = "hit"
-FALSE = "false"
-NEITHER = "neither"
-
-
-def label_alarms(
-    alarms: pd.DataFrame, truth: pd.DataFrame, lane: Lane, radius: float = 1.0
-) -> pd.DataFrame:
-    """Label alarms as hits, false alarms or neither, each hit with its closest target.
-
-    Parameters
-    ----------
-    alarms, truth : DataFrame
-        x, y in the lane frame, m, and the truth table of the same lane. Only training may see it.
-    lane : Lane
-        The lane; alarms outside it that hit nothing are neither.
-    radius : float
-        r_label: alarms within it of a target's centre are hits, its border included, m.
-
-    Returns
-    -------
-    DataFrame
-        ``label`` ("hit", "false" or "neither"), ``target`` (row in the truth table of the closest
-        target, -1 unless a hit) and ``distance`` to the closest target (m, NaN without any), with
-        the index of ``alarms``.
-    """
-    if not radius > 0:
-        raise ValueError(f"radius must be positive, got {radius}")
-    targets = check_truth(truth)
-    place, there = (t[["x", "y"]].to_numpy(dtype=np.float64) for t in (alarms, targets))
-    if len(there):
-        away = np.linalg.norm(place[:, None] - there[None], axis=-1)
-        target = away.argmin(axis=1)
-        distance = away.min(axis=1)
-    else:
-        target = np.full(len(place), -1)
-        distance = np.full(len(place), np.nan)
-    hit = distance <= radius
-    inside = lane.contains(place[:, 0], place[:, 1])
-    label = np.where(hit, HIT, np.where(inside, FALSE, NEITHER))
-    return pd.DataFrame(
-        {"label": label, "target": np.where(hit, target, -1), "distance": distance},
-        index=alarms.index,
-    )
+        count = min(max(_NEIGHBOURS_AT_ONCE // max(rows.size, 1), 1), -(-v.size // 8))
+        step = slice(begin, begin + count)
+        begin = step.stop
+        around = padded[rows[:, None] + (ny + v[step]), columns[:, None] + (nx + u[step])]
+        largest = (filled[rows, columns, None] >= around).all(axis=1)
+        rows = rows[largest]
+        columns = columns[largest]
+    return rows, columns

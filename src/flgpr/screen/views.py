@@ -1,4 +1,4 @@
-"""The run-view: all scan images of a run brought together in the lane frame (Wang et al. 2007, Sec. II-B)."""
+"""The run-view: all scan images of a run in the lane frame (Wang et al. 2007, Sec. II-B)."""
 
 from __future__ import annotations
 
@@ -15,32 +15,52 @@ from flgpr.model import Grid, lane_to_scan, scan_to_lane
 
 
 def sample_scan(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Sample the magnitude of a scan image (..., y, x) at points (..., 2 or 3) of its frame, m; NaN outside."""
+    """Sample the magnitude of a scan image at points of its frame.
+
+    Parameters
+    ----------
+    image : (..., y, x) xarray.DataArray
+        Scan image, complex or magnitude.
+    points : (..., 2 or 3) ndarray
+        Positions in the scan frame, m.
+
+    Returns
+    -------
+    ndarray of float32
+        Magnitudes, leading axes of the image first; NaN outside.
+    """
     grid = grid_of(image)
-    row, column = (points[..., 1] - grid.y_min) / grid.dy, (points[..., 0] - grid.x_min) / grid.dx
+    row = (points[..., 1] - grid.y_min) / grid.dy
+    column = (points[..., 0] - grid.x_min) / grid.dx
     return bilinear(np.abs(image.values), row, column)
 
 
 def seen_along(grid: Grid, pose: NDArray[np.float64], y_max: float) -> tuple[float, float]:
-    """Tell which part of the lane a scan with this grid and pose sees up to ``y_max``: first and last y, m."""
+    """Return the first and last y of the lane, m, that a scan sees up to ``y_max`` ahead."""
     along = scan_to_lane(grid.corners(y_max), pose)[:, 1]
     return float(along.min()), float(along.max())
 
 
 class Samples(NamedTuple):
-    """What a scan shows of some pixels of the lane."""
+    """Magnitudes of a scan at some pixels of the lane."""
 
     values: NDArray[np.float32]  #: magnitudes (..., y, x)
-    seen: NDArray[np.bool_]  #: where they are known
-    whole: NDArray[np.bool_]  #: where all channels are known (y, x): there a pixel counts as seen
-    local: NDArray[np.float64]  #: places in the scan frame (y, x, 3), m
+    known: NDArray[np.bool_]  #: where they are finite (..., y, x)
+    known_by_all: NDArray[np.bool_]  #: where all channels are finite (y, x): such a pixel is seen
+    local: NDArray[np.float64]  #: positions in the scan frame (y, x, 3), m
 
 
 class LaneSums:
-    """Samples of all scans at the pixels of the lane; what becomes of them is told by the kind of look.
+    """Combine the samples of all scans at the pixels of the lane; a subclass says how.
 
-    ``y_max`` is the farthest distance ahead of the array that counts, m; ``rows`` of the grid are kept, for a part of
-    the lane, by default all.
+    Parameters
+    ----------
+    grid : Grid
+        Pixels of the lane frame.
+    y_max : float
+        Farthest distance ahead of the array that counts, m.
+    rows : slice, optional
+        Rows of the grid that are combined, for a section of the lane; by default all.
     """
 
     def __init__(self, grid: Grid, y_max: float, rows: slice | None = None) -> None:
@@ -51,109 +71,120 @@ class LaneSums:
         self._points[..., 0] = grid.x[None, :]
         self._points[..., 1] = grid.y[self._window.start : self._window.stop, None]
         self._looks = np.zeros(self._points.shape[:2], np.int64)
-        self._kept: dict[str, NDArray[Any]] = {}
+        self._sums: dict[str, NDArray[Any]] = {}
 
     def add(self, magnitude: NDArray[np.float32], grid: Grid, pose: NDArray[np.float64]) -> None:
-        """Take in one scan: magnitudes (..., y, x) on a grid of the scan frame, and its pose (6,)."""
-        if not self._kept:
-            self._kept = self._begin(magnitude.shape[:-2])
+        """Add one scan: magnitudes (..., y, x) on a grid of the scan frame, and its pose (6,)."""
+        if not self._sums:
+            self._sums = self._begin(magnitude.shape[:-2])
         reached = self.reach(grid, pose)
         start = self._window.start
         rows = slice(max(reached.start - start, 0), max(reached.stop - start, 0))
         local = lane_to_scan(self._points[rows], pose)
-        row, column = (local[..., 1] - grid.y_min) / grid.dy, (local[..., 0] - grid.x_min) / grid.dx
+        row = (local[..., 1] - grid.y_min) / grid.dy
+        column = (local[..., 0] - grid.x_min) / grid.dx
         values = bilinear(magnitude, row, column).astype(np.float32)
         values[..., local[..., 1] > self.y_max] = np.nan
-        seen = np.isfinite(values)
-        whole = np.asarray(seen.all(axis=tuple(range(seen.ndim - 2))))
-        self._looks[rows] += whole
-        self._take(
-            {name: one[..., rows, :] for name, one in self._kept.items()},
-            Samples(values, seen, whole, local),
-        )
+        known = np.isfinite(values)
+        known_by_all = np.asarray(known.all(axis=tuple(range(known.ndim - 2))))
+        self._looks[rows] += known_by_all
+        self._add_samples(_rows_of(self._sums, rows), Samples(values, known, known_by_all, local))
 
     def result(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-        """Compute the run-view (..., y, x), NaN where no scan sees the pixel, and the number of looks (y, x)."""
-        view = self._view(self._gathered())
+        """Return the run-view (..., y, x) and the number of looks (y, x).
+
+        The view is NaN where no scan sees the pixel. Without any scan it is a ValueError.
+        """
+        view = self._view(self._begun_sums())
         return np.where(self._looks > 0, view, np.nan).astype(np.float32), self._looks
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Give what was gathered, with ``looks`` (y, x) and ``row``, the first row, to be taken in by another."""
-        return {**self._gathered(), "looks": self._looks, "row": np.array(self._window.start)}
+        """Return the sums for :meth:`merge`, with ``looks`` (y, x) and ``row``, the first row."""
+        return {**self._begun_sums(), "looks": self._looks, "row": np.array(self._window.start)}
 
     def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take in what another gathered of other scans of the same lane, as far as it lies in the rows kept here."""
-        gathered = {name: state[name] for name in state if name not in ("looks", "row")}
-        if not self._kept:
-            self._kept = self._begin(self._channels(gathered))
+        """Add the sums (:meth:`state`) of other scans of the same lane, where the rows overlap."""
+        other_sums = {name: state[name] for name in state if name not in ("looks", "row")}
+        if not self._sums:
+            self._sums = self._begin(self._channels(other_sums))
         start = int(state["row"]) - self._window.start
         rows = slice(max(start, 0), max(start + len(state["looks"]), 0))
-        theirs = slice(rows.start - start, rows.start - start + len(self._looks[rows]))
-        self._looks[rows] += state["looks"][theirs]
-        own = {name: one[..., rows, :] for name, one in self._kept.items()}
-        self._fold(own, {name: one[..., theirs, :] for name, one in gathered.items()})
+        first = rows.start - start
+        other_rows = slice(first, first + len(self._looks[rows]))
+        self._looks[rows] += state["looks"][other_rows]
+        self._add_sums(_rows_of(self._sums, rows), _rows_of(other_sums, other_rows))
 
     def reach(self, grid: Grid, pose: NDArray[np.float64]) -> slice:
-        """Tell which rows of the whole run-view a scan with these pixels can reach."""
+        """Return the rows of the grid that a scan with these pixels can reach."""
         low, high = seen_along(grid, pose, self.y_max + grid.dy)
         first = math.floor((low - self.grid.y_min) / self.grid.dy)
         last = math.ceil((high - self.grid.y_min) / self.grid.dy) + 1
         return slice(min(max(first, 0), self.grid.ny), min(max(last, 0), self.grid.ny))
 
-    def _gathered(self) -> dict[str, NDArray[Any]]:
-        if not self._kept:
+    def _begun_sums(self) -> dict[str, NDArray[Any]]:
+        """Return the sums of at least one scan."""
+        if not self._sums:
             raise ValueError("images must hold at least one scan, got none")
-        return self._kept
+        return self._sums
 
-    def _channels(self, gathered: Mapping[str, NDArray[Any]]) -> tuple[int, ...]:
-        """Tell the leading shape of the magnitudes from what another gathered of them."""
-        return next(iter(gathered.values())).shape[:-2]
+    def _channels(self, sums: Mapping[str, NDArray[Any]]) -> tuple[int, ...]:
+        """Return the leading shape of the magnitudes from sums of them."""
+        return next(iter(sums.values())).shape[:-2]
 
     def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
-        """Make the arrays (..., y, x) that gather."""
+        """Return the sums (..., y, x) before the first scan."""
         raise NotImplementedError
 
-    def _take(self, kept: Mapping[str, NDArray[Any]], samples: Samples) -> None:
-        """Take in a scan's samples of some rows."""
+    def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: Samples) -> None:
+        """Add a scan's samples to the sums of the same rows."""
         raise NotImplementedError
 
-    def _fold(self, own: Mapping[str, NDArray[Any]], theirs: Mapping[str, NDArray[Any]]) -> None:
-        """Take in what another gathered of the same rows."""
+    def _add_sums(
+        self, sums: Mapping[str, NDArray[Any]], other: Mapping[str, NDArray[Any]]
+    ) -> None:
+        """Add sums of other scans to those of the same rows."""
         raise NotImplementedError
 
-    def _view(self, kept: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
-        """Make the run-view of what was gathered."""
+    def _view(self, sums: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+        """Return the run-view (..., y, x) that follows from the sums."""
         raise NotImplementedError
+
+
+def _rows_of(sums: Mapping[str, NDArray[Any]], rows: slice) -> dict[str, NDArray[Any]]:
+    """Return views of some rows of arrays (..., y, x)."""
+    return {name: array[..., rows, :] for name, array in sums.items()}
 
 
 class RunViewSums(LaneSums):
-    """The second largest magnitude at every pixel of the lane, to be rid of flashes (Wang et al. 2007, Sec. II-B).
+    """Find the second largest magnitude at every pixel of the lane (Wang et al. 2007, Sec. II-B).
 
-    Where a single scan sees the pixel its value stands.
+    It removes flashes. Where a single scan sees the pixel, its value is taken.
     """
 
     def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
         shape = (*channels, *self._looks.shape)
         return {name: np.full(shape, -np.inf, np.float32) for name in ("first", "second")}
 
-    def _take(self, kept: Mapping[str, NDArray[Any]], samples: Samples) -> None:
-        values = np.where(samples.seen, samples.values, -np.inf)
-        np.maximum(kept["second"], np.minimum(kept["first"], values), out=kept["second"])
-        np.maximum(kept["first"], values, out=kept["first"])
+    def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: Samples) -> None:
+        values = np.where(samples.known, samples.values, -np.inf)
+        np.maximum(sums["second"], np.minimum(sums["first"], values), out=sums["second"])
+        np.maximum(sums["first"], values, out=sums["first"])
 
-    def _fold(self, own: Mapping[str, NDArray[Any]], theirs: Mapping[str, NDArray[Any]]) -> None:
-        np.maximum(own["second"], theirs["second"], out=own["second"])
-        np.maximum(own["second"], np.minimum(own["first"], theirs["first"]), out=own["second"])
-        np.maximum(own["first"], theirs["first"], out=own["first"])
+    def _add_sums(
+        self, sums: Mapping[str, NDArray[Any]], other: Mapping[str, NDArray[Any]]
+    ) -> None:
+        np.maximum(sums["second"], other["second"], out=sums["second"])
+        np.maximum(sums["second"], np.minimum(sums["first"], other["first"]), out=sums["second"])
+        np.maximum(sums["first"], other["first"], out=sums["first"])
 
-    def _view(self, kept: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
-        return np.where(self._looks > 1, kept["second"], kept["first"])
+    def _view(self, sums: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+        return np.where(self._looks > 1, sums["second"], sums["first"])
 
 
 class MeanViewSums(LaneSums):
-    """The mean over the scans that see a pixel; of log-likelihoods their fusion as if looks were independent.
+    """Average over the scans that see a pixel, weighted by :func:`look_weight` of their distances.
 
-    A look weighs as :func:`look_weight` tells, of its distance.
+    Of log-likelihoods this is their fusion as if looks were independent.
     """
 
     def __init__(
@@ -168,29 +199,43 @@ class MeanViewSums(LaneSums):
             "weight": np.zeros(self._looks.shape),
         }
 
-    def _take(self, kept: Mapping[str, NDArray[Any]], samples: Samples) -> None:
+    def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: Samples) -> None:
         distance = np.hypot(samples.local[..., 0], samples.local[..., 1])
-        weight = np.where(samples.whole, look_weight(distance, self.falloff), 0.0)
-        kept["sum"][...] += weight * np.where(samples.whole, samples.values, 0.0)
-        kept["weight"][...] += weight
+        weight = np.where(samples.known_by_all, look_weight(distance, self.falloff), 0.0)
+        sums["sum"][...] += weight * np.where(samples.known_by_all, samples.values, 0.0)
+        sums["weight"][...] += weight
 
-    def _fold(self, own: Mapping[str, NDArray[Any]], theirs: Mapping[str, NDArray[Any]]) -> None:
-        own["sum"][...] += theirs["sum"]
-        own["weight"][...] += theirs["weight"]
+    def _add_sums(
+        self, sums: Mapping[str, NDArray[Any]], other: Mapping[str, NDArray[Any]]
+    ) -> None:
+        sums["sum"][...] += other["sum"]
+        sums["weight"][...] += other["weight"]
 
-    def _view(self, kept: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
-        return kept["sum"] / np.where(self._looks > 0, kept["weight"], 1.0)
+    def _view(self, sums: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+        return sums["sum"] / np.where(self._looks > 0, sums["weight"], 1.0)
 
 
 def look_weight(distance: NDArray[np.float64], falloff: float) -> NDArray[np.float64]:
-    """Weigh looks by distances, m: their power -``falloff``; what is nearer than a metre counts as a metre off."""
+    """Compute the weights of looks, the power -``falloff`` of their distances, m.
+
+    Distances below a metre count as a metre.
+    """
     return np.asarray(np.maximum(distance, 1.0) ** -falloff)
 
 
 class RangeViewSums(LaneSums):
-    """One view per distance ahead: at every pixel the scan that sees it nearest to that distance (flsar2004, Sec. 2).
+    """Select, for each of several distances ahead, the scan that sees a pixel nearest to it.
 
-    ``ranges`` are the distances ahead of the array, ``within`` how far from its distance a scan may see a pixel, m.
+    There is one view per distance (flsar2004, Sec. 2).
+
+    Parameters
+    ----------
+    grid, y_max, rows
+        As for :class:`RunViewSums`.
+    ranges : sequence of float
+        Distances ahead of the array, m.
+    within : float
+        Farthest from its distance that a scan may see a pixel, m.
     """
 
     def __init__(
@@ -209,28 +254,30 @@ class RangeViewSums(LaneSums):
         shape = (*channels, len(self.ranges), *self._looks.shape)
         return {"value": np.full(shape, np.nan, np.float32), "off": np.full(shape[-3:], np.inf)}
 
-    def _channels(self, gathered: Mapping[str, NDArray[Any]]) -> tuple[int, ...]:
-        return gathered["value"].shape[:-3]
+    def _channels(self, sums: Mapping[str, NDArray[Any]]) -> tuple[int, ...]:
+        return sums["value"].shape[:-3]
 
-    def _take(self, kept: Mapping[str, NDArray[Any]], samples: Samples) -> None:
+    def _add_samples(self, sums: Mapping[str, NDArray[Any]], samples: Samples) -> None:
         off = np.abs(samples.local[..., 1] - np.reshape(self.ranges, (-1, 1, 1)))
-        off = np.where(samples.whole & (off <= self.within), off, np.inf)
-        self._fold(kept, {"value": samples.values[..., None, :, :], "off": off})
+        off = np.where(samples.known_by_all & (off <= self.within), off, np.inf)
+        self._add_sums(sums, {"value": samples.values[..., None, :, :], "off": off})
 
-    def _fold(self, own: Mapping[str, NDArray[Any]], theirs: Mapping[str, NDArray[Any]]) -> None:
-        nearer = theirs["off"] < own["off"]  # of equally near scans the first stays
-        own["value"][...] = np.where(nearer, theirs["value"], own["value"])
-        own["off"][...] = np.minimum(own["off"], theirs["off"])
+    def _add_sums(
+        self, sums: Mapping[str, NDArray[Any]], other: Mapping[str, NDArray[Any]]
+    ) -> None:
+        nearer = other["off"] < sums["off"]  # of equally near scans the first stays
+        sums["value"][...] = np.where(nearer, other["value"], sums["value"])
+        sums["off"][...] = np.minimum(sums["off"], other["off"])
 
-    def _view(self, kept: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
-        return kept["value"]
+    def _view(self, sums: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+        return sums["value"]
 
 
 def run_view(images: Iterable[xr.DataArray], grid: Grid, y_max: float) -> xr.DataArray:
-    """Bring scan images together: the second largest magnitude over the scans that see a pixel.
+    """Return the run-view, the second largest magnitude over the scans that see a pixel.
 
-    Second largest, to be rid of spurious bright pixels; where a single scan sees the pixel, its
-    value stands.
+    The second largest removes spurious bright pixels (Wang et al. 2007, Sec. II-B); where a single
+    scan sees the pixel, its value is taken.
 
     Parameters
     ----------
@@ -248,9 +295,14 @@ def run_view(images: Iterable[xr.DataArray], grid: Grid, y_max: float) -> xr.Dat
         Float32 (..., y, x) in the lane frame; NaN where no scan saw the pixel. Coordinate ``looks``
         (y, x) counts the scans.
 
+    Raises
+    ------
+    ValueError
+        If there is no image.
+
     Examples
     --------
-    The second largest magnitude stands where two scans or more see a pixel: a flash in one scan does not.
+    Where two scans or more see a pixel, a flash in one of them does not show.
 
     >>> import numpy as np
     >>> import xarray as xr
@@ -261,10 +313,11 @@ def run_view(images: Iterable[xr.DataArray], grid: Grid, y_max: float) -> xr.Dat
     ...     pose = np.array([0.0, y, 1.5, 0.0, 0.0, 0.0])
     ...     axes = {"y": ahead.y, "x": ahead.x}
     ...     return xr.DataArray(values, dims=("y", "x"), coords=axes, attrs={"pose": pose})
-    >>> still, flash = np.ones(ahead.shape, complex), np.ones(ahead.shape, complex)
+    >>> flat = np.ones(ahead.shape, complex)
+    >>> flash = flat.copy()
     >>> flash[2, 2] = 9.0
     >>> lane = Grid.spanning((0.0, 0.5), (2.0, 3.0), 0.5)
-    >>> view = run_view([scan(0.0, flash), scan(0.5, still), scan(1.0, still)], lane, y_max=4.0)
+    >>> view = run_view([scan(0.0, flash), scan(0.5, flat), scan(1.0, flat)], lane, y_max=4.0)
     >>> float(view.max()), view.looks.values.tolist()
     (1.0, [[3, 3], [3, 3], [3, 3]])
     """
@@ -276,12 +329,8 @@ def run_view(images: Iterable[xr.DataArray], grid: Grid, y_max: float) -> xr.Dat
     result, looks = sums.result()
     if template is None:
         raise ValueError("images must hold at least one scan, got none")
-    return view_array(
-        result,
-        looks,
-        grid,
-        {str(n): template[n].values for n in template.dims if n not in ("y", "x")},
-    )
+    channels = {str(name): template[name].values for name in template.dims[:-2]}
+    return view_array(result, looks, grid, channels)
 
 
 def view_array(
@@ -291,9 +340,20 @@ def view_array(
     channels: Mapping[str, Any],
     rows: slice | None = None,
 ) -> xr.DataArray:
-    """Attach coordinates to a run-view (..., y, x) and its looks (y, x): names and labels of the leading dimensions.
+    """Return a run-view with its coordinates.
 
-    ``rows`` of the grid, in the lane frame, are those that the run-view holds, by default all.
+    Parameters
+    ----------
+    view : (..., y, x) ndarray of float32
+        Magnitudes.
+    looks : (y, x) ndarray of int
+        Number of scans that see the pixel.
+    grid : Grid
+        Pixels in the lane frame.
+    channels : mapping of str to array_like
+        Names and labels of the leading dimensions.
+    rows : slice, optional
+        Rows of the grid that the view holds, by default all.
     """
     return xr.DataArray(
         view,
@@ -309,14 +369,17 @@ def view_array(
 
 
 def grid_of(image: xr.DataArray) -> Grid:
-    """Tell the pixels of an image (..., y, x) by its axes."""
+    """Return the pixels of an image (..., y, x) according to its axes."""
     y = image["y"].values
     x = image["x"].values
     return Grid(float(x[0]), float(y[0]), x.size, y.size, float(x[1] - x[0]), float(y[1] - y[0]))
 
 
 def select(view: xr.DataArray, polarization: str, subband: str) -> xr.DataArray:
-    """Take one polarization and sub-band of a run-view (polarization, subband, y, x), which must have them."""
+    """Return one polarization and sub-band of a run-view (polarization, subband, y, x).
+
+    A label that the view does not have is a ValueError.
+    """
     for name, value in (("polarization", polarization), ("subband", subband)):
         known: Sequence[str] = [str(label) for label in view[name].values]
         if value not in known:

@@ -26,11 +26,11 @@ from flgpr.model import (
     vehicle_to_lane,
 )
 from flgpr.model.arrays import FloatArray
-from flgpr.simulate.echoes import Echoes, Ground, add_object, incidence, sum_echoes
-from flgpr.simulate.field import TILES_KEPT, SurfaceField
-from flgpr.simulate.holes import hole_factor
-from flgpr.simulate.impair import Impairments
-from flgpr.simulate.layers import (
+from flgpr.simulate.bodies.echoes import Echoes, Ground, add_object, incidence, sum_echoes
+from flgpr.simulate.bodies.targets import add_target
+from flgpr.simulate.ground.field import TILES_KEPT, SurfaceField
+from flgpr.simulate.ground.holes import hole_factor
+from flgpr.simulate.ground.layers import (
     GrassLayer,
     Layer,
     SineSpectra,
@@ -40,15 +40,15 @@ from flgpr.simulate.layers import (
     sum_layers,
     through_grass,
 )
-from flgpr.simulate.roughness import surface_backscatter, surface_heights
-from flgpr.simulate.scene import Scene, Soil, Surface, Target, Thing
-from flgpr.simulate.shadow import Shadows, Strip, strips_of
-from flgpr.simulate.spread import ArrayState, Spreader
-from flgpr.simulate.subsurface import subsurface_layers
-from flgpr.simulate.tables import Grass
-from flgpr.simulate.targets import add_target
-from flgpr.simulate.terrain import Terrain
-from flgpr.simulate.world import MARGIN, draw_track, draw_world
+from flgpr.simulate.ground.roughness import surface_backscatter, surface_heights
+from flgpr.simulate.ground.shadow import Shadows, Strip, strips_of
+from flgpr.simulate.ground.subsurface import subsurface_layers
+from flgpr.simulate.ground.terrain import Terrain
+from flgpr.simulate.radar.impair import Impairments
+from flgpr.simulate.radar.spread import ArrayState, Spreader
+from flgpr.simulate.scene.scene import Scene, Soil, Surface, Target, Thing
+from flgpr.simulate.scene.scene_tables import Grass
+from flgpr.simulate.scene.world import MARGIN, draw_track, draw_world
 
 _RANKS = 3
 PER_CELL = 3

@@ -1,4 +1,7 @@
-"""The viewer: a page on this machine that shows what it reads or is handed, computes nothing and alters no result."""
+"""The viewer.
+
+A page on this machine that shows what it reads or is handed, computes nothing and alters no result.
+"""
 
 from flgpr.lazy import face
 

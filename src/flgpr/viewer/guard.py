@@ -1,4 +1,4 @@
-"""Who may ask: the right host, the right origin, the token; everyone else gets 403, on every route."""
+"""Access to the viewer: right host, right origin and the token; any other request gets 403."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 SECURITY_HEADERS = {
     "content-security-policy": (
-        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
+        "default-src 'none'; script-src 'self'; style-src 'self'; "
+        "img-src 'self' blob: data:; connect-src 'self'; "
         "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     ),
     "x-content-type-options": "nosniff",
@@ -24,14 +25,17 @@ SECURITY_HEADERS = {
     "permissions-policy": "camera=(), microphone=(), geolocation=()",
     "cache-control": "no-store",
 }
-_OWN_PAGES = (
+_LOCAL_PAGES = (
     "http://localhost:* http://127.0.0.1:* https://localhost:* https://127.0.0.1:* vscode-webview:"
 )
 _WILDCARDS = ("0.0.0.0", "::")  # noqa: S104
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether a host to listen on, ``localhost`` or an address, can be reached from this machine only."""
+    """Return whether a host to listen on can be reached from this machine only.
+
+    The host is ``localhost`` or an address.
+    """
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -41,10 +45,24 @@ def is_loopback(host: str) -> bool:
 class Guard:
     """Lets a request through only if host, origin and token are right.
 
-    GET and HEAD are answered, and PUT on the paths of ``puts``.
-    The token is the first part of the path, which the guarded app does not see: other ports of this machine would share
-    a cookie. ``framed`` lets pages of this machine, such as a notebook's, frame the answers. On a wildcard address any
-    literal address and this machine's own name are right, foreign names are not.
+    The token is the first component of the path, which the guarded app does not see: a cookie would
+    be shared with other ports of this machine. On a wildcard address any literal address and this
+    machine's own name are right, foreign names are not.
+
+    Parameters
+    ----------
+    app : ASGIApp
+        The guarded app.
+    token : str
+        Secret in the path.
+    host : str
+        Address that is listened on.
+    port : int
+        Port that is listened on.
+    puts : collection of str
+        Paths that take PUT besides GET and HEAD.
+    framed : bool
+        Whether pages of this machine, such as a notebook's, may frame the answers.
     """
 
     def __init__(
@@ -60,8 +78,10 @@ class Guard:
         self._token = token
         self._port = port
         self._puts = puts
-        own = f"[{host}]" if ":" in host else host.lower()
-        names = {"127.0.0.1", "localhost", "[::1]"} if is_loopback(host) else {own}
+        if is_loopback(host):
+            names = {"127.0.0.1", "localhost", "[::1]"}
+        else:
+            names = {f"[{host}]" if ":" in host else host.lower()}
         self._wildcard = host in _WILDCARDS
         if self._wildcard:
             names |= {socket.gethostname().lower(), "localhost"}
@@ -70,10 +90,8 @@ class Guard:
         if framed:
             del self._headers["x-frame-options"]
             policy = self._headers["content-security-policy"]
-            ancestors = f"frame-ancestors {_OWN_PAGES}"
-            self._headers["content-security-policy"] = policy.replace(
-                "frame-ancestors 'none'", ancestors
-            )
+            policy = policy.replace("frame-ancestors 'none'", f"frame-ancestors {_LOCAL_PAGES}")
+            self._headers["content-security-policy"] = policy
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request."""
@@ -83,31 +101,38 @@ class Guard:
         if scope["type"] != "http":
             return
         inner = self._inner_path(scope["path"])
-        if inner is None or not self._right_place(Headers(scope=scope)):
-            await PlainTextResponse("403 forbidden\n", 403, self._headers)(scope, receive, send)
+        if inner is None or not self._is_addressed_here(Headers(scope=scope)):
+            refusal = PlainTextResponse("403 forbidden\n", 403, self._headers)
+            await refusal(scope, receive, send)
             return
         allowed = ["GET", "HEAD", "PUT"] if inner in self._puts else ["GET", "HEAD"]
         if scope["method"] not in allowed:
-            headers = self._headers | {"allow": ", ".join(allowed)}
-            await PlainTextResponse(f"405 only {', '.join(allowed)}\n", 405, headers)(
-                scope, receive, send
-            )
+            methods = ", ".join(allowed)
+            headers = self._headers | {"allow": methods}
+            refusal = PlainTextResponse(f"405 only {methods}\n", 405, headers)
+            await refusal(scope, receive, send)
             return
 
         async def send_secured(message: Message) -> None:
             if message["type"] == "http.response.start":
-                own = [(name.encode(), value.encode()) for name, value in self._headers.items()]
-                message["headers"] = [*message.get("headers", []), *own]
+                headers = list(message.get("headers", []))
+                for name, value in self._headers.items():
+                    headers.append((name.encode(), value.encode()))
+                message["headers"] = headers
             await send(message)
 
         await self._app({**scope, "path": inner, "raw_path": inner.encode()}, receive, send_secured)
 
     def _inner_path(self, path: str) -> str | None:
+        """Return the path without the token; None if the token is wrong."""
         head, _, rest = path.removeprefix("/").partition("/")
-        right = secrets.compare_digest(head.encode(), self._token.encode())
-        return "/" + rest if right and path.startswith(f"/{head}/") else None
+        is_right = secrets.compare_digest(head.encode(), self._token.encode())
+        if not is_right or not path.startswith(f"/{head}/"):
+            return None
+        return "/" + rest
 
-    def _right_place(self, headers: Headers) -> bool:
+    def _is_addressed_here(self, headers: Headers) -> bool:
+        """Return whether host, origin and fetch metadata are those of this server's own page."""
         hosts = headers.getlist("host")
         if len(hosts) != 1 or not self._is_own(hosts[0]):
             return False
@@ -115,9 +140,11 @@ class Guard:
         if any(origin.lower() != f"http://{hosts[0].lower()}" for origin in origins):
             return False
         site = headers.get("sec-fetch-site", "none")
-        return site in ("none", "same-origin") or headers.get("sec-fetch-mode") == "navigate"
+        is_navigation = headers.get("sec-fetch-mode") == "navigate"
+        return site in ("none", "same-origin") or is_navigation
 
     def _is_own(self, host: str) -> bool:
+        """Return whether a host header names this server."""
         name, separator, port = host.lower().rpartition(":")
         if not separator or port != str(self._port):
             return False
@@ -125,6 +152,7 @@ class Guard:
 
 
 def _is_address(name: str) -> bool:
+    """Return whether a name is a literal IP address."""
     try:
         ipaddress.ip_address(name.removeprefix("[").removesuffix("]"))
     except ValueError:

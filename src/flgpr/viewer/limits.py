@@ -1,4 +1,4 @@
-"""What a client may hold of the server: so many connections, and every step of a request for so long."""
+"""Limits of a client: the number of connections, and the time for every step of a request."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ _BUSY = (
     b"retry-after: 1\r\nconnection: close\r\n\r\n503 busy\n"
 )
 
+_SCARCITY = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+
 Step = Literal["header", "body", "unread"]
 
 
@@ -31,18 +33,19 @@ class Limits:
     connections: int = 64  #: at most; where fewer files may be open, an eighth of them
     header: float = 5.0  #: from connection or last answer to the end of a request's header
     body: float = 10.0  #: from there to the end of its body
-    unread: float = 10.0  #: for a client to take 64 KiB of an answer, or what is left of it
+    unread: float = 10.0  #: for a client to take 64 KiB of an answer, or the rest of it
 
 
 class LimitedProtocol(H11Protocol):
-    """A connection that ends when its client takes too long, or when there are too many and it waits the longest.
+    """A connection that ends when its client takes too long.
 
-    Every step has a deadline of its own that no byte in between puts off. uvicorn alone waits without end once a first
-    byte came.
+    It also ends when there are too many connections and it waits the longest. Every step has a
+    deadline of its own that no byte in between puts off; uvicorn alone waits without end once a
+    first byte came.
     """
 
-    def __init__(self, config: LimitedConfig, *args: Any, **more: Any) -> None:
-        super().__init__(config, *args, **more)
+    def __init__(self, config: LimitedConfig, *args: Any, **options: Any) -> None:
+        super().__init__(config, *args, **options)
         self.limits = config.limits
         self.step: Step | None = None
         self.since = time.monotonic()
@@ -50,7 +53,7 @@ class LimitedProtocol(H11Protocol):
         self._deadline: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin to wait for a header; make room if there are too many."""
+        """Begin to wait for a header; make room if there are too many connections."""
         super().connection_made(transport)
         transport.set_write_buffer_limits(high=0)  # any byte that is not taken pauses writing
         if len(self.connections) > self.limits.connections and not self._make_room():
@@ -66,7 +69,7 @@ class LimitedProtocol(H11Protocol):
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Take what came, and see which step the request is at."""
+        """Process what came, and set the deadline of the step that the request is at."""
         super().data_received(data)
         self._watch()
 
@@ -81,26 +84,23 @@ class LimitedProtocol(H11Protocol):
         self._watch()
 
     def resume_writing(self) -> None:
-        """Go on once all was taken."""
+        """Continue once the client took everything."""
         super().resume_writing()
         self._watch()
 
     def _waits_for(self) -> Step | None:
-        """Tell what the client owes; None while the answer is worked out."""
+        """Return the step that the client must do; None while the answer is computed."""
         if self.flow.write_paused:
             return "unread"
         if self.conn.their_state is h11.SEND_BODY:
             return "body"
-        answered = self.cycle is None or self.cycle.response_complete
-        return "header" if answered else None
+        is_answered = self.cycle is None or self.cycle.response_complete
+        return "header" if is_answered else None
 
     def _watch(self) -> None:
-        """Set the deadline of a new step; that of a step which goes on stays as it is."""
-        step = (
-            None
-            if self.transport.is_closing() and not self.flow.write_paused
-            else self._waits_for()
-        )
+        """Set the deadline of a new step; that of a step which continues is not changed."""
+        is_ending = self.transport.is_closing() and not self.flow.write_paused
+        step = None if is_ending else self._waits_for()
         if (step, self.cycle) == (self.step, self._step_of):
             return
         self._cancel()
@@ -110,31 +110,41 @@ class LimitedProtocol(H11Protocol):
             self._start(getattr(self.limits, step))
 
     def _start(self, seconds: float) -> None:
+        """Set a deadline in so many seconds."""
         self.since = time.monotonic()
-        left = self.transport.get_write_buffer_size()
-        self._deadline = self.loop.call_later(seconds, self._too_late, left)
+        unread = self.transport.get_write_buffer_size()
+        self._deadline = self.loop.call_later(seconds, self._too_late, unread)
 
-    def _too_late(self, left: int) -> None:
-        """End the connection, unless an answer is being taken slowly."""
-        if self.step == "unread" and self.transport.get_write_buffer_size() <= left - _PROGRESS:
+    def _too_late(self, unread: int) -> None:
+        """End the connection, unless the client took enough of the ``unread`` bytes."""
+        still_unread = self.transport.get_write_buffer_size()
+        if self.step == "unread" and still_unread <= unread - _PROGRESS:
             self._start(self.limits.unread)
             return
         self.transport.abort()
 
     def _cancel(self) -> None:
+        """Remove the deadline."""
         if self._deadline is not None:
             self._deadline.cancel()
             self._deadline = None
 
     def _make_room(self) -> bool:
-        """End the connection that waits the longest for a header, else for another step; tell whether one did."""
-        others = [
-            one for one in self.connections if isinstance(one, LimitedProtocol) and one is not self
-        ]
-        waiting = [one for one in others if one.step is not None]
+        """End the connection that waits the longest; return False if none waits.
+
+        Connections that wait for a header end before those that wait for another step.
+        """
+        waiting = []
+        for connection in self.connections:
+            if not isinstance(connection, LimitedProtocol) or connection is self:
+                continue
+            if connection.step is not None:
+                waiting.append(connection)
         if not waiting:
             return False
-        longest = min(waiting, key=lambda one: (one.step != "header", one.since))
+        longest = min(
+            waiting, key=lambda connection: (connection.step != "header", connection.since)
+        )
         self.connections.discard(longest)
         longest.transport.abort()
         return True
@@ -160,44 +170,43 @@ class LimitedConfig(uvicorn.Config):
 
 
 class LimitedServer(uvicorn.Server):
-    """A server that ends when it is told to, and says once that the system opens no more connections."""
+    """A server that ends on request, and reports once that the system opens no more connections."""
 
-    _scarcity_told = False
+    _scarcity_reported = False
 
     async def startup(self, sockets: Any = None) -> None:
         """Listen."""
-        asyncio.get_running_loop().set_exception_handler(self._tell)
+        asyncio.get_running_loop().set_exception_handler(self._report)
         await super().startup(sockets)
 
     async def shutdown(self, sockets: Any = None) -> None:
-        """End; only answers that are being worked out are waited for."""
+        """End, after the answers that are being computed."""
         for connection in list(self.server_state.connections):
             if isinstance(connection, LimitedProtocol) and connection.step is not None:
                 connection.transport.abort()
         await super().shutdown(sockets)
 
-    def _tell(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:  # noqa: ARG002
-        """Tell what went wrong beside the requests; that no connection can be accepted, once."""
+    def _report(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:  # noqa: ARG002
+        """Log a fault outside of requests; log once that no connection can be accepted."""
         fault = context.get("exception")
         if self.should_exit:
             return
-        if isinstance(fault, OSError) and fault.errno in (
-            errno.EMFILE,
-            errno.ENFILE,
-            errno.ENOBUFS,
-            errno.ENOMEM,
-        ):
-            if not self._scarcity_told:
-                self._scarcity_told = True
+        if isinstance(fault, OSError) and fault.errno in _SCARCITY:
+            if not self._scarcity_reported:
+                self._scarcity_reported = True
                 _LOG.error(
-                    "the system opens no more files or connections for the viewer: new ones wait until it does"
+                    "the system opens no more files or connections for the viewer: "
+                    "new ones wait until it does"
                 )
             return
         _LOG.error(context["message"], exc_info=fault)
 
 
 class FewRecords(logging.Filter):
-    """Let ``most`` records of a logger through in ``period`` seconds; the next one tells how many were left out."""
+    """Let ``most`` records of a logger through in ``period`` seconds.
+
+    The next one gives the number of those left out.
+    """
 
     def __init__(self, most: int = 10, period: float = 60.0) -> None:
         super().__init__()
@@ -209,7 +218,7 @@ class FewRecords(logging.Filter):
         self._left_out = 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Tell whether a record is written."""
+        """Return whether a record is written."""
         with self._lock:
             now = time.monotonic()
             if now - self._begun >= self._period:
@@ -233,7 +242,7 @@ _LOG = logging.getLogger("uvicorn.error")
 
 
 def fit_to_process(limits: Limits) -> Limits:
-    """Lower the number of connections to an eighth of the files that this process may open."""
+    """Return limits with at most an eighth as many connections as this process may open files."""
     try:
         import resource
     except ImportError:  # not on Windows

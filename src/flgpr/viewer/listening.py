@@ -1,4 +1,4 @@
-"""A socket that listens, or words that say why it cannot."""
+"""A socket that listens, or the reason why it cannot."""
 
 from __future__ import annotations
 
@@ -9,7 +9,13 @@ _ANOTHER = "give another port, or port 0 (--port 0) for one that is free"
 
 
 def listening_socket(host: str, port: int) -> socket.socket:
-    """Listen on an address of this machine, at port 0 on a free one; a ValueError names what is in the way."""
+    """Return a socket that listens on an address of this machine; port 0 takes a free one.
+
+    Raises
+    ------
+    ValueError
+        If the address cannot be listened on; it says why and what to do.
+    """
     if not 0 <= port <= 65535:
         raise ValueError(f"port must be 0 to 65535, got {port}: {_ANOTHER}")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -30,11 +36,20 @@ def listening_socket(host: str, port: int) -> socket.socket:
 
 
 def _reason(host: str, port: int, error: OSError) -> str:
-    """Say why an address cannot be listened on, and what to do."""
+    """Return why an address cannot be listened on, and what to do."""
     if isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
-        return f"host must be an address of this machine, got {host}: give 127.0.0.1, or one that this machine has"
+        return (
+            f"host must be an address of this machine, got {host}: "
+            "give 127.0.0.1, or one that this machine has"
+        )
     if error.errno == errno.EADDRINUSE:
         return f"port must be free, got {port}, on which another program listens: {_ANOTHER}"
     if error.errno in (errno.EACCES, errno.EPERM):
-        return f"port must be one that this user may listen on (1024 or above as a rule), got {port}: {_ANOTHER}"
-    return f"port must be one that can be listened on, got {port} of {host} ({error.strerror}): {_ANOTHER}"
+        return (
+            "port must be one that this user may listen on (1024 or above as a rule), "
+            f"got {port}: {_ANOTHER}"
+        )
+    return (
+        f"port must be one that can be listened on, got {port} of {host} "
+        f"({error.strerror}): {_ANOTHER}"
+    )

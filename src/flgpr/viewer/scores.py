@@ -1,4 +1,7 @@
-"""Scores as ``flgpr score`` writes them, of any detector's alarm list: curves and counts without pictures."""
+"""Scores of any detector's alarm list as ``flgpr score`` writes them.
+
+Curves and counts, no images.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from flgpr.door import MOST_JSON, Folder, parse_json
-from flgpr.io import canonical_json
+from flgpr.store import canonical_json
 
 _FILES = {"roc.json": "flgpr-score", "comparison.json": "flgpr-comparison"}
 _CURVE = (
@@ -27,85 +30,111 @@ _TARGET = ("target_id", "kind", "depth", "far", "confidence")
 
 
 def score_file(path: Path) -> Path | None:
-    """Find the file of a score at a path: itself, or in a folder of ``flgpr score``; None if there is none."""
+    """Return the file of a score at a path; None if there is none.
+
+    The path is the file itself or a folder of ``flgpr score``.
+    """
     if path.is_dir():
-        return next((path / name for name in _FILES if Folder(path).has(name)), None)
-    return path.resolve() if path.suffix == ".json" and path.is_file() else None
+        for name in _FILES:
+            if Folder(path).has(name):
+                return path / name
+        return None
+    if path.suffix == ".json" and path.is_file():
+        return path.resolve()
+    return None
 
 
 class IndexOnly:
-    """What the page shows of a source that has no pictures: its index, and nothing else unless told."""
+    """What the page shows of a source without images: its index, and nothing else by default."""
 
     index: dict[str, Any]
 
     def index_bytes(self) -> bytes:
-        """Write the index as JSON."""
+        """Return the index as JSON."""
         return canonical_json(self.index)
 
     def score_bytes(self) -> bytes | None:
-        """Tell that there is no score."""
+        """Return None: there is no score."""
         return None
 
     def tile(self, layer: int, level: int, tile: int) -> bytes | None:  # noqa: ARG002
-        """Tell that there are no layers."""
+        """Return None: there are no layers."""
         return None
 
     def evidence(self, detection: int, alarm: int) -> bytes | None:  # noqa: ARG002
-        """Tell that nothing explains alarms."""
+        """Return None: nothing explains alarms."""
         return None
 
 
 class ScoreFiles(IndexOnly):
-    """The score of an alarm list, open or blind, or a comparison of several: what was told, in the viewer's form."""
+    """The score of an alarm list, open or blind, or a comparison of several, in the viewer's form.
+
+    Raises
+    ------
+    ValueError
+        If the file is no score that can be shown.
+    """
 
     def __init__(self, path: Path) -> None:
         self.folder = path.parent.resolve()
         try:
-            told = parse_json(Folder(path.parent).read(path.name, MOST_JSON))
-            if told["format"] not in _FILES.values() or told["version"] != 1:
+            content = parse_json(Folder(path.parent).read(path.name, MOST_JSON))
+            if content["format"] not in _FILES.values() or content["version"] != 1:
                 raise ValueError(f"format must be {' or '.join(_FILES.values())} version 1")
-            several = (
-                _compared(told) if told["format"] == "flgpr-comparison" else told["detections"]
-            )
-            detections = {str(name): _scored(one, told["rules"]) for name, one in several.items()}
-            rules = {name: told["rules"][name] for name in _RULES if name in told["rules"]}
-            self._score = canonical_json(_score(detections, {**rules, **_truth(told["notes"])}))
+            if content["format"] == "flgpr-comparison":
+                entries = _entries_by_detector(content)
+            else:
+                entries = content["detections"]
+            detections = {}
+            for name, entry in entries.items():
+                detections[str(name)] = _view_entry(entry, content["rules"])
+            rules = {name: content["rules"][name] for name in _RULES if name in content["rules"]}
+            rules |= _truth_digest(content["notes"])
+            self._score = canonical_json(_view_score(detections, rules))
         except (ValueError, KeyError, TypeError, AttributeError, IndexError, OSError) as error:
             raise ValueError(
                 f"{path}: not a score that can be shown ({type(error).__name__}: {error})"
             ) from None
         self.title = f"{self.folder.name} (score)"
-        nowhere: dict[str, list[Any]] = {name: [] for name in ("x", "y", "z", "heading", "masked")}
-        alarms: dict[str, list[Any]] = {"x": [], "y": [], "confidence": []}
-        self.index = {
-            "title": self.folder.name,
-            "scored": True,
-            "lane": {"x_min": 0.0, "x_max": 1.0, "y_min": 0.0, "y_max": 1.0},
-            "grid": None,
-            "tile_rows": 0,
-            "channel": ["", ""],
-            "layers": [],
-            "scans": nowhere,
-            "georeference": None,
-            "detections": [
-                {
-                    "name": name,
-                    "title": "",
-                    "alarms": alarms,
-                    "features": {},
-                    "contributions": None,
-                    "training": None,
-                }
-                for name in detections
-            ],
-        }
+        self.index = _empty_index(self.folder.name, list(detections))
 
     def score_bytes(self) -> bytes:
-        """Give the score as the page reads it."""
+        """Return the score as the page reads it."""
         return self._score
 
 
-def _score(detections: Mapping[str, Any], rules: Mapping[str, Any]) -> dict[str, Any]:
+def _empty_index(title: str, names: Sequence[str]) -> dict[str, Any]:
+    """Return the index of detections without a lane, run-views and alarms."""
+    scans: dict[str, list[Any]] = {name: [] for name in ("x", "y", "z", "heading", "masked")}
+    alarms: dict[str, list[Any]] = {"x": [], "y": [], "confidence": []}
+    detections = []
+    for name in names:
+        detections.append(
+            {
+                "name": name,
+                "title": "",
+                "alarms": alarms,
+                "features": {},
+                "contributions": None,
+                "training": None,
+            }
+        )
+    return {
+        "title": title,
+        "scored": True,
+        "lane": {"x_min": 0.0, "x_max": 1.0, "y_min": 0.0, "y_max": 1.0},
+        "grid": None,
+        "tile_rows": 0,
+        "channel": ["", ""],
+        "layers": [],
+        "scans": scans,
+        "georeference": None,
+        "detections": detections,
+    }
+
+
+def _view_score(detections: Mapping[str, Any], rules: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the viewer's score of detections without a truth that may be shown."""
     return {
         "halo": rules.get("halo_radius"),
         "truth": {"target_id": [], "x": [], "y": [], "kind": [], "depth": []},
@@ -118,57 +147,64 @@ def _score(detections: Mapping[str, Any], rules: Mapping[str, Any]) -> dict[str,
     }
 
 
-def _truth(notes: Mapping[str, Any]) -> dict[str, Any]:
-    """Take the digest of the truth, open or sealed, out of the notes of a score or of the first compared."""
-    flat = [notes, *(one for one in notes.values() if isinstance(one, Mapping))]
-    found = [one[name] for one in flat for name in ("truth_sha256", "sealed_sha256") if name in one]
-    return {"truth": found[0]} if found else {}
+def _truth_digest(notes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the digest of the truth, open or sealed, from the notes of a score.
+
+    Of a comparison it is that of the first score.
+    """
+    levels = [notes]
+    for entry in notes.values():
+        if isinstance(entry, Mapping):
+            levels.append(entry)
+    for level in levels:
+        for name in ("truth_sha256", "sealed_sha256"):
+            if name in level:
+                return {"truth": level[name]}
+    return {}
 
 
-def _compared(told: Mapping[str, Any]) -> dict[str, Any]:
-    """Take the points of a comparison apart by detector."""
-    names = dict.fromkeys(row["detector"] for row in told["points"])
-    return {
-        name: {"points": [row for row in told["points"] if row["detector"] == name]}
-        for name in names
-    }
+def _entries_by_detector(comparison: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the points of a comparison as an entry per detector."""
+    entries: dict[str, Any] = {}
+    for row in comparison["points"]:
+        entry = entries.setdefault(row["detector"], {"points": []})
+        entry["points"].append(row)
+    return entries
 
 
-def _scored(told: Mapping[str, Any], rules: Mapping[str, Any]) -> dict[str, Any]:
-    """Lay out one scored list: its curve, its points by group of targets, and what became of each target."""
-    rows = told["points"]
-    if "far_allowed" in rows[0]:  # blind, or compared: points are all there is
-        points = [{"group": row.get("group", "all")} | _only(row, _POINT) for row in rows]
+def _view_entry(entry: Mapping[str, Any], rules: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a scored list in the viewer's form.
+
+    It has a curve, points by group of targets, and what became of each target.
+    """
+    rows = entry["points"]
+    # Of a blind or compared list there are points only, of an open one all of its curve.
+    if "far_allowed" in rows[0]:
+        points = []
+        for row in rows:
+            points.append({"group": row.get("group", "all")} | _only(row, _POINT))
         rows = [row for row in rows if row.get("group", "all") == "all"]
-        head = {"n_targets": rows[0]["n_targets"], "area": told.get("area"), "point": None}
+        head = {"n_targets": rows[0]["n_targets"], "area": entry.get("area"), "point": None}
         head["allowed"] = [row["far_allowed"] for row in rows]
     else:
-        head = {"n_targets": told["n_targets"], "area": told["area"]}
-        kinds = {name: one["points"] for name, one in told["kinds"].items()}
-        at = told["operating_point"]
-        allowed = sorted(
-            {at["far_allowed"], *(row["far_allowed"] for one in kinds.values() for row in one)}
-        )
-        whole = [rows[_last(rows, far)] | head | {"far_allowed": far} for far in allowed]
-        points = [{"group": "all"} | _only(row, _POINT) for row in whole]
-        points += [
-            {"group": name} | _only({"n_targets": told["kinds"][name]["n_targets"]} | row, _POINT)
-            for name, one in kinds.items()
-            for row in one
-        ]
-        few = {"row": _last(rows, at["far_allowed"]), "few_halos": None}
-        head["point"] = few | {"far_asked": at["far_asked"], "far_allowed": at["far_allowed"]}
-    shared = {
-        "level": rules.get("level", 0.95),
-        "threshold": [row.get("threshold") for row in rows],
-    }
-    curve = {"kind": None, "depth": None, "pd_mean": None, **head, **shared}
-    curve |= {
-        name: [row.get(name) if name == "chance" else row[name] for row in rows] for name in _CURVE
-    }
-    targets = [
-        _only({"far": one.get("found_from")} | one, _TARGET) for one in told.get("targets", [])
-    ]
+        points = _open_points(entry)
+        operating = entry["operating_point"]
+        head = {"n_targets": entry["n_targets"], "area": entry["area"]}
+        head["point"] = {
+            "row": _last(rows, operating["far_allowed"]),
+            "few_halos": None,
+            "far_asked": operating["far_asked"],
+            "far_allowed": operating["far_allowed"],
+        }
+    curve = {"kind": None, "depth": None, "pd_mean": None, **head}
+    curve["level"] = rules.get("level", 0.95)
+    curve["threshold"] = [row.get("threshold") for row in rows]
+    for name in _CURVE:
+        # Scores of an older version have no chance.
+        curve[name] = [row.get(name) if name == "chance" else row[name] for row in rows]
+    targets = []
+    for target in entry.get("targets", []):
+        targets.append(_only({"far": target.get("found_from")} | target, _TARGET))
     return {
         "label": [],
         "target": [],
@@ -181,10 +217,32 @@ def _scored(told: Mapping[str, Any], rules: Mapping[str, Any]) -> dict[str, Any]
     }
 
 
+def _open_points(entry: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the points of an open score.
+
+    Of all targets at every allowed FAR, then of each kind.
+    """
+    rows = entry["points"]
+    allowed = {entry["operating_point"]["far_allowed"]}
+    for kind in entry["kinds"].values():
+        allowed.update(row["far_allowed"] for row in kind["points"])
+    counts = {"n_targets": entry["n_targets"], "area": entry["area"]}
+    points = []
+    for far in sorted(allowed):
+        row = rows[_last(rows, far)] | counts | {"far_allowed": far}
+        points.append({"group": "all"} | _only(row, _POINT))
+    for name, kind in entry["kinds"].items():
+        for row in kind["points"]:
+            full_row = {"n_targets": kind["n_targets"]} | row
+            points.append({"group": name} | _only(full_row, _POINT))
+    return points
+
+
 def _only(row: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    """Return some entries of a row, None for those that it lacks."""
     return {name: row.get(name) for name in names}
 
 
 def _last(rows: Sequence[Mapping[str, Any]], far: float) -> int:
-    """Find the lowest threshold whose false alarm rate is allowed; the first row has none."""
+    """Return the row of the lowest threshold whose FAR is allowed; the first row has no alarms."""
     return max(number for number, row in enumerate(rows) if row["far"] <= far)

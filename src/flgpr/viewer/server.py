@@ -1,4 +1,7 @@
-"""The server: on this machine unless told otherwise; reads only, but for a file of verdicts where one is named."""
+"""The viewer's server.
+
+Local by default, and read-only except for a file of verdicts where one is given.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,8 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from flgpr.io import MOST_VERDICT_BYTES, RunStoreError, map_backdrop, read_anchor
+from flgpr.geo import map_backdrop, read_anchor
+from flgpr.store import MOST_VERDICT_BYTES, RunStoreError
 from flgpr.viewer.guard import Guard, is_loopback
 from flgpr.viewer.limits import LimitedConfig, LimitedServer, Limits, fit_to_process
 from flgpr.viewer.listening import listening_socket
@@ -30,6 +34,7 @@ from flgpr.viewer.session import (
     LiveFile,
     ResultFiles,
     RunFiles,
+    Source,
     VerdictFile,
     ViewError,
     open_sources,
@@ -49,30 +54,69 @@ Endpoint = Callable[[Request], Awaitable[Response]]
 
 
 class Raw(Protocol):
-    """What works out raw data of a run, handed in by whoever starts the viewer, which computes nothing itself."""
+    """Computes raw data of a run for the viewer, which computes nothing itself.
+
+    Whoever starts the viewer hands it in.
+    """
 
     def answer(self, what: str, query: Mapping[str, str]) -> dict[str, Any]:
-        """Answer a query for a ``bscan``, a ``spectrum``, an ``image`` or the ``health``; ValueError at fault."""
+        """Return a ``bscan``, a ``spectrum``, an ``image`` or the ``health``, by ``what``.
+
+        Raises
+        ------
+        ValueError
+            If the query breaks a rule.
+        """
         ...
 
 
 OpenRaw = Callable[[str | Path], Raw]
-#: makes a zip of a map project of a result folder, tied by an anchor's file or else by itself, with a score's folder
+#: returns a zip of a map project: of a result folder, an anchor's file or None for the result's own
+#: georeference, and a score's folder or None
 MakeMap = Callable[[Path, Path | None, Path | None], bytes]
 
 
-_AROUND = 20.0  # m of map around what is shown, at least
+_RAW_DATA = ("bscan", "spectrum", "image", "health")
+_MAP_MARGIN = 20.0  # m of map around what is shown, at least
 
 
 class Viewer:
     """A viewer that listens, and serves once :meth:`run` is called.
 
-    ``raw`` opens the raw data of a run that is shown, ``backdrop`` is a map that :func:`flgpr.io.map_backdrop` draws,
-    ``verdicts`` the file that takes an analyst's verdicts; ``framed`` lets pages of this machine frame the page,
-    and ``make_map`` makes a map project of a result. A port that cannot be listened on is a ValueError.
+    Parameters
+    ----------
+    paths : sequence of path
+        Results, runs, recordings or scores to show.
+    host : str
+        Address to listen on.
+    port : int
+        Port to listen on; 0 takes a free one.
+    allow_remote : bool
+        Whether the address may be reached from other machines.
+    live : path, optional
+        Folder or file of a live run's events.
+    score : path, optional
+        Folder of the first result's score, if that is not in it.
+    anchor : path, optional
+        TOML that ties lanes to the Earth.
+    raw : callable, optional
+        Opens the raw data of a run.
+    backdrop : path, optional
+        Map that :func:`flgpr.geo.map_backdrop` draws below the lanes.
+    verdicts : path, optional
+        File for an analyst's verdicts.
+    framed : bool
+        Whether pages of this machine may frame the page.
+    make_map : callable, optional
+        Returns a map project of a result.
+
+    Raises
+    ------
+    ValueError
+        If there is nothing to show, or the address cannot be listened on.
     """
 
-    limits = Limits()  #: what clients may hold of the server
+    limits = Limits()  #: of the clients
 
     def __init__(
         self,
@@ -89,31 +133,31 @@ class Viewer:
         framed: bool = False,
         make_map: MakeMap | None = None,
     ) -> None:
-        self._georeference = read_anchor(anchor).georeference() if anchor is not None else None
+        self._georeference = None if anchor is None else read_anchor(anchor).georeference()
         if not paths and live is None:
             raise ValueError("paths must name a result or a run to view, got none")
         if not is_loopback(host):
             if not allow_remote:
                 raise ValueError(
-                    f"host must be of this machine (127.0.0.1) unless remote access is on, got {host}"
+                    "host must be of this machine (127.0.0.1) unless remote access is on, "
+                    f"got {host}"
                 )
             warnings.warn(
-                f"the viewer listens on {host}: whoever reaches it and learns the address with its token can read "
-                "these results, and nothing on the way is encrypted",
+                f"the viewer listens on {host}: whoever reaches it and learns the address with "
+                "its token can read these results, and nothing on the way is encrypted",
                 stacklevel=2,
             )
         self._sources = open_sources(paths, score)
-        if live is None and self._sources and (self._sources[0].folder / LIVE_FILE).is_file():
-            live = self._sources[0].folder
+        if live is None and self._sources:
+            folder = self._sources[0].folder
+            if (folder / LIVE_FILE).is_file():
+                live = folder
         self._live = None if live is None else LiveFile(live)
-        self._backdrop = None if backdrop is None else self._drawn(backdrop)
-        self._verdicts = (
-            None
-            if verdicts is None
-            else VerdictFile(
-                verdicts, self._sources, [] if self._live is None else [self._live.folder]
-            )
-        )
+        self._backdrop = None if backdrop is None else self._draw_backdrop(backdrop)
+        self._verdicts: VerdictFile | None = None
+        if verdicts is not None:
+            live_folders = [] if self._live is None else [self._live.folder]
+            self._verdicts = VerdictFile(verdicts, self._sources, live_folders)
         self._anchor = None if anchor is None else Path(anchor)
         self._make_map = make_map
         self._score = None if score is None else Path(score)
@@ -121,8 +165,10 @@ class Viewer:
         self._raw = dict[int, Raw]()
         self._opening = threading.Lock()
         self.token = secrets.token_urlsafe(24)
-        self._socket = listening_socket(host, port)  # who asks before run is called waits
-        self.host, self.port = host, int(self._socket.getsockname()[1])
+        # Requests before run is called wait.
+        self._socket = listening_socket(host, port)
+        self.host = host
+        self.port = int(self._socket.getsockname()[1])
         puts = () if self._verdicts is None else (VERDICTS_PATH,)
         app = Guard(Starlette(routes=self._routes()), self.token, host, self.port, puts, framed)
         self._server = LimitedServer(LimitedConfig(app, fit_to_process(self.limits)))
@@ -130,8 +176,10 @@ class Viewer:
     @property
     def url(self) -> str:
         """Address of the page, token included."""
-        shown = socket.gethostname() if self.host in ("0.0.0.0", "::") else self.host  # noqa: S104
-        return f"http://{f'[{shown}]' if ':' in shown else shown}:{self.port}/{self.token}/"
+        host = socket.gethostname() if self.host in ("0.0.0.0", "::") else self.host  # noqa: S104
+        if ":" in host:
+            host = f"[{host}]"
+        return f"http://{host}:{self.port}/{self.token}/"
 
     def run(self) -> None:
         """Serve until :meth:`stop` or an interrupt."""
@@ -144,159 +192,156 @@ class Viewer:
         """Let :meth:`run` end."""
         self._server.should_exit = True
 
-    def _drawn(self, path: str | Path) -> tuple[bytes, list[float]]:
-        """Draw a map below all that is shown and some ground around it, and tell where it lies."""
+    def _draw_backdrop(self, path: str | Path) -> tuple[bytes, list[float]]:
+        """Return a map of all lanes and some ground around as PNG, and its x and y edges, m."""
         indices = [source.index for source in self._sources if "lane" in source.index]
-        tie = self._georeference or next(
-            (one["georeference"] for one in indices if one.get("georeference")), None
-        )
-        if tie is None or not indices:
+        georeference = self._georeference
+        for index in indices:
+            georeference = georeference or index.get("georeference")
+        if georeference is None or not indices:
             raise ValueError(
                 "map needs a result or run that is tied to the Earth: give its --anchor"
             )
-        x, y = (
-            [one["lane"][f"{axis}_{end}"] for one in indices for end in ("min", "max")]
-            for axis in "xy"
-        )
-        around = max(_AROUND, 0.1 * (max(y) - min(y)))
-        box = min(x) - around, max(x) + around, min(y) - around, max(y) + around
-        return map_backdrop(path, tie, box), [float(one) for one in box]
+        lanes = [index["lane"] for index in indices]
+        x_min = min(lane["x_min"] for lane in lanes)
+        x_max = max(lane["x_max"] for lane in lanes)
+        y_min = min(lane["y_min"] for lane in lanes)
+        y_max = max(lane["y_max"] for lane in lanes)
+        margin = max(_MAP_MARGIN, 0.1 * (y_max - y_min))
+        box = (x_min - margin, x_max + margin, y_min - margin, y_max + margin)
+        return map_backdrop(path, georeference, box), [float(edge) for edge in box]
 
     def _routes(self) -> list[Route]:
-        reads: dict[str, Callable[..., Response]] = {
+        """Return the addresses that are answered."""
+        source = "/data/{source:int}"
+        answers: dict[str, Callable[[Request], Response]] = {
             "/data/session.json": self._session,
             "/data/live": self._live_events,
-            "/data/backdrop.png": self._ground_below,
-            "/data/{source:int}/index.json": self._of(lambda one: one.index_bytes(), _JSON),
-            "/data/{source:int}/score.json": self._of(
-                lambda one: one.score_bytes() or b"null", _JSON
-            ),
-            "/data/{source:int}/tile/{layer:int}/{level:int}/{tile:int}": self._of(
-                lambda one, **at: one.tile(**at)
-            ),
-            "/data/{source:int}/raw/{what:str}": self._raw_data,
-            "/data/{source:int}/map.zip": self._map,
-            "/data/{source:int}/evidence/{detection:int}/{alarm:int}": self._of(
-                lambda one, **at: one.evidence(**at)
-            ),
+            "/data/backdrop.png": self._backdrop_image,
+            f"{source}/index.json": self._of_source(_read_index, _JSON),
+            f"{source}/score.json": self._of_source(_read_score, _JSON),
+            f"{source}/tile/{{layer:int}}/{{level:int}}/{{tile:int}}": self._of_source(_read_tile),
+            f"{source}/raw/{{what:str}}": self._raw_data,
+            f"{source}/map.zip": self._map,
+            f"{source}/evidence/{{detection:int}}/{{alarm:int}}": self._of_source(_read_evidence),
         }
-        routes = [Route(path, _endpoint(read), methods=["GET"]) for path, read in reads.items()]
+        for name in STATIC:
+            answers[f"/{name}"] = _static(name)
+        routes = [Route(path, _endpoint(read), methods=["GET"]) for path, read in answers.items()]
         if self._verdicts is not None:
-            routes.append(
-                Route(VERDICTS_PATH, self._of_verdicts(self._verdicts), methods=["GET", "PUT"])
-            )
-        return routes + [
-            Route(f"/{name}", _endpoint(_static(name)), methods=["GET"]) for name in STATIC
-        ]
+            endpoint = self._of_verdicts(self._verdicts)
+            routes.append(Route(VERDICTS_PATH, endpoint, methods=["GET", "PUT"]))
+        return routes
 
     def _session(self, request: Request) -> Response:  # noqa: ARG002
-        titles = [source.title for source in self._sources]
-        told: dict[str, Any] = {
-            "results": titles,
+        """Return what the page can show."""
+        identities = []
+        for source in self._sources:
+            identities.append(source.identity if isinstance(source, ResultFiles) else "")
+        first_is_run = bool(self._sources) and isinstance(self._sources[0], RunFiles)
+        session: dict[str, Any] = {
+            "results": [source.title for source in self._sources],
             "live": self._live is not None,
             "georeference": self._georeference,
+            "verdicts": None if self._verdicts is None else self._verdicts.path.name,
+            "identities": identities,
+            "map": self._make_map is not None,
+            "raw": self._open_raw is not None and first_is_run,
+            "backdrop": None if self._backdrop is None else self._backdrop[1],
         }
-        told["verdicts"] = None if self._verdicts is None else self._verdicts.path.name
-        told["identities"] = [
-            one.identity if isinstance(one, ResultFiles) else "" for one in self._sources
-        ]
-        told["map"] = self._make_map is not None
-        told["raw"] = (
-            self._open_raw is not None
-            and bool(self._sources)
-            and isinstance(self._sources[0], RunFiles)
-        )
-        told["backdrop"] = None if self._backdrop is None else self._backdrop[1]
-        return _answer(json.dumps(told).encode(), _JSON)
+        return _json_answer(session)
 
-    def _ground_below(self, request: Request) -> Response:  # noqa: ARG002
+    def _backdrop_image(self, request: Request) -> Response:  # noqa: ARG002
+        """Return the map below the lanes."""
         if self._backdrop is None:
             raise HTTPException(404)
         return _answer(self._backdrop[0], "image/png")
 
     def _raw_data(self, request: Request) -> Response:
-        """Answer with what is worked out of a run's raw data; a query that breaks a rule is told so (400)."""
+        """Return what is computed of a run's raw data.
+
+        400 and the reason if the query breaks a rule.
+        """
         number = request.path_params["source"]
         what = request.path_params["what"]
-        source = self._sources[number] if number < len(self._sources) else None
-        if (
-            self._open_raw is None
-            or not isinstance(source, RunFiles)
-            or what not in ("bscan", "spectrum", "image", "health")
-        ):
+        source = self._source(number)
+        if self._open_raw is None or not isinstance(source, RunFiles) or what not in _RAW_DATA:
             raise HTTPException(404)
         pairs = request.query_params.multi_items()
         try:
-            if len({name for name, _ in pairs}) < len(pairs):
+            query = dict(pairs)
+            if len(query) < len(pairs):
                 raise ValueError("query must give every name once")
             with self._opening:
                 if number not in self._raw:
                     self._raw[number] = self._open_raw(source.folder)
-            return _answer(
-                json.dumps(self._raw[number].answer(what, dict(pairs)), allow_nan=False).encode(),
-                _JSON,
-            )
+            return _json_answer(self._raw[number].answer(what, query), allow_nan=False)
         except RunStoreError as error:
             raise ViewError(str(error)) from None
         except ValueError as error:
-            return Response(json.dumps({"error": str(error)}), 400, media_type=_JSON)
+            return _refusal(str(error), 400)
+
+    def _source(self, number: int) -> Source | None:
+        """Return the source of a number; None if there is none."""
+        return self._sources[number] if number < len(self._sources) else None
 
     def _map(self, request: Request) -> Response:
-        """Answer with a map project of a result; what stands against it is told so (400)."""
+        """Return a map project of a result; 400 and the reason if it cannot be made."""
         number = request.path_params["source"]
-        source = self._sources[number] if number < len(self._sources) else None
+        source = self._source(number)
         if self._make_map is None or not isinstance(source, ResultFiles):
             raise HTTPException(404)
         try:
             score = self._score if number == 0 else None
-            return _answer(self._make_map(source.folder, self._anchor, score), "application/zip")
+            archive = self._make_map(source.folder, self._anchor, score)
         except (ValueError, OSError, ImportError) as error:
-            return Response(json.dumps({"error": str(error)}), 400, media_type=_JSON)
+            return _refusal(str(error), 400)
+        return _answer(archive, "application/zip")
 
-    def _of(
-        self, read: Callable[..., bytes | None], kind: str = _BYTES
+    def _of_source(
+        self, read: Callable[[Source, Mapping[str, int]], bytes | None], kind: str = _BYTES
     ) -> Callable[[Request], Response]:
-        """Answer with what is read of the source that the path names, at the numbers that it names."""
+        """Return an endpoint that reads of the source in the path, by the other numbers in it."""
 
         def answer(request: Request) -> Response:
-            number = request.path_params["source"]
-            rest = {k: v for k, v in request.path_params.items() if k != "source"}
-            if number >= len(self._sources):
+            source = self._source(request.path_params["source"])
+            if source is None:
                 raise HTTPException(404)
-            return _answer(read(self._sources[number], **rest), kind)
+            return _answer(read(source, request.path_params), kind)
 
         return answer
 
     def _of_verdicts(self, file: VerdictFile) -> Endpoint:
-        """Answer with the verdicts, and take those of the page; what breaks a rule is told so, and nothing written."""
+        """Return an endpoint that reads the verdicts and saves those of the page.
+
+        Verdicts that break a rule are answered with the reason, and nothing is written.
+        """
 
         async def answer(request: Request) -> Response:
             try:
                 if request.method != "PUT":
-                    return _answer(json.dumps(await run_in_threadpool(file.read)).encode(), _JSON)
+                    return _json_answer(await run_in_threadpool(file.read))
                 body = bytearray()
-                async for part in request.stream():
-                    body += part
+                async for chunk in request.stream():
+                    body += chunk
                     if len(body) > MOST_VERDICT_BYTES:
-                        return Response(
-                            json.dumps({"error": "verdicts are too large"}), 413, media_type=_JSON
-                        )
-                return _answer(
-                    json.dumps(await run_in_threadpool(file.write, bytes(body))).encode(), _JSON
-                )
+                        return _refusal("verdicts are too large", 413)
+                return _json_answer(await run_in_threadpool(file.write, bytes(body)))
             except ClientDisconnect:  # nobody reads the answer, and nothing is written
                 return Response(status_code=408)
             except (ValueError, OSError, RecursionError) as error:
-                head = "verdicts are not saved: " if request.method == "PUT" else ""
-                return Response(json.dumps({"error": f"{head}{error}"}), 409, media_type=_JSON)
+                prefix = "verdicts are not saved: " if request.method == "PUT" else ""
+                return _refusal(f"{prefix}{error}", 409)
 
         return answer
 
     def _live_events(self, request: Request) -> Response:
+        """Return the events of a live run after a byte offset."""
         text = request.query_params.get("after", "0")
-        if self._live is None or not (text.isascii() and text.isdigit() and len(text) < 16):
+        is_offset = text.isascii() and text.isdigit() and len(text) < 16
+        if self._live is None or not is_offset:
             return _answer(None, _JSON)
-        return _answer(json.dumps(self._live.after(int(text))).encode(), _JSON)
+        return _json_answer(self._live.after(int(text)))
 
 
 def serve(
@@ -309,11 +354,25 @@ def serve(
     score: str | Path | None = None,
     anchor: str | Path | None = None,
     announce: Callable[[str], None] = print,
-    **more: Any,
+    **options: Any,
 ) -> None:
-    """Show results in the browser until interrupted; ``more`` are further options of :class:`Viewer`."""
-    several = [paths] if isinstance(paths, str | Path) else list(paths)
-    viewer = Viewer(several, host, port, allow_remote, live, score, anchor, **more)
+    """Show results in the browser until interrupted.
+
+    Parameters
+    ----------
+    paths : path or sequence of path
+        Results, runs, recordings or scores to show.
+    host, port, allow_remote, live, score, anchor
+        As for :class:`Viewer`.
+    open_browser : bool
+        Whether to open the page in the browser.
+    announce : callable
+        Called with the address of the page.
+    **options
+        Further options of :class:`Viewer`.
+    """
+    path_list = [paths] if isinstance(paths, str | Path) else list(paths)
+    viewer = Viewer(path_list, host, port, allow_remote, live, score, anchor, **options)
     announce(viewer.url)
     if open_browser:
         threading.Timer(0.3, webbrowser.open, [viewer.url]).start()
@@ -321,20 +380,42 @@ def serve(
         viewer.run()
 
 
+def _read_index(source: Source, at: Mapping[str, int]) -> bytes:  # noqa: ARG001
+    """Return the index of a source."""
+    return source.index_bytes()
+
+
+def _read_score(source: Source, at: Mapping[str, int]) -> bytes:  # noqa: ARG001
+    """Return the score of a source, null where there is none."""
+    return source.score_bytes() or b"null"
+
+
+def _read_tile(source: Source, at: Mapping[str, int]) -> bytes | None:
+    """Return a tile of a source."""
+    return source.tile(at["layer"], at["level"], at["tile"])
+
+
+def _read_evidence(source: Source, at: Mapping[str, int]) -> bytes | None:
+    """Return what explains an alarm of a source."""
+    return source.evidence(at["detection"], at["alarm"])
+
+
 def _endpoint(read: Callable[[Request], Response]) -> Endpoint:
+    """Return an endpoint that reads in a thread; 500 and the reason if a file cannot be read."""
+
     async def answer(request: Request) -> Response:
         try:
             return await run_in_threadpool(read, request)
         except ViewError as error:
-            return Response(json.dumps({"error": str(error)}), 500, media_type=_JSON)
+            return _refusal(str(error), 500)
         except OSError as error:
-            words = f"what is shown must be readable, got: {error.strerror or error}"
-            return Response(json.dumps({"error": words}), 500, media_type=_JSON)
+            return _refusal(f"what is shown must be readable, got: {error.strerror or error}", 500)
 
     return answer
 
 
 def _static(name: str) -> Callable[[Request], Response]:
+    """Return an endpoint of a file of the page."""
     file, kind = STATIC[name]
 
     def answer(request: Request) -> Response:  # noqa: ARG001
@@ -344,7 +425,18 @@ def _static(name: str) -> Callable[[Request], Response]:
     return answer
 
 
+def _json_answer(content: Any, allow_nan: bool = True) -> Response:
+    """Return JSON."""
+    return _answer(json.dumps(content, allow_nan=allow_nan).encode(), _JSON)
+
+
+def _refusal(reason: str, status: int) -> Response:
+    """Return why a request is not answered, as JSON."""
+    return Response(json.dumps({"error": reason}), status, media_type=_JSON)
+
+
 def _answer(content: bytes | None, kind: str) -> Response:
+    """Return content of a media type; 404 where there is none."""
     if content is None:
         return Response("404 not found\n", 404, media_type="text/plain")
     return Response(content, media_type=kind)

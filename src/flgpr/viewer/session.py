@@ -1,4 +1,7 @@
-"""What is open in the viewer: results, runs and live folders, read piece by piece and checked against their digests."""
+"""The viewer's sources: results, runs and live folders, read piece by piece.
+
+All that is read of a result is checked against its digests.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +16,18 @@ from typing import Any
 import numpy as np
 
 from flgpr.door import MOST_JSON, DoorError, Folder, parse_json, read_named
-from flgpr.io import (
+from flgpr.formats import is_gpr, preview_run
+from flgpr.store import (
     MOST_VERDICT_BYTES,
     canonical_json,
     check_verdicts,
-    is_gpr,
     open_run,
     parse_verdicts,
-    preview_run,
     sha256,
     verdict_bytes,
     write_whole,
 )
-from flgpr.io.files import listed_files, read_sealed
+from flgpr.store.files import listed_files, read_sealed
 from flgpr.viewer.scores import IndexOnly, ScoreFiles, score_file
 
 VIEW_FORMAT = "flgpr-view"
@@ -42,7 +44,20 @@ class ViewError(ValueError):
 
 
 class ResultFiles:
-    """The viewer's files of a result folder, or with the score of another; nothing stays in memory but the index."""
+    """The viewer's files of a result folder; only the index stays in memory.
+
+    Parameters
+    ----------
+    folder : path
+        Result folder.
+    score : path, optional
+        Folder of its score, if that is not in the result.
+
+    Raises
+    ------
+    ViewError
+        If the folder is no result or its view is of another version.
+    """
 
     def __init__(self, folder: str | Path, score: str | Path | None = None) -> None:
         self.folder = Path(folder).resolve()
@@ -51,16 +66,17 @@ class ResultFiles:
             self.identity: str = manifest["identity"]
             self._files = listed_files(self.folder, manifest)
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            why = (
-                "is missing" if isinstance(error, FileNotFoundError) else f"cannot be read: {error}"
-            )
-            raise ViewError(f"{folder}: not a result folder ({_MANIFEST} {why})") from None
+            reason = f"cannot be read: {error}"
+            if isinstance(error, FileNotFoundError):
+                reason = "is missing"
+            raise ViewError(f"{folder}: not a result folder ({_MANIFEST} {reason})") from None
         with _as_view_error():
             self.index: dict[str, Any] = self._files.json("view/index.json")
         if self.index.get("format") != VIEW_FORMAT or self.index.get("version") != VIEW_VERSION:
             raise ViewError(f"{folder}: view must be {VIEW_FORMAT} version {VIEW_VERSION}")
-        home = None if score is None else Path(score).resolve()
-        self._score_home = None if home == self.folder else home
+        score_folder = None if score is None else Path(score).resolve()
+        # None means the result itself.
+        self._other_score = None if score_folder == self.folder else score_folder
 
     @property
     def title(self) -> str:
@@ -73,7 +89,13 @@ class ResultFiles:
             return self._files.read("view/index.json", MOST_JSON)
 
     def score_bytes(self) -> bytes | None:
-        """Read the score, JSON; None where the result was not scored, an error where it is altered or another's."""
+        """Return the score as JSON; None where the result was not scored.
+
+        Raises
+        ------
+        ViewError
+            If the score is altered or belongs to another result.
+        """
         files = self._score_folder()
         if not files.has(_SCORE):
             return None
@@ -94,29 +116,40 @@ class ResultFiles:
         return body
 
     def _score_folder(self) -> Folder:
-        """Give the folder of the score; the result's own manifest is read anew, for it may have been scored since."""
-        if self._score_home is not None:
-            return Folder(self._score_home)
+        """Return the folder of the score.
+
+        The result's manifest is read again, for the result may have been scored meanwhile.
+        """
+        if self._other_score is not None:
+            return Folder(self._other_score)
         try:
             return listed_files(self.folder, read_sealed(self.folder, _MANIFEST))
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise ViewError(f"{self.folder}: {_MANIFEST} cannot be read: {error}") from None
 
     def tile(self, layer: int, level: int, tile: int) -> bytes | None:
-        """Read a tile, ``tile_rows`` rows of a layer: little-endian half floats, dB; None if there is none."""
+        """Return a tile, ``tile_rows`` rows of a layer; None if there is no such tile.
+
+        It holds little-endian half floats, dB.
+        """
         layers = self.index["layers"]
-        if not (0 <= layer < len(layers) and 0 <= level < len(layers[layer]["levels"])):
+        if not 0 <= layer < len(layers):
+            return None
+        if not 0 <= level < len(layers[layer]["levels"]):
             return None
         entry = layers[layer]["levels"][level]
         first = tile * self.index["tile_rows"]
         if not 0 <= first < entry["rows"]:
             return None
-        width = 2 * self.index["grid"]["nx"]
+        row_bytes = 2 * self.index["grid"]["nx"]
         rows = min(self.index["tile_rows"], entry["rows"] - first)
-        return self._part(entry["file"], first * width, rows * width)
+        return self._read_slice(entry["file"], first * row_bytes, rows * row_bytes)
 
     def evidence(self, detection: int, alarm: int) -> bytes | None:
-        """Read what explains an alarm of a detection: little-endian half floats, dB; None if nothing is stored."""
+        """Return what explains an alarm of a detection; None if nothing is stored.
+
+        It holds little-endian half floats, dB.
+        """
         detections = self.index["detections"]
         if not 0 <= detection < len(detections) or "evidence" not in detections[detection]:
             return None
@@ -124,17 +157,17 @@ class ResultFiles:
         if not 0 <= alarm < len(entry["start"]) - 1:
             return None
         first, end = entry["start"][alarm : alarm + 2]
-        return self._part(entry["file"], 2 * first, 2 * (end - first))
+        return self._read_slice(entry["file"], 2 * first, 2 * (end - first))
 
-    def _part(self, name: str, offset: int, length: int) -> bytes:
-        """Read part of a file of the view; what is sent is proven, whatever became of the file since it was opened."""
+    def _read_slice(self, name: str, offset: int, length: int) -> bytes:
+        """Return bytes of a file of the view, checked even if it changed since it was opened."""
         with _as_view_error():
             return self._files.read_part(f"view/{name}", offset, length)
 
 
 @contextmanager
 def _as_view_error() -> Iterator[None]:
-    """Say in a ViewError what is wrong with a file."""
+    """Turn errors of reading a file into a ViewError."""
     try:
         yield
     except ViewError:
@@ -146,18 +179,22 @@ def _as_view_error() -> Iterator[None]:
 
 
 class RunFiles(IndexOnly):
-    """A run without a result, or a recording: where the vehicle went, and what was assumed on reading."""
+    """A run without a result, or a recording: the track, and what was assumed on reading."""
 
     def __init__(self, path: str | Path) -> None:
         self.folder = Path(path).resolve()
-        recording = self.folder.is_file()
-        run = preview_run(path) if recording else open_run(path)
+        is_recording = self.folder.is_file()
+        run = preview_run(path) if is_recording else open_run(path)
         pose = np.asarray(run["pose"].values, dtype=np.float64)
-        masked = np.flatnonzero(~np.asarray(run["valid"].values).reshape(len(pose), -1).all(axis=1))
+        valid = np.asarray(run["valid"].values).reshape(len(pose), -1)
+        scans: dict[str, list[Any]] = {}
+        for i, name in enumerate(("x", "y", "z", "heading")):
+            scans[name] = np.round(pose[:, i], 4).tolist()
+        scans["masked"] = np.flatnonzero(~valid.all(axis=1)).tolist()
         low = pose[:, :2].min(axis=0) - 5
         high = pose[:, :2].max(axis=0) + 5
         frequency = run["frequency"].values
-        self.title = f"{self.folder.name} ({'recording' if recording else 'run'})"
+        self.title = f"{self.folder.name} ({'recording' if is_recording else 'run'})"
         self.index = {
             "format": VIEW_FORMAT,
             "version": VIEW_VERSION,
@@ -168,11 +205,7 @@ class RunFiles(IndexOnly):
             "unit": "dB",
             "channel": ["", ""],
             "layers": [],
-            "scans": {
-                name: np.round(pose[:, i], 4).tolist()
-                for i, name in enumerate(("x", "y", "z", "heading"))
-            }
-            | {"masked": masked.tolist()},
+            "scans": scans,
             "georeference": run.attrs.get("georeference"),
             "detections": [],
             "run": {
@@ -180,33 +213,46 @@ class RunFiles(IndexOnly):
                 "pairs": int(run.sizes["pair"]),
                 "tones": len(frequency),
                 "frequency_hz": [float(frequency[0]), float(frequency[-1])],
-                "recording": recording,
+                "recording": is_recording,
                 "notes": [str(note) for note in run.attrs.get("import_notes", [])],
             },
         }
 
 
 class VerdictFile:
-    """An analyst's verdicts, a file beside the results: read when it is there, and only ever replaced as a whole."""
+    """An analyst's verdicts: a file outside of the results that is only ever replaced completely.
+
+    Parameters
+    ----------
+    path : path
+        The file, which may not exist yet.
+    sources : sequence of Source
+        What is shown; one must be a result.
+    live_folders : sequence of Path
+        Folders of live runs.
+
+    Raises
+    ------
+    ViewError
+        If there is no result, or the file lies in one or in no folder that exists.
+    """
 
     def __init__(
-        self, path: str | Path, sources: Sequence[Source], more: Sequence[Path] = ()
+        self, path: str | Path, sources: Sequence[Source], live_folders: Sequence[Path] = ()
     ) -> None:
         self.path = Path(path).resolve()
         self._writing = threading.Lock()
         if not any(isinstance(source, ResultFiles) for source in sources):
             raise ViewError("verdicts need a result to judge, got none")
-        if any(
-            self.path.is_relative_to(folder)
-            for folder in (*(source.folder for source in sources), *more)
-        ):
-            raise ViewError(f"verdicts must lie beside the result, not in it, got {path}")
+        shown = [source.folder for source in sources]
+        if any(self.path.is_relative_to(folder) for folder in [*shown, *live_folders]):
+            raise ViewError(f"verdicts must lie outside of the result, got {path}")
         if not self.path.parent.is_dir():
             raise ViewError(f"verdicts must lie in a folder that exists, got {path}")
         self.read()
 
     def read(self) -> dict[str, Any]:
-        """Read the notes, none where there is no file yet, with the digest of what was read."""
+        """Return the notes, none where there is no file yet, and the digest of the file."""
         try:
             data = read_named(self.path, MOST_VERDICT_BYTES)
         except FileNotFoundError:
@@ -214,43 +260,65 @@ class VerdictFile:
         return {"sha256": sha256(data), "notes": parse_verdicts(data, self.path)}
 
     def write(self, body: bytes) -> dict[str, Any]:
-        """Replace the file by the notes of a page, unless it changed since the page read it: a ValueError says so."""
-        told = parse_json(body)
-        data = verdict_bytes(check_verdicts(told))
+        """Replace the file by the notes of a page, and return its new digest.
+
+        Raises
+        ------
+        ValueError
+            If the notes are not valid or the file changed since the page read it.
+        """
+        content = parse_json(body)
+        data = verdict_bytes(check_verdicts(content))
         if len(data) > MOST_VERDICT_BYTES:
             raise ValueError(
                 f"verdicts must take at most {MOST_VERDICT_BYTES >> 20} MiB, got {len(data) >> 20}"
             )
         with self._writing:
-            if told.get("before") != self.read()["sha256"]:
+            if content.get("before") != self.read()["sha256"]:
                 raise ValueError(
-                    f"{self.path.name} was changed by somebody else: export yours, and load the page again"
+                    f"{self.path.name} was changed by somebody else: "
+                    "export yours, and load the page again"
                 )
             write_whole(self.path, data)
         return {"sha256": sha256(data)}
 
 
 class LiveFile:
-    """Events of a live run: one JSON object per line in a ``*.jsonl``, there now or later, only ever appended to."""
+    """Events of a live run: one JSON object per line in a ``*.jsonl``, only ever appended to.
+
+    The file may appear later.
+    """
 
     def __init__(self, path: str | Path) -> None:
-        whole = Path(path).resolve()
-        self.folder, self._name = (
-            (whole.parent, whole.name) if whole.suffix == ".jsonl" else (whole, LIVE_FILE)
-        )
+        path = Path(path).resolve()
+        if path.suffix == ".jsonl":
+            self.folder = path.parent
+            self._name = path.name
+        else:
+            self.folder = path
+            self._name = LIVE_FILE
 
     def after(self, offset: int) -> dict[str, Any]:
-        """Read ``events`` that came since a byte offset, where the last answer's ``next`` ended.
+        """Return the events that came since a byte offset.
 
-        ``bad`` counts lines that were no JSON object; a file begun anew is ``restarted``; ``more`` tells that there is
-        more; ``age``, s, since detection last touched the file, None without one; ``now`` is the time, s since 1970.
+        Parameters
+        ----------
+        offset : int
+            ``next`` of the last answer, 0 at first.
+
+        Returns
+        -------
+        dict
+            ``events``; ``next``, where they end; ``bad``, the number of lines that are no JSON
+            object; ``restarted``, whether the file was begun anew; ``more``, whether there is more;
+            ``age``, the time since detection last touched the file, s, None without a file; and
+            ``now``, the time, s since 1970.
         """
         try:
             with Folder(self.folder).open(self._name, _MOST_LIVE) as file:
-                state = os.fstat(file.fileno())
-                size = state.st_size
-                age = max(time.time() - state.st_mtime, 0.0)
-                restarted = offset > size
+                status = os.fstat(file.fileno())
+                age = max(time.time() - status.st_mtime, 0.0)
+                restarted = offset > status.st_size
                 start = 0 if restarted else offset
                 file.seek(start)
                 data = file.read(_LIVE_BYTES)
@@ -263,12 +331,12 @@ class LiveFile:
                 "more": False,
                 "age": None,
             }
-        whole = data[: data.rfind(b"\n") + 1]
-        if not whole and len(data) == _LIVE_BYTES:
-            whole = data
+        complete = data[: data.rfind(b"\n") + 1]
+        if not complete and len(data) == _LIVE_BYTES:
+            complete = data  # a line that is too long is passed over
         events = []
         bad = 0
-        for line in whole.splitlines():
+        for line in complete.splitlines():
             try:
                 event = parse_json(line, lambda _: None)
             except ValueError:
@@ -277,44 +345,74 @@ class LiveFile:
                 events.append(event)
             else:
                 bad += bool(line.strip())
-        more = len(data) == _LIVE_BYTES
-        told = {
+        return {
             "events": events,
-            "next": start + len(whole),
+            "next": start + len(complete),
             "bad": bad,
             "restarted": restarted,
-            "more": more,
+            "more": len(data) == _LIVE_BYTES,
+            "age": round(age, 3),
+            "now": round(time.time(), 3),
         }
-        return told | {"age": round(age, 3), "now": round(time.time(), 3)}
 
 
 Source = ResultFiles | RunFiles | ScoreFiles
 
 
 def open_sources(paths: Sequence[str | Path], score: str | Path | None = None) -> list[Source]:
-    """Open what is shown together; beside the score of an alarm list a result is shown by its own score, too.
+    """Open what is shown together.
 
-    ``score`` is the folder of the first one's score if that is not in it.
+    Together with the score of an alarm list, results are shown by their scores only.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        Results, runs, recordings or scores.
+    score : path, optional
+        Folder of the first one's score if that is not in it.
+
+    Raises
+    ------
+    ViewError
+        If a path is none of these, or a result that must be scored is not.
     """
-    sources = [open_source(path, score if i == 0 else None) for i, path in enumerate(paths)]
-    if not any(isinstance(one, ScoreFiles) for one in sources):
+    sources: list[Source] = []
+    for i, path in enumerate(paths):
+        sources.append(open_source(path, score if i == 0 else None))
+    if not any(isinstance(source, ScoreFiles) for source in sources):
         return sources
-    return [one if isinstance(one, ScoreFiles) else _score_of(one) for one in sources]
+    return [_score_of(source) for source in sources]
 
 
 def _score_of(source: Source) -> ScoreFiles:
-    place = score_file(source.folder)
-    if place is None:
+    """Return a source's score."""
+    if isinstance(source, ScoreFiles):
+        return source
+    path = score_file(source.folder)
+    if path is None:
         raise ViewError(
-            f"{source.folder}: beside a score it must be scored, too: flgpr score RESULT --truth TRUTH"
+            f"{source.folder}: shown together with a score it must be scored, too: "
+            "flgpr score RESULT --truth TRUTH"
         )
-    return ScoreFiles(place)
+    return ScoreFiles(path)
 
 
 def open_source(path: str | Path, score: str | Path | None = None) -> Source:
     """Open a result folder (or its alarms.csv), a run store, a recording or a score (or its JSON).
 
-    ``score`` is the folder of a result's score if that is not in the result.
+    Parameters
+    ----------
+    path : path
+        What is opened.
+    score : path, optional
+        Folder of a result's score if that is not in the result.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is nothing at the path.
+    ViewError
+        If the path is none of these.
     """
     path = Path(path)
     if not path.exists():
@@ -323,17 +421,19 @@ def open_source(path: str | Path, score: str | Path | None = None) -> Source:
         path = path.parent
     if path.is_file() and is_gpr(path):
         return RunFiles(path)
-    inside = Folder(path)
-    if inside.has(_MANIFEST):
+    folder = Folder(path)
+    if folder.has(_MANIFEST):
         return ResultFiles(path, score)
-    if inside.has("commit.json"):
+    if folder.has("commit.json"):
         return RunFiles(path)
     scored = score_file(path)
     if scored is not None:
         return ScoreFiles(scored)
-    if inside.has("sections.json"):
-        names = ", ".join(sorted(home.name for home in path.glob("section-*") if home.is_dir()))
+    if folder.has("sections.json"):
+        sections = [entry.name for entry in path.glob("section-*") if entry.is_dir()]
+        names = ", ".join(sorted(sections))
         raise ViewError(
-            f"path must be one of the sections of this lane ({names}), got the folder of all, {path}"
+            f"path must be one of the sections of this lane ({names}), "
+            f"got the folder of all, {path}"
         )
     raise ViewError(f"path must be a result folder, a run, a recording or a score, got {path}")

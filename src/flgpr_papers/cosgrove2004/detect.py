@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.chain.stages.forms import Samples, samples_at
+from flgpr.chain.stages.forms import samples_at
 from flgpr.clutter import ClutterWhitener
 from flgpr.detect import (
     ChipDetector,
@@ -35,9 +35,10 @@ class Training:
     """What a lane's training looks teach."""
 
     whitener: ClutterWhitener  #: mean and covariance of the clutter
-    # : (n_samples, n_features) whitened target cuts, taken where the mines are brightest
+    #: (n_samples, n_features) whitened target cuts, taken where the mines are brightest
     white: ComplexArray
-    #: (n_samples, n_features) whitened target cuts, taken where survey and refraction place the mines
+    #: (n_samples, n_features) whitened target cuts, taken where survey and refraction place the
+    #: mines
     surveyed: ComplexArray
     pixels: ComplexArray  #: (n_pixels, n_polarizations) clutter pixels
     unshrunk: ClutterWhitener  #: whitener with sample moments
@@ -65,7 +66,7 @@ def learn(recipe: StudyRecipe, looks: Sequence[Look]) -> Training:
     """Take target cuts and clutter from training looks and whiten them."""
     shape = (recipe.cut.length, 1)
     taken = [samples_at(look.image, look.place[None], recipe.cuts) for look in looks]
-    cuts, clutter, pixels = ([getattr(one, name) for one in taken] for name in Samples._fields)
+    cuts, clutter, pixels = zip(*taken, strict=True)
     surveyed = [
         range_cuts(
             look.image, (look.place + [0.0, look.shift])[None], shape, recipe.cut.polarizations
@@ -77,7 +78,7 @@ def learn(recipe: StudyRecipe, looks: Sequence[Look]) -> Training:
         ClutterWhitener(name).fit(samples) for name in (recipe.training.moments, "sample")
     )
     energy = float(np.mean(np.sum(np.abs(whitener.transform(samples)) ** 2, axis=1)))
-    white, placed = (whitener.transform(np.concatenate(parts)) for parts in (cuts, surveyed))
+    white, placed = (whitener.transform(np.concatenate(arrays)) for arrays in (cuts, surveyed))
     return Training(
         whitener,
         white,
@@ -117,18 +118,21 @@ def detectors(
     signatures: ComplexArray | None = None,
     other: ComplexArray | None = None,
 ) -> dict[str, ChipDetector]:
-    """Make every detector of the study for one lane, by name: ``HH``, ``VV``, ``PWF``, ``rank 1`` and more."""
+    """Make every detector of the study for one lane, by name.
+
+    ``HH``, ``VV``, ``PWF``, ``rank 1`` and more.
+    """
     length = recipe.cut.length
     whitener = training.whitener
     white = training.white
     ddof = recipe.detector.ddof
     rank = recipe.detector.rank
     channels = len(recipe.cut.polarizations)
-    made = {
+    chip_detectors = {
         name: chip_detector(recipe, [magnitude_form(channels, k)], None, 1)
         for k, name in enumerate(recipe.cut.polarizations)
     }
-    made["PWF"] = chip_detector(
+    chip_detectors["PWF"] = chip_detector(
         recipe, PolarimetricWhiteningFilter().fit(training.pixels).forms_, None, 1
     )
     trained = {f"rank {r}": DeflectionDetector(r, ddof).fit(white) for r in recipe.detector.ranks}
@@ -146,16 +150,16 @@ def detectors(
     if signatures is not None:
         mean, covariance = sample_moments(calibrated(training, signatures))
         form = deflection_form(mean, covariance, rank=rank)
-        made["trained on simulation"] = chip_detector(recipe, [form], whitener, length)
-    plain = DeflectionDetector(rank, ddof).fit(_rewhitened(training))
-    made["unshrunk clutter"] = chip_detector(
-        recipe, plain.forms_, training.unshrunk, length, detector=repr(plain)
+        chip_detectors["trained on simulation"] = chip_detector(recipe, [form], whitener, length)
+    deflection = DeflectionDetector(rank, ddof).fit(_rewhitened(training))
+    chip_detectors["unshrunk clutter"] = chip_detector(
+        recipe, deflection.forms_, training.unshrunk, length, detector=repr(deflection)
     )
     for name, detector in trained.items():
-        made[name] = chip_detector(
+        chip_detectors[name] = chip_detector(
             recipe, detector.forms_, whitener, length, detector=repr(detector)
         )
-    return made
+    return chip_detectors
 
 
 def _rewhitened(training: Training) -> ComplexArray:
@@ -165,10 +169,10 @@ def _rewhitened(training: Training) -> ComplexArray:
 
 
 def calibrated(training: Training, signatures: ComplexArray) -> ComplexArray:
-    """Bring simulated signatures to the mean energy that the examples have over the clutter, and whiten them."""
+    """Scale simulated signatures to the examples' mean energy over the clutter, and whiten them."""
     white = signatures @ training.whitener.matrix_.T
-    wanted = float(np.mean(np.sum(np.abs(training.white) ** 2, axis=1))) - training.clutter_energy
-    white *= np.sqrt(max(wanted, 1.0) / np.mean(np.sum(np.abs(white) ** 2, axis=1)))
+    energy = float(np.mean(np.sum(np.abs(training.white) ** 2, axis=1))) - training.clutter_energy
+    white *= np.sqrt(max(energy, 1.0) / np.mean(np.sum(np.abs(white) ** 2, axis=1)))
     return np.asarray(white)
 
 
@@ -187,7 +191,8 @@ def score_looks(
     }
     for look in looks:
         stack, _ = stack_channels(look.image, recipe.cut.polarizations)
-        x, y = look.image["x"].values, look.image["y"].values
+        x = look.image["x"].values
+        y = look.image["y"].values
         off = offset_boxes(look.place[None], area, score.box, score.clearance)
         apart = np.abs(off[:, None] - look.rocks[None]).max(axis=-1)
         rock = (apart <= score.box / 2 + score.rock).any(axis=1)
@@ -195,13 +200,13 @@ def score_looks(
             value = detector.likelihood(stack)
             at, high = box_values(value, x, y, look.place[None], score.box, score.quantile)
             around, high_around = box_values(value, x, y, off, score.box, score.quantile)
-            kept = peaks[name]
-            kept.target += at.tolist()
-            kept.target_quantile += high.tolist()
-            kept.clutter += around.tolist()
-            kept.clutter_quantile += high_around.tolist()
-            kept.depth.append(look.depth)
-            kept.rock += rock.tolist()
+            scores = peaks[name]
+            scores.target += at.tolist()
+            scores.target_quantile += high.tolist()
+            scores.clutter += around.tolist()
+            scores.clutter_quantile += high_around.tolist()
+            scores.depth.append(look.depth)
+            scores.rock += rock.tolist()
     return peaks
 
 
@@ -213,7 +218,10 @@ def box_values(
     box: float,
     quantile: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Peak and quantile of a map in boxes (box, 2); NaN pixels are left out, NaN for a box without any other."""
+    """Peak and quantile of a map in boxes (box, 2).
+
+    NaN pixels are left out, NaN for a box without any other.
+    """
     peak = np.full(len(centre), np.nan)
     high = np.full(len(centre), np.nan)
     for number, (px, py) in enumerate(centre):
@@ -228,18 +236,28 @@ def box_values(
 
 
 def _quantile(values: NDArray[np.float32], share: float) -> float:
-    """Quantile by linear interpolation, without the sorting of much else that NumPy's does for small arrays."""
-    below, part = divmod(share * (values.size - 1), 1)
+    """Return a quantile by linear interpolation.
+
+    For small arrays this is much quicker than NumPy's.
+    """
+    below, fraction = divmod(share * (values.size - 1), 1)
     k = int(below)
     low, high = np.partition(values, [k, min(k + 1, values.size - 1)])[
         [k, min(k + 1, values.size - 1)]
     ]
-    return float(low + part * (high - low))
+    return float(low + fraction * (high - low))
 
 
-def eigenvalue_ratios(recipe: StudyRecipe, training: Training) -> FloatArray:
-    """Return the largest six eigenvalues of Â over the first (Sec. IV-A); NaN in directions that no example reaches."""
-    detector = DeflectionDetector(ddof=recipe.detector.ddof).fit(training.white)
+def eigenvalue_ratios(
+    recipe: StudyRecipe, training: Training, cuts: ComplexArray | None = None
+) -> FloatArray:
+    """Return the largest six eigenvalues of Â over the first (Sec. IV-A).
+
+    NaN in directions that no example reaches. ``cuts`` (n_samples, n_features) are whitened target
+    cuts, those of the training without any.
+    """
+    examples = training.white if cuts is None else cuts
+    detector = DeflectionDetector(ddof=recipe.detector.ddof).fit(examples)
     sigma = detector.eigenvalues_.copy()
     reached = sigma.size - int(detector.n_unseen_)
     sigma[reached:] = np.nan
@@ -247,7 +265,10 @@ def eigenvalue_ratios(recipe: StudyRecipe, training: Training) -> FloatArray:
 
 
 def eigenvectors(recipe: StudyRecipe, training: Training) -> ComplexArray:
-    """First six eigenvectors of Â as rows of norm one, whitening undone (Cosgrove et al. 2004, Fig. 6)."""
+    """Return the first six eigenvectors of Â as rows of norm one, whitening undone.
+
+    Cosgrove et al. 2004, Fig. 6.
+    """
     vectors = DeflectionDetector(6, recipe.detector.ddof).fit(training.white).forms_[0].vectors
     rows = np.linalg.solve(training.whitener.matrix_, vectors.T).T
     return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))

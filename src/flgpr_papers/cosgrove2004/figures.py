@@ -26,7 +26,9 @@ def geometry(recipe: StudyRecipe) -> Figure:
     """Draw the collection geometry in plan and from the side (Fig. 1)."""
     sensor = study_sensor(recipe)
     tx, _ = sensor.pairs()
-    far, (x0, x1), (y0, y1) = recipe.radar.range, recipe.image.x, recipe.image.y
+    far = recipe.radar.range
+    x0, x1 = recipe.image.x
+    y0, y1 = recipe.image.y
     figure = Figure(figsize=(9, 4.6), layout="constrained")
     plan, side = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     plan.plot(
@@ -64,7 +66,8 @@ def sample_image(image: xr.DataArray) -> Figure:
     """Show the HH image of three mines (Fig. 2)."""
     figure = Figure(figsize=(8.5, 4.2), layout="constrained")
     axes = figure.subplots()
-    x, y = image["x"].values, image["y"].values
+    x = image["x"].values
+    y = image["y"].values
     magnitude = np.abs(image.sel(polarization="HH").values).astype(np.float64)
     level = _level(magnitude / np.median(magnitude, axis=1, keepdims=True))
     shown = axes.imshow(
@@ -84,13 +87,13 @@ def sample_image(image: xr.DataArray) -> Figure:
     return figure
 
 
-def simulated_signature(away: NDArray[np.float64], cuts: NDArray[np.complex64]) -> Figure:
+def simulated_signature(offset: NDArray[np.float64], cuts: NDArray[np.complex64]) -> Figure:
     """Show range cuts through a mine without clutter (Fig. 3)."""
     figure = Figure(figsize=(6, 3.4), layout="constrained")
     axes = figure.subplots()
     for name, cut in zip(("HH", "VV"), cuts, strict=True):
         axes.plot(
-            away,
+            offset,
             np.abs(cut) / np.abs(cuts).max(),
             _STYLE[name][1],
             color=_STYLE[name][0],
@@ -123,19 +126,19 @@ def feature_vector(recipe: StudyRecipe, image: xr.DataArray) -> Figure:
     hh, vv, vector = figure.subplots(1, 3, width_ratios=[1, 1, 2.2])
     y = image["y"].values
     length = recipe.cut.length
-    part = image.isel(y=slice(int(np.searchsorted(y, 14.2)), int(np.searchsorted(y, 16.2))))
-    power = (np.abs(part.values) ** 2).sum(axis=0)
+    stretch = image.isel(y=slice(int(np.searchsorted(y, 14.2)), int(np.searchsorted(y, 16.2))))
+    power = (np.abs(stretch.values) ** 2).sum(axis=0)
     power = uniform_filter1d(power, length, axis=0)
     inner = power[length:-length, 30:-30]
     row, column = (int(k) for k in np.unravel_index(int(np.argmax(inner)), inner.shape))
     row, column = row + length, column + 30
     cuts = []
     for axes, name in ((hh, "HH"), (vv, "VV")):
-        stack = np.abs(part.sel(polarization=name).values)
-        x = part["x"].values
-        down = part["y"].values
+        stack = np.abs(stretch.sel(polarization=name).values)
+        x = stretch["x"].values
+        down = stretch["y"].values
         extent = (x[0], x[-1], down[0], down[-1])
-        top = float(np.abs(part.values).max())
+        top = float(np.abs(stretch.values).max())
         shown = axes.imshow(
             stack, origin="lower", extent=extent, cmap="gray", aspect="auto", vmin=0, vmax=top
         )
@@ -178,7 +181,10 @@ def eigenvector_figure(
 
 
 def roc_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figure:
-    """Draw the ROC of deflection, PWF and HH on every soil (Fig. 7): the first seed's curve over the seeds' spread."""
+    """Draw the ROC of deflection, PWF and HH on every soil (Fig. 7).
+
+    The first seed's curve over the seeds' spread.
+    """
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     soils = [soil for soil in SOILS if soil in cases]
     names = {f"rank {recipe.detector.rank}": "deflection", "PWF": "PWF", "HH": "HH"}
@@ -197,9 +203,9 @@ def roc_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figu
                 lw=0,
             )
             axes.plot(grid, spread.mean(axis=0), ":", color=_CURVES[label], lw=1)
-            seen = curves[0][curves[0]["far"] > 0]
+            shown = curves[0][curves[0]["far"] > 0]
             axes.plot(
-                seen["far"], seen["pd"], color=_CURVES[label], label=label, drawstyle="steps-post"
+                shown["far"], shown["pd"], color=_CURVES[label], label=label, drawstyle="steps-post"
             )
         axes.axvline(recipe.score.pfa, color="#999", lw=0.8)
         axes.set(
@@ -246,7 +252,7 @@ def depth_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Fi
     axes = figure.subplots()
     name = f"rank {recipe.detector.rank}"
     for site, marker in zip(cases, "os^D", strict=False):
-        found: dict[float, list[bool]] = {}
+        detected: dict[float, list[bool]] = {}
         for case in cases[site]:
             curve = case_curve(case, name, recipe.score.box)
             threshold = (
@@ -254,11 +260,11 @@ def depth_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Fi
             )
             peaks = case["peaks"][name]
             for depth, value in zip(peaks["depth"], peaks["target"], strict=True):
-                found.setdefault(depth, []).append(value >= threshold)
-        depths = sorted(found)
+                detected.setdefault(depth, []).append(value >= threshold)
+        depths = sorted(detected)
         axes.plot(
             [100 * d for d in depths],
-            [np.mean(found[d]) for d in depths],
+            [np.mean(detected[d]) for d in depths],
             marker + "-",
             label=recipe.sites[site].title,
         )
@@ -268,10 +274,11 @@ def depth_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Fi
 
 
 def _stacked(axes: Axes, recipe: StudyRecipe) -> None:
+    """Label the polarizations of a feature vector and separate them."""
     length = recipe.cut.length
     axes.axvline(length - 0.5, color="#999", lw=0.8)
     for k, name in enumerate(recipe.cut.polarizations):
-        place = axes.get_xaxis_transform()
+        transform = axes.get_xaxis_transform()
         axes.text(
             (k + 0.5) * length,
             1.01,
@@ -280,10 +287,11 @@ def _stacked(axes: Axes, recipe: StudyRecipe) -> None:
             va="bottom",
             color="#666",
             fontsize=8,
-            transform=place,
+            transform=transform,
         )
     axes.set(xlim=(0, length * len(recipe.cut.polarizations) - 1))
 
 
 def _level(level: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return magnitudes in dB, at least -120."""
     return np.asarray(20 * np.log10(np.maximum(level, 1e-6)))

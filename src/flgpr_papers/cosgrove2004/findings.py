@@ -1,4 +1,7 @@
-"""What the study found: Pd of every detector over the seeds, and a verdict on each statement of the paper."""
+"""What the study found.
+
+Pd of every detector over the seeds, and a verdict on each statement of the paper.
+"""
 
 from __future__ import annotations
 
@@ -45,9 +48,10 @@ def interval(
 ) -> tuple[float, float, float]:
     """Return the mean over seeds and its interval; seeds without a value (NaN) are left out.
 
-    It is Student's, cut off at the ``bounds`` of the values. Equal values have no spread that it could use. Then, for
-    values within ``bounds``, the share of seeds with another value is below ``1 - ((1 - level)/2)^(1/n)``, and each of
-    these may lie at a bound; without bounds nothing is known and the ends are infinite.
+    It is Student's, cut off at the ``bounds`` of the values. Equal values have no spread that it
+    could use. Then, for values within ``bounds``, the share of seeds with another value is below
+    ``1 - ((1 - level)/2)^(1/n)``, and each of these may lie at a bound; without bounds nothing is
+    known and the ends are infinite.
     """
     sample = np.asarray(values, dtype=np.float64)
     sample = sample[~np.isnan(sample)]
@@ -58,8 +62,8 @@ def interval(
     if np.ptp(sample) == 0:
         if bounds is None:
             return mean, low, high
-        others = 1 - ((1 - level) / 2) ** (1 / sample.size)
-        return mean, mean - others * (mean - low), mean + others * (high - mean)
+        widening = 1 - ((1 - level) / 2) ** (1 / sample.size)
+        return mean, mean - widening * (mean - low), mean + widening * (high - mean)
     half = float(
         stdtrit(sample.size - 1, (1 + level) / 2) * sample.std(ddof=1) / math.sqrt(sample.size)
     )
@@ -69,7 +73,10 @@ def interval(
 def case_curve(
     case: Case, detector: str, box: float, quantile: bool = False, rocks: bool = True
 ) -> pd.DataFrame:
-    """ROC of one detector on one lane; ``rocks=False`` leaves out clutter boxes with a rock in or near them."""
+    """ROC of one detector on one lane.
+
+    ``rocks=False`` leaves out clutter boxes with a rock in or near them.
+    """
     peaks = case["peaks"][detector]
     suffix = "_quantile" if quantile else ""
     clutter = np.asarray(peaks["clutter" + suffix])
@@ -81,8 +88,8 @@ def case_curve(
 def pd_table(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> pd.DataFrame:
     """Pd at the study's P_FA of every detector on every lane of every seed.
 
-    Columns: site, seed, detector, pd, pd_quantile (high quantile of the boxes), pd_rockless (boxes with rocks left out;
-    NaN if none is left), pd_mean (mean Pd up to 0.1 per m²).
+    Columns: site, seed, detector, pd, pd_quantile (high quantile of the boxes), pd_rockless (boxes
+    with rocks left out; NaN if none is left), pd_mean (mean Pd up to 0.1 per m²).
     """
     rows = []
     for site, lanes in cases.items():
@@ -112,19 +119,20 @@ def pd_table(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> pd.Dat
 def contrast_table(cases: Mapping[str, Sequence[Case]]) -> pd.DataFrame:
     """Tabulate the HH level of the mines over that of the clutter, all seeds pooled.
 
-    Columns: site, depth (m), looks, contrast (median peak in boxes at mines over that in clutter boxes, dB).
+    Columns: site, depth (m), looks, contrast (median peak in boxes at mines over that in clutter
+    boxes, dB).
     """
     rows = []
     for site, lanes in cases.items():
         peaks = [case["peaks"]["HH"] for case in lanes]
-        clutter = np.nanmedian(np.concatenate([one["clutter"] for one in peaks]))
-        depth = np.concatenate([one["depth"] for one in peaks])
-        target = np.concatenate([one["target"] for one in peaks])
-        for one in np.unique(depth):
-            chosen = target[depth == one]
+        clutter = np.nanmedian(np.concatenate([entry["clutter"] for entry in peaks]))
+        depth = np.concatenate([entry["depth"] for entry in peaks])
+        target = np.concatenate([entry["target"] for entry in peaks])
+        for entry in np.unique(depth):
+            chosen = target[depth == entry]
             level = 10 * math.log10(float(np.nanmedian(chosen) / clutter))
             rows.append(
-                {"site": site, "depth": float(one), "looks": chosen.size, "contrast": level}
+                {"site": site, "depth": float(entry), "looks": chosen.size, "contrast": level}
             )
     return pd.DataFrame(rows)
 
@@ -213,7 +221,10 @@ def _best_pd(
 
 
 def _eigenvalue_statements(cases: Sequence[Case]) -> list[Finding]:
-    """Judge the ratios of eigenvalues (IV-A) within a factor of two; what no example reaches has none."""
+    """Judge the ratios of eigenvalues (IV-A) within a factor of two.
+
+    What no example reaches has none.
+    """
     ratios = np.array([case["ratios"] for case in cases], dtype=np.float64)
     statements = []
     for j in range(1, min(len(PAPER_RATIOS), ratios.shape[1])):
@@ -232,6 +243,7 @@ def _eigenvalue_statements(cases: Sequence[Case]) -> list[Finding]:
 
 
 def _open_questions(recipe: StudyRecipe, table: pd.DataFrame) -> list[Finding]:
+    """Return our own questions about the detectors' Pd, which have no verdict."""
     deflection = f"rank {recipe.detector.rank}"
     pd_name = _pd_name(recipe)
     titles = {name: site.title for name, site in recipe.sites.items()}
@@ -271,7 +283,10 @@ def _open_questions(recipe: StudyRecipe, table: pd.DataFrame) -> list[Finding]:
 
 
 def premise_findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> list[Finding]:
-    """Judge the paper's premises about mines and clutter in dry sand, by the measures of ``signature``."""
+    """Judge the paper's premises about mines and clutter in dry sand.
+
+    The measures are those of ``signature``.
+    """
     premises = recipe.premises
     sand = cases["sand"]
     statements = []
@@ -313,7 +328,8 @@ def premise_findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -
             measured(
                 "Three mines are readily visible at 15, 20 and 25 m (HH)",
                 "readily visible (Fig. 2)",
-                f"share above {premises.visible:.0%} of the clutter boxes, {_within(premises.visible_mines)}",
+                f"share above {premises.visible:.0%} of the clutter boxes, "
+                f"{_within(premises.visible_mines)}",
                 interval(visible, bounds=_SHARE),
                 premises.visible_mines,
             )
@@ -356,7 +372,8 @@ def premise_findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -
         measured(
             "A mine appears at least as wide as the cross-range resolution",
             "at least as wide (III-B)",
-            f"half-power width across, in widths of an ideal point, to lie above {premises.width_across:g}",
+            f"half-power width across, in widths of an ideal point, to lie above "
+            f"{premises.width_across:g}",
             ours,
             verdict=larger(*ours[1:], premises.width_across),
             asks=("larger", premises.width_across, 0.0),
@@ -366,6 +383,7 @@ def premise_findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -
 
 
 def _within(rule: tuple[float, float]) -> str:
+    """Return a rule in words."""
     return f"to lie in {rule[0]:g} to {rule[1]:g}"
 
 
@@ -386,6 +404,7 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def _pd_name(recipe: StudyRecipe) -> str:
+    """Return the name of Pd at the study's P_FA."""
     return f"Pd at {recipe.score.pfa:g} per m²"
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -25,6 +26,7 @@ from flgpr.model import (
 )
 from flgpr.scoring import refraction_shift
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
+from flgpr.simulate.scene.scene import Target
 from flgpr.simulate.simulator import system_response
 from flgpr_papers.cosgrove2004.recipe import Site, StudyRecipe
 from flgpr_papers.kit.worlds import changed, turned
@@ -58,7 +60,9 @@ def study_sensor(recipe: StudyRecipe) -> Sensor:
     preset = load_sensor(recipe.radar.sensor)
     low, high = recipe.image.band
     count = round((high - low) / recipe.radar.tone_step) + 1
-    margin, (x0, x1), (y0, y1) = recipe.radar.margin, recipe.image.x, recipe.image.y
+    margin = recipe.radar.margin
+    x0, x1 = recipe.image.x
+    y0, y1 = recipe.image.y
     sensor = preset.model_copy(
         update={
             "tones": Tones(start=low, step=recipe.radar.tone_step, count=count),
@@ -71,7 +75,10 @@ def study_sensor(recipe: StudyRecipe) -> Sensor:
 
 
 def tone_weight(recipe: StudyRecipe, sensor: Sensor) -> FloatArray:
-    """Weight of every tone: the ramp of filtered backprojection on data freed from the antennas' gain."""
+    """Weight of every tone.
+
+    The ramp of filtered backprojection on data freed from the antennas' gain.
+    """
     frequency = sensor.tones.axis()
     weight = ramp(frequency) if recipe.image.filter == "ramp" else np.ones(frequency.size)
     if recipe.image.calibrate:
@@ -88,37 +95,115 @@ def lane_looks(
     the rough surface is drawn anew. The paper counts both images of a mine as distinct for the
     randomness of that surface.
 
-    Two looks per mine in each world: "roadside" with the bushes and posts that the site's catalogue has beside the
-    lane, "open" the same lane without them.
+    Two looks per mine in each world: "roadside" with the bushes and posts that the site's catalogue
+    has beside the lane, "open" the same lane without them.
     """
     scene, trains, depths = _scene(recipe, recipe.sites[name], _seed(recipe, name, seed), share)
     looks: dict[str, list[Look]] = {world: [] for world in WORLDS}
     for direction in (0, 1):
         order = slice(None, None, 1 - 2 * direction)
         number = _seed(recipe, name, seed) + direction
-        for world, found in _direction(recipe, scene, number, direction == 1).items():
+        for world, looks_of_world in _direction(recipe, scene, number, direction == 1).items():
             looks[world] += [
-                Look(image, place, float(depth), bool(trained), shift, rocks)
-                for (image, place, shift, rocks), depth, trained in zip(
-                    found, depths[order], trains[order], strict=True
+                Look(image, position, float(depth), bool(trained), shift, rocks)
+                for (image, position, shift, rocks), depth, trained in zip(
+                    looks_of_world, depths[order], trains[order], strict=True
                 )
             ]
     return looks
 
 
+@dataclass(frozen=True)
+class LaneChange:
+    """What is otherwise on a lane than in the study, to see what it does."""
+
+    #: entries of the scene's parts that are replaced, ``{"surface": {"correlation": 0.0}}``
+    parts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    mine: Mapping[str, Any] = field(
+        default_factory=dict
+    )  #: entries of every mine that are replaced
+    #: False takes the mines out, with the holes over them; looks are taken where they lay
+    mines: bool = True
+
+
+def open_looks(
+    recipe: StudyRecipe, name: str, seed: int, share: float, change: LaneChange
+) -> list[Look]:
+    """Image the mines of an open lane with something changed on the lane.
+
+    Otherwise it is as :func:`lane_looks` does.
+    """
+    number = _seed(recipe, name, seed)
+    scene, trains, depths = _scene(recipe, recipe.sites[name], number, share)
+    mines = [target.model_dump(exclude_unset=True) | dict(change.mine) for target in scene.targets]
+    no_roadside = {"bushes": 0.0, "posts": 0.0}
+    tables = {table: dict(entries) for table, entries in change.parts.items()}
+    tables["clutter"] = no_roadside | tables.get("clutter", {})
+    ground = changed(scene, targets=mines, **tables)
+    looks = []
+    for direction in (0, 1):
+        order = slice(None, None, 1 - 2 * direction)
+        placed = _from_other_end(ground, number) if direction else ground
+        simulated = placed
+        if not change.mines:
+            bare = changed(ground, targets=[])
+            simulated = _from_other_end(bare, number) if direction else bare
+        simulator = Simulator(simulated, study_sensor(recipe), number + direction)
+        images = _images(
+            recipe, simulator, simulator.scans(), recipe.image.self_signature, placed.targets
+        )
+        looks += [
+            Look(image, position, float(depth), bool(trained), shift, rocks)
+            for (image, position, shift, rocks), depth, trained in zip(
+                images, depths[order], trains[order], strict=True
+            )
+        ]
+    return looks
+
+
+def reflector_looks(recipe: StudyRecipe, name: str) -> list[Look]:
+    """Image corner reflectors in place of a site's mines.
+
+    There are no surface, other objects and errors of the radar.
+
+    A corner reflector returns the same in HH and in VV.
+    """
+    scene, trains, depths = _scene(recipe, recipe.sites[name], _SIGNATURES, _SIGNATURE_SHARE)
+    reflectors = [
+        {"kind": "fiducial", "x": target.x, "y": target.y, "rcs_db": 0.0}
+        for target in scene.targets
+    ]
+    bare = changed(scene, targets=[], clutter=BARE, **ALONE).model_dump(exclude_unset=True)
+    placed = Scene.model_validate(bare | {"objects": reflectors})
+    simulator = Simulator(placed, study_sensor(recipe), _SIGNATURES, errors=False)
+    images = _images(recipe, simulator, simulator.scans(), "none", scene.targets)
+    return [
+        Look(image, position, float(depth), bool(trained), shift, rocks)
+        for (image, position, shift, rocks), depth, trained in zip(
+            images, depths, trains, strict=True
+        )
+    ]
+
+
 def signature_looks(recipe: StudyRecipe, name: str) -> list[Look]:
-    """Image mines of every depth of a site, in no lane, without surface, other objects and errors of the radar."""
+    """Image mines of every depth of a site, in no lane.
+
+    There are no surface, other objects and errors of the radar.
+    """
     scene, trains, depths = _scene(recipe, recipe.sites[name], _SIGNATURES, _SIGNATURE_SHARE)
     bare = changed(scene, clutter=BARE, **ALONE)
     simulator = Simulator(bare, study_sensor(recipe), _SIGNATURES, errors=False)
-    found = _images(recipe, simulator, simulator.scans(), "none")
+    images = _images(recipe, simulator, simulator.scans(), "none")
     return [
-        Look(image, place, float(depth), bool(trained), shift, rocks)
-        for (image, place, shift, rocks), depth, trained in zip(found, depths, trains, strict=True)
+        Look(image, position, float(depth), bool(trained), shift, rocks)
+        for (image, position, shift, rocks), depth, trained in zip(
+            images, depths, trains, strict=True
+        )
     ]
 
 
 def _seed(recipe: StudyRecipe, name: str, seed: int) -> int:
+    """Return the seed of a site's lane, which is another for every site."""
     return 1000 * seed + 10 * sorted(recipe.sites).index(name)
 
 
@@ -163,20 +248,20 @@ def _scene(
 def _direction(
     recipe: StudyRecipe, scene: Scene, seed: int, back: bool
 ) -> dict[str, list[tuple[xr.DataArray, FloatArray, float, FloatArray]]]:
-    """Images of every stop in both worlds. Echoes add, so the roadside is simulated by itself and added."""
+    """Return the images of every stop in both worlds.
+
+    Echoes add, so the roadside is simulated by itself and added.
+    """
     sensor = study_sensor(recipe)
     ground = changed(scene, clutter={"bushes": 0.0, "posts": 0.0})
     roadside = changed(scene, clutter={"rocks": 0.0, "patches": 0.0}, targets=[], **ALONE)
     if back:  # what the seed before put there, from the other end
-        ground = turned(ground, seed - 1)
+        ground = _from_other_end(ground, seed - 1)
         roadside = turned(roadside, seed - 1)
-        ground = ground.model_copy(
-            update={"targets": ground.targets[::-1]}
-        )  # in the order of the stops
     simulator = Simulator(ground, sensor, seed)
-    beside = Simulator(roadside, sensor, seed, errors=False)
+    roadside_simulator = Simulator(roadside, sensor, seed, errors=False)
     signal = np.stack(list(simulator.scans()))
-    with_roadside = signal + np.stack(list(beside.scans()))
+    with_roadside = signal + np.stack(list(roadside_simulator.scans()))
     signature = recipe.image.self_signature
     return {
         "roadside": _images(recipe, simulator, with_roadside, signature),
@@ -184,13 +269,28 @@ def _direction(
     }
 
 
+def _from_other_end(scene: Scene, seed: int) -> Scene:
+    """Turn a lane with all that the seed put there by half a turn.
+
+    Its mines are in the order of the stops.
+    """
+    other = turned(scene, seed)
+    return other.model_copy(update={"targets": other.targets[::-1]})
+
+
 def _images(
     recipe: StudyRecipe,
     simulator: Simulator,
     signal: ArrayLike | Iterable[NDArray[np.complex64]],
     signature: str,
+    targets: Sequence[Target] | None = None,
 ) -> list[tuple[xr.DataArray, FloatArray, float, FloatArray]]:
-    """Image of every stop with its mine's place, the shift by refraction and the rocks' places, in the scan frame."""
+    """Yield the image of every stop with its mine, in the scan frame.
+
+    Mine, shift by refraction and rocks are positions.
+
+    ``targets`` are the mines, one a stop, where the simulated lane has none.
+    """
     data = signal if isinstance(signal, np.ndarray) else np.stack(list(signal))  # type: ignore[arg-type]
     tx, rx = simulator.sensor.pairs()
     pose = simulator.reported_pose()
@@ -202,13 +302,14 @@ def _images(
     ).reshape(-1, 3)
     middle = np.array([np.mean(recipe.image.band)])
     permittivity = float(simulator.scene.soil.media(middle)[-1][0].real)
-    found = []
-    for image, target in zip(images, simulator.scene.targets, strict=True):
+    target_images = []
+    places = simulator.scene.targets if targets is None else targets
+    for image, target in zip(images, places, strict=True):
         taken = np.asarray(image.attrs["pose"])
-        place = lane_to_scan(np.array([target.x, target.y, 0.0]), taken)[:2]
+        position = lane_to_scan(np.array([target.x, target.y, 0.0]), taken)[:2]
         shift = float(refraction_shift(target.depth, permittivity, taken[2], recipe.radar.range))
-        found.append((image, place, shift, lane_to_scan(rocks, taken)[:, :2]))
-    return found
+        target_images.append((image, position, shift, lane_to_scan(rocks, taken)[:, :2]))
+    return target_images
 
 
 def run_images(
@@ -255,19 +356,22 @@ def point_response(recipe: StudyRecipe, filtered: bool) -> PointResponse:
     point = np.array([0.0, recipe.radar.range, 0.0])
     path = np.linalg.norm(tx - point, axis=1) + np.linalg.norm(rx - point, axis=1)
     data = np.exp(-2j * np.pi * np.outer(path, frequency) / SPEED_OF_LIGHT)[None]
-    away = np.linspace(-1, 1, 801)
-    lines = np.zeros((2, away.size, 3)) + point
-    lines[0, :, 1] += away
-    lines[1, :, 0] += away
+    offset = np.linspace(-1, 1, 801)
+    lines = np.zeros((2, offset.size, 3)) + point
+    lines[0, :, 1] += offset
+    lines[1, :, 0] += offset
     window = ramp(frequency) if filtered else None
     image = np.abs(
         ImagingOperator(frequency, tx, rx, lines, window=window).adjoint(data)[0, 0]
     ).astype(np.float64)
-    return PointResponse(away, away, image[0] / image[0].max(), image[1] / image[1].max())
+    return PointResponse(offset, offset, image[0] / image[0].max(), image[1] / image[1].max())
 
 
 def signature_cuts(recipe: StudyRecipe) -> tuple[FloatArray, NDArray[np.complex64]]:
-    """Range cut through a mine in dry sand without clutter and errors, as the paper's Fig. 3: metres, and images."""
+    """Range cut through a mine in dry sand without clutter and errors, as the paper's Fig. 3.
+
+    Metres, and images.
+    """
     ahead = recipe.radar.range
     scene = Scene.model_validate(
         {
@@ -287,7 +391,10 @@ def signature_cuts(recipe: StudyRecipe) -> tuple[FloatArray, NDArray[np.complex6
 
 
 def wide_image(recipe: StudyRecipe, seed: int) -> xr.DataArray:
-    """Image (polarization, y, x) of three mines 15, 20 and 25 m ahead in dry sand, as the paper's Fig. 2."""
+    """Return the image (polarization, y, x) of mines 15, 20 and 25 m ahead in dry sand.
+
+    It is the paper's Fig. 2.
+    """
     scene = Scene.model_validate(
         {
             "site": recipe.sites["sand"].scene,
@@ -307,6 +414,7 @@ def wide_image(recipe: StudyRecipe, seed: int) -> xr.DataArray:
 def _image(
     recipe: StudyRecipe, sensor: Sensor, scene: Scene, seed: int, grid: Grid, errors: bool
 ) -> xr.DataArray:
+    """Image a scene without the radar's self-signature."""
     quiet = sensor.errors.model_copy(update={"self_signature_db": None})
     simulator = Simulator(scene, sensor.model_copy(update={"errors": quiet}), seed, errors)
     check_tones(sensor, (grid.x[0], grid.x[-1]), (grid.y[0], grid.y[-1]))

@@ -1,4 +1,7 @@
-"""The page of the study: the paper's figures and statements beside what the simulated lanes give."""
+"""The page of the study.
+
+The paper's figures and statements beside what the simulated lanes give.
+"""
 
 from __future__ import annotations
 
@@ -30,6 +33,11 @@ def page_html(
     other: OtherWorld,
 ) -> str:
     """Write the page, which needs nothing beside it."""
+    detectors: dict[str, dict[str, Any]] = {}
+    for world, lanes in cases.items():
+        detectors[world] = {}
+        for site in lanes:
+            detectors[world][recipe.sites[site].title] = _detector_rows(tables[world], site)
     return study_html(
         "cosgrove2004.html",
         quick=quick,
@@ -39,10 +47,7 @@ def page_html(
         found=found,
         by_chance={world: by_chance(all_) for world, all_ in found.items()},
         sizes=next(iter(cases.values())),
-        detectors={
-            world: {recipe.sites[site].title: _detector_rows(tables[world], site) for site in lanes}
-            for world, lanes in cases.items()
-        },
+        detectors=detectors,
         contrast={world: _contrast_rows(recipe, lanes) for world, lanes in cases.items()},
         beside=BESIDE,
         twins=list(paper_twins(recipe, cases, tables, found, pictures)),
@@ -51,10 +56,11 @@ def page_html(
 
 
 def _detector_rows(table: pd.DataFrame, site: str) -> list[list[str]]:
-    part = table[table["site"] == site]
+    """Tabulate the detectors' Pd at a site."""
+    rows_of_site = table[table["site"] == site]
     rows = []
-    for name in dict.fromkeys(part["detector"]):
-        chosen = part[part["detector"] == name]
+    for name in dict.fromkeys(rows_of_site["detector"]):
+        chosen = rows_of_site[rows_of_site["detector"] == name]
         row = [str(name)]
         for column in ("pd", "pd_quantile", "pd_rockless", "pd_mean"):
             mean, low, high = interval(chosen[column].to_numpy(), bounds=(0.0, 1.0))
@@ -64,6 +70,7 @@ def _detector_rows(table: pd.DataFrame, site: str) -> list[list[str]]:
 
 
 def _contrast_rows(recipe: StudyRecipe, lanes: Mapping[str, Sequence[Case]]) -> list[Row]:
+    """Tabulate the contrast of mines and clutter by site and depth."""
     return [
         (
             recipe.sites[row["site"]].title,

@@ -17,7 +17,10 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class Radar(Table):
-    """Sensor preset, step of its tones (Hz), range of the mines (m), stop spacing (m), surface scatterers per m²."""
+    """Sensor preset, step of its tones (Hz) and range of the mines (m).
+
+    Also the stop spacing (m) and the surface scatterers per m².
+    """
 
     sensor: str
     tone_step: Positive
@@ -28,7 +31,10 @@ class Radar(Table):
 
 
 class Image(Table):
-    """Image in the scan frame (m), band (Hz) and how it is formed; ``spacing`` is cross-track, down-track."""
+    """Image in the scan frame (m), band (Hz) and how it is formed.
+
+    ``spacing`` is cross-track, down-track.
+    """
 
     x: tuple[float, float]
     y: tuple[float, float]
@@ -40,7 +46,9 @@ class Image(Table):
 
     def grid(self) -> Grid:
         """Grid of the images."""
-        (dx, dy), (x0, x1), (y0, y1) = self.spacing, self.x, self.y
+        dx, dy = self.spacing
+        x0, x1 = self.x
+        y0, y1 = self.y
         return Grid(x0, y0, round((x1 - x0) / dx) + 1, round((y1 - y0) / dy) + 1, dx, dy)
 
 
@@ -69,7 +77,10 @@ class Detector(Table):
 
 
 class Score(Table):
-    """Boxes, clearance and reach of rocks (m), the quantile beside the peak, the P_FA (per m²) of comparisons."""
+    """Boxes, clearance and reach of rocks (m), and the levels of comparisons.
+
+    They are the quantile beside the peak and the P_FA (per m²).
+    """
 
     box: Positive
     clearance: Annotated[float, Field(ge=0)]
@@ -79,7 +90,7 @@ class Score(Table):
 
 
 class Premises(Table):
-    """How the paper's premises about mines and clutter are measured, and within what they are said to hold."""
+    """How the paper's premises are measured, and within what they are said to hold."""
 
     hump: Annotated[
         float, Field(gt=0, le=1)
@@ -103,7 +114,10 @@ class Study(Table):
 
 
 class Site(Table):
-    """A lane: soil, kind of mine and its body, and numbers of mines by depth (m) for training and test."""
+    """A lane.
+
+    Soil, kind of mine and its body, and numbers of mines by depth (m) for training and test.
+    """
 
     title: str
     scene: str
@@ -114,8 +128,10 @@ class Site(Table):
 
     def mine(self, **place: float) -> dict[str, Any]:
         """Describe a mine of this lane at a place, as scenes hold targets."""
-        own = {"kind": self.kind} if self.body is None else {"kind": self.kind, "body": self.body}
-        return own | place
+        entries = (
+            {"kind": self.kind} if self.body is None else {"kind": self.kind, "body": self.body}
+        )
+        return entries | place
 
     def depths(self, share: float = 1.0) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Depth (m) of every mine and whether it trains, at least one mine of a depth."""

@@ -1,7 +1,8 @@
-"""What the images say of mines before any detector runs: humps, polarizations, width, and how Gaussian clutter is.
+"""What the images say of mines before any detector runs.
 
-These are the premises of Cosgrove et al. 2004: the double hump (Sec. III-B), the correlation of polarizations (III-C),
-mines that are readily visible (Fig. 2), no cross-range structure (III-B), and clutter that may be modelled as complex
+Humps, polarizations, width, and how Gaussian clutter is. These are the premises of Cosgrove et al.
+2004: the double hump (Sec. III-B), the correlation of polarizations (III-C), mines that are readily
+visible (Fig. 2), no cross-range structure (III-B), and clutter that may be modelled as complex
 Gaussian once it is whitened (II-A).
 """
 
@@ -29,21 +30,30 @@ _ACROSS = 1.0  # m, half length of the cut across a mine
 
 
 def hump_count(magnitude: ArrayLike, prominence: float) -> int:
-    """Count the local maxima of a cut (n,) that stand out by a share ``prominence`` of its largest value."""
+    """Count the local maxima of a cut (n,) that stand out.
+
+    They do by a share ``prominence`` of its largest value.
+    """
     level = np.asarray(magnitude, dtype=np.float64)
     peaks, _ = find_peaks(level, prominence=prominence * level.max())
     return len(peaks)
 
 
 def polarization_correlation(cut: ArrayLike) -> float:
-    """Correlate the two halves of a stacked cut (2 n,), HH and VV: ``|Σ h v*| / sqrt(Σ|h|² Σ|v|²)``, from 0 to 1."""
+    """Correlate the two halves of a stacked cut (2 n,), HH and VV.
+
+    ``|Σ h v*| / sqrt(Σ|h|² Σ|v|²)``, from 0 to 1.
+    """
     hh, vv = np.split(np.asarray(cut), 2)
     energy = np.sum(np.abs(hh) ** 2) * np.sum(np.abs(vv) ** 2)
     return float(np.abs(np.sum(hh * vv.conj())) / np.sqrt(energy))
 
 
 def fourth_moment_ratio(white: ArrayLike) -> float:
-    """Return the mean over features of ``E|z|⁴ / (E|z|²)²`` of samples (n, features): 2 for circular Gaussian ones."""
+    """Return the mean over features of ``E|z|⁴ / (E|z|²)²`` of samples (n, features).
+
+    2 for circular Gaussian ones.
+    """
     power = np.abs(np.asarray(white)) ** 2
     return float(np.mean(np.mean(power**2, axis=0) / np.mean(power, axis=0) ** 2))
 
@@ -101,30 +111,50 @@ def signature_humps(recipe: StudyRecipe, looks: Sequence[Look]) -> dict[str, lis
 
 
 def visible_mines(recipe: StudyRecipe, image: xr.DataArray) -> list[bool]:
-    """Tell which mines of the wide image stand out in HH among the boxes of clutter at their range (Fig. 2).
+    """Return which mines of the wide image stand out in HH (Fig. 2).
 
-    A mine is readily visible if its box's peak exceeds the peaks of a share ``premises.visible`` of the
-    clutter boxes.
+    They are compared with the boxes of clutter at their range.
+
+    A mine is readily visible if its box's peak exceeds the peaks of a share ``premises.visible`` of
+    the clutter boxes.
     """
+    return [
+        bool(at_mine > np.quantile(at_clutter, recipe.premises.visible))
+        for at_mine, at_clutter in _wide_boxes(recipe, image)
+    ]
+
+
+def visibility_db(recipe: StudyRecipe, image: xr.DataArray) -> list[float]:
+    """Return the peak of every mine of the wide image in HH over the strongest box of clutter at its range, dB."""
+    return [
+        float(10 * np.log10(at_mine / at_clutter.max()))
+        for at_mine, at_clutter in _wide_boxes(recipe, image)
+    ]
+
+
+def _wide_boxes(recipe: StudyRecipe, image: xr.DataArray) -> list[tuple[float, FloatArray]]:
+    """Return the peak power in HH of every mine's box, and those of the boxes of clutter at its range."""
     power = (np.abs(image.sel(polarization="HH").values) ** 2).astype(np.float32)
-    x, y = image["x"].values, image["y"].values
+    x = image["x"].values
+    y = image["y"].values
     box = recipe.score.box
-    visible = []
-    for mine in np.array(WIDE_MINES, dtype=np.float64):
+    found = []
+    for position in np.array(WIDE_MINES, dtype=np.float64):
         area = {
             "x_min": float(x[0]),
             "x_max": float(x[-1]),
-            "y_min": mine[1] - recipe.radar.stop_spacing / 2,
-            "y_max": mine[1] + recipe.radar.stop_spacing / 2,
+            "y_min": position[1] - recipe.radar.stop_spacing / 2,
+            "y_max": position[1] + recipe.radar.stop_spacing / 2,
         }
-        boxes = offset_boxes(mine[None], area, box, recipe.score.clearance)
-        at_mine, _ = box_values(power, x, y, mine[None], box, 1.0)
+        boxes = offset_boxes(position[None], area, box, recipe.score.clearance)
+        at_mine, _ = box_values(power, x, y, position[None], box, 1.0)
         at_clutter, _ = box_values(power, x, y, boxes, box, 1.0)
-        visible.append(bool(at_mine[0] > np.quantile(at_clutter, recipe.premises.visible)))
-    return visible
+        found.append((float(at_mine[0]), at_clutter))
+    return found
 
 
 def _cut_measures(recipe: StudyRecipe, cuts: NDArray[Any]) -> dict[str, list[Any]]:
+    """Return the measures of cuts by polarization."""
     length = recipe.cut.length
     measures: dict[str, list[Any]] = {}
     for number, name in enumerate(recipe.cut.polarizations):
@@ -135,15 +165,19 @@ def _cut_measures(recipe: StudyRecipe, cuts: NDArray[Any]) -> dict[str, list[Any
 
 
 def _across(recipe: StudyRecipe, look: Look) -> tuple[int, float]:
-    """Count the humps across the brightest pixel near a mine in HH, and give the half-power width there, m."""
+    """Return the number of humps across the brightest pixel near a mine in HH, and their width.
+
+    It is the half-power width, m.
+    """
     magnitude = np.abs(look.image.sel(polarization="HH").values)
-    x, y = look.image["x"].values, look.image["y"].values
+    x = look.image["x"].values
+    y = look.image["y"].values
     search = recipe.training.search
     near = (np.abs(x - look.place[0]) <= search)[None, :] & (np.abs(y - look.place[1]) <= search)[
         :, None
     ]
     row, column = np.unravel_index(int(np.argmax(np.where(near, magnitude, 0))), magnitude.shape)
     reach = min(round(_ACROSS / (x[1] - x[0])), int(column), x.size - 1 - int(column))
-    part = slice(int(column) - reach, int(column) + reach + 1)
-    level = magnitude[row, part] / magnitude[row, column]
-    return hump_count(level, recipe.premises.hump), half_power(x[part] - x[column], level)
+    columns = slice(int(column) - reach, int(column) + reach + 1)
+    level = magnitude[row, columns] / magnitude[row, column]
+    return hump_count(level, recipe.premises.hump), half_power(x[columns] - x[column], level)

@@ -1,4 +1,7 @@
-"""The study of Cosgrove et al. 2004 on simulated lanes: sites, training, detectors, figures, findings."""
+"""The study of Cosgrove et al. 2004 on simulated lanes.
+
+Sites, training, detectors, figures, findings.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from numpy.typing import NDArray
 from flgpr.chain.model import Model, save_model
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.stages.forms import learnt_of
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 from flgpr_papers.cosgrove2004 import figures
 from flgpr_papers.cosgrove2004.detect import (
     detectors,
@@ -42,6 +45,7 @@ from flgpr_papers.kit.cache import kept, key_of
 from flgpr_papers.kit.findings import OPEN, Finding, measured, write_findings
 from flgpr_papers.kit.page import draw
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
+from flgpr_papers.kit.threads import one_blas_thread
 from flgpr_papers.kit.worlds import World
 
 ComplexArray = NDArray[np.complex128]
@@ -49,6 +53,7 @@ PAGE = "index.html"
 Cases = Mapping[str, Mapping[str, Sequence[Case]]]
 
 
+@one_blas_thread
 def reproduce(
     output: str | Path,
     quick: bool = False,
@@ -56,16 +61,17 @@ def reproduce(
     recipe: StudyRecipe | None = None,
     world: str = OWN,
 ) -> Path:
-    """Run the study and write its page, figures, findings and trained detectors; ``recipe`` stands in for the packaged.
+    """Run the study and write its page, figures, findings and trained detectors.
 
-    Every lane's scores are kept in ``output/lanes``, so that a broken run goes on where it stopped.
+    ``recipe`` stands in for the packaged. Every lane's scores are kept in ``output/lanes``, so that
+    a broken run goes on where it stopped.
     """
     study = recipe or study_recipe(quick, world)
     folder = Path(output)
     seeds = _seeds(study)
     cases = _run_cases(study, folder, seeds, track)
     tables = {world: pd_table(study, cases[world]) for world in WORLDS}
-    found = {world: findings(study, cases[world], tables[world]) for world in WORLDS}
+    findings_of_world = {world: findings(study, cases[world], tables[world]) for world in WORLDS}
     responses = {
         "with the ramp": point_response(study, True),
         "without": point_response(study, False),
@@ -77,10 +83,14 @@ def reproduce(
     rows = pd.concat(tables, names=["world"]).reset_index("world")
     write_whole(folder / "pd.csv", rows.to_csv(index=False))
     resolution = {name: response.resolution for name, response in responses.items()}
-    judged = [replace(one, group=world) for world in WORLDS for one in found[world]]
+    judged = [
+        replace(finding, group=world) for world in WORLDS for finding in findings_of_world[world]
+    ]
     write_findings(folder, judged, quick, world=world, seeds=len(seeds), resolution_m=resolution)
     page = folder / PAGE
-    grouped = {name: [one for one in judged if one.group == name] for name in WORLDS}
+    grouped: dict[str, list[Finding]] = {name: [] for name in WORLDS}
+    for finding in judged:
+        grouped[finding.group].append(finding)
     worlds = study_world("cosgrove2004", world), other_world(folder, PAGE, world, quick)
     write_whole(page, page_html(study, cases, tables, grouped, responses, pictures, quick, *worlds))
     return page
@@ -104,11 +114,13 @@ def run_seed(
             trains = [look for look in looks if look.trains]
             test = [look for look in looks if not look.trains]
             training = learn(recipe, trains)
-            made = detectors(recipe, training, signatures.astype(np.complex128), taught.get(world))
+            chip_detectors = detectors(
+                recipe, training, signatures.astype(np.complex128), taught.get(world)
+            )
             if site == "sand":
                 taught[world] = training.white
             if models is not None:
-                detector = made[f"rank {recipe.detector.rank}"]
+                detector = chip_detectors[f"rank {recipe.detector.rank}"]
                 learnt = learnt_of(detector.forms, training.clutter)
                 save_model(
                     Model(stages={"map.deflection": learnt}),
@@ -134,7 +146,8 @@ def run_seed(
                     for look in _one_per_depth(looks)
                 ],
                 "peaks": {
-                    name: asdict(peaks) for name, peaks in score_looks(recipe, test, made).items()
+                    name: asdict(peaks)
+                    for name, peaks in score_looks(recipe, test, chip_detectors).items()
                 },
             }
     return cases
@@ -148,13 +161,16 @@ def _run_cases(
         _seed_cases(recipe, folder, seed)
         for seed in track(seeds, "lanes, seed by seed", len(seeds))
     ]
-    return {
-        world: {site: [one[world][site] for one in read] for site in recipe.sites}
-        for world in WORLDS
-    }
+    cases: dict[str, dict[str, list[Case]]] = {}
+    for world in WORLDS:
+        cases[world] = {}
+        for site in recipe.sites:
+            cases[world][site] = [record[world][site] for record in read]
+    return cases
 
 
 def _seed_cases(recipe: StudyRecipe, folder: Path, seed: int) -> dict[str, dict[str, Case]]:
+    """Return the cases of a seed, or read them if they are on disk."""
     share = recipe.study.share
     models = folder / "models" if seed == 1 else None
     path = folder / "lanes" / f"seed-{seed}-{key_of(recipe.model_dump(mode='json'))}.json"
@@ -167,16 +183,19 @@ def parts(quick: bool) -> list[str]:
     return [str(seed) for seed in _seeds(study_recipe(quick))]
 
 
+@one_blas_thread
 def make_part(folder: Path, seed: str, quick: bool, world: str = OWN) -> None:
     """Work on a seed."""
     _seed_cases(study_recipe(quick, world), folder, int(seed))
 
 
 def _seeds(recipe: StudyRecipe) -> range:
+    """Return the seeds of the study."""
     return range(1, 1 + recipe.study.seeds)
 
 
 def _one_per_depth(looks: Sequence[Look]) -> list[Look]:
+    """Return the first look at each depth, of three depths at most."""
     first = {look.depth: look for look in reversed(looks)}
     return [first[depth] for depth in sorted(first)][:3]
 
@@ -184,6 +203,7 @@ def _one_per_depth(looks: Sequence[Look]) -> list[Look]:
 def _figures(
     recipe: StudyRecipe, cases: Cases, responses: Mapping[str, PointResponse], seed: int
 ) -> dict[str, Figure]:
+    """Draw the figures of the page by name."""
     image = wide_image(recipe, seed)
     drawn = {
         "figure-1": figures.geometry(recipe),
@@ -228,10 +248,12 @@ def findings_in(world: World, folder: Path) -> list[Finding]:
         run_seed(study, seed, 1.0)["roadside"]["sand"] for seed in range(first, first + _SEEDS)
     ]
     table = pd_table(study, {"sand": cases})
-    found = [one for one in findings(study, {"sand": cases}, table) if one.verdict != OPEN]
+    judged = [
+        finding for finding in findings(study, {"sand": cases}, table) if finding.verdict != OPEN
+    ]
     pds = table.loc[table["detector"] == f"rank {study.detector.rank}", "pd"]
     return [
-        *found,
+        *judged,
         measured(
             "Pd of the deflection detector",
             "not stated for such a soil",

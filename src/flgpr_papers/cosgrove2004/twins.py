@@ -1,4 +1,4 @@
-"""The figures of Cosgrove et al. 2004 as our lanes give them, with the paper's numbers beside ours."""
+"""The figures of Cosgrove et al. 2004 from our lanes, with the paper's numbers."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ _TITLES = {
     "6": ("The first six eigenvectors", "First seed, dry sand; magnitudes, the whitening undone."),
     "7": (
         "ROC at 15 m",
-        "Bold: first seed, ending at its lowest non-zero P_FA; dotted: mean over the seeds; shaded: their 10 to 90 %.",
+        "Bold: first seed, ending at its lowest non-zero P_FA; dotted: mean over the seeds; "
+        "shaded: their 10 to 90 %.",
     ),
 }
 
@@ -46,13 +47,13 @@ def paper_twins(
     found: Mapping[str, Sequence[Finding]],
     pictures: Mapping[str, bytes],
 ) -> Iterator[Twin]:
-    """Give Fig. 1 to 7, those of detectors and imaged mines for either world."""
+    """Yield Fig. 1 to 7, those of detectors and imaged mines for either world."""
     for number, (title, caption) in _TITLES.items():
-        for world, words in BESIDE.items():
+        for world, lane_words in BESIDE.items():
             rows = _numbers(number, recipe, cases[world], tables[world], found[world])
             picture = pictures.get(f"figure-{number}-{world}")
             if picture is not None:
-                yield Twin(f"Fig. {number}", f"{title}, {words}", picture, caption, rows)
+                yield Twin(f"Fig. {number}", f"{title}, {lane_words}", picture, caption, rows)
             elif world == "open":
                 yield Twin(f"Fig. {number}", title, pictures[f"figure-{number}"], caption, rows)
 
@@ -60,12 +61,12 @@ def paper_twins(
 def own_twins(
     responses: Mapping[str, PointResponse], pictures: Mapping[str, bytes]
 ) -> Iterator[Twin]:
-    """Give the figures that the paper does not have."""
+    """Yield the figures that the paper does not have."""
     caption = "Half-power widths of an ideal point on the ground at 15 m (Sec. III-A)."
     yield Twin("", "Resolution", pictures["resolution"], caption, _resolution_rows(responses))
-    for world, words in BESIDE.items():
+    for world, title in BESIDE.items():
         caption = "All seeds pooled, thresholds lane by lane."
-        yield Twin("", f"Pd over depth, {words}", pictures[f"depth-{world}"], caption)
+        yield Twin("", f"Pd over depth, {title}", pictures[f"depth-{world}"], caption)
 
 
 def _numbers(
@@ -96,13 +97,14 @@ def _numbers(
         "4": ("The double hump is evident", "A mine is better correlated"),
     }[number]
     return [
-        (f"{one.claim}: {one.quantity}", one.paper, one.ours)
-        for one in found
-        if one.claim.startswith(claims)
+        (f"{finding.claim}: {finding.quantity}", finding.paper, finding.ours)
+        for finding in found
+        if finding.claim.startswith(claims)
     ]
 
 
 def _geometry_rows(recipe: StudyRecipe) -> Rows:
+    """Tabulate the geometry of the paper and ours."""
     sensor = study_sensor(recipe)
     tx, _ = sensor.pairs()
     tones = sensor.tones.axis()
@@ -151,6 +153,7 @@ def _pd_rows(recipe: StudyRecipe, table: pd.DataFrame) -> Rows:
 
 
 def _resolution_rows(responses: Mapping[str, PointResponse]) -> Rows:
+    """Tabulate the resolution of the paper and ours."""
     rows = []
     for axis, (name, paper) in enumerate(
         (("down-range", "about 10 cm"), ("cross-range", "about 40 cm"))

@@ -43,11 +43,13 @@ class Site:
     """Both drives at a site, one behind the other in one strip."""
 
     name: str
-    #: (polarization, range, y, x) images; the phase of the way to the pixel at the middle of the band is taken out
+    #: (polarization, range, y, x) images; the phase of the way to the pixel at the middle of the
+    #: band is taken out
     wave: NDArray[np.complex64]
     image: NDArray[np.float32]  #: (polarization, range, y, x) their magnitudes
     grid: Grid  #: pixels of the strip
-    #: one row per mine and drive: x, y in the strip, kind, depth, target (the same for both drives), subset
+    #: one row per mine and drive: x, y in the strip, kind, depth, target (the same for both
+    #: drives), subset
     mines: pd.DataFrame
     lanes: tuple[Lane, ...]  #: the lane in both drives
     registration: dict[
@@ -73,26 +75,35 @@ class Site:
 
 
 def join(settings: Settings, drives: Sequence[Pass]) -> Site:
-    """Put the drives of a site into one strip and choose the subset for templates and thresholds."""
+    """Join the drives of a site into one strip and choose the subset.
+
+    The subset is for templates and thresholds.
+    """
     first = drives[0].grid
     grid = Grid(first.x_min, first.y_min, first.nx, first.ny * len(drives), first.dx, first.dy)
     mines = []
     lanes = []
     registration = {}
-    for k, one in enumerate(drives):
+    for k, drive in enumerate(drives):
         offset = k * first.ny * first.dy
-        for p, r in np.ndindex(*one.image.shape[:2]):
+        for p, r in np.ndindex(*drive.image.shape[:2]):
             # Focused on the ground, what stands higher appears nearer by height·H/distance.
-            known = np.array(one.fiducials[["x", "y"]], dtype=np.float64)
-            known[:, 1] -= one.fiducials["height"].to_numpy() * ANTENNA_HEIGHT / settings.ranges[r]
-            name = f"{one.direction} {POLARIZATIONS[p]} {settings.ranges[r]:g} m"
-            registration[name] = register_fiducials(np.abs(one.image[p, r]), one.grid, known)
+            known = np.array(drive.fiducials[["x", "y"]], dtype=np.float64)
+            known[:, 1] -= (
+                drive.fiducials["height"].to_numpy() * ANTENNA_HEIGHT / settings.ranges[r]
+            )
+            name = f"{drive.direction} {POLARIZATIONS[p]} {settings.ranges[r]:g} m"
+            registration[name] = register_fiducials(np.abs(drive.image[p, r]), drive.grid, known)
         shift = np.median(
-            [found.shift for key, found in registration.items() if key.startswith(one.direction)],
+            [
+                registered.shift
+                for key, registered in registration.items()
+                if key.startswith(drive.direction)
+            ],
             axis=0,
         )
-        table = one.truth[["x", "y", "kind", "depth"]].assign(
-            target=one.truth["target_id"], direction=one.direction
+        table = drive.truth[["x", "y", "kind", "depth"]].assign(
+            target=drive.truth["target_id"], direction=drive.direction
         )
         table["x"] += shift[0]
         table["y"] += shift[1] + offset
@@ -103,7 +114,7 @@ def join(settings: Settings, drives: Sequence[Pass]) -> Site:
     rng = np.random.default_rng(settings.seed + settings.sites.index(drives[0].site))
     chosen = rng.choice(names, max(round(settings.features.share * len(names)), 4), replace=False)
     table["subset"] = table["target"].isin(chosen)
-    wave = np.concatenate([one.image for one in drives], axis=2)
+    wave = np.concatenate([drive.image for drive in drives], axis=2)
     return Site(drives[0].site, wave, np.abs(wave), grid, table, tuple(lanes), registration)
 
 
@@ -136,21 +147,23 @@ VARIANTS = {
 
 
 def make_templates(settings: Settings, site: Site, variant: Variant = MAIN) -> NDArray[Any]:
-    """Make templates from the subset's signatures, shape (polarization, range, y, x) or (..., component, y, x).
+    """Compute templates from the subset's signatures.
 
-    Complex signatures have any phase, as mines do not lie where they are surveyed to a part of a wavelength: they are
-    turned to one phase before they are averaged.
+    Their shape is (polarization, range, y, x) or (..., component, y, x).
+
+    Complex signatures have any phase, as mines do not lie where they are surveyed to a part of a
+    wavelength: they are turned to one phase before they are averaged.
     """
     if variant == MAIN:
         return templates_of([_training(site)], TemplateSettings(**_sizes(settings)))
     chips = signatures(settings, site, True, variant.magnitude)[0]
     channels = []
     for p, r in np.ndindex(*chips.shape[1:3]):
-        one = chips[:, p, r]
+        images = chips[:, p, r]
         channels.append(
-            principal_templates(one, variant.components)[0]
+            principal_templates(images, variant.components)[0]
             if variant.components
-            else mean_template(align_phases(one))
+            else mean_template(align_phases(images))
         )
     return np.stack(channels).reshape(*chips.shape[1:3], *channels[0].shape)
 
@@ -158,7 +171,10 @@ def make_templates(settings: Settings, site: Site, variant: Variant = MAIN) -> N
 def open_examples(
     settings: Settings, site: Site, templates: NDArray[Any], magnitude: bool = True
 ) -> tuple[pd.DataFrame, FloatArray]:
-    """Examples without prescreener: every mine outside the subset, and the tiles of the lane that hold none."""
+    """Examples without prescreener.
+
+    Every mine outside the subset, and the tiles of the lane that hold none.
+    """
     features = settings.features
     mines = site.mines[~site.mines["subset"]]
     tiles = [
@@ -178,6 +194,7 @@ def _with_features(
     table: pd.DataFrame,
     magnitude: bool = True,
 ) -> tuple[pd.DataFrame, FloatArray]:
+    """Return examples with their correlations with the templates."""
     table = table.assign(site=site.name).drop(columns=["clutter", "subset"], errors="ignore")
     table["target"] = table["target"].fillna("") if "target" in table else ""
     image = site.image if magnitude else site.wave
@@ -188,18 +205,27 @@ def _with_features(
 def learn_screen(
     settings: Settings, site: Site, kinds: tuple[str, ...] = ("metal",)
 ) -> ClusterScreen:
-    """Train the recipe's prescreeners on the subset's mines of some kinds, or all of it if there is none of them."""
+    """Train the recipe's prescreeners on the subset's mines of some kinds.
+
+    If there is none of them, all of the subset is used.
+    """
     table = ClusterSettings(
-        **_sizes(settings), radius=settings.prescreen.radius, pass_share=settings.prescreen.pass_share,
-        reach=settings.prescreen.halo, kinds=kinds,
-    )  # fmt: skip
+        **_sizes(settings),
+        radius=settings.prescreen.radius,
+        pass_share=settings.prescreen.pass_share,
+        reach=settings.prescreen.halo,
+        kinds=kinds,
+    )
     return ClusterScreen(table, None, ClusterScreen.fit(table, [_training(site)])[0])  # type: ignore[arg-type]
 
 
 def screened_regions(
     site: Site, screen: ClusterScreen, polarizations: Sequence[str], rule: Rule = "and-or"
 ) -> pd.DataFrame:
-    """Regions in the lane that pass in all ranges of a polarization (par. 44), by "and" in all images (par. 18)."""
+    """Return the regions in the lane that pass in all ranges of a polarization (par. 44).
+
+    The images are joined by "and" (par. 18).
+    """
     table = screen.settings.model_copy(update={"polarizations": tuple(polarizations), "rule": rule})
     regions = ClusterScreen(table, screen.setup, screen.learnt).alarms(site.view)
     inside = np.zeros(len(regions), np.bool_)
@@ -211,7 +237,9 @@ def screened_regions(
 def clutter_past_prescreeners(
     site: Site, screen: ClusterScreen, halo: float
 ) -> tuple[int, int, int]:
-    """Count the clusters of clutter, over all images, that pass the first prescreener, the second too, and all three.
+    """Count the clusters of clutter, over all images, that pass the prescreeners.
+
+    They are those that pass the first, the second too, and all three.
 
     Clutter is what lies in the lane and further than ``halo`` (m) from every mine.
     """
@@ -248,7 +276,10 @@ def _sizes(settings: Settings) -> dict[str, Any]:
 def screened_examples(
     settings: Settings, site: Site, templates: NDArray[Any], regions: pd.DataFrame
 ) -> tuple[pd.DataFrame, FloatArray]:
-    """Label regions by the mines within the halo; further regions of one mine, and those of the subset, are dropped."""
+    """Label regions by the mines within the halo.
+
+    Further regions of one mine, and those of the subset, are dropped.
+    """
     mines = site.mines.reset_index(drop=True)
     places = mines[["x", "y"]].to_numpy(dtype=np.float64)
     distance = np.linalg.norm(

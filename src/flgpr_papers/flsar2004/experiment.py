@@ -80,7 +80,10 @@ FEWEST_EXAMPLES = 6
 SURFACE = -0.05
 """Depth above which a mine lies on the surface, m."""
 FIG5_FAR = 0.04
-"""False alarms per m² at which the curves of Fig. 5 are compared: the lower end of what the paper names (par. 50)."""
+"""False alarms per m² at which the curves of Fig. 5 are compared.
+
+It is the lower end of what the paper names (par. 50).
+"""
 _STATEMENTS = tomllib.loads(packaged_text("flsar2004", "statements"))
 
 
@@ -91,7 +94,8 @@ class Results:
     curves: dict[str, dict[str, pd.DataFrame]] = field(
         default_factory=dict
     )  #: ROC by figure and label
-    #: areas, partial: areas under whole ROCs, and up to 0.07 false alarms per m² over that, with their intervals
+    #: areas, partial: areas under whole ROCs, and up to 0.07 false alarms per m² over that, with
+    #: their intervals
     areas: dict[str, Interval] = field(default_factory=dict)
     partial: dict[str, Interval] = field(default_factory=dict)
     chance: dict[str, float] = field(
@@ -102,34 +106,36 @@ class Results:
 
     def judge(self, statement: str, interval: Interval, **words: Any) -> None:
         """Judge a statement of ``statements.toml`` by the interval of its number."""
-        one = _STATEMENTS[statement]
-        rule = tuple(one["rule"]) if "rule" in one else None
-        bounds = {"share": SHARE, "difference": SHARE_DIFFERENCE}.get(one.get("is", ""))
-        claim = one["claim"].format(**words)
+        declared = _STATEMENTS[statement]
+        rule = tuple(declared["rule"]) if "rule" in declared else None
+        bounds = {"share": SHARE, "difference": SHARE_DIFFERENCE}.get(declared.get("is", ""))
+        claim = declared["claim"].format(**words)
         self.findings.append(
-            measured(claim, one["paper"], one["quantity"], interval, rule, bounds=bounds)
+            measured(claim, declared["paper"], declared["quantity"], interval, rule, bounds=bounds)
         )
 
     def judge_all(self, statement: str, intervals: dict[str, Interval], **words: Any) -> None:
-        """Judge a statement that must not depend on a choice of ours, by the interval of every choice.
+        """Judge a statement that must not depend on a choice of ours.
+
+        It is judged by the interval of every choice.
 
         Where the choices are not of one verdict, it cannot be said.
         """
-        one = _STATEMENTS[statement]
-        rule: tuple[float, float] = (one["rule"][0], one["rule"][1])
-        bounds = SHARE if one["is"] == "share" else SHARE_DIFFERENCE
+        declared = _STATEMENTS[statement]
+        rule: tuple[float, float] = (declared["rule"][0], declared["rule"][1])
+        bounds = SHARE if declared["is"] == "share" else SHARE_DIFFERENCE
         cut = {name: clip(interval, bounds) for name, interval in intervals.items()}
         verdicts = {judge(low, high, rule) for _, low, high in cut.values()}
         verdict = verdicts.pop() if len(verdicts) == 1 else UNDECIDED
-        named = "; ".join(f"{name}: {in_words(*interval)}" for name, interval in cut.items())
+        text = "; ".join(f"{name}: {in_words(*interval)}" for name, interval in cut.items())
         self.findings.append(
             Finding(
-                claim=one["claim"].format(**words),
-                paper=one["paper"],
-                ours=named,
+                claim=declared["claim"].format(**words),
+                paper=declared["paper"],
+                ours=text,
                 verdict=verdict,
                 note="every formulation must give the same verdict",
-                quantity=one["quantity"],
+                quantity=declared["quantity"],
                 interval=next(iter(cut.values())),
                 rule=rule,
                 parts=tuple(value for value, _, _ in cut.values()),
@@ -169,43 +175,52 @@ def prepare(settings: Settings, sites: list[Site]) -> Material:
     templates = [make_templates(settings, site) for site in sites]
     pairs = zip(sites, templates, strict=True)
     return Material(
-        settings, sites, templates, [open_examples(settings, site, one) for site, one in pairs]
+        settings,
+        sites,
+        templates,
+        [open_examples(settings, site, site_examples) for site, site_examples in pairs],
     )
 
 
 def sizes(material: Material) -> Results:
     """Count the examples and tell how well the fiducials register the images."""
     results = Results()
-    results.notes["examples"] = {
-        site.name: {kind: int(count) for kind, count in table["kind"].value_counts().items()}
-        for site, (table, _) in zip(material.sites, material.examples, strict=True)
-    }
-    results.notes["registration"] = {
-        site.name: {
-            name: {"shift": list(found.shift), "residual": found.residual, "fiducials": found.used}
-            for name, found in site.registration.items()
-        }
-        for site in material.sites
-    }
+    counts = {}
+    registration: dict[str, Any] = {}
+    for site, (table, _) in zip(material.sites, material.examples, strict=True):
+        kinds = table["kind"].value_counts()
+        counts[site.name] = {kind: int(count) for kind, count in kinds.items()}
+        registration[site.name] = {}
+        for name, registered in site.registration.items():
+            registration[site.name][name] = {
+                "shift": list(registered.shift),
+                "residual": registered.residual,
+                "fiducials": registered.used,
+            }
+    results.notes["examples"] = counts
+    results.notes["registration"] = registration
     return results
 
 
-def _pick(
+def pick_examples(
     examples: Examples,
     kinds: tuple[str, ...],
     depth: tuple[float, float] = (-1.0, 1.0),
     columns: str = "both",
 ) -> Examples:
-    """Examples of some kinds of mines between two depths, and all clutter; features of one or both polarizations."""
+    """Examples of some kinds of mines between two depths, and all clutter.
+
+    Features of one or both polarizations.
+    """
     table, X = examples
-    mine = table["kind"].isin(kinds) & table["depth"].between(*depth)
-    rows = np.flatnonzero(mine | (table["kind"] == "clutter"))
+    is_mine = table["kind"].isin(kinds) & table["depth"].between(*depth)
+    rows = np.flatnonzero(is_mine | (table["kind"] == "clutter"))
     half = X.shape[1] // 2
-    parts = {"both": slice(None), "HH": slice(0, half), "VV": slice(half, None)}
-    return table.iloc[rows].reset_index(drop=True), X[rows][:, parts[columns]]
+    halves = {"both": slice(None), "HH": slice(0, half), "VV": slice(half, None)}
+    return table.iloc[rows].reset_index(drop=True), X[rows][:, halves[columns]]
 
 
-def _open_area(examples: Examples, settings: Settings) -> float:
+def open_area(examples: Examples, settings: Settings) -> float:
     """Area of the clutter tiles, m²: what was searched beside the mines."""
     count = int((examples[0]["kind"] == "clutter").sum())
     return count * settings.features.region[0] * settings.features.region[1]
@@ -232,6 +247,7 @@ def templates(material: Material) -> Results:
 
 
 def _first_share(settings: Settings, site: Site, magnitude: bool) -> float:
+    """Return the mean share of energy in the first principal component."""
     chips = signatures(settings, site, False, magnitude)[0]
     return float(
         np.mean(
@@ -241,7 +257,10 @@ def _first_share(settings: Settings, site: Site, magnitude: bool) -> float:
 
 
 def screened(material: Material) -> Results:
-    """Fig. 5: metal mines flush and at 5 cm, with prescreeners; what the second one adds; what becomes of plastic."""
+    """Fig. 5: metal mines flush and at 5 cm, with prescreeners; what the second one adds.
+
+    What becomes of plastic.
+    """
     settings = material.settings
     sites = material.sites
     results = Results()
@@ -258,21 +277,21 @@ def screened(material: Material) -> Results:
             examples = screened_examples(settings, site, template, regions)
             if label == "both":
                 passed[site.name] = (examples[0], _offered(site))
-            chosen = _pick(examples, ("metal",), (SURFACE, SHALLOW), label)
-            mine = chosen[0]["kind"] == "metal"
-            mines = int(mine.sum())
-            clutter = int((~mine).sum())
+            chosen = pick_examples(examples, ("metal",), (SURFACE, SHALLOW), label)
+            is_metal = chosen[0]["kind"] == "metal"
+            mines = int(is_metal.sum())
+            clutter = int((~is_metal).sum())
             if min(mines, clutter) < FEWEST_EXAMPLES:
                 results.notes[f"fig5 {site.name} {label}"] = (
                     f"{mines} of {len(offered)} looks at mines and {clutter} clutter regions pass;"
                     f" a classifier needs {FEWEST_EXAMPLES} of each"
                 )
                 continue
-            seen = leave_one_out(*chosen, rvm(options), options.folds)
-            figure[label] = roc(seen, site.area, len(offered))
-            scores[label] = with_lost(seen, chosen[0][mine], offered)
+            held_out_scores = leave_one_out(*chosen, rvm(options), options.folds)
+            figure[label] = roc(held_out_scores, site.area, len(offered))
+            scores[label] = with_lost(held_out_scores, chosen[0][is_metal], offered)
             if label == "both":
-                peaks.append((int(mine.sum()), len(offered)))
+                peaks.append((int(is_metal.sum()), len(offered)))
         results.curves[f"fig5 {site.name}"] = figure
         if len(scores) == len(POLARIZATIONS) + 1:
             measure = Measure(site.area, FIG5_FAR, at=True)
@@ -300,7 +319,7 @@ def screened(material: Material) -> Results:
 
 
 def _offered_looks(site: Site, kinds: tuple[str, ...], depth: tuple[float, float]) -> pd.DataFrame:
-    """Give the mines outside the subset of some kinds between two depths, a row per drive."""
+    """Return the mines outside the subset of some kinds between two depths, a row per drive."""
     mines = site.mines[~site.mines["subset"]]
     return mines[mines["kind"].isin(kinds) & mines["depth"].between(*depth)].reset_index(drop=True)
 
@@ -328,7 +347,10 @@ def signature_strength(material: Material) -> Results:
 
 
 def other_screens(material: Material) -> Results:
-    """Note what other prescreening would do: thresholds learnt on plastic mines too, "and" over all six images."""
+    """Note what other prescreening would do.
+
+    Thresholds learnt on plastic mines too, "and" over all six images.
+    """
     settings = material.settings
     site = material.sites[0]
     template = material.templates[0]
@@ -360,11 +382,14 @@ def _offered(site: Site) -> Any:
 
 
 def sparsity(material: Material) -> Results:
-    """Fig. 6: metal mines down to 5 cm, VV, temperate, no prescreener; RVM against SVM, RBF against polynomials."""
+    """Fig. 6: metal mines down to 5 cm, VV, temperate, no prescreener.
+
+    RVM against SVM, RBF against polynomials.
+    """
     settings = material.settings
     results = Results()
-    chosen = _pick(material.examples[1], ("metal",), (-1.0, SHALLOW), "VV")
-    searched = _open_area(chosen, settings)
+    chosen = pick_examples(material.examples[1], ("metal",), (-1.0, SHALLOW), "VV")
+    searched = open_area(chosen, settings)
     options = settings.classify
     count = settings.classify.bootstrap
     machines: dict[str, Classifier] = {
@@ -381,22 +406,26 @@ def sparsity(material: Material) -> Results:
     }
     of_the_paper = ("RVM", "SVM", "sum of the correlations")
     results.curves["fig6"] = {label: roc(scores[label], searched) for label in of_the_paper}
-    results.curves["machines"] = {label: roc(one, searched) for label, one in scores.items()}
-    for label, one in scores.items():
-        results.tell_areas(f"fig6 {label}", one, searched, count)
-    few = _thin(chosen, options.examples, settings.seed)
+    results.curves["machines"] = {
+        label: roc(machine_scores, searched) for label, machine_scores in scores.items()
+    }
+    for label, machine_scores in scores.items():
+        results.tell_areas(f"fig6 {label}", machine_scores, searched, count)
+    few = thin_examples(chosen, options.examples, settings.seed)
     compared = {name: machine for name, machine in machines.items() if "polynomial" not in name}
     del compared["sum of the correlations"]
     loo = {name: leave_one_out(*few, machine, options.folds) for name, machine in compared.items()}
     results.curves["fig6 as many examples"] = {
-        label: roc(loo[label], _open_area(few, settings)) for label in ("RVM", "SVM")
+        label: roc(loo[label], open_area(few, settings)) for label in ("RVM", "SVM")
     }
     results.notes["vectors, leave-one-out"] = {
         "examples": len(few[0]),
         "mines": int((few[0]["kind"] != "clutter").sum()),
-        **{label: float(one.kept.mean()) for label, one in loo.items()},
+        **{label: float(machine_scores.kept.mean()) for label, machine_scores in loo.items()},
     }
-    results.notes["vectors by fold"] = {label: one.kept.tolist() for label, one in loo.items()}
+    results.notes["vectors by fold"] = {
+        label: machine_scores.kept.tolist() for label, machine_scores in loo.items()
+    }
     own = "RVM, ARD, width by evidence"
     measure = Measure(searched)
     results.judge("machines", difference(scores["RVM"], scores["SVM"], measure, count))
@@ -409,42 +438,47 @@ def sparsity(material: Material) -> Results:
     return results
 
 
-def _thin(examples: Examples, most: tuple[int, int], seed: int) -> Examples:
+def thin_examples(examples: Examples, most: tuple[int, int], seed: int) -> Examples:
     """Draw as many mines and clutter examples as the paper had, or as there are."""
     table, X = examples
     rng = np.random.default_rng(seed)
-    mine = np.flatnonzero(table["kind"] != "clutter")
+    mine_rows = np.flatnonzero(table["kind"] != "clutter")
     clutter = np.flatnonzero(table["kind"] == "clutter")
-    wanted = min(most[0], len(mine)), min(most[1], len(clutter))
+    counts = min(most[0], len(mine_rows)), min(most[1], len(clutter))
     rows = np.sort(
-        np.concatenate([rng.choice(mine, wanted[0], False), rng.choice(clutter, wanted[1], False)])
+        np.concatenate(
+            [rng.choice(mine_rows, counts[0], False), rng.choice(clutter, counts[1], False)]
+        )
     )
     return table.iloc[rows].reset_index(drop=True), X[rows]
 
 
 def unscreened(material: Material) -> Results:
-    """Fig. 7 to 9: metal and plastic without prescreener, by depth, and by novelty detectors; both polarizations."""
+    """Fig. 7 to 9: metal and plastic without prescreener, by depth, and by novelty detectors.
+
+    Both polarizations.
+    """
     settings = material.settings
     examples = material.examples[1]
     results = Results()
     options = settings.classify
     count = settings.classify.bootstrap
     binary: dict[str, HeldOut] = {}
-    searched = _open_area(examples, settings)
+    searched = open_area(examples, settings)
     measure = Measure(searched)
     for kind in ("metal", "plastic"):
-        chosen = _pick(examples, (kind,))
+        chosen = pick_examples(examples, (kind,))
         binary[kind] = leave_one_out(*chosen, rvm(options), options.folds)
-        plain = leave_one_out(*chosen, sum_of_correlations, options.folds)
+        baseline = leave_one_out(*chosen, sum_of_correlations, options.folds)
         novel = {
             name: leave_one_out(*chosen, one_class(options, name), options.folds, novelty=True)
             for name in NOVELTY_RIVALS
         }
         results.curves.setdefault("fig7", {})[kind] = roc(binary[kind], searched)
-        results.curves["fig7"][f"{kind}, sum of the correlations"] = roc(plain, searched)
+        results.curves["fig7"][f"{kind}, sum of the correlations"] = roc(baseline, searched)
         results.curves.setdefault("fig9", {})[kind] = roc(novel[NOVELTY_RIVALS[0]], searched)
         results.tell_areas(f"fig7 {kind}", binary[kind], searched, count)
-        results.tell_areas(f"fig7 {kind}, sum of the correlations", plain, searched, count)
+        results.tell_areas(f"fig7 {kind}, sum of the correlations", baseline, searched, count)
         by_mine = held_out(*chosen, rvm(options), options.folds)
         results.tell_areas(
             f"fig7 {kind}, both looks at a mine held out together", by_mine, searched, count
@@ -452,18 +486,18 @@ def unscreened(material: Material) -> Results:
         again = retrained(*chosen, rvm(options), options.folds, max(count // 80, 4))
         retrained_name = f"fig7 {kind}, both looks held out, trained anew in every draw"
         results.areas[retrained_name] = spread(auc(by_mine), again, bounds=SHARE)
-        for name, one in novel.items():
-            results.tell_areas(f"fig9 {kind}, one-class {name}", one, searched, count)
+        for name, scores in novel.items():
+            results.tell_areas(f"fig9 {kind}, one-class {name}", scores, searched, count)
         gaps = {
-            name: difference(binary[kind], one, measure, count)
-            for name, one in novel.items()
+            name: difference(binary[kind], scores, measure, count)
+            for name, scores in novel.items()
             if "rvm" in name
         }
         results.judge_all("novelty", gaps, kind=kind)
-        results.judge("plain-sum", difference(binary[kind], plain, measure, count), kind=kind)
+        results.judge("plain-sum", difference(binary[kind], baseline, measure, count), kind=kind)
     results.judge("plastic", measure.interval(binary["plastic"], count))
     results.judge("comparable", difference(binary["metal"], binary["plastic"], measure, count))
-    _depths(searched, _pick(examples, ("plastic",)), binary["plastic"], results)
+    _depths(searched, pick_examples(examples, ("plastic",)), binary["plastic"], results)
     return results
 
 
@@ -481,10 +515,10 @@ def _depths(searched: float, chosen: Examples, scores: HeldOut, results: Results
     for label, rows in sets.items():
         if not rows.any():
             continue
-        part = HeldOut(
+        subset = HeldOut(
             scores.mine[rows], scores.clutter, scores.target[rows], scores.tile, scores.kept
         )
-        results.curves.setdefault("fig8", {})[label] = roc(part, searched)
+        results.curves.setdefault("fig8", {})[label] = roc(subset, searched)
     for far in (0.04, 0.07):
         shallow, deep = (
             pd_count(scores, searched, far, rows) for rows in (depth <= SHALLOW, depth > SHALLOW)
@@ -500,34 +534,35 @@ def between_sites(material: Material) -> Results:
     options = settings.classify
     count = settings.classify.bootstrap
     for first, second in ((0, 1), (1, 0)):
-        way = f"{sites[first].name} to {sites[second].name}"
+        direction = f"{sites[first].name} to {sites[second].name}"
         claimed = first == 0  # the paper trains at the arid site and speaks of no other way
-        seen = open_examples(settings, sites[second], material.templates[first])
-        searched = _open_area(seen, settings)
+        seen_examples = open_examples(settings, sites[second], material.templates[first])
+        searched = open_area(seen_examples, settings)
         measure = Measure(searched)
         novel: dict[str, dict[str, HeldOut]] = {}
         for kind in ("metal", "plastic"):
             train, test = (
-                _pick(one, (kind,), (SURFACE, 1.0)) for one in (material.examples[first], seen)
+                pick_examples(examples, (kind,), (SURFACE, 1.0))
+                for examples in (material.examples[first], seen_examples)
             )
             novel[kind] = {
                 name: across(train, test, one_class(options, name)) for name in NOVELTY_RIVALS
             }
             binary = across(train, test, rvm(options))
-            plain = across(train, test, sum_of_correlations)
-            figure = results.curves.setdefault(f"fig10 {way}", {})
-            one = novel[kind][NOVELTY_RIVALS[0]]
+            baseline = across(train, test, sum_of_correlations)
+            figure = results.curves.setdefault(f"fig10 {direction}", {})
+            examples = novel[kind][NOVELTY_RIVALS[0]]
             figure |= {
-                f"{kind}, one-class": roc(one, searched),
+                f"{kind}, one-class": roc(examples, searched),
                 f"{kind}, binary": roc(binary, searched),
             }
             for name, scores in {
                 **{f"one-class {n}": s for n, s in novel[kind].items()},
                 "binary": binary,
             }.items():
-                results.tell_areas(f"fig10 {way}, {kind}, {name}", scores, searched, count)
+                results.tell_areas(f"fig10 {direction}, {kind}, {name}", scores, searched, count)
             results.tell_areas(
-                f"fig10 {way}, {kind}, sum of the correlations", plain, searched, count
+                f"fig10 {direction}, {kind}, sum of the correlations", baseline, searched, count
             )
             if claimed:
                 gaps = {
@@ -538,44 +573,49 @@ def between_sites(material: Material) -> Results:
                 results.judge_all("carries-binary", gaps, kind=kind)
         machines = [name for name in NOVELTY_RIVALS if "rvm" in name]
         for kind in ("metal", "plastic"):
-            parts = {name: measure.interval(novel[kind][name], count) for name in machines}
+            intervals = {name: measure.interval(novel[kind][name], count) for name in machines}
             if claimed:
-                results.judge_all("carries", parts, kind=kind, way=way)
+                results.judge_all("carries", intervals, kind=kind, way=direction)
             else:
-                results.judge("carries-back", parts[machines[0]], kind=kind, way=way)
+                results.judge("carries-back", intervals[machines[0]], kind=kind, way=direction)
         if claimed:
             gaps = {
                 name: difference(novel["metal"][name], novel["plastic"][name], measure, count)
                 for name in machines
             }
-            results.judge_all("carries-metal", gaps, way=way)
+            results.judge_all("carries-metal", gaps, way=direction)
     return results
 
 
 def variants(material: Material) -> Results:
-    """Try other templates and complex correlation, without prescreener; both polarizations, binary RVM, all depths."""
+    """Try other templates and complex correlation, without prescreener.
+
+    Both polarizations, binary RVM, all depths.
+    """
     settings = material.settings
     results = Results()
     options = settings.classify
     count = settings.classify.bootstrap
-    told: dict[str, Any] = {}
+    summary: dict[str, Any] = {}
     for site in material.sites:
         for kind in ("metal", "plastic"):
             scores: dict[str, HeldOut] = {}
             for name, variant in VARIANTS.items():
-                made = make_templates(settings, site, variant)
-                chosen = _pick(open_examples(settings, site, made, variant.magnitude), (kind,))
+                variant_templates = make_templates(settings, site, variant)
+                chosen = pick_examples(
+                    open_examples(settings, site, variant_templates, variant.magnitude), (kind,)
+                )
                 scores[name] = held_out(*chosen, rvm(options), options.folds)
             main = next(name for name, variant in VARIANTS.items() if variant == MAIN)
-            measure = Measure(_open_area(chosen, settings))
-            told[f"{site.name}, {kind}"] = {
+            measure = Measure(open_area(chosen, settings))
+            summary[f"{site.name}, {kind}"] = {
                 name: {
-                    "area": measure.interval(one, count),
-                    "less the main one": difference(one, scores[main], measure, count),
+                    "area": measure.interval(variant_scores, count),
+                    "less the main one": difference(variant_scores, scores[main], measure, count),
                 }
-                for name, one in scores.items()
+                for name, variant_scores in scores.items()
             }
-    results.notes["templates"] = told
+    results.notes["templates"] = summary
     return results
 
 

@@ -28,7 +28,10 @@ TITLES: dict[str, str] = tomllib.loads(packaged_text("flsar2004", "figures"))
 def draw(
     settings: Settings, sites: list[Site], curves: Curves, notes: dict[str, Any]
 ) -> Iterator[tuple[str, Figure]]:
-    """Draw the figures with their names, one at a time: those of the paper in its order, then our own."""
+    """Draw the figures with their names, one at a time.
+
+    Those of the paper in its order, then our own.
+    """
     with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         yield "fig1", _lane(settings, sites[0])
         yield "fig2", _ellipse(settings, sites[0])
@@ -52,9 +55,14 @@ def _lane(settings: Settings, site: Site) -> Figure:
         image = 20 * np.log10(np.maximum(site.image[p, 0][rows], 1e-6))
         image -= np.median(image)
         axes.imshow(
-            image.T, origin="lower", extent=(0, end, site.grid.x[0], site.grid.x[-1]), vmin=-5, vmax=25, cmap="viridis",
+            image.T,
+            origin="lower",
+            extent=(0, end, site.grid.x[0], site.grid.x[-1]),
+            vmin=-5,
+            vmax=25,
+            cmap="viridis",
             aspect="equal",
-        )  # fmt: skip
+        )
         near = site.mines[site.mines["y"].between(0, end)]
         for x, y, kind, depth in near[["x", "y", "kind", "depth"]].to_numpy():
             axes.plot(y, x, "o", mfc="none", mec="white", ms=11)
@@ -78,9 +86,11 @@ def _lane(settings: Settings, site: Site) -> Figure:
 
 
 def _ellipse(settings: Settings, site: Site) -> Figure:
-    """Fig. 2: energy inside the ellipse against energy in the rest of the rectangle, as the prescreener takes them.
+    """Draw Fig. 2: energy inside the ellipse and in the rest of the rectangle.
 
-    The origin is the cluster's brightest pixel; the rectangle is twice as long and wide as the ellipse.
+    Energy inside the ellipse is compared with energy in the rest of the rectangle, as the
+    prescreener takes them. The origin is the cluster's brightest pixel; the rectangle is twice as
+    long and wide as the ellipse.
     """
     ellipse = fit_ellipse(make_templates(settings, site)[0, 0], settings.spacing)
     figure = Figure(figsize=(5, 4), layout="constrained")
@@ -111,24 +121,31 @@ def _templates(settings: Settings, sites: list[Site]) -> Figure:
     for s, site in enumerate(sites):
         template = make_templates(settings, site)
         for p, r in np.ndindex(*template.shape[:2]):
-            one: NDArray[Any] = template[p, r]
-            place = axes[2 * s + p, r]
-            half = one.shape[0] * settings.spacing[1] / 2, one.shape[1] * settings.spacing[0] / 2
-            place.imshow(
-                one.T, origin="lower", extent=(-half[0], half[0], -half[1], half[1]), cmap="magma"
+            image: NDArray[Any] = template[p, r]
+            axes_of_template = axes[2 * s + p, r]
+            half = (
+                image.shape[0] * settings.spacing[1] / 2,
+                image.shape[1] * settings.spacing[0] / 2,
             )
-            ellipse = fit_ellipse(one, settings.spacing)
+            axes_of_template.imshow(
+                image.T, origin="lower", extent=(-half[0], half[0], -half[1], half[1]), cmap="magma"
+            )
+            ellipse = fit_ellipse(image, settings.spacing)
             angle = np.linspace(0, 2 * np.pi, 100)
             # Where the prescreener puts it: at its offset from the brightest pixel.
-            row, column = np.unravel_index(int(one.argmax()), one.shape)
-            v = (row - one.shape[0] // 2) * settings.spacing[1] + ellipse.offset_y
-            u = (column - one.shape[1] // 2) * settings.spacing[0] + ellipse.offset_x
-            place.plot(
+            row, column = np.unravel_index(int(image.argmax()), image.shape)
+            v = (row - image.shape[0] // 2) * settings.spacing[1] + ellipse.offset_y
+            u = (column - image.shape[1] // 2) * settings.spacing[0] + ellipse.offset_x
+            axes_of_template.plot(
                 v + ellipse.half_y * np.cos(angle), u + ellipse.half_x * np.sin(angle), "w:", lw=1
             )
-            place.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), xticks=(-0.3, 0, 0.3))
-            place.grid(visible=False)
-            place.set_title(f"{site.name} {POLARIZATIONS[p]} {settings.ranges[r]:g} m", fontsize=8)
+            axes_of_template.set(
+                xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), xticks=(-0.3, 0, 0.3)
+            )
+            axes_of_template.grid(visible=False)
+            axes_of_template.set_title(
+                f"{site.name} {POLARIZATIONS[p]} {settings.ranges[r]:g} m", fontsize=8
+            )
     figure.supxlabel("down-track, m")
     figure.supylabel("cross-track, m")
     return figure
@@ -149,7 +166,7 @@ def margin_figure() -> Figure:
     above = distance[label == 1].min()
     sparse = RelevanceVectorClassifier(kernel="linear").fit(points, label)
     u, v = np.meshgrid(np.linspace(-2.6, 2.6, 200), np.linspace(-2.2, 2.4, 200))
-    place = np.column_stack([u.ravel(), v.ravel()])
+    positions = np.column_stack([u.ravel(), v.ravel()])
     figure = Figure(figsize=(6, 4.6), layout="constrained")
     axes = figure.subplots()
     for side, colour, name in ((0, "#b3261e", "l = -1"), (1, "#1f4e8c", "l = +1")):
@@ -165,7 +182,7 @@ def margin_figure() -> Figure:
         ms=13,
         label="relevance vectors",
     )
-    signed = ((place @ weight + bias) / np.linalg.norm(weight)).reshape(u.shape)
+    signed = ((positions @ weight + bias) / np.linalg.norm(weight)).reshape(u.shape)
     axes.contour(
         u,
         v,
@@ -175,7 +192,7 @@ def margin_figure() -> Figure:
         linestyles=["dashed", "solid", "dashed"],
     )
     axes.contour(
-        u, v, sparse.decision_function(place).reshape(u.shape), levels=[0], colors="#2e7d32"
+        u, v, sparse.decision_function(positions).reshape(u.shape), levels=[0], colors="#2e7d32"
     )
     axes.set_title(
         f"D-1 = {below:.2f}, D+1 = {above:.2f}, margin {below + above:.2f}; green: RVM, p = 1/2",
@@ -189,15 +206,21 @@ def margin_figure() -> Figure:
 def _rocs(
     curves: Curves, names: Sequence[str], shape: tuple[int, int], notes: dict[str, Any]
 ) -> Figure:
+    """Draw ROC curves by name, a panel each."""
     size = (11, 10) if shape[0] > 1 else (5.2 * shape[1], 3.8)
     figure = Figure(figsize=size, layout="constrained")
     for axes, name in zip(np.ravel(figure.subplots(*shape, squeeze=False)), names, strict=True):
         for label, curve in curves.get(name, {}).items():
-            beside = (
-                "sum of the correlations" in label or "binary" in label
-            )  # not in the paper's figure
-            axes.step(curve["far"], curve["pd"], where="post", label=label, lw=1.0 if beside else 1.6,
-                      ls="--" if beside else "-")  # fmt: skip
+            # Not in the paper's figure.
+            is_our_addition = "sum of the correlations" in label or "binary" in label
+            axes.step(
+                curve["far"],
+                curve["pd"],
+                where="post",
+                label=label,
+                lw=1.0 if is_our_addition else 1.6,
+                ls="--" if is_our_addition else "-",
+            )
         axes.set(
             title=TITLES[name],
             xlabel="false alarms per m²",
@@ -222,6 +245,7 @@ def _rocs(
 
 
 def _vectors(kept: dict[str, list[float]]) -> Figure:
+    """Draw histograms of the share of examples kept as vectors."""
     figure = Figure(figsize=(5, 3), layout="constrained")
     axes = figure.subplots()
     bins = np.linspace(0, max(max(values) for values in kept.values()) * 1.05, 40)
@@ -233,7 +257,10 @@ def _vectors(kept: dict[str, list[float]]) -> Figure:
 
 
 def kernel_width_figure() -> Figure:
-    """Draw the one-class machine's p(mine) over a plane for several kernel widths and each formulation."""
+    """Draw the one-class machine's p(mine) over a plane.
+
+    There is a panel per kernel width and formulation.
+    """
     rng = np.random.default_rng(0)
     mines = np.concatenate(
         [rng.normal((-1, 0), 0.35, (40, 2)), rng.normal((1, 0.5), 0.35, (40, 2))]
@@ -249,12 +276,12 @@ def kernel_width_figure() -> Figure:
             p = machine.predict_proba(np.column_stack([u.ravel(), v.ravel()]))[:, -1].reshape(
                 u.shape
             )
-            place = axes[row, column]
-            shown = place.pcolormesh(u, v, p, vmin=0, vmax=1, cmap="viridis", rasterized=True)
-            place.plot(*mines.T, "w.", ms=1.5)
-            place.set_title(
+            panel = axes[row, column]
+            shown = panel.pcolormesh(u, v, p, vmin=0, vmax=1, cmap="viridis", rasterized=True)
+            panel.plot(*mines.T, "w.", ms=1.5)
+            panel.set_title(
                 f"{formulation}, γ = {gamma:g}, {len(machine.relevance_)} vectors", fontsize=8
             )
-            place.grid(visible=False)
+            panel.grid(visible=False)
     figure.colorbar(shown, ax=axes, label="p(mine)")
     return figure

@@ -16,15 +16,18 @@ from flgpr_papers.kit.findings import Interval
 
 FloatArray = NDArray[np.float64]
 FAR_LIMIT = 0.07
-"""False alarms per m² up to which areas are taken: the paper compares its ROCs at 0.04 to 0.07 (par. 50)."""
+"""False alarms per m² up to which areas are taken.
+
+The paper compares its ROCs at 0.04 to 0.07 (par. 50).
+"""
 _CHUNK = 50  # bootstrap draws at a time
 
 
 def roc(scores: HeldOut, area: float, n_targets: int | None = None) -> pd.DataFrame:
     """ROC of held-out scores; the false alarms of a novelty detector are divided by its folds."""
     values = np.concatenate([scores.mine, scores.clutter.ravel()])
-    mine = np.repeat([True, False], [scores.mine.size, scores.clutter.size])
-    return example_roc(values, mine, area, n_targets=n_targets, repeats=scores.clutter.shape[1])
+    is_mine = np.repeat([True, False], [scores.mine.size, scores.clutter.size])
+    return example_roc(values, is_mine, area, n_targets=n_targets, repeats=scores.clutter.shape[1])
 
 
 def _wins(scores: HeldOut) -> FloatArray:
@@ -40,7 +43,10 @@ def auc(scores: HeldOut) -> float:
 
 
 def _draws(scores: HeldOut, count: int, seed: int) -> tuple[FloatArray, FloatArray]:
-    """Bootstrap weights of mines (both drives over a mine together) and clutter, shape (count, n)."""
+    """Return bootstrap weights of mines and clutter, shape (count, n).
+
+    Both drives over a mine are drawn together.
+    """
     rng = np.random.default_rng(seed)
     names, code = np.unique(scores.target, return_inverse=True)
     mines = rng.multinomial(len(names), np.full(len(names), 1 / len(names)), count)[:, code]
@@ -62,21 +68,22 @@ class Measure:
 
     area: float  #: searched, m²
     far: float = FAR_LIMIT
-    # : whether Pd at ``far``, else the mean over 0 to ``far``: the partial area over its width
+    #: whether Pd at ``far``, else the mean over 0 to ``far``: the partial area over its width
     at: bool = False
 
     def chance(self, scores: HeldOut) -> float:
-        """Give the value of scores that know nothing of the mines."""
+        """Return the value of scores that know nothing of the mines."""
         most = len(scores.tile) / self.area
         if self.at:
             return min(self.far / most, 1.0)
         return self.far / most / 2 if self.far <= most else 1 - most / self.far / 2
 
     def of(self, scores: HeldOut, mines: FloatArray, tiles: FloatArray) -> FloatArray:
-        """Give the number (draw,) for weights of mines (draw, n) and of clutter examples (draw, m).
+        """Return the number (draw,) for weights of mines (draw, n) and of clutter (draw, m).
 
-        The clutter's outputs are gone through from the strongest; each is a false alarm for its weight, and Pd is the
-        weight of the mines above it. The outputs of a novelty detector's folds share the allowed false alarms.
+        The clutter's outputs are gone through from the strongest; each is a false alarm for its
+        weight, and Pd is the weight of the mines above it. The outputs of a novelty detector's
+        folds share the allowed false alarms.
         """
         repeats = scores.clutter.shape[1]
         allowed = self.far * self.area * repeats
@@ -96,8 +103,8 @@ class Measure:
             if self.at:
                 first = np.argmax(reached > allowed, axis=1)
                 never = reached[:, -1] <= allowed
-                one = pd_above[np.arange(len(first)), first]
-                values[rows] = np.where(never, found_without_limit[rows], one)
+                interpolated = pd_above[np.arange(len(first)), first]
+                values[rows] = np.where(never, found_without_limit[rows], interpolated)
             else:
                 taken = np.diff(np.minimum(reached, allowed), prepend=0.0, axis=1)
                 rest = np.maximum(allowed - reached[:, -1], 0.0)
@@ -107,19 +114,25 @@ class Measure:
         return values
 
     def value(self, scores: HeldOut) -> float:
-        """Give the number of the scores as they are."""
+        """Return the number of the scores as they are."""
         return float(
             self.of(scores, np.ones((1, scores.mine.size)), np.ones((1, len(scores.tile))))[0]
         )
 
     def interval(self, scores: HeldOut, count: int) -> Interval:
-        """Give the number with its bootstrap interval over mines, both looks together, and clutter examples."""
+        """Return the number with its bootstrap interval over mines and clutter examples.
+
+        Both looks at a mine are drawn together.
+        """
         low, high = np.quantile(self.of(scores, *_draws(scores, count, 1)), (0.025, 0.975))
         return self.value(scores), float(low), float(high)
 
 
 def difference(a: HeldOut, b: HeldOut, measure: Measure, count: int) -> Interval:
-    """Give a's number less b's; mines and clutter are drawn together where both scored the same, else apart."""
+    """Return a's number less b's.
+
+    Mines and clutter are drawn together where both scored the same, else apart.
+    """
     same_mines = np.array_equal(a.target, b.target)
     same_clutter = a.tile.size == b.tile.size
     first = _draws(a, count, 1)
@@ -148,7 +161,10 @@ def pd_count(
 
 
 def ratio_interval(a: FloatArray, b: FloatArray) -> Interval:
-    """Ratio of two mean shares of kept vectors, with the range of the folds' own ratios that holds 95 % of them."""
+    """Return the ratio of two mean shares of kept vectors, with its range.
+
+    The range holds 95 % of the folds' own ratios.
+    """
     low, high = np.quantile(a / b, (0.025, 0.975))
     return float(a.mean() / b.mean()), float(low), float(high)
 
@@ -170,10 +186,10 @@ def stronger_interval(a: pd.DataFrame, b: pd.DataFrame, count: int) -> Interval:
         names = table["target"].unique()
         return pd.concat([table[table["target"] == name] for name in rng.choice(names, len(names))])
 
-    def share(one: pd.DataFrame, other: pd.DataFrame) -> float:
+    def share(table: pd.DataFrame, other: pd.DataFrame) -> float:
         wins = pairs = 0.0
-        for depth in np.intersect1d(one["depth"], other["depth"]):
-            u = one.loc[one["depth"] == depth, "peak"].to_numpy()
+        for depth in np.intersect1d(table["depth"], other["depth"]):
+            u = table.loc[table["depth"] == depth, "peak"].to_numpy()
             v = other.loc[other["depth"] == depth, "peak"].to_numpy()
             wins += (u[:, None] > v).sum() + 0.5 * (u[:, None] == v).sum()
             pairs += u.size * v.size
@@ -185,7 +201,9 @@ def stronger_interval(a: pd.DataFrame, b: pd.DataFrame, count: int) -> Interval:
 
 
 def component_interval(chips: NDArray[Any], count: int) -> tuple[Interval, Interval]:
-    """Energy of the first principal component and its cosine with the mean template, over bootstrap draws of mines.
+    """Return the first principal component's energy and its cosine with the mean template.
+
+    Mines are drawn anew in every bootstrap draw.
 
     ``chips`` (n, polarization, range, y, x); both are means over polarizations and ranges.
     """
@@ -209,7 +227,10 @@ def component_interval(chips: NDArray[Any], count: int) -> tuple[Interval, Inter
 
 
 def likeness_interval(a: NDArray[Any], b: NDArray[Any], count: int) -> Interval:
-    """Largest correlation of two sites' mean templates, mean over polarizations and ranges, bootstrapped over mines."""
+    """Return the largest correlation of two sites' mean templates.
+
+    It is the mean over polarizations and ranges, bootstrapped over mines.
+    """
     rng = np.random.default_rng(4)
 
     def likeness(u: NDArray[Any], v: NDArray[Any]) -> float:

@@ -1,4 +1,7 @@
-"""The lanes of flsar2004: simulated, imaged stop by stop, and laid out as one image per polarization and range."""
+"""The lanes of flsar2004.
+
+Simulated, imaged stop by stop, and laid out as one image per polarization and range.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +29,8 @@ from flgpr.model import (
     vehicle_to_scan,
 )
 from flgpr.simulate import Scene
-from flgpr.simulate.scene import Surface, TargetDraw, Thing
-from flgpr.simulate.scene import Track as Drive
+from flgpr.simulate.scene.scene import Surface, TargetDraw, Thing
+from flgpr.simulate.scene.scene import Track as Drive
 from flgpr.simulate.simulator import Simulator
 from flgpr_papers.kit.cache import key_of, read_arrays, write_arrays
 from flgpr_papers.kit.settings import Table, packaged
@@ -81,7 +84,10 @@ class Classify(Table):
 
 
 class Settings(Table):
-    """All that the experiment depends on; ``scenes`` gives the packaged site, or the path of one, of every site."""
+    """All that the experiment depends on.
+
+    ``scenes`` gives the packaged site, or the path of one, of every site.
+    """
 
     name: str
     seed: int
@@ -126,8 +132,8 @@ class Pass:
 
     site: str
     direction: str  #: "out" or "back"; the frame is that of the drive
-    #: (polarization, range, y, x) in units of the scans' gain; the phase that the way to the pixel turns at the middle
-    #: of the band is taken out
+    #: (polarization, range, y, x) in units of the scans' gain; the phase that the way to the pixel
+    #: turns at the middle of the band is taken out
     image: NDArray[np.complex64]
     grid: Grid  #: pixels
     #: truth, fiducials: mines and fiducials in the frame of the drive
@@ -137,7 +143,10 @@ class Pass:
 
 
 def drive(settings: Settings, site: str, folder: Path, track: Track = silent) -> list[Pass]:
-    """Drive a site's lane in both directions, or read the images of the same drive from a folder."""
+    """Return a site's lane driven in both directions.
+
+    Images of the same drive are read from a folder.
+    """
     sensor = study_sensor(settings)
     seed = settings.seed + 10 * settings.sites.index(site)
     scene = _scene(settings, site)
@@ -152,16 +161,22 @@ def drive(settings: Settings, site: str, folder: Path, track: Track = silent) ->
             for key in ("ranges", "step", "lane", "spacing", "margin", "window")
         }
         content = {
-            "scene": world.model_dump(mode="json"), "sensor": sensor.model_dump(mode="json"), "seed": seed,
-            "imaging": imaging, "length": settings.length,
-        }  # fmt: skip
+            "scene": world.model_dump(mode="json"),
+            "sensor": sensor.model_dump(mode="json"),
+            "seed": seed,
+            "imaging": imaging,
+            "length": settings.length,
+        }
         path = folder / f"{site}-{name}-{key_of(content)}.bundle"
         passes.append(_one_pass(settings, site, name, simulator, sensor, path, track))
     return passes
 
 
 def study_sensor(settings: Settings) -> Sensor:
-    """Make the radar of the study: the preset on the study's tones, which must keep its images free of aliases."""
+    """Make the radar of the study.
+
+    The preset on the study's tones, which must keep its images free of aliases.
+    """
     start, step, count = settings.tones
     sensor = load_sensor(settings.sensor).model_copy(
         update={
@@ -176,6 +191,7 @@ def study_sensor(settings: Settings) -> Sensor:
 
 
 def _scene(settings: Settings, site: str) -> Scene:
+    """Return the scene of a site's lane."""
     draws = [
         TargetDraw(kind=kind, depth=mines.depth, count=count, position_jitter=0.2)
         for mines in settings.mines
@@ -193,13 +209,20 @@ def _scene(settings: Settings, site: str) -> Scene:
         for side in (-1, 1)
     )
     return Scene(
-        name=site, site=settings.scenes[site],
-        x_min=settings.lane[0], x_max=settings.lane[1], length=settings.length,
-        draws=tuple(draws), objects=fiducials, track=_track(settings), surface=Surface(density=settings.density),
-    )  # fmt: skip
+        name=site,
+        site=settings.scenes[site],
+        x_min=settings.lane[0],
+        x_max=settings.lane[1],
+        length=settings.length,
+        draws=tuple(draws),
+        objects=fiducials,
+        track=_track(settings),
+        surface=Surface(density=settings.density),
+    )
 
 
 def _track(settings: Settings) -> Drive:
+    """Return the stops of a drive."""
     first = -settings.ranges[-1] - settings.step
     last = settings.length - settings.ranges[0] + settings.step
     return Drive(positions=tuple(np.arange(first, last + 0.1, settings.step).tolist()))
@@ -214,7 +237,9 @@ def _one_pass(
     path: Path,
     track: Track,
 ) -> Pass:
-    m, (dx, dy) = settings.margin, settings.spacing
+    """Return the lane images of a drive in one direction, or read them from a folder."""
+    m = settings.margin
+    dx, dy = settings.spacing
     x = np.arange(settings.lane[0] - m, settings.lane[1] + m + dx / 2, dx)
     grid = Grid(float(x[0]), -m, x.size, round((settings.length + 2 * m) / dy) + 1, dx, dy)
     if path.is_file():
@@ -237,10 +262,13 @@ def _one_pass(
 def lane_images(
     settings: Settings, simulator: Simulator, sensor: Sensor, grid: Grid, stops: Iterable[int]
 ) -> NDArray[np.complex64]:
-    """Image every stop, take the self-signature off, and put together one lane image per polarization and range.
+    """Image every stop and join one lane image per polarization and range.
 
-    A pixel of the image of range d comes from the stop that sees it within half a step of d. The phase of the middle
-    of the band is taken out, so that neighbouring pixels differ little and signatures at any distance are alike.
+    The self-signature is subtracted.
+
+    A pixel of the image of range d comes from the stop that sees it within half a step of d. The
+    phase of the middle of the band is taken out, so that neighbouring pixels differ little and
+    signatures at any distance are alike.
     """
     half = settings.step / 2 + _BEYOND
     nx = round((grid.x[-1] - grid.x[0] + 2 * _SIDE) / grid.dx) + 1
@@ -254,8 +282,8 @@ def lane_images(
     images = [operator.adjoint(simulator.scan(index))[:, 0] for index in stops]
     signature = self_signature(images, "median")
     middle = 2 * np.pi * float(np.mean(simulator.frequency)) / SPEED_OF_LIGHT
-    way = 2 * np.linalg.norm(view.points() - (tx + rx).mean(axis=0) / 2, axis=-1)
-    carrier = np.exp(-1j * middle * way).astype(np.complex64)
+    path = 2 * np.linalg.norm(view.points() - (tx + rx).mean(axis=0) / 2, axis=-1)
+    carrier = np.exp(-1j * middle * path).astype(np.complex64)
     lane = np.zeros((images[0].shape[0], len(settings.ranges), *grid.shape), np.complex64)
     points = grid.points()
     for image, where in zip(images, pose, strict=True):

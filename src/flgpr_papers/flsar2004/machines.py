@@ -1,4 +1,4 @@
-"""The classifiers of flsar2004 and their scores of examples that they have not seen (par. 38, 45 and 52)."""
+"""The classifiers of flsar2004 and their scores of unseen examples (par. 38, 45 and 52)."""
 
 from __future__ import annotations
 
@@ -32,16 +32,21 @@ BoolArray = NDArray[np.bool_]
 Scorer = Callable[[FloatArray], FloatArray]
 """A trained classifier: scores (n,) of features (n, feature)."""
 Classifier = Callable[[FloatArray, BoolArray], tuple[Scorer, float]]
-"""Trains on features and labels (True for a mine); gives the scorer and the share of the examples kept as vectors."""
+"""Trains on features and labels (True for a mine).
+
+Returns the scorer and the share of the examples that are kept as vectors.
+"""
 NOVELTY_RIVALS = (*(f"rvm, {name}" for name in FORMULATIONS), "svm", "gmm")
 """One-class machines: relevance vectors by formulation, support vectors, a Gaussian mixture."""
+_FORMULATION_OF = {f"rvm, {name}": name for name in FORMULATIONS}
 
 
 @dataclass(frozen=True)
 class TunedClassifier:
     """A classifier whose kernel is chosen inside the training examples.
 
-    The choice costs many times what the training costs, so :func:`held_out` lets it be made once for many folds.
+    The choice costs many times what the training costs, so :func:`held_out` lets it be made once
+    for many folds.
     """
 
     choose: Callable[[FloatArray, BoolArray], Classifier]
@@ -51,19 +56,28 @@ class TunedClassifier:
         return self.choose(X, y)(X, y)
 
 
-def rvm(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
-    """Relevance vector machine with the paper's Laplacian prior (par. 30) on the very kernel of the SVM (par. 48)."""
-    return _rvm_on_the_kernel_of_the_svm(settings, kernel, prior="laplacian-map")
+def rvm(settings: Classify, kernel: str = "rbf", rate: float = 1.0) -> TunedClassifier:
+    """Return a relevance vector machine with the paper's Laplacian prior (par. 30).
+
+    Its kernel is that of the SVM (par. 48). ``rate`` is λ² of the prior ``exp(-λ |w|)``, of which
+    the paper says nothing.
+    """
+    return _rvm_on_the_kernel_of_the_svm(settings, kernel, prior="laplacian-map", rate=rate)
 
 
 def rvm_by_evidence(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
-    """Another reading of the prior: exponential on the variances of the weights, found by the evidence."""
+    """Return a relevance vector machine by another reading of the prior.
+
+    It is exponential on the variances of the weights, which the evidence gives.
+    """
     return _rvm_on_the_kernel_of_the_svm(settings, kernel, prior="laplacian", n_starts=3, tol=1e-4)
 
 
 def _rvm_on_the_kernel_of_the_svm(
     settings: Classify, kernel: str, **option: Any
 ) -> TunedClassifier:
+    """Return a relevance vector machine whose kernel is that of the chosen SVM."""
+
     def choose(X: FloatArray, y: BoolArray) -> Classifier:
         chosen = search_svm(settings, kernel, X, y)[-1].get_params()
         kernel_options = {name: chosen[name] for name in ("kernel", "gamma", "degree", "coef0")}
@@ -73,28 +87,35 @@ def _rvm_on_the_kernel_of_the_svm(
 
 
 def evidence_rvm(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
-    """Relevance vector machine of our own choice: ARD prior, width by the evidence of the training examples."""
+    """Return a relevance vector machine of our own choice.
+
+    It has the ARD prior, and its width is chosen by the evidence of the training examples.
+    """
 
     def choose(X: FloatArray, y: BoolArray) -> Classifier:
         Z = StandardScaler().fit_transform(X)
         options = [{"kernel": kernel, "gamma": width / X.shape[1]} for width in settings.widths]
-        trials = [
-            RelevanceVectorClassifier(n_starts=1, tol=1e-3, **option).fit(Z, y)
-            for option in options
-        ]
-        best = options[int(np.argmax([trial.log_evidence_ for trial in trials]))]
+        evidence = []
+        for option in options:
+            machine = RelevanceVectorClassifier(n_starts=1, tol=1e-3, **option).fit(Z, y)
+            evidence.append(machine.log_evidence_)
+        best = options[int(np.argmax(evidence))]
         return lambda train, label: _relevance(train, label, n_starts=3, tol=1e-4, **best)
 
     return TunedClassifier(choose)
 
 
 def _relevance(X: FloatArray, y: BoolArray, **option: Any) -> tuple[Scorer, float]:
+    """Train a relevance vector machine; return its scorer and the share of relevance vectors."""
     machine = make_pipeline(StandardScaler(), RelevanceVectorClassifier(**option)).fit(X, y)
     return machine.decision_function, len(machine[-1].relevance_) / len(X)
 
 
 def svm(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
-    """Support vector machine; C and width or degree by cross-validation inside the training examples."""
+    """Return a support vector machine.
+
+    C and width or degree are chosen by cross-validation inside the training examples.
+    """
 
     def choose(X: FloatArray, y: BoolArray) -> Classifier:
         chosen = search_svm(settings, kernel, X, y)[-1].get_params()
@@ -109,16 +130,24 @@ def svm(settings: Classify, kernel: str = "rbf") -> TunedClassifier:
 
 
 def search_svm(settings: Classify, kernel: str, X: FloatArray, y: BoolArray) -> Any:
-    """Choose a support vector machine, and with it the kernel of both machines, inside the training examples.
+    """Choose a support vector machine inside the training examples.
 
-    By the mean area under the ROC of three folds, whose kernels are computed once for all costs: a grid search of whole
-    pipelines takes twice as long. With fewer than three mines there are as many folds as mines; one mine or one
-    clutter example alone is a ValueError.
+    Its kernel is that of both machines.
+
+    The criterion is the mean area under the ROC of three folds, whose kernels are computed once for
+    all costs: a grid search of complete pipelines takes twice as long. With fewer than three mines
+    there are as many folds as mines.
+
+    Raises
+    ------
+    ValueError
+        If there is only one mine or one clutter example.
     """
     folds = int(min(3, y.sum(), (~y).sum()))
     if folds < 2:
         raise ValueError(
-            f"y must hold at least two mines and two clutter examples, got {y.sum()} and {(~y).sum()}"
+            f"y must hold at least two mines and two clutter examples, got {y.sum()} and "
+            f"{(~y).sum()}"
         )
     if kernel == "rbf":
         options: list[dict[str, float]] = [
@@ -130,10 +159,11 @@ def search_svm(settings: Classify, kernel: str, X: FloatArray, y: BoolArray) -> 
     with config_context(assume_finite=True, skip_parameter_validation=True):
         for train, test in StratifiedKFold(folds, shuffle=True, random_state=0).split(X, y):
             scaler = StandardScaler().fit(X[train])
-            seen = scaler.transform(X[train])
+            scaled = scaler.transform(X[train])
             new = scaler.transform(X[test])
             for k, option in enumerate(options):
-                inner, outer = (pairwise_kernels(Z, seen, kernel, **option) for Z in (seen, new))
+                inner = pairwise_kernels(scaled, scaled, kernel, **option)
+                outer = pairwise_kernels(new, scaled, kernel, **option)
                 for j, cost in enumerate(settings.costs):
                     machine = SVC(C=cost, kernel="precomputed").fit(inner, y[train])
                     score = machine.decision_function(outer)
@@ -146,39 +176,47 @@ def search_svm(settings: Classify, kernel: str, X: FloatArray, y: BoolArray) -> 
 
 
 def sum_of_correlations(X: FloatArray, y: BoolArray) -> tuple[Scorer, float]:
-    """Add the correlations with the templates up: what the features tell without a machine. Nothing is trained."""
+    """Return the sum of the correlations with the templates as a scorer.
+
+    It shows what the features give without a machine: nothing is trained.
+    """
     del X, y
     return lambda new: np.asarray(new.sum(axis=1)), 0.0
 
 
 def median_width(mines: FloatArray) -> float:
-    """Give γ so that two mines at the median distance of all pairs of standardised mines have the kernel 1/e."""
+    """Return the γ of a kernel that is 1/e for two mines at their median distance.
+
+    The distances are those of all pairs of standardised mines.
+    """
     return float(1 / np.median(pdist(StandardScaler().fit_transform(mines), "sqeuclidean")))
 
 
 def one_class(settings: Classify, kind: str = NOVELTY_RIVALS[0]) -> Classifier:
-    """Novelty detector of ``NOVELTY_RIVALS`` that is given the training mines only, its width by ``median_width``."""
+    """Return a novelty detector of ``NOVELTY_RIVALS`` for the training mines alone.
+
+    Its width is that of ``median_width``.
+    """
     if kind not in NOVELTY_RIVALS:
         raise ValueError(f"kind must be one of {', '.join(NOVELTY_RIVALS)}, got {kind!r}")
 
     def fit(X: FloatArray, y: BoolArray) -> tuple[Scorer, float]:
         mines = X[y]
         if kind == "svm":
-            pipeline = make_pipeline(
-                StandardScaler(), OneClassSVM(nu=0.1, gamma=median_width(mines))
-            ).fit(mines)
+            machine = OneClassSVM(nu=0.1, gamma=median_width(mines))
+            pipeline = make_pipeline(StandardScaler(), machine).fit(mines)
             return pipeline.decision_function, len(pipeline[-1].support_) / len(mines)
         if kind == "gmm":
             return GaussianMixtureNovelty(random_state=0).fit(mines).score_samples, 1.0
-        formulation = next(one for one in FORMULATIONS if kind == f"rvm, {one}")
-        machine = OneClassRelevanceVectorMachine(
+        relevance_machine = OneClassRelevanceVectorMachine(
             gamma=median_width(mines),
             prior="laplacian-map",
             p0=settings.p0,
-            formulation=formulation,
+            formulation=_FORMULATION_OF[kind],
             random_state=0,
         ).fit(mines)
-        return machine.score_samples, len(machine.relevance_) / len(mines)
+        kept_share = len(relevance_machine.relevance_) / len(mines)
+        return relevance_machine.score_samples, kept_share
 
     return fit
 
@@ -188,7 +226,7 @@ class HeldOut:
     """Scores of examples by classifiers that have not seen them."""
 
     mine: FloatArray  #: (n,) scores of the mines; -inf for one that a prescreener lost
-    # : (m, repeats) scores of the clutter; a novelty detector scores it in every fold (par. 52)
+    #: (m, repeats) scores of the clutter; a novelty detector scores it in every fold (par. 52)
     clutter: FloatArray
     #: target, tile: mine that each score belongs to, and name of each clutter example
     target: NDArray[Any]
@@ -199,25 +237,26 @@ class HeldOut:
 def held_out(
     table: pd.DataFrame, X: FloatArray, classifier: Classifier, folds: int, novelty: bool = False
 ) -> HeldOut:
-    """Score every example by a classifier trained without its mine, all looks at which are left out together.
+    """Score every example by a classifier trained without its mine.
 
-    ``folds`` is the number of groups that the mines are dealt to.
+    All looks at the mine are left out together. ``folds`` is the number of groups that the mines
+    are dealt to.
     """
     y = _is_mine(table)
     score = np.full(len(table), np.nan)
     pooled = []
-    kept = []
+    shares = []
     for group in _mine_groups(table, y, folds):
         if novelty and not y[group.test].any():
             continue
         scorer, share = classifier(X[group.train], y[group.train])
         score[group.test] = scorer(X[group.test])
-        kept.append(share)
+        shares.append(share)
         if novelty:
             pooled.append(scorer(X[~y]))
     clutter = np.stack(pooled, axis=1) if novelty else score[~y][:, None]
     return HeldOut(
-        score[y], clutter, _names(table, y), np.arange((~y).sum()).astype(str), np.array(kept)
+        score[y], clutter, _names(table, y), np.arange((~y).sum()).astype(str), np.array(shares)
     )
 
 
@@ -226,29 +265,30 @@ def leave_one_out(
 ) -> HeldOut:
     """Score every example by a classifier trained on all the others (par. 38 and 45).
 
-    A novelty detector leaves one mine out at a time and scores all clutter each time: N_o · N_c outputs (par. 52). The
-    second look at a mine stays among the training examples, as in the paper; :func:`held_out` takes it out as well.
-    The kernel of a fold is chosen without the group of mines and clutter, of ``folds``, that its example is in: the
-    paper does not say how its kernels were chosen, and choosing anew for every example costs sixty times the training.
+    A novelty detector leaves one mine out at a time and scores all clutter each time: N_o · N_c
+    outputs (par. 52). The second look at a mine stays among the training examples, as in the paper;
+    :func:`held_out` takes it out as well. The kernel of a fold is chosen without the group of mines
+    and clutter, of ``folds``, that its example is in: the paper does not say how its kernels were
+    chosen, and choosing anew for every example costs sixty times the training.
     """
     y = _is_mine(table)
     every = np.arange(len(table))
     score = np.full(len(table), np.nan)
-    kept = np.full(len(table), np.nan)
+    shares = np.full(len(table), np.nan)
     pooled = []
     for group in _mine_groups(table, y, folds):
         fixed = classifier
         if isinstance(classifier, TunedClassifier):
             fixed = classifier.choose(X[group.train], y[group.train])
         for n in group.test[y[group.test]] if novelty else group.test:
-            others = every != n
-            scorer, kept[n] = fixed(X[others], y[others])
+            training = every != n
+            scorer, shares[n] = fixed(X[training], y[training])
             score[n] = scorer(X[n : n + 1])[0]
             if novelty:
                 pooled.append(scorer(X[~y]))
     clutter = np.stack(pooled, axis=1) if novelty else score[~y][:, None]
     tile = np.arange((~y).sum()).astype(str)
-    return HeldOut(score[y], clutter, _names(table, y), tile, kept[np.isfinite(kept)])
+    return HeldOut(score[y], clutter, _names(table, y), tile, shares[np.isfinite(shares)])
 
 
 def retrained(
@@ -259,33 +299,29 @@ def retrained(
     draws: int,
     seed: int = 0,
 ) -> FloatArray:
-    """Area under the ROC (draw,) with mines and clutter drawn anew and the classifier trained on what was drawn.
+    """Return the area under the ROC (draw,) with mines and clutter drawn anew.
 
-    Looks at one mine are drawn together, and all copies of an example are held out together.
+    The classifier is trained on what was drawn. Looks at one mine are drawn together, and all
+    copies of an example are held out together.
     """
     rng = np.random.default_rng(seed)
-    found = []
+    areas = []
     y = _is_mine(table)
-    mines = [
-        np.flatnonzero(table["target"].to_numpy(dtype=str) == name)
-        for name in np.unique(_names(table, y))
-    ]
+    targets = table["target"].to_numpy(dtype=str)
+    mines = [np.flatnonzero(targets == name) for name in np.unique(_names(table, y))]
     for _ in range(draws):
         chosen = [mines[k] for k in rng.integers(len(mines), size=len(mines))]
         rows = np.concatenate([*chosen, rng.choice(np.flatnonzero(~y), int((~y).sum()))])
-        names = np.where(
-            y[rows],
-            table["target"].to_numpy(dtype=str)[rows],
-            np.char.add("clutter ", rows.astype(str)),
-        )
+        names = np.where(y[rows], targets[rows], np.char.add("clutter ", rows.astype(str)))
         group = np.unique(names, return_inverse=True)[1]
         fold = rng.permutation(group.max() + 1) % folds
         score = np.full(len(rows), np.nan)
         for k in range(folds):
             test = fold[group] == k
-            score[test] = classifier(X[rows][~test], y[rows][~test])[0](X[rows][test])
-        found.append(roc_auc_score(y[rows], score))
-    return np.array(found)
+            scorer, _ = classifier(X[rows][~test], y[rows][~test])
+            score[test] = scorer(X[rows][test])
+        areas.append(roc_auc_score(y[rows], score))
+    return np.array(areas)
 
 
 def across(
@@ -294,35 +330,45 @@ def across(
     classifier: Classifier,
 ) -> HeldOut:
     """Train on one site and test on the other (par. 39)."""
-    y, z = (_is_mine(table) for table, _ in (train, test))
-    scorer, share = classifier(train[1], y)
-    score = scorer(test[1])
-    tiles = np.arange((~z).sum()).astype(str)
-    return HeldOut(score[z], score[~z][:, None], _names(test[0], z), tiles, np.array([share]))
+    train_table, train_features = train
+    test_table, test_features = test
+    scorer, share = classifier(train_features, _is_mine(train_table))
+    score = scorer(test_features)
+    is_mine = _is_mine(test_table)
+    return HeldOut(
+        score[is_mine],
+        score[~is_mine][:, None],
+        _names(test_table, is_mine),
+        np.arange((~is_mine).sum()).astype(str),
+        np.array([share]),
+    )
 
 
 def with_lost(scores: HeldOut, seen: pd.DataFrame, offered: pd.DataFrame) -> HeldOut:
     """Add the mines that the prescreeners lost, which no threshold finds.
 
-    ``seen`` has a row per scored mine, ``offered`` one per mine and drive, both with target and direction.
+    ``seen`` has a row per scored mine, ``offered`` one per mine and drive, both with target and
+    direction.
     """
-    of_look = dict(
-        zip(zip(seen["target"], seen["direction"], strict=True), scores.mine, strict=True)
-    )
+    seen_looks = zip(seen["target"], seen["direction"], strict=True)
+    of_look = dict(zip(seen_looks, scores.mine, strict=True))
     looks = zip(offered["target"], offered["direction"], strict=True)
-    mine = np.array([of_look.get(look, -np.inf) for look in looks])
+    mine_scores = np.array([of_look.get(look, -np.inf) for look in looks])
     return HeldOut(
-        mine, scores.clutter, offered["target"].to_numpy(dtype=str), scores.tile, scores.kept
+        mine_scores, scores.clutter, offered["target"].to_numpy(dtype=str), scores.tile, scores.kept
     )
 
 
 def _mine_groups(table: pd.DataFrame, y: BoolArray, folds: int) -> list[Any]:
+    """Return the folds, in which all looks at a mine are together."""
     return splits(table, "target", folds=min(folds, len(np.unique(_names(table, y)))))
 
 
 def _is_mine(table: pd.DataFrame) -> BoolArray:
+    """Return which examples are mines."""
     return np.asarray(table["kind"] != "clutter", dtype=np.bool_)
 
 
-def _names(table: pd.DataFrame, mine: BoolArray) -> NDArray[Any]:
-    return table["target"].to_numpy(dtype=str)[mine]
+def _names(table: pd.DataFrame, is_mine: BoolArray) -> NDArray[Any]:
+    """Return the names of the mines, one per look."""
+    return table["target"].to_numpy(dtype=str)[is_mine]

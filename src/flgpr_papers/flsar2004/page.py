@@ -42,33 +42,40 @@ def page_html(
         templates=_variants(notes["templates"]),
         energy=notes["energy of the first component"],
         registration=_registration(notes["registration"]),
-        twins=[one for one in twins if one.number],
-        others=[one for one in twins if not one.number],
+        twins=[twin for twin in twins if twin.number],
+        others=[twin for twin in twins if not twin.number],
     )
 
 
 def _twins(found: Sequence[Finding], pictures: Mapping[str, bytes]) -> Iterator[Twin]:
     """Put each figure beside what the paper says of it, in the order of the captions."""
-    for name, one in _CAPTIONS.items():
+    for name, caption in _CAPTIONS.items():
         if name not in pictures:
             continue
-        claims = tuple(one.get("claims", ()))
+        claims = tuple(caption.get("claims", ()))
         numbers = [
-            (each.claim, each.paper, each.ours) for each in found if each.claim.startswith(claims)
+            (finding.claim, finding.paper, finding.ours)
+            for finding in found
+            if finding.claim.startswith(claims)
         ]
         stated = [
-            (quantity, paper, "as in the paper") for quantity, paper in one.get("same", {}).items()
+            (quantity, paper, "as in the paper")
+            for quantity, paper in caption.get("same", {}).items()
         ]
         yield Twin(
-            one.get("number", ""), one["title"], pictures[name], one["caption"], [*stated, *numbers]
+            caption.get("number", ""),
+            caption["title"],
+            pictures[name],
+            caption["caption"],
+            [*stated, *numbers],
         )
 
 
 def _sizes(settings: Settings, notes: Mapping[str, Any]) -> list[Row]:
+    """Tabulate numbers of mines and examples in the paper and here."""
     loo = notes["vectors, leave-one-out"]
-    metal, plastic = (
-        sum(getattr(mines, kind) for mines in settings.mines) for kind in ("metal", "plastic")
-    )
+    metal = sum(mines.metal for mines in settings.mines)
+    plastic = sum(mines.plastic for mines in settings.mines)
     rows: list[Row] = [
         ("mines per site, metal and plastic", "60 and 30", f"{metal} and {plastic}"),
         (
@@ -98,23 +105,28 @@ def _sizes(settings: Settings, notes: Mapping[str, Any]) -> list[Row]:
         ),
     ]
     for site, counts in notes["examples"].items():
-        told = ", ".join(f"{count} {kind}" for kind, count in counts.items())
-        rows.append((f"examples without prescreener, both looks, {site}", "not given", told))
-    for name, told in notes.items():
+        counts_in_words = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+        rows.append(
+            (f"examples without prescreener, both looks, {site}", "not given", counts_in_words)
+        )
+    for name, counts_in_words in notes.items():
         if name.startswith(("prescreen", "fig5")):
             text = (
-                ", ".join(f"{k}: {_short(v)}" for k, v in told.items())
-                if isinstance(told, dict)
-                else str(told)
+                ", ".join(f"{k}: {_short(v)}" for k, v in counts_in_words.items())
+                if isinstance(counts_in_words, dict)
+                else str(counts_in_words)
             )
             rows.append((name, "", text))
     return rows
 
 
 def _areas(results: Results) -> list[Row]:
-    """Tell both areas of every curve; whole areas that were trained anew in every draw have no partial one."""
+    """Return both areas of every curve.
+
+    Whole areas that were trained anew in every draw have no partial one.
+    """
     rows = []
-    for name, whole in results.areas.items():
+    for name, area in results.areas.items():
         partial = results.partial.get(name)
         chance = results.chance.get(name)
         rows.append(
@@ -122,43 +134,46 @@ def _areas(results: Results) -> list[Row]:
                 name,
                 "" if partial is None else in_words(*partial),
                 "" if chance is None else f"{chance:.2f}",
-                in_words(*whole),
+                in_words(*area),
             )
         )
     return rows
 
 
 def _short(value: Any) -> str:
+    """Return a value as text, a number with two decimals."""
     return f"{value:.2f}" if isinstance(value, float) else str(value)
 
 
-def _variants(told: Mapping[str, Any]) -> list[Row]:
-    """Tell for each kind of template the number of every case and by how much it lies above the main one's."""
+def _variants(summary: Mapping[str, Any]) -> list[Row]:
+    """Return for each kind of template the number of every case.
+
+    Also by how much it lies above the main one's.
+    """
     form = "{:.2f} ({:.2f} to {:.2f}); {:+.2f} ({:+.2f} to {:+.2f})".format
-    return [
-        (
-            name,
-            *(
-                form(*case[name]["area"], *case[name]["less the main one"])
-                for case in told.values()
-            ),
-        )
-        for name in next(iter(told.values()))
-    ]
+    first_case = next(iter(summary.values()))
+    rows: list[Row] = []
+    for name in first_case:
+        cells = []
+        for case in summary.values():
+            cells.append(form(*case[name]["area"], *case[name]["less the main one"]))
+        rows.append((name, *cells))
+    return rows
 
 
-def _registration(told: Mapping[str, Any]) -> list[Row]:
+def _registration(summary: Mapping[str, Any]) -> list[Row]:
+    """Tabulate how well the fiducials register the images."""
     rows = []
-    for site, found in told.items():
-        for name, one in found.items():
-            across, along = (f"{100 * shift:+.1f}" for shift in one["shift"])
+    for site, by_pass in summary.items():
+        for name, registered in by_pass.items():
+            across, along = (f"{100 * shift:+.1f}" for shift in registered["shift"])
             rows.append(
                 (
                     site,
                     name,
                     f"{across}, {along} cm",
-                    f"{100 * one['residual']:.1f} cm",
-                    one["fiducials"],
+                    f"{100 * registered['residual']:.1f} cm",
+                    registered["fiducials"],
                 )
             )
     return rows

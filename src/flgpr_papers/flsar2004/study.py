@@ -1,4 +1,7 @@
-"""Reproduce flsar2004: prescreeners, template features, relevance and support vector machines at two sites."""
+"""Reproduce flsar2004.
+
+Prescreeners, template features, relevance and support vector machines at two sites.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ import pandas as pd
 
 import flgpr
 from flgpr.chain.progress import Track, silent
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 from flgpr_papers.flsar2004 import figures
 from flgpr_papers.flsar2004.examples import join
 from flgpr_papers.flsar2004.experiment import JUDGED, PARTS, Material, Results, prepare
@@ -21,17 +24,20 @@ from flgpr_papers.kit.cache import kept, key_of
 from flgpr_papers.kit.findings import Finding, finding_of, write_findings
 from flgpr_papers.kit.page import draw
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
+from flgpr_papers.kit.threads import one_blas_thread
 from flgpr_papers.kit.worlds import World
 
 PAGE = "flsar2004.html"
 
 
+@one_blas_thread
 def reproduce(
     output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN
 ) -> Path:
-    """Simulate the lanes, run the experiments on them, and write the page, the figures and the findings.
+    """Simulate the lanes, run the experiments, and write page, figures and findings.
 
-    Lane images and every part's results are kept in ``output``, so that a run that was stopped goes on where it was.
+    Lane images and every part's results are kept in ``output``, so that a run that was stopped goes
+    on where it was.
     """
     folder = Path(output)
     folder.mkdir(parents=True, exist_ok=True)
@@ -40,7 +46,7 @@ def reproduce(
     sites = [join(settings, passes) for passes in drives]
     key = key_of(
         settings.model_dump(mode="json"),
-        [one.key for passes in drives for one in passes],
+        [drive_pass.key for passes in drives for drive_pass in passes],
         flgpr.__version__,
     )
     results = _parts(prepare(settings, sites), folder / "parts", key, track)
@@ -59,7 +65,10 @@ def reproduce(
 
 
 def _parts(material: Material, folder: Path, key: str, track: Track) -> Results:
-    """Run the parts that are not on disk for the same settings, images and version, and read the others."""
+    """Run the parts that are not on disk, and read the others.
+
+    Those on disk are of the same settings, images and version.
+    """
     results = Results()
     for name, part in track(PARTS.items(), "experiments", len(PARTS)):
         path = folder / f"{name.replace(' ', '-')}-{key}.json"
@@ -68,59 +77,62 @@ def _parts(material: Material, folder: Path, key: str, track: Track) -> Results:
 
 
 def _as_json(results: Results, curves: bool = True) -> dict[str, Any]:
-    record = {
-        "findings": [asdict(one) for one in results.findings],
+    """Return results as JSON can hold them."""
+    record: dict[str, Any] = {
+        "findings": [asdict(finding) for finding in results.findings],
         "areas": results.areas,
         "partial": results.partial,
         "chance": results.chance,
         "notes": results.notes,
     }
     if curves:
-        record["curves"] = {
-            name: {label: curve.to_dict("list") for label, curve in figure.items()}
-            for name, figure in results.curves.items()
-        }
+        record["curves"] = {}
+        for name, figure in results.curves.items():
+            columns = {label: curve.to_dict("list") for label, curve in figure.items()}
+            record["curves"][name] = columns
     return record
 
 
 def _from_json(record: dict[str, Any]) -> Results:
-    curves = {
-        name: {label: pd.DataFrame(curve) for label, curve in figure.items()}
-        for name, figure in record["curves"].items()
-    }
-    areas, partial = (
-        {name: (one[0], one[1], one[2]) for name, one in record[key].items()}
-        for key in ("areas", "partial")
-    )
-    findings = [finding_of(one) for one in record["findings"]]
+    """Return results from their JSON."""
+    curves = {}
+    for name, figure in record["curves"].items():
+        curves[name] = {label: pd.DataFrame(curve) for label, curve in figure.items()}
+    areas = {name: _interval(numbers) for name, numbers in record["areas"].items()}
+    partial = {name: _interval(numbers) for name, numbers in record["partial"].items()}
+    findings = [finding_of(row) for row in record["findings"]]
     return Results(curves, areas, partial, record["chance"], findings, record["notes"])
 
 
-SITES = {
-    "arid": "low",
-    "temperate": "mironov",
-}  # the paper's two sites are the two losses of a world
+def _interval(numbers: list[float]) -> tuple[float, float, float]:
+    """Return the value and the ends of an interval."""
+    value, low, high = numbers
+    return value, low, high
+
+
+# The paper's two sites are the two losses of a world.
+SITES = {"arid": "low", "temperate": "mironov"}
 
 
 def findings_in(world: World, folder: Path) -> list[Finding]:
     """Judge the paper's statements at two sites of a world that differ in their loss."""
     settings = load_settings(quick=True)
     scenes = {name: replace(world, loss=loss).site(folder) for name, loss in SITES.items()}
-    own = {
+    content = {
         "sites": tuple(SITES),
         "scenes": scenes,
         "seed": settings.seed + 100 * (world.number + 1),
     }
-    settings = settings.model_copy(update=own)
+    settings = settings.model_copy(update=content)
     material = prepare(
         settings, [join(settings, drive(settings, site, folder)) for site in settings.sites]
     )
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for part in JUDGED.values():
         try:
-            found += part(material).findings
+            findings += part(material).findings
         except (
             ValueError
         ):  # a fold of so few mines may hold none; the map tells how many worlds each statement has
             continue
-    return found
+    return findings

@@ -50,7 +50,10 @@ def mask_figure(example: Arrays, image: str, mask: str, title: str, boxes: bool 
 
 
 def geometry_figure(recipe: FuseRecipe) -> Figure:
-    """Draw the imaging geometry, as Fig. 1: antennas of both bands, the imaged ground and the path of Eq. 2."""
+    """Draw the imaging geometry, as Fig. 1.
+
+    Antennas of both bands, the imaged ground and the path of Eq. 2.
+    """
     figure = Figure(figsize=(6.4, 4.6), layout="constrained")
     axes = figure.add_subplot(projection="3d")
     for band, colour in (("l", "C0"), ("x", "C1")):
@@ -58,7 +61,8 @@ def geometry_figure(recipe: FuseRecipe) -> Figure:
         height = np.array([0.0, 0.0, sensor.height])
         for side, mark in (("tx", "^"), ("rx", "v")):
             places = np.unique(sensor.pairs()[side == "rx"], axis=0) + height
-            label = f"{band.upper()} band, {len(places)} {'transmitters' if side == 'tx' else 'receivers'}"
+            antennas = "transmitters" if side == "tx" else "receivers"
+            label = f"{band.upper()} band, {len(places)} {antennas}"
             axes.plot(
                 *places.T,
                 mark,
@@ -67,7 +71,8 @@ def geometry_figure(recipe: FuseRecipe) -> Figure:
                 mfc=colour if side == "tx" else "none",
                 label=label,
             )
-    (left, right), (near, far) = recipe.image.x, recipe.image.y
+    left, right = recipe.image.x
+    near, far = recipe.image.y
     corners = np.array([[left, near], [right, near], [right, far], [left, far], [left, near]])
     axes.plot(*corners.T, 0, "k-", lw=1, label="imaged ground")
     for edge in recipe.image.edges[1:-1]:
@@ -93,7 +98,10 @@ def geometry_figure(recipe: FuseRecipe) -> Figure:
 
 
 def procedure_figure(example: Arrays) -> Figure:
-    """Draw how the masks are made of one another on the example frame, as Fig. 2: (a) fundamental, (b) extended."""
+    """Draw how the masks are made of one another on the example frame, as Fig. 2.
+
+    (a) fundamental, (b) extended.
+    """
     figure = Figure(figsize=(9.0, 4.4), layout="constrained")
     vv = example["mask vv"]
     vh = example["mask vh"]
@@ -115,12 +123,12 @@ def procedure_figure(example: Arrays) -> Figure:
             "\u222a VH low, roadside: extended part": example["extended"],
         },
     )
-    for row, parts in zip(figure.subplots(3, 4, sharex=True, sharey=True), rows, strict=True):
-        for axes, (title, mask) in zip(row, parts.items(), strict=False):
+    for row, images in zip(figure.subplots(3, 4, sharex=True, sharey=True), rows, strict=True):
+        for axes, (title, mask) in zip(row, images.items(), strict=False):
             _mask(axes, example, mask, title)
             axes.title.set_fontsize(8)
             axes.tick_params(labelsize=7)
-        for axes in row[len(parts) :]:
+        for axes in row[len(images) :]:
             axes.set_visible(False)
     figure.supxlabel("cross-range, m", fontsize=9)
     figure.supylabel("ahead of the array, m", fontsize=9)
@@ -129,20 +137,24 @@ def procedure_figure(example: Arrays) -> Figure:
 
 def mixed_figure(example: Arrays) -> Figure:
     """Draw the mixed masks of the example frame, as Fig. 6."""
-    parts = {"fundamental": "(a) fundamental part", "extended": "(b) extended part"}
-    return _masks(example, parts)
+    titles = {"fundamental": "(a) fundamental part", "extended": "(b) extended part"}
+    return _masks(example, titles)
 
 
 def regions_figure(example: Arrays) -> Figure:
-    """Draw the fundamental part by pixel and by connected region, the two readings of "the intersection"."""
-    parts = {
+    """Draw the fundamental part by pixel and by connected region.
+
+    These are the two readings of "the intersection".
+    """
+    titles = {
         "fundamental": "intersected pixel by pixel",
         "fundamental by region": "by connected region",
     }
-    return _masks(example, parts)
+    return _masks(example, titles)
 
 
 def _masks(example: Arrays, parts: Mapping[str, str]) -> Figure:
+    """Draw two masks side by side."""
     figure = Figure(figsize=(8.6, 3.1), layout="constrained")
     for axes, (name, title) in zip(figure.subplots(1, 2, sharey=True), parts.items(), strict=True):
         _mask(axes, example, example[name], title)
@@ -171,6 +183,7 @@ def variants_figure(example: Arrays) -> Figure:
 def _many(
     example: Arrays, chosen: Mapping[str, str], size: tuple[float, float], columns: int
 ) -> Figure:
+    """Draw chosen images of an example in columns, on one scale."""
     figure = Figure(figsize=size, layout="constrained")
     rows = -(-len(chosen) // columns)
     places = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
@@ -189,8 +202,8 @@ def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecip
     """Draw the clutter power against iterations and combinations, as Fig. 8."""
     figure = Figure(figsize=(8.6, 3.5), layout="constrained")
     boxes = strongest_boxes(lanes)
-    named = strongest_boxes(lanes[:1])
-    named = named[named["frame"] == int(example["frame"])]
+    named_boxes = strongest_boxes(lanes[:1])
+    named_boxes = named_boxes[named_boxes["frame"] == int(example["frame"])]
     singles = {i: f"iteration {i}" for i in range(recipe.suppress.iterations + 1)}
     averages = {i: f"#{i}" for i in TABLE_II}
     panels = (
@@ -200,11 +213,11 @@ def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecip
     for axes, (title, label, stages) in zip(
         figure.subplots(1, 2, sharey=True), panels, strict=True
     ):
-        for row in named.to_dict("records"):
-            one = pd.DataFrame([row])
+        for row in named_boxes.to_dict("records"):
+            row_table = pd.DataFrame([row])
             axes.plot(
                 list(stages),
-                [power_db(one, s)[0] for s in stages.values()],
+                [power_db(row_table, s)[0] for s in stages.values()],
                 "o-",
                 label=f"box, {row['side']}",
             )
@@ -229,7 +242,10 @@ def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecip
 
 
 def roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
-    """Draw the ROC curves of both lanes with and without processing, every frame counting its area, as Fig. 9."""
+    """Draw the ROC curves of both lanes with and without processing, as Fig. 9.
+
+    Every frame counts its area.
+    """
     figure = Figure(figsize=(8.6, 3.5), layout="constrained")
     styles = {"iteration": ("--", "with processing"), "original": ("-", "without processing")}
     for axes, letter, lane in zip(
@@ -249,7 +265,7 @@ def variants_roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figu
     """Draw the ROC curves of all variants on both lanes by both conventions."""
     figure = Figure(figsize=(8.6, 6.4), layout="constrained")
     places = figure.subplots(len(CONVENTIONS), len(lanes), sharex=True, sharey=True, squeeze=False)
-    for row, (convention, words) in zip(places, CONVENTIONS.items(), strict=True):
+    for row, (convention, title) in zip(places, CONVENTIONS.items(), strict=True):
         for axes, lane in zip(row, lanes, strict=True):
             for name, (colour, dash) in COMPARED.items():
                 curve = scored(lane, name, recipe, convention)[1]
@@ -264,7 +280,7 @@ def variants_roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figu
                     label=name,
                 )
             _chance(axes, recipe)
-            axes.set_title(f"lane {lane.name}, {words}", fontsize=9)
+            axes.set_title(f"lane {lane.name}, {title}", fontsize=9)
     for axes in places[-1]:
         axes.set_xlabel("false alarms per m²")
     for axes in places[:, 0]:
@@ -332,7 +348,8 @@ def fullwave_figure(study: FullwaveStudy) -> Figure:
     rules = sorted({name.split("/")[0] for name in study.images if "/" in name}, reverse=True)
     places = figure.subplots(len(rules), 4, sharex=True, sharey=True)
     top = study.images["VV"].max()
-    x, y = study.images["x"], study.images["y"]
+    x = study.images["x"]
+    y = study.images["y"]
     extent = (x[0], x[-1], y[0], y[-1])
     for row, rule in zip(places, rules, strict=True):
         row[0].imshow(
@@ -364,6 +381,7 @@ def fullwave_figure(study: FullwaveStudy) -> Figure:
 
 
 def _image(axes: Axes, example: Arrays, magnitude: NDArray[Any], top: float | None = None) -> Any:
+    """Draw a magnitude in dB under its top."""
     level = 20 * np.log10(np.maximum(magnitude / (top or magnitude.max()), 1e-8))
     return axes.imshow(
         level,
@@ -377,6 +395,7 @@ def _image(axes: Axes, example: Arrays, magnitude: NDArray[Any], top: float | No
 
 
 def _mask(axes: Axes, example: Arrays, mask: NDArray[Any], title: str) -> None:
+    """Draw a mask."""
     axes.imshow(
         mask, origin="lower", extent=_extent(example), cmap="gray", aspect="auto", vmin=0, vmax=1
     )
@@ -384,11 +403,14 @@ def _mask(axes: Axes, example: Arrays, mask: NDArray[Any], title: str) -> None:
 
 
 def _extent(example: Arrays) -> tuple[float, float, float, float]:
-    x, y = example["x_axis"], example["y_axis"]
+    """Return the edges of an example's images, m."""
+    x = example["x_axis"]
+    y = example["y_axis"]
     return float(x[0]), float(x[-1]), float(y[0]), float(y[-1])
 
 
 def _dress(axes: Axes, example: Arrays, boxes: bool = False) -> None:
+    """Mark mines, and the boxes if wanted, on an image."""
     x_min, x_max, y_min, y_max = _extent(example)
     for x, y in example["mines"]:
         if x_min <= x <= x_max and y_min <= y <= y_max:

@@ -1,8 +1,9 @@
-"""What Fuse et al. 2018 found, and whether simulated lanes show it too, by the rules of the study kit.
+"""What Fuse et al. 2018 found, and whether simulated lanes show it too.
 
-The paper's figures in dB are those of two named boxes of one frame. They are compared with the named boxes of our
-frames, whose spread from frame to frame is the error of the paper's one frame, too; they are alike within 6 dB. Mines
-are kept if the interval of the mean change of what they alone give at their peaks lies within 1 dB.
+The paper's figures in dB are those of two named boxes of one frame. They are compared with the
+named boxes of our frames, whose spread from frame to frame is the error of the paper's one frame,
+too; they are alike within 6 dB. Mines are kept if the interval of the mean change of what they
+alone give at their peaks lies within 1 dB.
 """
 
 from __future__ import annotations
@@ -52,8 +53,15 @@ FloatArray = NDArray[np.float64]
 _BLOCK = 100.0  # m of the unrolled lane: ten frames
 _HITS = 2
 _OWN = ("iteration", "least squares", "least squares spared")
-_RIVALS = ("shared", "whole response", "calibrated roadside", "least squares", "least squares spared",
-           "least squares per frame", "L band alone")  # fmt: skip
+_RIVALS = (
+    "shared",
+    "whole response",
+    "calibrated roadside",
+    "least squares",
+    "least squares spared",
+    "least squares per frame",
+    "L band alone",
+)
 # dB
 _KEPT = 1.0
 _ALIKE = 6.0
@@ -66,8 +74,11 @@ def peaks_kept(low: float, high: float) -> str:
 
 
 def strongest_boxes(lanes: Sequence[LaneResult]) -> pd.DataFrame:
-    """Take the strongest clutter box left and right of every frame, a row each; ``cluster`` is the object."""
-    parts = []
+    """Take the strongest clutter box left and right of every frame, a row each.
+
+    ``cluster`` is the object.
+    """
+    tables = []
     for lane in lanes:
         if lane.boxes.empty:
             continue
@@ -75,8 +86,8 @@ def strongest_boxes(lanes: Sequence[LaneResult]) -> pd.DataFrame:
             index=["frame", "side", "object"], columns="stage", values="power"
         ).reset_index()
         best = wide.loc[wide.groupby(["frame", "side"])["#0"].idxmax()]
-        parts.append(best.assign(lane=lane.name, cluster=lane.name + best["object"].astype(str)))
-    return pd.concat(parts, ignore_index=True)
+        tables.append(best.assign(lane=lane.name, cluster=lane.name + best["object"].astype(str)))
+    return pd.concat(tables, ignore_index=True)
 
 
 def power_db(boxes: pd.DataFrame, stage: str) -> FloatArray:
@@ -104,7 +115,8 @@ def frame_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:
     ground counts again in every frame, as in the paper, and neighbouring frames, which see the same
     clutter, stay together when stretches of lane are resampled.
 
-    Alarms and looks; column ``mine`` of the truth names the mine, ``inside`` the looks in the detection area.
+    Alarms and looks; column ``mine`` of the truth names the mine, ``inside`` the looks in the
+    detection area.
     """
     score = recipe.score
     used = np.flatnonzero(np.isfinite(lane.poses[:, 0]))
@@ -127,25 +139,28 @@ def lane_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:
     level = lane.maps[variant]
     area = recipe.lane
     view = view_array(level, np.isfinite(level).astype(np.int64), recipe.map_grid, {})
-    found = prescreen(view, area, recipe.score.radius, density=10.0)
-    found = found[area.contains(found["x"], found["y"])].assign(confidence=lambda t: t["magnitude"])
+    peaks = prescreen(view, area, recipe.score.radius, density=10.0)
+    peaks = peaks[area.contains(peaks["x"], peaks["y"])].assign(confidence=lambda t: t["magnitude"])
     truth = lane.truth.assign(mine=lane.truth["target_id"], inside=True)
-    return match(found, truth, area, recipe.score.halo, halo_as="diameter")
+    return match(peaks, truth, area, recipe.score.halo, halo_as="diameter")
 
 
 def track_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:
     """Match a variant's alarms, followed over frames, every place once."""
     alarms = lane.alarms[lane.alarms["variant"] == variant]
     tracks = follow(alarms, recipe.score.halo / 2, _HITS)
-    found = tracks[recipe.lane.contains(tracks["x"], tracks["y"])]
+    tracks_in_lane = tracks[recipe.lane.contains(tracks["x"], tracks["y"])]
     truth = lane.truth.assign(mine=lane.truth["target_id"], inside=True)
-    return match(found, truth, recipe.lane, recipe.score.halo, halo_as="diameter")
+    return match(tracks_in_lane, truth, recipe.lane, recipe.score.halo, halo_as="diameter")
 
 
 def scored(
     lane: LaneResult, variant: str, recipe: FuseRecipe, convention: str
 ) -> tuple[Match, pd.DataFrame, dict[str, object]]:
-    """Score a variant on a lane by a FAR convention; gives the ROC, too, and what a comparison needs besides."""
+    """Score a variant on a lane by a FAR convention.
+
+    Gives the ROC, too, and what a comparison needs besides.
+    """
     if convention == "frames":
         matched = frame_match(lane, variant, recipe)
         total = accumulated_area(lane.frames, recipe.score.x, recipe.score.y)
@@ -172,8 +187,14 @@ def compared(
     )
     inside = a.truth["inside"].to_numpy(dtype=bool)
     return compare(
-        a, b, inside, far_max=recipe.score.far_max, far=recipe.score.far, draws=recipe.boxes.draws, **options,  # type: ignore[arg-type]
-    )  # fmt: skip
+        a,
+        b,
+        inside,
+        far_max=recipe.score.far_max,
+        far=recipe.score.far,
+        draws=recipe.boxes.draws,
+        **options,  # type: ignore[arg-type]
+    )
 
 
 def all_findings(
@@ -187,22 +208,27 @@ def all_findings(
 def paper_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Finding]:
     """Judge the paper's statements; those on roadside clutter only where there is some."""
     boxes = []
-    if any(len(one.boxes) for one in lanes):
+    if any(len(lane.boxes) for lane in lanes):
         boxes = [*clutter_findings(strongest_boxes(lanes), recipe), *band_findings(lanes, recipe)]
     return [*boxes, *_mine_findings(lanes, recipe), *_roc_findings(lanes, recipe)]
 
 
 def _in_words(interval: Interval, unit: str = " dB", digits: int = 1) -> str:
+    """Return an interval in words."""
     value, low, high = (f"{number:z.{digits}f}" for number in interval)
     return f"{value}{unit} ({low} to {high})"
 
 
 def _gap(boxes: pd.DataFrame, values: FloatArray, recipe: FuseRecipe) -> Interval:
+    """Return the mean of values over boxes with its interval over clusters."""
     return clustered(values, boxes["cluster"], recipe.boxes.draws)
 
 
 def one_frame(boxes: pd.DataFrame, values: FloatArray, figure: float) -> Interval:
-    """Difference of our frames' named boxes, left and right together, and those of the one frame that a paper shows."""
+    """Return our frames' named boxes less those of the one frame that the paper shows.
+
+    Left and right are taken together.
+    """
     pairs = _pairs(boxes, values)
     if len(pairs) < 2:
         return np.nan, -np.inf, np.inf
@@ -212,7 +238,10 @@ def one_frame(boxes: pd.DataFrame, values: FloatArray, figure: float) -> Interva
 
 
 def frame_error(boxes: pd.DataFrame, values: FloatArray) -> float:
-    """Bound the standard error of a figure of one frame by the deviation of ours; 0 where there are not two."""
+    """Bound the standard error of a figure of one frame by the deviation of ours.
+
+    0 where there are not two.
+    """
     pairs = _pairs(boxes, values)
     return float(pairs.std()) if len(pairs) > 1 else 0.0
 
@@ -226,6 +255,7 @@ def _pairs(boxes: pd.DataFrame, values: FloatArray) -> pd.Series:
 def _figure_finding(
     claim: str, boxes: pd.DataFrame, values: FloatArray, figure: float, recipe: FuseRecipe
 ) -> Finding:
+    """Judge a figure of the paper by the boxes of one frame."""
     gap = one_frame(boxes, values, figure)
     every = _gap(boxes, values, recipe)
     ours = f"two boxes of a frame {_in_words((gap[0] + figure, gap[1] + figure, gap[2] + figure))}"
@@ -244,13 +274,17 @@ def _figure_finding(
 
 
 def clutter_findings(boxes: pd.DataFrame, recipe: FuseRecipe) -> list[Finding]:
-    """Judge what Sec. 3.2 says of the clutter power, by named boxes under all iterations and combinations."""
+    """Judge what Sec. 3.2 says of the clutter power, by named boxes.
+
+    All iterations and combinations are judged.
+    """
     single = (power_db(boxes, "iteration 6") + power_db(boxes, "iteration 7")) / 2
     gain = single - power_db(boxes, "#6")
     steps = _gap(boxes, power_db(boxes, "iteration 1") - power_db(boxes, "iteration 7"), recipe)
-    others = [f"#{number}" for number in TABLE_II if number != 6]
+    other_combinations = [f"#{number}" for number in TABLE_II if number != 6]
     better = {
-        f"{name} less #6": _over_six(boxes, name, together(len(others)), recipe) for name in others
+        f"{name} less #6": _over_six(boxes, name, together(len(other_combinations)), recipe)
+        for name in other_combinations
     }
     mean = _gap(boxes, gain, recipe)
     size = f"{len(boxes)} boxes of {boxes['cluster'].nunique()} objects"
@@ -258,19 +292,32 @@ def clutter_findings(boxes: pd.DataFrame, recipe: FuseRecipe) -> list[Finding]:
         _figure_finding(FALL, boxes, -power_db(boxes, "#6"), PAPER_DB, recipe),
         _figure_finding(BY_MEAN, boxes, gain, PAPER_MEAN_DB, recipe),
         Finding(
-            "averaging lowers the clutter", "cancelled out by taking the average (Sec. 3.2)", _in_words(mean),
-            larger(*mean[1:]), size, interval=mean, asks=_MORE, unit="dB",
+            "averaging lowers the clutter",
+            "cancelled out by taking the average (Sec. 3.2)",
+            _in_words(mean),
+            larger(*mean[1:]),
+            size,
+            interval=mean,
+            asks=_MORE,
+            unit="dB",
         ),
         Finding(
-            "more iterations leave less clutter", "power falls with the iteration (Fig. 8)", _in_words(steps),
-            larger(*steps[1:]), "iteration 7 against iteration 1, without averaging", interval=steps,
-            asks=_MORE, unit="dB",
+            "more iterations leave less clutter",
+            "power falls with the iteration (Fig. 8)",
+            _in_words(steps),
+            larger(*steps[1:]),
+            "iteration 7 against iteration 1, without averaging",
+            interval=steps,
+            asks=_MORE,
+            unit="dB",
         ),
         parts_larger(
-            "#6 is the best combination", "produces the best pattern (Sec. 3.2)", better,
+            "#6 is the best combination",
+            "produces the best pattern (Sec. 3.2)",
+            better,
             note="dB, #6 against each of #0 to #5, by intervals that hold together",
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _over_six(boxes: pd.DataFrame, stage: str, level: float, recipe: FuseRecipe) -> Interval:
@@ -280,49 +327,64 @@ def _over_six(boxes: pd.DataFrame, stage: str, level: float, recipe: FuseRecipe)
 
 
 def band_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Finding]:
-    """Judge what the masks rest on: what tells buried targets from clutter, and what the fundamental part holds."""
-    table = pd.concat([one.bands.assign(lane=one.name) for one in lanes])
+    """Judge what the masks rest on.
+
+    What tells buried targets from clutter, and what the fundamental part holds.
+    """
+    table = pd.concat([lane.bands.assign(lane=lane.name) for lane in lanes])
     table["cluster"] = table["lane"] + table["name"].astype(str)
     mines = table[table["what"] == "mine"]
     clutter = table[table["what"] == "clutter"]
-    found = []
-    for band, words in (("vh", "L band VH"), ("x", "X band")):
+    findings = []
+    for band, band_title in (("vh", "L band VH"), ("x", "X band")):
         if band not in table or table[band].isna().all():
             continue
         levels = [
-            clustered(20 * np.log10(one[band]), one["cluster"], recipe.boxes.draws)
-            for one in (clutter, mines)
+            clustered(20 * np.log10(lane[band]), lane["cluster"], recipe.boxes.draws)
+            for lane in (clutter, mines)
         ]
         gap = difference_of_means(*levels)
-        found.append(
+        findings.append(
             Finding(
-                f"the {words} response of buried targets is weak", "weak, that of above-ground objects strong (Sec. 1)",
-                _in_words(gap), larger(*gap[1:]), f"peak over the median at its distance, roadside objects less mines; "
-                f"{len(clutter)} and {len(mines)} looks", interval=gap, asks=_MORE, unit="dB",
+                f"the {band_title} response of buried targets is weak",
+                "weak, that of above-ground objects strong (Sec. 1)",
+                _in_words(gap),
+                larger(*gap[1:]),
+                f"peak over the median at its distance, roadside objects less mines; "
+                f"{len(clutter)} and {len(mines)} looks",
+                interval=gap,
+                asks=_MORE,
+                unit="dB",
             )
-        )  # fmt: skip
-    share = clustered(clutter["held"], clutter["cluster"], recipe.boxes.draws)
-    found.append(
-        Finding(
-            "the fundamental mask covers most of the clutter", "able to cover the most part of the region (Sec. 2.4)",
-            _in_words(share, "", 2), larger(*share[1:], 0.5), "share of the VV power in the boxes of roadside objects",
-            interval=share, asks=("larger", 0.5, 0.0), bounds=SHARE,
         )
-    )  # fmt: skip
-    return found
+    share = clustered(clutter["held"], clutter["cluster"], recipe.boxes.draws)
+    findings.append(
+        Finding(
+            "the fundamental mask covers most of the clutter",
+            "able to cover the most part of the region (Sec. 2.4)",
+            _in_words(share, "", 2),
+            larger(*share[1:], 0.5),
+            "share of the VV power in the boxes of roadside objects",
+            interval=share,
+            asks=("larger", 0.5, 0.0),
+            bounds=SHARE,
+        )
+    )
+    return findings
 
 
 def own_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, pd.Series]:
-    """Change of what every mine alone gives at its peak, dB, look by look, and the mine each belongs to."""
+    """Return the change of every mine's own peak, dB, look by look, and the mine's name."""
     rows = pd.concat(
-        [one.own[one.own["variant"] == variant].assign(lane=one.name) for one in lanes]
+        [lane.own[lane.own["variant"] == variant].assign(lane=lane.name) for lane in lanes]
     )
     return rows["change_db"].to_numpy(dtype=np.float64), rows["lane"] + rows["target"].astype(str)
 
 
 def _mine_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Finding]:
-    own, mine = own_changes(lanes, "iteration")
-    mean = clustered(own, mine, recipe.boxes.draws)
+    """Judge what the paper says of the mines' peaks."""
+    changes, targets = own_changes(lanes, "iteration")
+    mean = clustered(changes, targets, recipe.boxes.draws)
     peaks, cluster = mine_changes(lanes, "iteration")
     halo = clustered(peaks, cluster, recipe.boxes.draws)
     looks = pd.concat(
@@ -331,56 +393,76 @@ def _mine_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Find
     share = clustered(
         looks["masked"], looks["lane"] + looks["target"].astype(str), recipe.boxes.draws
     )
-    count = f"{len(own)} looks at {mine.nunique()} mines"
+    count = f"{len(changes)} looks at {targets.nunique()} mines"
     return [
         Finding(
-            KEPT, "target signals still remain (Sec. 3.2)", _in_words(mean),
+            KEPT,
+            "target signals still remain (Sec. 3.2)",
+            _in_words(mean),
             peaks_kept(*mean[1:]),
-            f"change of what a mine alone gives at its peak, mask and amplitudes held fixed, {count}; within 1 dB "
-            f"agrees. The largest pixel of its halo, clutter included, changes by {_in_words(halo)}", interval=mean,
-            rule=(-_KEPT, _KEPT), unit="dB",
+            f"change of what a mine alone gives at its peak, mask and amplitudes held fixed, "
+            f"{count}; within 1 dB "
+            f"agrees. The largest pixel of its halo, clutter included, changes by "
+            f"{_in_words(halo)}",
+            interval=mean,
+            rule=(-_KEPT, _KEPT),
+            unit="dB",
         ),
         Finding(
-            COVERS, "covers just the clutter area (Sec. 3.1)", _in_words(share, "", 3),
-            judge(*share[1:], (0.0, 0.05)), f"share of {len(peaks)} looks whose peak is masked; up to 5 % agrees",
-            interval=share, rule=(0.0, 0.05), bounds=SHARE,
+            COVERS,
+            "covers just the clutter area (Sec. 3.1)",
+            _in_words(share, "", 3),
+            judge(*share[1:], (0.0, 0.05)),
+            f"share of {len(peaks)} looks whose peak is masked; up to 5 % agrees",
+            interval=share,
+            rule=(0.0, 0.05),
+            bounds=SHARE,
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _roc_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Finding]:
-    found = []
+    """Judge what the paper says of the ROC, by both conventions of FAR."""
+    findings = []
     for lane in lanes:
-        for convention, words in CONVENTIONS.items():
-            one = compared(lane, "iteration", "original", recipe, convention)
-            found.append(
+        for convention, convention_title in CONVENTIONS.items():
+            comparison = compared(lane, "iteration", "original", recipe, convention)
+            findings.append(
                 Finding(
-                    f"ROC better with suppression, lane {lane.name}, {words}", "significantly improved (Fig. 9)",
-                    f"PD_mean {one.pd_mean_b:.2f} to {one.pd_mean_a:.2f}, by {one.difference:+.2f} "
-                    f"({one.low:+.2f} to {one.high:+.2f})",
-                    larger(one.low, one.high), interval=(one.difference, one.low, one.high), asks=_MORE,
+                    f"ROC better with suppression, lane {lane.name}, {convention_title}",
+                    "significantly improved (Fig. 9)",
+                    f"PD_mean {comparison.pd_mean_b:.2f} to {comparison.pd_mean_a:.2f}, by "
+                    f"{comparison.difference:+.2f} "
+                    f"({comparison.low:+.2f} to {comparison.high:+.2f})",
+                    larger(comparison.low, comparison.high),
+                    interval=(comparison.difference, comparison.low, comparison.high),
+                    asks=_MORE,
                     bounds=SHARE_DIFFERENCE,
-                    note=f"Pd averaged over FAR up to {recipe.score.far_max:g} per m², {one.n_targets} "
-                    f"{'looks' if convention == 'frames' else 'mines'}; at {one.far:g} per m² {one.only_a} mines are "
-                    f"found more often with it, {one.only_b} without",
+                    note=f"Pd averaged over FAR up to {recipe.score.far_max:g} per m², "
+                    f"{comparison.n_targets} "
+                    f"{'looks' if convention == 'frames' else 'mines'}; at {comparison.far:g} per "
+                    f"m² {comparison.only_a} mines are "
+                    f"found more often with it, {comparison.only_b} without",
                 )
-            )  # fmt: skip
-    return found
+            )
+    return findings
 
 
 def _own_findings(
     lanes: Sequence[LaneResult], loose: LaneResult, boxes: pd.DataFrame, recipe: FuseRecipe
 ) -> list[Finding]:
+    """Judge our own questions about the variants."""
+
     def against(claim: str, better: str, worse: str) -> list[Finding]:
         gap = _gap(boxes, power_db(boxes, worse) - power_db(boxes, better), recipe)
         change, cluster = mine_changes(lanes, better)
         peaks = clustered(change, cluster, recipe.boxes.draws)
-        words = f"mine peaks change by {_in_words(peaks)}."
-        return [Finding(claim, "not tried", _in_words(gap), OPEN, words, interval=gap)]
+        text = f"mine peaks change by {_in_words(peaks)}."
+        return [Finding(claim, "not tried", _in_words(gap), OPEN, text, interval=gap)]
 
     lost = {name: clustered(*own_changes(lanes, name), recipe.boxes.draws) for name in _OWN}
-    words = "; ".join(f"{name} {_in_words(one)}" for name, one in lost.items())
-    found = [
+    words = "; ".join(f"{name} {_in_words(interval)}" for name, interval in lost.items())
+    findings = [
         Finding(
             "what a mine alone gives at its peak",
             "not tried",
@@ -389,59 +471,63 @@ def _own_findings(
             interval=lost["least squares"],
         )
     ]
-    found += against(
+    findings += against(
         "least squares removes more clutter than the iteration with one reflectivity at equal cost",
         "least squares",
         "shared",
     )
-    found += against(
+    findings += against(
         "the road fitted too and not subtracted", "least squares spared", "least squares"
     )
-    found += against(
+    findings += against(
         "one reflectivity for all frames removes more than one per frame", "shared", "iteration"
     )
-    found += against(
+    findings += against(
         "B of the whole response removes more than B of each sub-region's own",
         "whole response",
         "iteration",
     )
-    found += against(
+    findings += against(
         "the roadside's level of the calibration lane removes more than that of the frame itself",
         "calibrated roadside",
         "iteration",
     )
-    found += [_fall_back_finding(lanes, boxes, recipe)]
-    found += against(
+    findings += [_fall_back_finding(lanes, boxes, recipe)]
+    findings += against(
         "with a reflectivity per frame, least squares removes more than the iteration",
         "least squares per frame",
         "iteration",
     )
-    found += against(
+    findings += against(
         "masks by connected region remove more clutter than by pixel", "regions", "iteration"
     )
-    found += against(
+    findings += against(
         "the X band removes clutter that VV and VH alone leave", "iteration", "L band alone"
     )
-    found += [_rival_finding(name, lanes, recipe) for name in _RIVALS]
+    findings += [_rival_finding(name, lanes, recipe) for name in _RIVALS]
     for lane in lanes:
         cleaned = lane_match(lane, "iteration", recipe)
         tracks = track_match(lane, "iteration", recipe)
-        one = compare(
+        interval = compare(
             tracks,
             cleaned,
             far_max=recipe.score.far_max,
             far=recipe.score.far,
             draws=recipe.boxes.draws,
         )
-        found.append(
+        findings.append(
             Finding(
-                f"ROC better with alarms followed over {_HITS} frames than on the map of means, lane {lane.name}",
+                f"ROC better with alarms followed over {_HITS} frames than on the map of means, "
+                f"lane {lane.name}",
                 "false alarms significantly reduced (the sequel's abstract)",
-                f"{one.difference:+.3f} ({one.low:+.3f} to {one.high:+.3f})", OPEN,
-                f"PD_mean {one.pd_mean_a:.2f} against {one.pd_mean_b:.2f}, chance {one.chance_a:.2f} and "
-                f"{one.chance_b:.2f}; lane area", interval=(one.difference, one.low, one.high),
+                f"{interval.difference:+.3f} ({interval.low:+.3f} to {interval.high:+.3f})",
+                OPEN,
+                f"PD_mean {interval.pd_mean_a:.2f} against {interval.pd_mean_b:.2f}, chance "
+                f"{interval.chance_a:.2f} and "
+                f"{interval.chance_b:.2f}; lane area",
+                interval=(interval.difference, interval.low, interval.high),
             )
-        )  # fmt: skip
+        )
     wrong = strongest_boxes([loose])
     for name in ("iteration", "shared"):
         close = boxes.merge(
@@ -453,24 +539,36 @@ def _own_findings(
             close, name
         )
         gap = clustered(worse, close["cluster"], recipe.boxes.draws)
-        found.append(
+        findings.append(
             Finding(
-                f"poses wrong by {100 * recipe.study.loose_position:g} cm cost suppression ({name})", "not tried",
-                _in_words(gap), OPEN, f"{len(close)} boxes of lane {loose.name}", interval=gap,
+                f"poses wrong by {100 * recipe.study.loose_position:g} cm cost suppression "
+                f"({name})",
+                "not tried",
+                _in_words(gap),
+                OPEN,
+                f"{len(close)} boxes of lane {loose.name}",
+                interval=gap,
             )
-        )  # fmt: skip
-    return found
+        )
+    return findings
 
 
 def _rival_finding(name: str, lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Finding:
-    """Compare the ROC of a variant with that of the iteration in each frame, lane by lane, by frames."""
-    each = {lane.name: compared(lane, name, "iteration", recipe, "frames") for lane in lanes}
-    gaps = {lane: (one.difference, one.low, one.high) for lane, one in each.items()}
+    """Compare the ROC of a variant with that of the iteration, lane by lane.
+
+    Every frame counts its area.
+    """
+    comparisons = {lane.name: compared(lane, name, "iteration", recipe, "frames") for lane in lanes}
+    gaps = {
+        lane: (comparison.difference, comparison.low, comparison.high)
+        for lane, comparison in comparisons.items()
+    }
     ours = "; ".join(
         f"lane {lane} {in_words(*clip(gap, SHARE_DIFFERENCE))}" for lane, gap in gaps.items()
     )
     means = "; ".join(
-        f"lane {lane} {one.pd_mean_a:.2f} against {one.pd_mean_b:.2f}" for lane, one in each.items()
+        f"lane {lane} {comparison.pd_mean_a:.2f} against {comparison.pd_mean_b:.2f}"
+        for lane, comparison in comparisons.items()
     )
     least = min(gaps.values(), key=lambda gap: gap[1])
     claim = f"ROC better with {name} than with the iteration in each frame (frames)"
@@ -482,13 +580,15 @@ def _rival_finding(name: str, lanes: Sequence[LaneResult], recipe: FuseRecipe) -
 def _fall_back_finding(
     lanes: Sequence[LaneResult], boxes: pd.DataFrame, recipe: FuseRecipe
 ) -> Finding:
-    """Tell where the iteration diverged, and what falling back to its best does."""
-    courses = pd.concat([one.courses[one.courses["variant"] == "iteration"] for one in lanes])
+    """Return where the iteration diverged, and what falling back to its best does."""
+    courses = pd.concat([lane.courses[lane.courses["variant"] == "iteration"] for lane in lanes])
     gap = _gap(boxes, power_db(boxes, "as printed") - power_db(boxes, "iteration"), recipe)
     counts = {name: int((courses[name] > 0).sum()) for name in ("rises", "diverged", "fallen")}
     note = (
-        f"of {len(courses)} apertures the residual rose for an iteration in {counts['rises']}, by up to "
-        f"{100 * courses['rise'].max():.2g} %; the last was worse than another in {counts['diverged']}, and their "
+        f"of {len(courses)} apertures the residual rose for an iteration in {counts['rises']}, by "
+        f"up to "
+        f"{100 * courses['rise'].max():.2g} %; the last was worse than another in "
+        f"{counts['diverged']}, and their "
         f"average, too, in {counts['fallen']}"
     )
     claim = "falling back to the best iteration where a course diverged removes more"
@@ -511,8 +611,8 @@ def follow(alarms: pd.DataFrame, gate: float, hits: int) -> pd.DataFrame:
     magnitude. Its confidence is the ``hits``-th largest of its magnitudes: at a threshold are
     declared the tracks of which so many frames exceed it.
 
-    ``alarms`` has frame, x, y (m, lane frame) and magnitude; ``gate`` is in m. The table has x, y, confidence and
-    frames; tracks of fewer frames than ``hits`` are left out.
+    ``alarms`` has frame, x, y (m, lane frame) and magnitude; ``gate`` is in m. The table has x, y,
+    confidence and frames; tracks of fewer frames than ``hits`` are left out.
     """
     tracks: list[list[NDArray[np.float64]]] = []
     for _, frame in alarms.sort_values("magnitude", ascending=False, kind="stable").groupby(
@@ -520,19 +620,23 @@ def follow(alarms: pd.DataFrame, gate: float, hits: int) -> pd.DataFrame:
     ):
         old = np.array([_place(track) for track in tracks]).reshape(-1, 2)
         free = np.ones(len(old), dtype=bool)
-        for one in frame[["x", "y", "magnitude"]].to_numpy(dtype=np.float64):
-            away = np.where(free, np.hypot(*(old - one[:2]).T), np.inf)
-            if away.size and away.min() <= gate:
-                nearest = int(away.argmin())
-                tracks[nearest].append(one)
+        for alarm in frame[["x", "y", "magnitude"]].to_numpy(dtype=np.float64):
+            distance = np.where(free, np.hypot(*(old - alarm[:2]).T), np.inf)
+            if distance.size and distance.min() <= gate:
+                nearest = int(distance.argmin())
+                tracks[nearest].append(alarm)
                 free[nearest] = False
             else:
-                tracks.append([one])
-    kept = [track for track in tracks if len(track) >= hits]
-    rows = [(*_place(track), np.sort([m for *_, m in track])[-hits], len(track)) for track in kept]
+                tracks.append([alarm])
+    long_tracks = [track for track in tracks if len(track) >= hits]
+    rows = []
+    for track in long_tracks:
+        magnitudes = [magnitude for *_, magnitude in track]
+        rows.append((*_place(track), np.sort(magnitudes)[-hits], len(track)))
     return pd.DataFrame(rows, columns=["x", "y", "confidence", "frames"])
 
 
 def _place(track: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the position of a track, weighed by the magnitudes of its alarms."""
     points = np.array(track)
     return np.asarray(np.average(points[:, :2], axis=0, weights=points[:, 2]))

@@ -1,8 +1,9 @@
-"""The suppression on the packaged full-wave lane: one band, three frames, thresholds from simulated lanes of its kind.
+"""The suppression on the packaged full-wave lane.
 
-The full-wave data have a scale of their own, so thresholds are learnt and used in units of each image's median
-magnitude in each sub-region. Nothing else passes from one to the other, and the full-wave lane's truth is used only to
-tell what became of each object.
+One band, three frames, thresholds from simulated lanes of its kind. The full-wave data have a scale
+of their own, so thresholds are learnt and used in units of each image's median magnitude in each
+sub-region. Nothing else passes from one to the other, and the full-wave lane's truth is used only
+to tell what became of each object.
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ from flgpr.clutter import (
     suppress_by_model,
 )
 from flgpr.imaging import ImagingOperator
-from flgpr.io import open_run, read_table, sample_lane
 from flgpr.kernels.windows import hann
 from flgpr.model import Grid, Lane, Sensor, check_tones, vehicle_to_lane
 from flgpr.screen import prescreen
 from flgpr.simulate import Scene, Simulator
+from flgpr.store import open_run, read_table, sample_lane
 
 HALF_WIDTH = 1.4
 """Of the imaged ground, m."""
@@ -41,7 +42,10 @@ ROADSIDES = {
     "scaled with the image": (0.4 * HALF_WIDTH, HALF_WIDTH),
     "beside the lane": (1.0, HALF_WIDTH),
 }
-"""The paper's roadside begins at 4 of 10 m; the lane of this run is 1 m to either side of the middle."""
+"""The lane of this run is 1 m to either side of the middle.
+
+The paper's roadside begins at 4 of 10 m.
+"""
 LANE = Lane(-1.0, 1.0, 2.0, 6.2)
 _GRID = Grid.spanning(
     (-HALF_WIDTH, HALF_WIDTH), (2.56, 6.2), 0.025
@@ -57,8 +61,8 @@ _METHODS = ("none", "iteration", "per frame", "least squares")
 class FullwaveStudy:
     """What became of the lane."""
 
-    #: one row per roadside rule, method and object: change of the peak in HH and VV (dB), share of the response
-    #: masked, rank among the alarms in VV and false alarms above
+    #: one row per roadside rule, method and object: change of the peak in HH and VV (dB), share of
+    #: the response masked, rank among the alarms in VV and false alarms above
     table: pd.DataFrame
     false: pd.DataFrame  #: one row per roadside rule and method: false alarms in the lane, residual
     images: dict[str, NDArray[Any]]  #: magnitudes and masks for the figure
@@ -67,7 +71,10 @@ class FullwaveStudy:
 
 
 def fullwave_study(quick: bool = False) -> FullwaveStudy:
-    """Learn thresholds on simulated lanes and clean the packaged lane."""
+    """Learn thresholds on simulated lanes with the same array and soil.
+
+    The same kinds of bodies lie at other positions.
+    """
     folder = sample_lane()
     run = open_run(folder / "run.zarr")
     worlds = 6 if quick else 24
@@ -87,18 +94,19 @@ def fullwave_study(quick: bool = False) -> FullwaveStudy:
         mask = frames.mask(limits[rule], side)
         cleaned, residual = frames.clean(mask)
         for method, image in cleaned.items():
-            found = _alarms(image[0], truth)
+            alarm_table = _alarms(image[0], truth)
             alarms.append(
                 {
                     "roadside": rule,
                     "method": method,
-                    "false alarms": int((found["label"] == 0).sum()),
+                    "false alarms": int((alarm_table["label"] == 0).sum()),
                 }
                 | {"residual": residual[method], "masked": float(mask.mean())}
             )
             rows += [
-                {"roadside": rule, "method": method} | _fate(one, frames.images, image, mask, found)
-                for one in places
+                {"roadside": rule, "method": method}
+                | _fate(target, frames.images, image, mask, alarm_table)
+                for target in places
             ]
             images[f"{rule}/{method}"] = np.abs(image[0])
         images[f"{rule}/mask"] = mask
@@ -110,7 +118,7 @@ def fullwave_study(quick: bool = False) -> FullwaveStudy:
     images |= {
         "x": _GRID.x,
         "y": _GRID.y,
-        "places": np.array([place[1:] for place in places], dtype=np.float64),
+        "places": np.array([target[1:] for target in places], dtype=np.float64),
     }
     first = next(iter(ROADSIDES))
     return FullwaveStudy(pd.DataFrame(rows), pd.DataFrame(alarms), images, limits[first], worlds)
@@ -133,6 +141,7 @@ class _Frames:
         self.level = np.array([_medians(image, self.region) for image in self.images])
 
     def _stack(self, points: NDArray[np.float64]) -> FrameStack:
+        """Return the frames' operators on points as one."""
         return FrameStack([make(points) for make in self.operators])
 
     def mask(self, limits: Thresholds, side: tuple[float, float]) -> NDArray[np.bool_]:
@@ -148,19 +157,21 @@ class _Frames:
         data = self.data[:, :2]
         points = self.pixels[mask]
         shared = iterate_suppression(data, self._stack, self.pixels, mask, self.region)
-        own = iterate_frames(data, self.operators, self.pixels, mask, self.region)
-        made = {
+        iterated = iterate_frames(data, self.operators, self.pixels, mask, self.region)
+        cleaned_images = {
             "none": data,
             "iteration": averaged(shared, 6),
-            "per frame": averaged_frames(own, 6),
+            "per frame": averaged_frames(iterated, 6),
             "least squares": suppress_by_model(data, self._stack(points), 20).data
             if mask.any()
             else data,
         }
-        whole = self._stack(self.pixels)
+        stack = self._stack(self.pixels)
         norm = float(np.linalg.norm(data))
-        images = {name: whole.adjoint(made[name])[:, 0] for name in _METHODS}
-        return images, {name: float(np.linalg.norm(made[name])) / norm for name in _METHODS}
+        images = {name: stack.adjoint(cleaned_images[name])[:, 0] for name in _METHODS}
+        return images, {
+            name: float(np.linalg.norm(cleaned_images[name])) / norm for name in _METHODS
+        }
 
 
 def _operator_on(
@@ -169,6 +180,7 @@ def _operator_on(
     taper: NDArray[np.float64],
     pose: NDArray[np.float64],
 ) -> Callable[[NDArray[np.float64]], ImagingOperator]:
+    """Return the imaging operator of a run's antennas, for given points."""
     tx, rx = (vehicle_to_lane(run[name].values, pose) for name in ("tx_position", "rx_position"))
     return lambda points: ImagingOperator(frequency, tx, rx, points, window=taper)
 
@@ -180,7 +192,10 @@ def _medians(image: NDArray[np.complex64], region: NDArray[np.int64]) -> NDArray
 
 
 def _calibrate(run: xr.Dataset, worlds: int) -> dict[str, Thresholds]:
-    """Learn thresholds on simulated lanes with the same array, soil and kinds of things at other places."""
+    """Learn thresholds on simulated lanes with the same array and soil.
+
+    The same kinds of bodies lie at other positions.
+    """
     learnt = {name: ThresholdCalibration(len(_EDGES) - 1) for name in ROADSIDES}
     sensor = _sensor(run)
     reach = 0.4
@@ -188,16 +203,18 @@ def _calibrate(run: xr.Dataset, worlds: int) -> dict[str, Thresholds]:
     for seed in range(worlds):
         simulator = Simulator(_scene(run, seed), sensor, seed)
         frames = _Frames(simulator.run(), ("VV", "HH", "VH"))
-        x, y = frames.pixels[..., 0], frames.pixels[..., 1]
+        x = frames.pixels[..., 0]
+        y = frames.pixels[..., 1]
         halos = [np.hypot(x - t.x, y - t.y) <= reach for t in simulator.world.targets]
         vv = frames.images[0] / frames.level[0]
         vh = frames.images[2] / frames.level[2]
         for name, (near, far) in ROADSIDES.items():
             learnt[name].add(vv, vh, frames.region, halos, (across >= near) & (across <= far))
-    return {name: one.result() for name, one in learnt.items()}
+    return {name: sum_.result() for name, sum_ in learnt.items()}
 
 
 def _sensor(run: xr.Dataset) -> Sensor:
+    """Return the sensor of a full-wave run."""
     f = run["frequency"].values
     sensor = Sensor.model_validate(
         {
@@ -217,7 +234,10 @@ def _sensor(run: xr.Dataset) -> Sensor:
 
 
 def _scene(run: xr.Dataset, seed: int) -> Scene:
-    """Draw a calibration lane: two metal and two plastic mines along it, a rock in it and a post beside it."""
+    """Draw a calibration lane.
+
+    Two metal and two plastic mines along it, a rock in it and a post beside it.
+    """
     rng = np.random.default_rng([2018, seed])
     soil = run.attrs["soil"]
     order = rng.permutation(["metal", "metal", "plastic", "plastic"]).tolist()
@@ -231,7 +251,7 @@ def _scene(run: xr.Dataset, seed: int) -> Scene:
         | {"radius": 0.165, "height": 0.12}
         for kind, y in zip(order, (3.0, 3.9, 4.8, 5.7), strict=True)
     ]
-    things = [
+    bodies = [
         {"kind": "rock", "x": rng.uniform(-0.8, 0.8), "y": rng.uniform(2.6, 6.0), "radius": 0.06},
         {
             "kind": "post",
@@ -257,31 +277,35 @@ def _scene(run: xr.Dataset, seed: int) -> Scene:
                 "texture_shape": None,
             },
             "targets": targets,
-            "objects": things,
+            "objects": bodies,
             "track": {"positions": tuple(run["pose"].values[:, 1].tolist())},
         }
     )
 
 
 def _alarms(image: NDArray[np.complex64], truth: pd.DataFrame) -> pd.DataFrame:
-    """Alarms of a VV image in the lane, strongest first, with the mine that each hits (0 for none)."""
+    """Return the alarms of a VV image in the lane, strongest first.
+
+    Each has the mine that it hits, 0 for none.
+    """
     view = xr.DataArray(
         np.abs(image).astype(np.float64), dims=("y", "x"), coords={"y": _GRID.y, "x": _GRID.x}
     )
-    found = prescreen(view, LANE, _RADIUS)
-    found = found[LANE.contains(found["x"], found["y"])].reset_index(drop=True)
-    near = np.hypot(*(found[[axis]].to_numpy() - truth[axis].to_numpy() for axis in ("x", "y")))
-    return found.assign(label=np.where(near.min(axis=1) <= _HALO, near.argmin(axis=1) + 1, 0))
+    alarms = prescreen(view, LANE, _RADIUS)
+    alarms = alarms[LANE.contains(alarms["x"], alarms["y"])].reset_index(drop=True)
+    near = np.hypot(*(alarms[[axis]].to_numpy() - truth[axis].to_numpy() for axis in ("x", "y")))
+    return alarms.assign(label=np.where(near.min(axis=1) <= _HALO, near.argmin(axis=1) + 1, 0))
 
 
 def _fate(
-    place: tuple[str, float, float],
+    target: tuple[str, float, float],
     before: NDArray[np.complex64],
     after: NDArray[np.complex64],
     mask: NDArray[np.bool_],
     alarms: pd.DataFrame,
 ) -> dict[str, Any]:
-    name, x, y = place
+    """Return what becomes of a target's peak, and the share of it that is masked."""
+    name, x, y = target
     near = np.hypot(_GRID.points()[..., 0] - x, _GRID.points()[..., 1] - y) <= 0.4
     peaks = {
         p: 20 * np.log10(np.abs(after[i][near]).max() / np.abs(before[i][near]).max())

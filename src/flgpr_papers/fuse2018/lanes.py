@@ -1,4 +1,7 @@
-"""The settings of the study of Fuse et al. 2018, its lanes, and their frames: two runs with shared poses."""
+"""The settings of the study of Fuse et al. 2018, its lanes, and their frames.
+
+Two runs with shared poses.
+"""
 
 from __future__ import annotations
 
@@ -14,15 +17,15 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field
 
+from flgpr.chain.engine import Arrays, Engine
 from flgpr.chain.images import RunImages
 from flgpr.chain.model import Model
-from flgpr.chain.passes import Arrays, Chain
 from flgpr.chain.progress import Track
 from flgpr.chain.recipe import Recipe, recipe_text
 from flgpr.chain.stages.masks import MaskedSuppression
-from flgpr.io import open_run
 from flgpr.model import Grid, Lane, Sensor, check_tones, ground_points, lane_to_scan, load_sensor
 from flgpr.simulate import EVEN, Scene, Simulator, draw_world, told
+from flgpr.store import open_run
 from flgpr_papers.kit.cache import key_of, read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.settings import Table, packaged
 from flgpr_papers.kit.study_worlds import OWN, study_world
@@ -36,7 +39,10 @@ FloatArray = NDArray[np.float64]
 
 
 class Radar(Table):
-    """Errors of the navigation (m, rad), simulated ground (m), surface scatterers per m², in X alone and in both."""
+    """Errors of the navigation (m, rad) and simulated ground (m).
+
+    Also the surface scatterers per m², in X alone and in both bands.
+    """
 
     position: NotNegative
     heading: NotNegative
@@ -63,7 +69,10 @@ class Lanes(Table):
 
 
 class Image(Table):
-    """Images ahead of the latest frame (m), frames summed, borders of the sub-regions in range (m)."""
+    """Images ahead of the latest frame (m), and frames summed.
+
+    Also the borders of the sub-regions in range (m).
+    """
 
     x: Span
     y: Span
@@ -88,7 +97,10 @@ class Suppress(Table):
 
 
 class Score(Table):
-    """Detection area of a frame (m), halo's diameter and alarms' radius (m), false alarm rates (per m²)."""
+    """Detection area of a frame, halo's diameter and alarms' radius (m).
+
+    Also the false alarm rates (per m²).
+    """
 
     x: Span
     y: Span
@@ -107,7 +119,10 @@ class Boxes(Table):
 
 
 class Study(Table):
-    """Place of the example frame (m); steps from aperture to aperture; the looser navigation that is tried (m rms)."""
+    """Place of the example frame (m); steps from aperture to aperture.
+
+    The looser navigation that is tried (m rms).
+    """
 
     example: float
     every: Annotated[int, Field(ge=1)]
@@ -141,12 +156,15 @@ class FuseRecipe(Table):
 
     @property
     def map_grid(self) -> Grid:
-        """Pixels of a lane's map, in the lane frame: more than is scored, so that peaks at the border are whole."""
+        """Pixels of a lane's map, in the lane frame.
+
+        More than is scored, so that peaks at the border are whole.
+        """
         return Grid.spanning(self.image.x, (0.0, self.lanes.length + 2.0), self.image.spacing)
 
     def chain(self) -> Recipe:
         """Load the recipe that detection is run with, and give it the study's images and masks."""
-        held = tomllib.loads(recipe_text("fuse2018"))
+        tables = tomllib.loads(recipe_text("fuse2018"))
         image = self.image.model_dump()
         masks = {
             "edges": image.pop("edges"),
@@ -154,11 +172,11 @@ class FuseRecipe(Table):
             **dict(self.mask),
             **dict(self.suppress),
         }
-        held["image"] |= image
-        held["clutter"] = [
-            one | masks if one["stage"] == "masks" else one for one in held["clutter"]
+        tables["image"] |= image
+        tables["clutter"] = [
+            stage | masks if stage["stage"] == "masks" else stage for stage in tables["clutter"]
         ]
-        return Recipe.model_validate(held)
+        return Recipe.model_validate(tables)
 
 
 def fuse_recipe(quick: bool = False, world: str = OWN) -> FuseRecipe:
@@ -170,8 +188,8 @@ def fuse_recipe(quick: bool = False, world: str = OWN) -> FuseRecipe:
 def band_sensor(recipe: FuseRecipe, band: str) -> Sensor:
     """Load a band's preset with the study's navigation and footprint.
 
-    Tones that let echoes from before the images appear in them are a ValueError; the earliest frame of a coherent sum
-    sees the ground from farther back.
+    Tones that let echoes from before the images appear in them are a ValueError; the earliest frame
+    of a coherent sum sees the ground from farther back.
     """
     preset = load_sensor(f"dual-band-{band}")
     errors = preset.errors.model_copy(
@@ -185,7 +203,10 @@ def band_sensor(recipe: FuseRecipe, band: str) -> Sensor:
 
 
 def lane_scene(recipe: FuseRecipe, name: str, band: str) -> Scene:
-    """Describe a lane as a band sees it; the bands differ in the density of surface scatterers alone."""
+    """Describe a lane as a band sees it.
+
+    The bands differ in the density of surface scatterers alone.
+    """
     lanes = recipe.lanes
     radar = recipe.radar
     density = radar.scatterers or (radar.scatterers_x if band == "x" else None)
@@ -208,40 +229,44 @@ def lane_scene(recipe: FuseRecipe, name: str, band: str) -> Scene:
 
 @dataclass(frozen=True)
 class Frames:
-    """A lane's frames, as the stage of the detection chain that forms masks and suppresses has them."""
+    """A lane's frames, as the stage that forms masks and suppresses has them."""
 
     name: str
-    #: of the L band, with the X band as the second, not trained; what it needs to know of the runs is known
+    #: of the L band, with the X band as the second, not trained; what it needs to know of the runs
+    #: is known
     stage: MaskedSuppression
     #: truth, objects: what is in and beside the lane; for calibration and scoring
     truth: pd.DataFrame
     objects: pd.DataFrame
-    #: (frame, 1, pair, frequency) what the mines alone add to VV of the L band, without errors of the radar; to tell
-    #: what becomes of it
+    #: (frame, 1, pair, frequency) what the mines alone add to VV of the L band, without errors of
+    #: the radar; to tell what becomes of it
     mines: ComplexArray | None = None
 
     def __len__(self) -> int:
         return len(self.stage.setup.imager)
 
     def pose(self, frame: int) -> FloatArray:
-        """Give the reported pose (6,) of a frame."""
+        """Return the reported pose (6,) of a frame."""
         return self.stage.setup.pose(frame)
 
 
 def masks_stage(runs: Mapping[str, xr.Dataset], recipe: FuseRecipe) -> MaskedSuppression:
-    """Take the stage out of the detection chain of a lane's runs, and do the passes that it needs beforehand."""
+    """Return the suppressing stage of the detection chain of a lane's runs.
+
+    The passes that it needs are done beforehand.
+    """
     known: dict[str, Any] = {}
-    others = {band: run for band, run in runs.items() if band != "l"}
-    images = RunImages(runs["l"], recipe.chain(), recipe.lane, Model(), known, others)
-    Chain(images.passes(), len(images.imager), known).go()
+    other_runs = {band: run for band, run in runs.items() if band != "l"}
+    images = RunImages(runs["l"], recipe.chain(), recipe.lane, Model(), known, other_runs)
+    Engine(images.passes(), len(images.imager), known).run()
     return cast("MaskedSuppression", images.stages["clutter.masks"])
 
 
 def trained(stage: MaskedSuppression, learnt: Arrays, **changes: Any) -> MaskedSuppression:
-    """Give a stage what was learnt, and other settings."""
-    made = MaskedSuppression(stage.settings.model_copy(update=changes), stage.setup, learnt)
-    made.before = stage.before
-    return made
+    """Return a stage with what was learnt, and other settings."""
+    stage_copy = MaskedSuppression(stage.settings.model_copy(update=changes), stage.setup, learnt)
+    stage_copy.before = stage.before
+    return stage_copy
 
 
 def local(table: pd.DataFrame, pose: FloatArray) -> FloatArray:
@@ -264,16 +289,17 @@ def simulate_lane(folder: Path, recipe: FuseRecipe, name: str, track: Track) -> 
 
 
 def mines_alone(folder: Path, recipe: FuseRecipe, name: str, track: Track) -> ComplexArray:
-    """Simulate what the mines add to VV of every scan: the lane less its twin that has everything but the mines.
+    """Simulate what the mines add to VV of every scan.
 
-    The echoes of the surface and of what is strewn through the soil, the same in both, are left out.
+    The lane less its twin that has everything but the mines. The echoes of the surface and of what
+    is strewn through the soil, the same in both, are left out.
     """
     sensor = band_sensor(recipe, "l").model_copy(update={"polarization": ("VV",)})
     seed = recipe.lanes.seeds[name]
     scene = lane_scene(recipe, name, "l")
     lane = told(scene, seed)
     lane |= {"surface": {**lane["surface"], "echo": False}, **EVEN}
-    twins = [Scene.model_validate(one) for one in (lane, lane | {"targets": []})]
+    twins = [Scene.model_validate(tables) for tables in (lane, lane | {"targets": []})]
     key = key_of(
         [twin.model_dump(mode="json") for twin in twins], sensor.model_dump(mode="json"), seed
     )

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.clutter import TABLE_II
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 from flgpr_papers.fuse2018.findings import CONVENTIONS, scored
 from flgpr_papers.fuse2018.fullwave import FullwaveStudy
 from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
@@ -41,11 +41,14 @@ def page_html(
     study_world: StudyWorld,
     other: OtherWorld,
 ) -> str:
-    """Write the page, which needs nothing beside it; its figures are left in the folder as PNG too."""
+    """Write the page, which needs nothing beside it.
+
+    Its figures are left in the folder as PNG too.
+    """
     shown = {**example, "box side": np.asarray(recipe.boxes.side)}
     drawn_from = Shown(recipe, lanes, loose, shown, poses, fullwave, found)
-    twins = [_twin(one, folder, quick) for one in paper_drawings(drawn_from)]
-    others = [_twin(one, folder, quick) for one in own_drawings(drawn_from)]
+    twins = [_twin(drawing, folder, quick) for drawing in paper_drawings(drawn_from)]
+    own_twins = [_twin(drawing, folder, quick) for drawing in own_drawings(drawn_from)]
     write_whole(folder / "fullwave.csv", fullwave.table.to_csv(index=False))
     return study_html(
         "fuse2018.html",
@@ -71,23 +74,25 @@ def page_html(
             for r in fullwave.false.to_dict("records")
         ],
         system=_system_rows(recipe),
-        combinations=[(f"#{k}", _iterations(parts)) for k, parts in TABLE_II.items()],
+        combinations=[(f"#{k}", _iterations(iterations)) for k, iterations in TABLE_II.items()],
         twins=twins,
-        others=others,
+        others=own_twins,
     )
 
 
-def _twin(one: Drawing, folder: Path, quick: bool) -> Twin:
+def _twin(drawing: Drawing, folder: Path, quick: bool) -> Twin:
     """Draw a figure, leave it in the folder and give what the page shows of it."""
-    picture = draw(one.figure, quick, 60 if quick else 110)
-    write_whole(folder / f"{one.name}.png", picture)
-    return Twin(one.number, one.title, picture, one.caption, one.numbers)
+    picture = draw(drawing.figure, quick, 60 if quick else 110)
+    write_whole(folder / f"{drawing.name}.png", picture)
+    return Twin(drawing.number, drawing.title, picture, drawing.caption, drawing.numbers)
 
 
-def _iterations(parts: Sequence[int]) -> str:
+def _iterations(iterations: Sequence[int]) -> str:
     """Name the output images of a combination as Table II does."""
     return (
-        f"Iterations {' and '.join(map(str, parts))} times" if any(parts) else "Original SAR image"
+        f"Iterations {' and '.join(map(str, iterations))} times"
+        if any(iterations)
+        else "Original SAR image"
     )
 
 
@@ -127,51 +132,67 @@ def _points(recipe: FuseRecipe, lanes: Sequence[LaneResult]) -> Iterator[Row]:
 
 
 def _lane_row(recipe: FuseRecipe, lane: LaneResult) -> Row:
+    """Return the row of a lane: its length, mines, frames and objects."""
     count = ((lane.objects["kind"] == kind).sum() for kind in ("bush", "post", "rock"))
     return lane.name, f"{recipe.lanes.length:g} m", len(lane.truth), lane.frames, *count
 
 
 def _threshold_rows(calibration: Calibration) -> list[Row]:
+    """Tabulate the learnt thresholds, dB."""
     names = {"VV": "vv", "VH": "vh", "X": "second", "VH, roadside": "low_vh"}
     learnt = calibration.learnt
-    rows: list[Row] = [
-        (words, *(f"{20 * np.log10(v):.1f}" for v in learnt[name]))
-        for words, name in names.items()
-        if name in learnt
-    ]
+    rows: list[Row] = []
+    for title, name in names.items():
+        if name in learnt:
+            levels = [f"{20 * np.log10(level):.1f}" for level in learnt[name]]
+            rows.append((title, *levels))
     return [*rows, ("looks at mines", *learnt["looks"])]
 
 
 def _course_rows(lanes: Sequence[LaneResult]) -> list[Row]:
+    """Tabulate how the residual goes by variant."""
     table = pd.concat([lane.courses for lane in lanes])
     rows = []
-    for name, words in VARIANTS.items():
-        one = table[table["variant"] == name]
-        if one.empty or name == "original":
+    for name, title in VARIANTS.items():
+        rows_of_variant = table[table["variant"] == name]
+        if rows_of_variant.empty or name == "original":
             continue
         rose, worse, fallen = ("no iterations",) * 3
         if "least" not in name:
             rose, worse, fallen = (
-                f"{(one[what] > 0).sum()} of {len(one)}" for what in ("rises", "diverged", "fallen")
+                f"{(rows_of_variant[what] > 0).sum()} of {len(rows_of_variant)}"
+                for what in ("rises", "diverged", "fallen")
             )
         means = (
-            f"{100 * one['masked'].mean():.1f}",
-            f"{one['residual'].mean():.3f}",
-            f"{one['cpu'].median():.2f}",
+            f"{100 * rows_of_variant['masked'].mean():.1f}",
+            f"{rows_of_variant['residual'].mean():.3f}",
+            f"{rows_of_variant['cpu'].median():.2f}",
         )
-        rows.append((words, *means, rose, worse, fallen))
+        rows.append((title, *means, rose, worse, fallen))
     return rows
 
 
 def _loss_rows(study: PoseStudy) -> list[Row]:
+    """Tabulate the loss by wrong poses, by formula and measured."""
     losses = {f"formula, {band.upper()} band, dB": study.predicted[band] for band in ("l", "x")}
     losses["reflectors, L band, median, dB"] = np.median(study.measured, axis=1)
-    return [(name, *(f"{v:.1f}" for v in values)) for name, values in losses.items()]
+    rows: list[Row] = []
+    for name, values in losses.items():
+        rows.append((name, *[f"{value:.1f}" for value in values]))
+    return rows
 
 
 def _peak_rows(table: pd.DataFrame) -> list[Row]:
+    """Tabulate the peaks of the full-wave run by method."""
     return [
-        (r["roadside"], r["method"], r["object"], f"{r['VV']:+.1f}", f"{r['HH']:+.1f}", f"{100 * r['masked']:.0f} %",
-         *((r["rank"], r["above"]) if r["rank"] else ("", "")))
+        (
+            r["roadside"],
+            r["method"],
+            r["object"],
+            f"{r['VV']:+.1f}",
+            f"{r['HH']:+.1f}",
+            f"{100 * r['masked']:.0f} %",
+            *((r["rank"], r["above"]) if r["rank"] else ("", "")),
+        )
         for r in table[table["method"] != "none"].to_dict("records")
-    ]  # fmt: skip
+    ]

@@ -1,4 +1,7 @@
-"""How accurate poses must be for the coherent sum over frames: the formula, and simulated reflectors to check it."""
+"""How accurate poses must be for the coherent sum over frames.
+
+The formula, and simulated reflectors to check it.
+"""
 
 from __future__ import annotations
 

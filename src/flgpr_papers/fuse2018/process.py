@@ -1,4 +1,7 @@
-"""What is done to the frames of a lane: thresholds from the calibration lane, masks, suppression, alarms."""
+"""What is done to the frames of a lane.
+
+Thresholds from the calibration lane, masks, suppression, alarms.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.passes import Arrays
+from flgpr.chain.engine import Arrays
 from flgpr.chain.progress import Track
 from flgpr.chain.stages.masks import Aperture, MaskedSuppression, OperatorOn
 from flgpr.clutter import (
@@ -42,7 +45,9 @@ VARIANTS = {
     "regions": "iteration, masks intersected by connected region (another reading of Sec. 2.4)",
     "least squares": "least squares at equal cost, one reflectivity for all frames",
     "least squares per frame": "least squares at equal cost, a reflectivity for every frame",
-    "least squares spared": "least squares, the road fitted too and not subtracted, as many iterations",
+    "least squares spared": (
+        "least squares, the road fitted too and not subtracted, as many iterations"
+    ),
     "L band alone": "iteration, masks from VV and VH alone",
 }
 """What is compared, and how it is called in full."""
@@ -64,9 +69,10 @@ MASKS = {"regions": "region", "L band alone": "L", "calibrated roadside": "calib
 class Calibration:
     """What the calibration lane teaches."""
 
-    # : thresholds of the masks as the stage takes them, and the looks at targets that they rest on
+    #: thresholds of the masks as the stage takes them, and the looks at targets that they rest on
     learnt: Arrays
-    #: (row,) median magnitude of VV between the roadsides at every distance ahead: alarms are measured in units of it
+    #: (row,) median magnitude of VV between the roadsides at every distance ahead: alarms are
+    #: measured in units of it
     background: FloatArray
 
 
@@ -77,11 +83,11 @@ def calibrate(frames: Frames, recipe: FuseRecipe, track: Track) -> Calibration:
     examples = stage.calibration(stage.settings)
     targets = ground_points(frames.truth)
     road = np.abs(stage.grid.x) < recipe.mask.roadside[0]
-    whole = range(recipe.image.frames - 1, len(frames))
-    for k in track(whole, "calibration lane", len(whole)):
-        one = stage.aperture(k)
-        stage.learn_from(one, lane_to_scan(targets, frames.pose(k)), examples)
-        rows.append(np.median(np.abs(one.vv[:, road]), axis=1))
+    complete_frames = range(recipe.image.frames - 1, len(frames))
+    for k in track(complete_frames, "calibration lane", len(complete_frames)):
+        aperture = stage.aperture(k)
+        stage.learn_from(aperture, lane_to_scan(targets, frames.pose(k)), examples)
+        rows.append(np.median(np.abs(aperture.vv[:, road]), axis=1))
     learnt, _ = stage.fit(stage.settings, [examples.state()])
     return Calibration(learnt, np.mean(rows, axis=0))
 
@@ -90,22 +96,24 @@ def calibrate(frames: Frames, recipe: FuseRecipe, track: Track) -> Calibration:
 class LaneRecords:
     """What a lane's frames yield, row by row."""
 
-    #: variant, frame, x, y (m, lane frame), across, ahead (m, scan frame), magnitude over the background
+    #: variant, frame, x, y (m, lane frame), across, ahead (m, scan frame), magnitude over the
+    #: background
     alarms: list[dict[str, Any]] = field(default_factory=list)
     boxes: list[dict[str, Any]] = field(
         default_factory=list
     )  #: frame, object, side, stage, power in the box
     #: frame, target, variant, peak, whether the mask covers the original peak
     mines: list[dict[str, Any]] = field(default_factory=list)
-    #: frame, variant, iterations that raised the residual and by how much at most, whether the last was worse than
-    #: another, whether the best had to stand in, residual, share of pixels masked, CPU seconds
+    #: frame, variant, iterations that raised the residual and by how much at most, whether the last
+    #: was worse than another, whether the best had to stand in, residual, share of pixels masked,
+    #: CPU seconds
     courses: list[dict[str, Any]] = field(default_factory=list)
     #: frame, loss of the coherent sum at the strongest pixels, dB
     coherence: list[dict[str, Any]] = field(default_factory=list)
     #: frame, target, variant, change of what the mine alone gives at its peak, dB
     own: list[dict[str, Any]] = field(default_factory=list)
-    #: frame, what ("mine" or "clutter"), name, peak in vv, vh and x over the median of the rows it lies in, share of
-    #: its VV power that the fundamental mask holds
+    #: frame, what ("mine" or "clutter"), name, peak in vv, vh and x over the median of the rows it
+    #: lies in, share of its VV power that the fundamental mask holds
     bands: list[dict[str, Any]] = field(default_factory=list)
     maps: Arrays = field(
         default_factory=dict
@@ -147,27 +155,27 @@ def stage_forms(frames: Frames, calibration: Calibration) -> dict[str, MaskedSup
 def clean(forms: dict[str, MaskedSuppression], index: int, variants: Sequence[str]) -> Cleaned:
     """Form the masks of the aperture that ends with a frame and suppress what lies under them."""
     stage = forms["iteration"]
-    one = stage.aperture(index)
-    b = one.data[:, stage.setup.imaged]
-    whole = one.stack_on(stage.points)
+    aperture = stage.aperture(index)
+    b = aperture.data[:, stage.setup.imaged]
+    stack = aperture.stack_on(stage.points)
     masks = {
-        "pixel": stage.mask(one),
-        "region": forms["regions"].mask(one),
-        "L": stage.mask(replace(one, second=None)),
-        "calibrated": forms["calibrated roadside"].mask(one),
+        "pixel": stage.mask(aperture),
+        "region": forms["regions"].mask(aperture),
+        "L": stage.mask(replace(aperture, second=None)),
+        "calibrated": forms["calibrated roadside"].mask(aperture),
     }
     before = time.process_time()
-    main = stage.courses(one, masks["pixel"])
+    main = stage.courses(aperture, masks["pixel"])
     spent = {"iteration": time.process_time() - before}
-    made = {}
+    stage_levels = {}
     images = {}
     rows = []
     for variant in variants:
         before = time.process_time()
-        data, courses = _suppressed(variant, forms, one, masks, main)
+        data, courses = _suppressed(variant, forms, aperture, masks, main)
         cpu = time.process_time() - before + spent.get(variant, 0.0)
-        made[variant] = data
-        images[variant] = whole.adjoint(data)[0, 0]
+        stage_levels[variant] = data
+        images[variant] = stack.adjoint(data)[0, 0]
         falls_back = variant != "as printed" and forms.get(variant, stage).settings.fall_back
         rows.append(
             {
@@ -183,7 +191,7 @@ def clean(forms: dict[str, MaskedSuppression], index: int, variants: Sequence[st
                 "cpu": cpu,
             }
         )
-    return Cleaned(index, forms, one, masks, main, made, images, rows)
+    return Cleaned(index, forms, aperture, masks, main, stage_levels, images, rows)
 
 
 def _suppressed(
@@ -193,7 +201,10 @@ def _suppressed(
     masks: dict[str, BoolArray],
     main: list[Iterated],
 ) -> tuple[ComplexArray, list[Iterated]]:
-    """Clean an aperture by a variant, whose courses of iterations it tells; ``main`` are those of "iteration"."""
+    """Clean an aperture by a variant, whose courses of iterations it tells.
+
+    ``main`` are those of "iteration".
+    """
     stage = forms.get(variant, forms["iteration"])
     b = aperture.data[:, stage.setup.imaged]
     mask = masks[MASKS.get(variant, "pixel")]
@@ -226,8 +237,8 @@ def process_lane(
 ) -> LaneRecords:
     """Clean every aperture of a lane and record alarms, clutter boxes and mines.
 
-    The truth is used to say where mines and roadside objects are when something is measured, never to form a mask, to
-    suppress or to raise an alarm.
+    The truth is used to say where mines and roadside objects are when something is measured, never
+    to form a mask, to suppress or to raise an alarm.
     """
     records = LaneRecords()
     forms = stage_forms(frames, calibration)
@@ -258,8 +269,12 @@ def process_lane(
 
 
 def roadside_objects(frames: Frames, pose: FloatArray, recipe: FuseRecipe) -> pd.DataFrame:
-    """List the bushes and posts whose boxes lie within a frame's image, at the roadside; ``x``, ``y`` in its frame."""
-    (near, far), margin = recipe.mask.roadside, recipe.boxes.margin
+    """List the bushes and posts whose boxes lie within a frame's image, at the roadside.
+
+    ``x``, ``y`` in its frame.
+    """
+    near, far = recipe.mask.roadside
+    margin = recipe.boxes.margin
     table = frames.objects[frames.objects["kind"].isin(["bush", "post"])]
     x, y = local(table, pose).T
     good = (np.abs(x) >= near) & (np.abs(x) <= far - margin)
@@ -274,32 +289,42 @@ def box_of(grid: Grid, x: float, y: float, side: float) -> BoolArray:
     return rows[:, None] & columns[None, :]
 
 
-def _halo(grid: Grid, place: FloatArray, radius: float) -> BoolArray:
+def halo_of(grid: Grid, position: FloatArray, radius: float) -> BoolArray:
     """Mark the pixels within a radius of a place, m."""
-    return np.asarray(np.hypot(grid.x - place[0], grid.y[:, None] - place[1]) <= radius)
+    return np.asarray(np.hypot(grid.x - position[0], grid.y[:, None] - position[1]) <= radius)
 
 
-def _targets(frames: Frames, cleaned: Cleaned, recipe: FuseRecipe) -> list[tuple[Any, FloatArray]]:
-    """Rows of the mines in the detection area, and their places in the scan frame."""
-    places = zip(frames.truth.itertuples(), local(frames.truth, cleaned.pose), strict=True)
-    return [(row, place) for row, place in places if recipe.area.contains(*place)]
+def targets_in_area(
+    frames: Frames, pose: FloatArray, recipe: FuseRecipe
+) -> list[tuple[Any, FloatArray]]:
+    """Return the rows of the mines in the detection area of a frame, and their positions.
+
+    Positions are in the frame's scan frame.
+    """
+    places = zip(frames.truth.itertuples(), local(frames.truth, pose), strict=True)
+    return [(row, position) for row, position in places if recipe.area.contains(*position)]
 
 
 def stage_images(cleaned: Cleaned, chosen: BoolArray) -> dict[str, ComplexArray]:
-    """Image iterations ("iteration 0" ...) and the combinations of Table II ("#0" ...), as printed, on some pixels."""
+    """Image iterations and the combinations of Table II on some pixels.
+
+    They are named "iteration 0" ... and, as printed, "#0" ....
+    """
     stack = cleaned.aperture.stack_on(cleaned.stage.points[chosen])
     single = []
     for frames in zip(*(course.data for course in cleaned.courses), strict=True):
         single.append(stack.adjoint(np.stack(frames))[0, 0])
     images = {f"iteration {number}": image for number, image in enumerate(single)}
-    return images | {
-        f"#{c}": np.mean([single[i] for i in parts], axis=0) for c, parts in TABLE_II.items()
-    }
+    for number, iterations in TABLE_II.items():
+        combined = [single[i] for i in iterations]
+        images[f"#{number}"] = np.mean(combined, axis=0)
+    return images
 
 
 def _record_boxes(
     records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
 ) -> None:
+    """Record the power in the boxes of roadside objects."""
     objects = roadside_objects(frames, cleaned.pose, recipe)
     if objects.empty:
         return
@@ -324,9 +349,10 @@ def _record_boxes(
 def _record_mines(
     records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
 ) -> None:
+    """Record the mines' peaks under each variant."""
     strength = np.abs(cleaned.aperture.vv)
-    for row, place in _targets(frames, cleaned, recipe):
-        halo = _halo(cleaned.stage.grid, place, recipe.score.halo / 2)
+    for row, position in targets_in_area(frames, cleaned.pose, recipe):
+        halo = halo_of(cleaned.stage.grid, position, recipe.score.halo / 2)
         at = np.unravel_index(int(np.where(halo, strength, -1).argmax()), halo.shape)
         records.mines += [
             {"frame": cleaned.index, "target": row.target_id, "variant": name, "depth": row.depth}
@@ -338,24 +364,24 @@ def _record_mines(
 def _record_own(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> None:
     """Follow what the mines alone add to the data through what was done to the data as they are."""
     stage = cleaned.stage
-    one = cleaned.aperture
+    aperture = cleaned.aperture
     mask = cleaned.masks["pixel"]
-    targets = _targets(frames, cleaned, recipe)
+    targets = targets_in_area(frames, cleaned.pose, recipe)
     if frames.mines is None or not targets or not mask.any():
         return
-    alone = frames.mines[stage.setup.imager.scans[: cleaned.index + 1][-len(one.data) :]]
-    made = {"original": alone, "iteration": suppressed_alone(cleaned, alone)}
-    without = one.data.copy()
+    alone = frames.mines[stage.setup.imager.scans[: cleaned.index + 1][-len(aperture.data) :]]
+    images = {"original": alone, "iteration": suppressed_alone(cleaned, alone)}
+    without = aperture.data.copy()
     without[:, stage.setup.imaged] -= alone
     for name in ("least squares", "least squares spared"):
         if name in cleaned.images:
             # Its steps depend on the data: what the mines add is what they change.
-            rest = cleaned.forms[name].least_squares(replace(one, data=without), mask)
-            made[name] = cleaned.data[name] - rest
-    whole = one.stack_on(stage.points)
-    level = {name: np.abs(whole.adjoint(data)[0, 0]) for name, data in made.items()}
-    for row, place in targets:
-        halo = _halo(stage.grid, place, recipe.score.halo / 2)
+            rest = cleaned.forms[name].least_squares(replace(aperture, data=without), mask)
+            images[name] = cleaned.data[name] - rest
+    stack = aperture.stack_on(stage.points)
+    level = {name: np.abs(stack.adjoint(data)[0, 0]) for name, data in images.items()}
+    for row, position in targets:
+        halo = halo_of(stage.grid, position, recipe.score.halo / 2)
         at = np.unravel_index(int(np.where(halo, level["original"], -1).argmax()), halo.shape)
         records.own += [
             {
@@ -374,20 +400,25 @@ def _record_bands(
     records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe
 ) -> None:
     """Record how strong mines and roadside objects are in VV, VH and the X band."""
-    one = cleaned.aperture
+    aperture = cleaned.aperture
     stage = cleaned.stage
-    images = {"vv": np.abs(one.vv), "vh": np.abs(one.vh)} | (
-        {} if one.second is None else {"x": one.second}
+    images = {"vv": np.abs(aperture.vv), "vh": np.abs(aperture.vh)} | (
+        {} if aperture.second is None else {"x": aperture.second}
     )
     settings = stage.settings
-    held = fundamental_mask(
-        one.vv, one.vh, stage.limits_for(one), stage.region, one.second, settings.intersect
+    mask = fundamental_mask(
+        aperture.vv,
+        aperture.vh,
+        stage.limits_for(aperture),
+        stage.region,
+        aperture.second,
+        settings.intersect,
     )
     objects = roadside_objects(frames, cleaned.pose, recipe)
     boxes = [box_of(stage.grid, x, y, recipe.boxes.side) for x, y in objects[["x", "y"]].to_numpy()]
     places = [("clutter", name, box) for name, box in zip(objects["object_id"], boxes, strict=True)]
-    for row, place in _targets(frames, cleaned, recipe):
-        places.append(("mine", row.target_id, _halo(stage.grid, place, recipe.score.halo / 2)))
+    for row, position in targets_in_area(frames, cleaned.pose, recipe):
+        places.append(("mine", row.target_id, halo_of(stage.grid, position, recipe.score.halo / 2)))
     for what, name, pixels in places:
         power = images["vv"][pixels] ** 2
         records.bands.append(
@@ -395,7 +426,7 @@ def _record_bands(
                 "frame": cleaned.index,
                 "what": what,
                 "name": name,
-                "held": float(power[held[pixels]].sum() / power.sum()),
+                "held": float(power[mask[pixels]].sum() / power.sum()),
             }
             | {band: _over_rows(image, pixels) for band, image in images.items()}
         )
@@ -407,7 +438,10 @@ def _over_rows(image: NDArray[np.floating[Any]], pixels: BoolArray) -> float:
 
 
 def suppressed_alone(cleaned: Cleaned, data: ComplexArray) -> ComplexArray:
-    """Suppress data by the mask and the amplitudes B of the aperture's iteration, held fixed: a linear operation."""
+    """Suppress data by the mask and the amplitudes B of the aperture's iteration, held fixed.
+
+    A linear operation.
+    """
     frames = zip(data, cleaned.aperture.operators, cleaned.courses, strict=True)
     return np.stack([_frame_alone(cleaned, *frame) for frame in frames])
 
@@ -415,7 +449,7 @@ def suppressed_alone(cleaned: Cleaned, data: ComplexArray) -> ComplexArray:
 def _frame_alone(
     cleaned: Cleaned, data: ComplexArray, operator_on: OperatorOn, course: Iterated
 ) -> ComplexArray:
-    """Suppress the data (polarization, pair, frequency) of one frame by the amplitudes of its course."""
+    """Suppress the data (polarization, pair, frequency) of a frame by its courses' amplitudes."""
     stage = cleaned.stage
     mask = cleaned.masks["pixel"]
     under = {
@@ -431,18 +465,21 @@ def _frame_alone(
         iterates.append(rest)
     combination = stage.settings.combination
     best = fallen_back(course, combination).get(0)
-    wanted = TABLE_II[combination] if best is None else (best,)
-    return np.asarray(np.mean([iterates[number] for number in wanted], axis=0), dtype=np.complex64)
+    iterations = TABLE_II[combination] if best is None else (best,)
+    return np.asarray(
+        np.mean([iterates[number] for number in iterations], axis=0), dtype=np.complex64
+    )
 
 
 def _record_alarms(
     records: LaneRecords, cleaned: Cleaned, levels: dict[str, FloatArray], recipe: FuseRecipe
 ) -> None:
+    """Record the alarms of a frame by variant, in the lane frame."""
     for name, level in levels.items():
-        found = frame_alarms(level, cleaned.stage.grid, recipe.area, recipe.score.radius)
-        x, y, _ = scan_to_lane(ground_points(found), cleaned.pose).T
-        found = found.rename(columns={"x": "across", "y": "ahead"}).assign(
+        alarms = frame_alarms(level, cleaned.stage.grid, recipe.area, recipe.score.radius)
+        x, y, _ = scan_to_lane(ground_points(alarms), cleaned.pose).T
+        alarms = alarms.rename(columns={"x": "across", "y": "ahead"}).assign(
             variant=name, frame=cleaned.index, x=x, y=y
         )
-        rows: list[dict[Any, Any]] = found.to_dict("records")
+        rows: list[dict[Any, Any]] = alarms.to_dict("records")
         records.alarms += rows

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from flgpr.chain.recipe import recipe_text
 from flgpr.clutter import above, extended_mask, fundamental_mask, roadside_level
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, local
 from flgpr_papers.fuse2018.process import (
     VARIANTS,
@@ -40,7 +40,7 @@ class LaneResult:
     truth: pd.DataFrame
     objects: pd.DataFrame
     frames: int  #: number of apertures
-    # : (frame, 6) of each aperture's latest frame, by number of the frame; NaN for frames without
+    #: (frame, 6) of each aperture's latest frame, by number of the frame; NaN for frames without
     # one
     poses: FloatArray
     #: alarms, boxes, mines, courses, coherence, own, bands: as :class:`LaneRecords` describes them
@@ -51,14 +51,17 @@ class LaneResult:
     coherence: pd.DataFrame
     own: pd.DataFrame
     bands: pd.DataFrame
-    # : mean magnitude over the background of all looks, by variant; NaN where there was no look
+    #: mean magnitude over the background of all looks, by variant; NaN where there was no look
     maps: Arrays
 
 
 def result_key(recipe: FuseRecipe, quick: bool, calibration: Calibration | None = None) -> str:
-    """Compute the key under which results are kept: another recipe or other thresholds have another one."""
-    held = recipe.model_dump(mode="json")
-    content: dict[str, Any] = {"recipe": held, "chain": recipe_text("fuse2018"), "quick": quick}
+    """Compute the key under which results are kept.
+
+    Another recipe or other thresholds have another one.
+    """
+    settings = recipe.model_dump(mode="json")
+    content: dict[str, Any] = {"recipe": settings, "chain": recipe_text("fuse2018"), "quick": quick}
     content["variants"] = list(VARIANTS)
     if calibration is not None:
         content["calibration"] = calibration_record(calibration)
@@ -73,12 +76,12 @@ def calibration_record(calibration: Calibration) -> dict[str, Any]:
 
 def stored_calibration(path: Path, make: Callable[[], Calibration]) -> Calibration:
     """Read a calibration, or make and write it."""
-    held = {
+    arrays = {
         name: np.asarray(value)
         for name, value in kept(path, lambda: calibration_record(make())).items()
     }
-    background = held.pop("background")
-    return Calibration(held, background)
+    background = arrays.pop("background")
+    return Calibration(arrays, background)
 
 
 def write_records(path: Path, frames: Frames, records: LaneRecords) -> None:
@@ -91,38 +94,49 @@ def write_records(path: Path, frames: Frames, records: LaneRecords) -> None:
 
 def read_records(path: Path, frames: Frames) -> LaneResult:
     """Read what :func:`write_records` wrote."""
-    held = json.loads(path.read_text("utf-8"))
-    tables = {name: pd.DataFrame(held["tables"][name]) for name in TABLES}
+    content = json.loads(path.read_text("utf-8"))
+    tables = {name: pd.DataFrame(content["tables"][name]) for name in TABLES}
     poses = np.full((len(frames), 6), np.nan)
-    for k, pose in held["poses"].items():
+    for k, pose in content["poses"].items():
         poses[int(k)] = pose
     maps = read_arrays(path.with_suffix(".bundle"))
     return LaneResult(
-        frames.name, frames.truth, frames.objects, len(held["poses"]), poses, **tables, maps=maps
+        frames.name, frames.truth, frames.objects, len(content["poses"]), poses, **tables, maps=maps
     )
 
 
 def example_arrays(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Arrays:
-    """Gather what the figures show of one aperture, in its scan frame: magnitudes, masks, axes, places."""
-    one = cleaned.aperture
+    """Gather what the figures show of one aperture, in its scan frame.
+
+    Magnitudes, masks, axes, places.
+    """
+    aperture = cleaned.aperture
     stage = cleaned.stage
-    limits = stage.limits_for(one)
+    limits = stage.limits_for(aperture)
     region = stage.region
     grid = stage.grid
     arrays: Arrays = {
-        "x_axis": grid.x, "y_axis": grid.y, "frame": np.array(cleaned.index),
-        "vv": np.abs(one.vv), "vh": np.abs(one.vh),
-        "mask vv": above(one.vv, limits.vv, region), "mask vh": above(one.vh, limits.vh, region),
-        "mask vv low": above(one.vv, roadside_level(one.vv, region, stage.beside, len(limits.vv)), region),
-        "mask vh low": above(one.vh, limits.low_vh, region),
-        "fundamental": fundamental_mask(one.vv, one.vh, limits, region, one.second),
-        "fundamental by region": fundamental_mask(one.vv, one.vh, limits, region, one.second, "region"),
-        "extended": extended_mask(one.vh, limits, region, stage.across, recipe.mask.roadside),
+        "x_axis": grid.x,
+        "y_axis": grid.y,
+        "frame": np.array(cleaned.index),
+        "vv": np.abs(aperture.vv),
+        "vh": np.abs(aperture.vh),
+        "mask vv": above(aperture.vv, limits.vv, region),
+        "mask vh": above(aperture.vh, limits.vh, region),
+        "mask vv low": above(
+            aperture.vv, roadside_level(aperture.vv, region, stage.beside, len(limits.vv)), region
+        ),
+        "mask vh low": above(aperture.vh, limits.low_vh, region),
+        "fundamental": fundamental_mask(aperture.vv, aperture.vh, limits, region, aperture.second),
+        "fundamental by region": fundamental_mask(
+            aperture.vv, aperture.vh, limits, region, aperture.second, "region"
+        ),
+        "extended": extended_mask(aperture.vh, limits, region, stage.across, recipe.mask.roadside),
         "mines": local(frames.truth, cleaned.pose),
         "residual": np.stack([course.residual for course in cleaned.courses]),
-    }  # fmt: skip
-    if one.second is not None and limits.second is not None:
-        arrays |= {"x": one.second, "mask x": above(one.second, limits.second, region)}
+    }
+    if aperture.second is not None and limits.second is not None:
+        arrays |= {"x": aperture.second, "mask x": above(aperture.second, limits.second, region)}
     everywhere = np.ones(grid.shape, dtype=bool)
     for name, image in stage_images(cleaned, everywhere).items():
         if name.startswith("#"):
@@ -131,7 +145,8 @@ def example_arrays(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Arra
     objects = roadside_objects(frames, cleaned.pose, recipe)
     inside = [box_of(grid, x, y, recipe.boxes.side) for x, y in objects[["x", "y"]].to_numpy()]
     objects = objects.assign(
-        power=[float(np.mean(np.abs(one.vv[box]) ** 2)) for box in inside], left=objects["x"] < 0
+        power=[float(np.mean(np.abs(aperture.vv[box]) ** 2)) for box in inside],
+        left=objects["x"] < 0,
     )
     boxes = objects.sort_values("power").groupby("left").tail(1)[["x", "y"]]
     arrays["boxes"] = boxes.to_numpy(dtype=np.float64)

@@ -1,4 +1,7 @@
-"""Reproduce Fuse et al. 2018: dual-band model-based clutter suppression on two simulated arid lanes."""
+"""Reproduce Fuse et al. 2018.
+
+Dual-band model-based clutter suppression on two simulated arid lanes.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from flgpr.chain.progress import Track, silent
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 from flgpr_papers.fuse2018.findings import all_findings, paper_findings
 from flgpr_papers.fuse2018.fullwave import fullwave_study
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, fuse_recipe, masks_stage, simulate_lane
@@ -26,26 +29,30 @@ from flgpr_papers.fuse2018.results import (
 from flgpr_papers.kit.cache import read_arrays, write_arrays
 from flgpr_papers.kit.findings import Finding, write_findings
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
+from flgpr_papers.kit.threads import one_blas_thread
 from flgpr_papers.kit.worlds import World
 
 PAGE = "fuse2018.html"
 LANES = ("A", "B")
 
 
+@one_blas_thread
 def reproduce(
     output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN
 ) -> Path:
-    """Simulate the calibration lane and lanes A and B, clean them, and write the page, the findings and the tables.
+    """Simulate and clean the calibration lane and lanes A and B, and write the results.
 
-    What is finished already (a simulated lane, the thresholds, a lane's results) is taken as it is if it was made by
-    the same recipe, so that a run that was stopped goes on where it was.
+    These are the page, the findings and the tables.
+
+    What is finished already (a simulated lane, the thresholds, a lane's results) is taken as it is
+    if it was made by the same recipe, so that a run that was stopped goes on where it was.
     """
     folder = Path(output)
     recipe = fuse_recipe(quick, world)
     stores = folder / "lanes"
     results = folder / "results"
-    for each in (stores, results):
-        each.mkdir(parents=True, exist_ok=True)
+    for subfolder in (stores, results):
+        subfolder.mkdir(parents=True, exist_ok=True)
     key = result_key(recipe, quick)
     calibration = stored_calibration(
         results / f"calibration-{key}.json",
@@ -56,12 +63,22 @@ def reproduce(
     poses = pose_study(recipe, draws=8 if quick else 60)
     example = read_arrays(results / f"example-{result_key(recipe, quick, calibration)}.bundle")
     fullwave = fullwave_study(quick)
-    found = all_findings(lanes, loose, recipe)
-    write_findings(folder, found, quick, world=world)
+    findings = all_findings(lanes, loose, recipe)
+    write_findings(folder, findings, quick, world=world)
     page = folder / PAGE
     worlds = study_world("fuse2018", world), other_world(folder, PAGE, world, quick)
     html = page_html(
-        recipe, lanes, loose, calibration, example, poses, fullwave, found, quick, folder, *worlds
+        recipe,
+        lanes,
+        loose,
+        calibration,
+        example,
+        poses,
+        fullwave,
+        findings,
+        quick,
+        folder,
+        *worlds,
     )
     write_whole(page, html)
     return page
@@ -105,26 +122,33 @@ def loose_result(
 
 
 def loosened(frames: Frames, recipe: FuseRecipe) -> Frames:
-    """Add errors to a lane's reported poses, the same in both bands, up to the looser navigation."""
+    """Add errors to a lane's reported poses, up to the looser navigation.
+
+    They are the same in both bands.
+    """
     more = np.sqrt(max(recipe.study.loose_position**2 - recipe.radar.position**2, 0.0))
     run = frames.stage.setup.run
-    others = frames.stage.setup.others
+    other_runs = frames.stage.setup.others
     shift = np.zeros(run["pose"].shape)
     shift[:, :3] = np.random.default_rng(1).normal(0, more, (len(shift), 3))
     runs = {
-        band: one.assign(pose=one["pose"] + shift) for band, one in {"l": run, **others}.items()
+        band: run_of_band.assign(pose=run_of_band["pose"] + shift)
+        for band, run_of_band in {"l": run, **other_runs}.items()
     }
     return replace(frames, stage=masks_stage(runs, recipe))
 
 
 def findings_in(world: World, folder: Path) -> list[Finding]:
-    """Judge the paper's statements on lane A, by thresholds of the calibration lane of the same world."""
+    """Judge the paper's statements on lane A.
+
+    The thresholds are of the calibration lane of the same world.
+    """
     recipe = fuse_recipe(quick=True)
     seeds = {name: 1000 * (world.number + 1) + k for k, name in enumerate(("calibration", "A"))}
-    there = {"site": world.site(folder), "seeds": seeds, **world.roadside_density}
+    content = {"site": world.site(folder), "seeds": seeds, **world.roadside_density}
     recipe = recipe.model_copy(
         update={
-            "lanes": recipe.lanes.model_copy(update=there),
+            "lanes": recipe.lanes.model_copy(update=content),
             "radar": recipe.radar.model_copy(update={"scatterers": 25.0}),  # per m²
         }
     )

@@ -1,4 +1,4 @@
-"""The figures of Fuse et al. 2018 as our lanes give them, in the paper's order, and ours beside them."""
+"""The figures of Fuse et al. 2018 from our lanes, in the paper's order."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ class Shown:
     found: Sequence[Finding]
 
     def ours(self, claim: str) -> str:
-        """Give what we have of a claim, with its interval."""
-        return next((one.ours for one in self.found if one.claim == claim), _NOTHING)
+        """Return what we have of a claim, with its interval."""
+        return next((finding.ours for finding in self.found if finding.claim == claim), _NOTHING)
 
 
 class Drawing(NamedTuple):
@@ -102,6 +102,7 @@ def own_drawings(shown: Shown) -> Iterator[Drawing]:
 
 
 def _geometry(shown: Shown) -> Drawing:
+    """Return the twin of the paper's geometry."""
     image = shown.recipe.image
     step = shown.recipe.lanes.step
     borders = ", ".join(f"{edge:g}" for edge in image.edges)
@@ -120,6 +121,7 @@ def _geometry(shown: Shown) -> Drawing:
 
 
 def _procedure(shown: Shown) -> Drawing:
+    """Return the twin of the paper's procedure."""
     numbers = [
         ("roadside", "4 to 10 m on either side", f"{_span(shown.recipe.mask.roadside)} m"),
         (
@@ -130,14 +132,17 @@ def _procedure(shown: Shown) -> Drawing:
         ("threshold, extended", "average at the roadside in a frame of the test lane", "the same"),
     ]
     caption = (
-        "(a) Fundamental part, two rows that are united; (b) extended part. Masks of the frame of Fig. 3 stand for the "
-        "paper's sketches. VV low has the mean of |VV| at the roadside for a threshold; it changes nothing."
+        "(a) Fundamental part, two rows that are united; (b) extended part. Masks of the frame of "
+        "Fig. 3 stand for the "
+        "paper's sketches. VV low has the mean of |VV| at the roadside for a threshold; it changes "
+        "nothing."
     )
     figure = figures.procedure_figure(shown.example)
     return Drawing("figure-2", "Fig. 2", "Procedure of the mask creation", caption, figure, numbers)
 
 
 def _images(shown: Shown) -> Iterator[Drawing]:
+    """Yield the twins of the images and masks of both bands."""
     for number, (band, title) in _MASKS.items():
         if band not in shown.example:
             continue
@@ -145,7 +150,10 @@ def _images(shown: Shown) -> Iterator[Drawing]:
             "(a) SAR image; (b) binary mask for the fundamental part. Triangles: buried targets."
         )
         if band == "vv":
-            caption += " Rectangles: the two clutter regions of Fig. 8, the strongest object at either roadside."
+            caption += (
+                " Rectangles: the two clutter regions of Fig. 8, "
+                "the strongest object at either roadside."
+            )
         figure = figures.mask_figure(shown.example, band, f"mask {band}", title, boxes=band == "vv")
         numbers = [("pixels of the mask", "not told", _percent(shown.example[f"mask {band}"]))]
         name = number.lower().replace(". ", "ure-")
@@ -153,6 +161,7 @@ def _images(shown: Shown) -> Iterator[Drawing]:
 
 
 def _mixed(shown: Shown) -> Drawing:
+    """Return the twin of the mixed mask."""
     numbers = [
         (
             "targets under the mask",
@@ -169,6 +178,7 @@ def _mixed(shown: Shown) -> Drawing:
 
 
 def _averages(shown: Shown) -> Drawing:
+    """Return the twin of the averaged images."""
     numbers = [("targets' own peaks", "signals still remain", shown.ours(KEPT))]
     caption = "(a) #1, (b) #3, (c) #4, (d) #6, in dB under the peak of Fig. 3(a)."
     figure = figures.stages_figure(shown.example)
@@ -178,13 +188,15 @@ def _averages(shown: Shown) -> Drawing:
 
 
 def _clutter_power(shown: Shown) -> Drawing:
+    """Return the twin of the clutter power over iterations."""
     numbers = [
         ("fall of the clutter, #6", f"{PAPER_DB:g} dB", shown.ours(FALL)),
         ("of it by averaging", f"{PAPER_MEAN_DB:g} dB", shown.ours(BY_MEAN)),
         ("iterations", "up to 7", f"{shown.recipe.suppress.iterations}"),
     ]
     caption = (
-        "Coloured: the two regions of Fig. 3(a); black: the mean over the strongest boxes of all frames, shaded: its "
+        "Coloured: the two regions of Fig. 3(a); black: the mean over the strongest boxes of all "
+        "frames, shaded: its "
         "95 % interval. (a) and (b) as in the paper's caption; its text exchanges them."
     )
     figure = figures.power_figure(shown.lanes, shown.example, shown.recipe)
@@ -199,6 +211,7 @@ def _clutter_power(shown: Shown) -> Drawing:
 
 
 def _roc(shown: Shown) -> Drawing:
+    """Return the twin of the ROC."""
     score = shown.recipe.score
     numbers = [
         (
@@ -213,15 +226,18 @@ def _roc(shown: Shown) -> Drawing:
             curves = [
                 scored(lane, name, shown.recipe, "frames")[1] for name in ("original", "iteration")
             ]
-            here = " and ".join(f"{pd_at(curve, far):.2f}" for curve in curves)
+            text = " and ".join(f"{pd_at(curve, far):.2f}" for curve in curves)
             numbers.append(
                 (
                     f"Pd, lane {lane.name}, {far:g} per m², without and with",
                     "not told in numbers",
-                    here,
+                    text,
                 )
             )
-    caption = "(a) Lane A, (b) lane B. Every frame counts its area, the same ground again in each. Dotted: chance."
+    caption = (
+        "(a) Lane A, (b) lane B. Every frame counts its area, the same ground again in each. "
+        "Dotted: chance."
+    )
     return Drawing(
         "figure-9",
         "Fig. 9",
@@ -233,8 +249,10 @@ def _roc(shown: Shown) -> Drawing:
 
 
 def _percent(mask: NDArray[Any]) -> str:
+    """Return the share of a mask in percent."""
     return f"{100 * np.mean(mask):.1f} %"
 
 
 def _span(limits: Sequence[float]) -> str:
+    """Return two limits in words."""
     return f"{limits[0]:g} to {limits[1]:g}"

@@ -1,4 +1,4 @@
-"""What a study has finished is kept under a key of what it was made from, so that a study that was stopped goes on."""
+"""Finished steps of a study on disk, under a key of their inputs: a stopped study resumes."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.chain.progress import Track
-from flgpr.io import Bundle, canonical_json, read_manifest, sha256, write_bundle, write_whole
+from flgpr.execution.simulated_lane import simulate_to_store
 from flgpr.model import Lane
 from flgpr.simulate import Scene, Sensor, draw_world
-from flgpr.tasks.simulation import simulate_to_store
+from flgpr.store import Bundle, canonical_json, read_manifest, sha256, write_bundle, write_whole
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -47,7 +47,10 @@ def read_arrays(path: Path) -> Arrays:
 def store_lane(
     folder: Path, scene: Scene, seed: int, sensor: Sensor, track: Track
 ) -> tuple[Path, pd.DataFrame, Lane]:
-    """Simulate a lane into a run store, unless exactly this lane is there already; store, its targets and the lane."""
+    """Simulate a lane into a run store, unless exactly this lane is there already.
+
+    Store, its targets and the lane.
+    """
     path = folder / f"{scene.name}.zarr"
     note = folder / f"{scene.name}.digest"
     content = {

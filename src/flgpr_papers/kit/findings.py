@@ -18,7 +18,8 @@ one mine drawn together. The rules, fixed before the lanes they judge are made:
 What an interval does not decide cannot be said. A quick run decides nothing: its lanes are short
 and hold a few mines, so that its findings have numbers and no verdicts.
 
-The interval of a share ends at 0 and 1, that of a difference of two shares at -1 and 1: no value beyond is possible.
+The interval of a share ends at 0 and 1, that of a difference of two shares at -1 and 1: no value
+beyond is possible.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import bdtrik, stdtrit
 
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 
 AGREES = "agrees"
 DISAGREES = "disagrees"
@@ -71,8 +72,8 @@ class Finding:
         interval leaves ``bounds``.
     """
 
-    #: claim, paper, ours: what the paper says, its figure ("not tried" where the question is ours) and ours with its
-    #: interval
+    #: claim, paper, ours: what the paper says, its figure ("not tried" where the question is ours)
+    #: and ours with its interval
     claim: str
     paper: str
     ours: str
@@ -82,35 +83,41 @@ class Finding:
     interval: Interval | None = None  #: that number and its 95 % interval
     rule: tuple[float, float] | None = None  #: the claim agrees where the number lies between these
     group: str = ""  #: on which lanes, where the same was asked of several
-    #: "larger" or "alike", with the limit or the margin and the standard error of the paper's figure, where no rule is
+    #: "larger" or "alike", with the limit or the margin and the standard error of the paper's
+    #: figure, where no rule is
     asks: tuple[str, float, float] | None = None
     parts: tuple[float, ...] = ()  #: the number of every part of a claim of several
     unit: str = ""  #: of the number, the rule and the margin
-    bounds: Bounds | None = (
-        None  #: between which the number must lie, whatever is measured; None: anything is possible
-    )
+    #: between which the number must lie, whatever is measured; None: anything is possible
+    bounds: Bounds | None = None
 
     def __post_init__(self) -> None:
         if self.verdict in (AGREES, DISAGREES) and (
             self.interval is None or np.isnan(self.interval).any()
         ):
             raise ValueError(
-                f"interval of {self.claim!r} must be known if it {self.verdict}, got {self.interval}"
+                f"interval of {self.claim!r} must be known if it {self.verdict}, got "
+                f"{self.interval}"
             )
         if self.bounds is not None and self.interval is not None:
             low, high = self.bounds
             if any(math.isfinite(end) and not low <= end <= high for end in self.interval):
                 raise ValueError(
-                    f"interval of {self.claim!r} must lie in {low:g} to {high:g}, got {self.interval}"
+                    f"interval of {self.claim!r} must lie in {low:g} to {high:g}, got "
+                    f"{self.interval}"
                 )
         by_rule = self._verdict_by_rule()
         if self.verdict in (AGREES, DISAGREES) and by_rule not in (None, self.verdict):
             raise ValueError(
-                f"verdict on {self.claim!r} must be {by_rule!r} by its rule ({self.criterion}), got {self.verdict!r}"
+                f"verdict on {self.claim!r} must be {by_rule!r} by its rule ({self.criterion}), "
+                f"got {self.verdict!r}"
             )
 
     def _verdict_by_rule(self) -> str | None:
-        """Judge the number as stated; None without a rule, and for several parts, whose numbers are not all held."""
+        """Judge the number as stated.
+
+        None without a rule, and for several parts, whose numbers are not all held.
+        """
         if self.interval is None or self.parts:
             return None
         low, high = self.interval[1:]
@@ -145,16 +152,19 @@ def clip(interval: Interval, bounds: Bounds) -> Interval:
     return float(np.clip(value, low, high)), lower, upper
 
 
-def for_run(found: Sequence[Finding], quick: bool) -> list[Finding]:
+def for_run(findings: Sequence[Finding], quick: bool) -> list[Finding]:
     """Take the verdicts of a quick run away; numbers, intervals and open questions stay."""
     if not quick:
-        return list(found)
-    return [one if one.verdict == OPEN else replace(one, verdict=NO_VERDICT) for one in found]
+        return list(findings)
+    return [
+        finding if finding.verdict == OPEN else replace(finding, verdict=NO_VERDICT)
+        for finding in findings
+    ]
 
 
-def without_paper(found: Sequence[Finding]) -> list[str]:
+def without_paper(findings: Sequence[Finding]) -> list[str]:
     """List the claims that do not say what the paper has: its figure, or where it states them."""
-    return [one.claim for one in found if not one.paper.strip()]
+    return [finding.claim for finding in findings if not finding.paper.strip()]
 
 
 def judge(low: float, high: float, rule: tuple[float, float]) -> str:
@@ -173,30 +183,39 @@ def all_of(verdicts: Sequence[str]) -> str:
     """Judge a claim that holds only if all its parts do."""
     if DISAGREES in verdicts:
         return DISAGREES
-    return AGREES if all(one == AGREES for one in verdicts) else UNDECIDED
+    return AGREES if all(verdict == AGREES for verdict in verdicts) else UNDECIDED
 
 
 def alike(low: float, high: float, margin: float = MARGIN) -> str:
-    """Judge a figure of the paper by the interval of ours less it, which holds the errors of both samples."""
+    """Judge a figure of the paper by the interval of ours less it.
+
+    It holds the errors of both samples.
+    """
     if low > 0 or high < 0:
         return DISAGREES
     return AGREES if -margin <= low and high <= margin else UNDECIDED
 
 
-def judge_again(one: Finding, value: float, low: float, high: float) -> str:
-    """Judge another interval by what a finding's claim asks; that of a paper's figure gets the figure's error."""
-    if one.rule is not None:
-        return judge(low, high, one.rule)
-    if one.asks is None:
+def judge_again(finding: Finding, value: float, low: float, high: float) -> str:
+    """Judge another interval by what a finding's claim asks.
+
+    That of a paper's figure gets the figure's error.
+    """
+    if finding.rule is not None:
+        return judge(low, high, finding.rule)
+    if finding.asks is None:
         return OPEN
-    kind, limit, error = one.asks
+    kind, limit, error = finding.asks
     if kind == "larger":
         return larger(low, high, limit)
     return alike(*less_figure((value, low, high), 0.0, error)[1:], limit)
 
 
 def difference_of_shares(a: tuple[int, int], b: tuple[int, int]) -> Interval:
-    """Difference of two independent proportions, (successes, trials), with Newcombe's interval (1998, method 10)."""
+    """Return the difference of two independent proportions, (successes, trials).
+
+    The interval is Newcombe's (1998, method 10).
+    """
 
     def wilson(k: int, n: int) -> Interval:
         p = k / n
@@ -204,14 +223,18 @@ def difference_of_shares(a: tuple[int, int], b: tuple[int, int]) -> Interval:
         half = _Z * math.sqrt(p * (1 - p) / n + _Z**2 / (4 * n * n)) / (1 + _Z**2 / n)
         return p, centre - half, centre + half
 
-    (p, pl, ph), (q, ql, qh) = wilson(*a), wilson(*b)
+    p, pl, ph = wilson(*a)
+    q, ql, qh = wilson(*b)
     return p - q, p - q - math.hypot(p - pl, qh - q), p - q + math.hypot(ph - p, q - ql)
 
 
 def less_figure(
     ours: Interval, figure: float, error: float, bounds: Bounds | None = None
 ) -> Interval:
-    """Give ours less a figure of the paper, whose standard error is known or bounded; the gap is cut at bounds."""
+    """Return ours less a figure of the paper, whose standard error is known or bounded.
+
+    The gap is cut at bounds.
+    """
     value, low, high = ours
     gap = value - figure
     interval = (
@@ -223,7 +246,10 @@ def less_figure(
 
 
 def share_error(share: float, count: int) -> float:
-    """Bound the standard error of a mean of ``count`` numbers from 0 to 1, such as PD_mean over mines."""
+    """Bound the standard error of a mean of ``count`` numbers from 0 to 1.
+
+    Such is PD_mean over mines.
+    """
     p = min(max(share, 0.5 / count), 1 - 0.5 / count)
     return math.sqrt(p * (1 - p) / count)
 
@@ -231,7 +257,10 @@ def share_error(share: float, count: int) -> float:
 def clustered(
     values: ArrayLike, cluster: Any, draws: int, seed: int = 0, level: float = 0.95
 ) -> Interval:
-    """Mean of values and its bootstrap interval by percentiles, whole clusters drawn together; NaN without values."""
+    """Mean of values and its bootstrap interval by percentiles, whole clusters drawn together.
+
+    NaN without values.
+    """
     data = np.asarray(values, dtype=np.float64)
     if data.size == 0:
         return math.nan, math.nan, math.nan
@@ -245,20 +274,24 @@ def clustered(
 
 
 def difference_of_means(first: Interval, second: Interval) -> Interval:
-    """Difference of two independent means by their intervals, which need not be symmetric (Zou & Donner 2008)."""
-    (a, a_low, a_high), (b, b_low, b_high) = first, second
+    """Return the difference of two independent means by their intervals.
+
+    These need not be symmetric (Zou & Donner 2008).
+    """
+    a, a_low, a_high = first
+    b, b_low, b_high = second
     gap = a - b
     return gap, gap - math.hypot(a - a_low, b_high - b), gap + math.hypot(a_high - a, b - b_low)
 
 
-def by_chance(found: Sequence[Finding]) -> tuple[int, float, int]:
-    """Tell how many statements are judged, and how many of them would disagree by chance.
+def by_chance(findings: Sequence[Finding]) -> tuple[int, float, int]:
+    """Return how many statements are judged, and how many of them would disagree by chance.
 
-    If all statements held, each would be said to disagree with a probability of 5 % at the most (2.5 % where a claim is
-    one-sided). Gives the number judged, the mean number of false ones, and what they exceed with 5 % at the most if
-    statements were independent.
+    If all statements held, each would be said to disagree with a probability of 5 % at the most
+    (2.5 % where a claim is one-sided). Gives the number judged, the mean number of false ones, and
+    what they exceed with 5 % at the most if statements were independent.
     """
-    judged = sum(one.verdict != OPEN for one in found)
+    judged = sum(finding.verdict != OPEN for finding in findings)
     return judged, 0.05 * judged, math.ceil(bdtrik(0.95, judged, 0.05)) if judged else 0
 
 
@@ -276,17 +309,28 @@ def measured(
     """Make the finding of a number, cut at its bounds and judged by its rule if there is one."""
     if bounds is not None:
         interval = clip(interval, bounds)
-    said = verdict if rule is None else judge(*interval[1:], rule)
+    judged = verdict if rule is None else judge(*interval[1:], rule)
     ours = in_words(*interval, unit)
     return Finding(
-        claim, paper, ours, said, "", quantity, interval, rule, asks=asks, unit=unit, bounds=bounds
+        claim,
+        paper,
+        ours,
+        judged,
+        "",
+        quantity,
+        interval,
+        rule,
+        asks=asks,
+        unit=unit,
+        bounds=bounds,
     )
 
 
 def in_words(value: float, low: float, high: float, unit: str = "") -> str:
     """Write a value with its interval, in as many digits as the interval's width has meaning for.
 
-    There are at most three significant digits of the largest of the three, and at most four decimals.
+    There are at most three significant digits of the largest of the three, and at most four
+    decimals.
     """
     if math.isnan(value):
         return "nothing to measure"
@@ -298,7 +342,10 @@ def in_words(value: float, low: float, high: float, unit: str = "") -> str:
 
 
 def decimals(values: Sequence[float], width: float) -> int:
-    """Count the decimals that numbers deserve which are known to a width: its two leading digits, and not too many."""
+    """Count the decimals that numbers deserve which are known to a width.
+
+    Its two leading digits, and not too many.
+    """
     largest = max(abs(value) for value in values)
     by_width = 1 - math.floor(math.log10(width)) if width > 0 else _MOST_DIGITS
     by_size = _MOST_DIGITS - 1 - math.floor(math.log10(largest)) if largest > 0 else _MOST_DIGITS
@@ -314,13 +361,17 @@ def parts_larger(
     group: str = "",
     bounds: Bounds | None = None,
 ) -> Finding:
-    """Make the finding of a claim that several numbers lie above a limit; its number is the least of them.
+    """Make the finding of a claim that several numbers lie above a limit.
 
-    The parts' intervals, cut at the bounds, are to hold all together, see :func:`together`.
+    Its number is the least of them. The parts' intervals, cut at the bounds, are to hold all
+    together, see :func:`together`.
     """
-    cut = {name: one if bounds is None else clip(one, bounds) for name, one in parts.items()}
-    least = min(cut.values(), key=lambda one: one[1])
-    ours = "; ".join(f"{name} {_signed(one)}" for name, one in cut.items())
+    cut = {
+        name: interval if bounds is None else clip(interval, bounds)
+        for name, interval in parts.items()
+    }
+    least = min(cut.values(), key=lambda interval: interval[1])
+    ours = "; ".join(f"{name} {_signed(interval)}" for name, interval in cut.items())
     verdict = all_of([larger(low, high, limit) for _, low, high in cut.values()])
     values = tuple(value for value, _, _ in cut.values())
     asks = ("larger", limit, 0.0)
@@ -353,7 +404,9 @@ def together(parts: int) -> float:
 def spread(
     value: float, draws: ArrayLike, level: float = 0.95, bounds: Bounds | None = None
 ) -> Interval:
-    """Student's interval of a value by the standard deviation of its bootstrap draws, few of which suffice.
+    """Return Student's interval of a value by the deviation of its bootstrap draws.
+
+    A few draws suffice.
 
     It reaches beyond what a share can be; ``bounds`` cut it there.
     """
@@ -362,25 +415,31 @@ def spread(
     return interval if bounds is None else clip(interval, bounds)
 
 
-def write_findings(folder: Path, found: Sequence[Finding], quick: bool, **more: Any) -> None:
-    """Write ``findings.json``, in which a number that is not finite is null, and whatever else is told of the run.
+def write_findings(folder: Path, findings: Sequence[Finding], quick: bool, **more: Any) -> None:
+    """Write ``findings.json`` and what else belongs to the run.
 
-    The findings of a quick run have no verdicts. What else is told holds the ``world`` of the lanes, which
-    :func:`flgpr_papers.overview.run_study` asks for.
+    A number that is not finite is null.
+
+    The findings of a quick run have no verdicts. What else is told holds the ``world`` of the
+    lanes, which :func:`flgpr_papers.overview.run_study` asks for.
     """
-    told = {"quick": quick, **more, "findings": [row_of(one) for one in for_run(found, quick)]}
-    write_whole(folder / "findings.json", json.dumps(told, indent=2, ensure_ascii=False) + "\n")
+    content = {
+        "quick": quick,
+        **more,
+        "findings": [row_of(finding) for finding in for_run(findings, quick)],
+    }
+    write_whole(folder / "findings.json", json.dumps(content, indent=2, ensure_ascii=False) + "\n")
 
 
-def row_of(one: Finding) -> dict[str, Any]:
-    """Tell a finding as JSON can hold it."""
+def row_of(finding: Finding) -> dict[str, Any]:
+    """Return a finding as JSON can hold it."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, tuple):
-            return [plain(one) for one in value]
+            return [plain(entry) for entry in value]
         return None if isinstance(value, float) and not math.isfinite(value) else value
 
-    return {name: plain(value) for name, value in asdict(one).items()}
+    return {name: plain(value) for name, value in asdict(finding).items()}
 
 
 def read_findings(folder: Path) -> list[Finding]:
@@ -391,10 +450,10 @@ def read_findings(folder: Path) -> list[Finding]:
 
 def finding_of(row: dict[str, Any]) -> Finding:
     """Make a finding of what JSON holds of it."""
-    pairs = {
-        name: None
-        if row.get(name) is None
-        else tuple(math.nan if one is None else one for one in row[name])
-        for name in ("interval", "rule", "asks", "parts", "bounds")
-    }
-    return Finding(**{**row, **pairs})
+    entries = dict(row)
+    for name in ("interval", "rule", "asks", "parts", "bounds"):
+        numbers = row.get(name)
+        if numbers is not None:
+            numbers = tuple(math.nan if number is None else number for number in numbers)
+        entries[name] = numbers
+    return Finding(**entries)

@@ -1,4 +1,7 @@
-"""Mixes of mines: which bodies, in which shares, stand for the metal, plastic and simulant mines of a lane."""
+"""Mixes of mines.
+
+Which bodies, in which shares, stand for the metal, plastic and simulant mines of a lane.
+"""
 
 from __future__ import annotations
 
@@ -22,28 +25,34 @@ class Mix:
     parts: dict[str, int]  #: weight of each body by its name, a whole number, in the declared order
 
     def __post_init__(self) -> None:
-        whole = all(isinstance(part, int) and part > 0 for part in self.parts.values())
-        if not self.parts or not whole:
+        are_weights = all(isinstance(weight, int) and weight > 0 for weight in self.parts.values())
+        if not self.parts or not are_weights:
             raise ValueError(
-                f"mix {self.name}: parts must be whole numbers above 0, at least one, got {self.parts}"
+                f"mix {self.name}: parts must be whole numbers above 0, at least one, got "
+                f"{self.parts}"
             )
 
     @property
     def shares(self) -> dict[str, Fraction]:
         """Share of each body by its name, exact; they sum to one."""
         total = sum(self.parts.values())
-        return {body: Fraction(part, total) for body, part in self.parts.items()}
+        return {body: Fraction(weight, total) for body, weight in self.parts.items()}
 
 
 def find_mix(name: str) -> Mix:
-    """Return the declared mix of that name; another name is a ValueError that lists those there are."""
+    """Return the declared mix of that name.
+
+    Another name is a ValueError that lists those there are.
+    """
     if name not in MIXES:
         raise ValueError(f"mix must be one of {', '.join(MIXES)}, got {name!r}")
     return MIXES[name]
 
 
 def mix_counts(mix: str, count: int) -> dict[str, int]:
-    """Return how many of ``count`` mines have each body of a mix, by the method of the largest remainder.
+    """Return how many of ``count`` mines have each body of a mix.
+
+    It is the method of the largest remainder.
 
     Equal remainders go to the body that is declared first. Bodies of which there is none are left
     out.
@@ -64,7 +73,9 @@ def mix_counts(mix: str, count: int) -> dict[str, int]:
 
 
 def mix_draws(mix: str, depth: float, count: int, **entries: Any) -> list[dict[str, Any]]:
-    """Return the draws of a scene that put ``count`` mines of a mix into the lane, one draw per body.
+    """Return the draws of a scene that put ``count`` mines of a mix into the lane.
+
+    There is a draw per body.
 
     Parameters
     ----------
@@ -75,7 +86,7 @@ def mix_draws(mix: str, depth: float, count: int, **entries: Any) -> list[dict[s
     count : int
         Number of mines in all.
     **entries
-        Further entries of every draw, as of ``flgpr.simulate.scene.TargetDraw``.
+        Further entries of every draw, as of ``flgpr.simulate.scene.scene.TargetDraw``.
 
     Raises
     ------
@@ -92,7 +103,9 @@ def mix_draws(mix: str, depth: float, count: int, **entries: Any) -> list[dict[s
 def mix_draws_at_depths(
     mix: str, counts: Mapping[float, int], **entries: Any
 ) -> list[dict[str, Any]]:
-    """Return the draws of a scene that put mines of a mix at several depths, a draw per depth and body.
+    """Return the draws of a scene that put mines of a mix at several depths.
+
+    There is a draw per depth and body.
 
     The whole lane's mines are counted by :func:`mix_counts`, brought into an order in which every
     stretch is near the mix, and dealt to the depths in the order given: depths with few mines do
@@ -105,7 +118,7 @@ def mix_draws_at_depths(
     counts : mapping of float to int
         Number of mines by the depth of their tops, m.
     **entries
-        Further entries of every draw, as of ``flgpr.simulate.scene.TargetDraw``.
+        Further entries of every draw, as of ``flgpr.simulate.scene.scene.TargetDraw``.
 
     Raises
     ------
@@ -127,11 +140,11 @@ def mix_draws_at_depths(
 
 def _interleave(counts: Mapping[str, int]) -> list[str]:
     """Return each body as often as counted, evenly spread over the list."""
-    places = []
+    positions = []
     for rank, (body, number) in enumerate(counts.items()):
         for k in range(number):
-            places.append((Fraction(2 * k + 1, 2 * number), rank, body))
-    return [body for _, _, body in sorted(places)]
+            positions.append((Fraction(2 * k + 1, 2 * number), rank, body))
+    return [body for _, _, body in sorted(positions)]
 
 
 _DECLARED = tomllib.loads(

@@ -1,4 +1,7 @@
-"""What the pages of the studies share: templates, figures that say if a run was quick, Pd at operating points."""
+"""What the pages of the studies share.
+
+Templates, figures that say if a run was quick, Pd at operating points.
+"""
 
 from __future__ import annotations
 
@@ -69,19 +72,25 @@ HEADER = ["alarms by", "targets", *(f"Pd at {far:g} per m², 95 %, chance" for f
 
 
 def detections_at(matched: Match, subset: Any, far: float, **area: Any) -> tuple[int, int, float]:
-    """Count the targets found at an allowed FAR (per m²), and all; with the chance level of Pd there."""
+    """Count the targets found at an allowed FAR (per m²), and all.
+
+    With the chance level of Pd there.
+    """
     return _read(chance(matched).beside(roc_of(matched, subset, **area), subset), far)
 
 
 def _read(curve: pd.DataFrame, far: float) -> tuple[int, int, float]:
+    """Return targets found, all targets and chance at an allowed FAR."""
     row = curve.iloc[int(operating_row(curve, far))]
     return int(row["n_detected"]), int(row["n_targets"]), float(row["chance"])
 
 
-def pd_in_words(found: int, targets: int, by_chance: float) -> str:
+def pd_in_words(n_found: int, targets: int, by_chance: float) -> str:
     """Write a Pd with its counts, exact interval and chance level."""
-    low, high = clopper_pearson(found, targets)
-    return f"{found} of {targets} = {found / max(targets, 1):.0%} ({low:.0%} to {high:.0%}), chance {by_chance:.0%}"
+    low, high = clopper_pearson(n_found, targets)
+    share = n_found / max(targets, 1)
+    interval = f"{share:.0%} ({low:.0%} to {high:.0%})"
+    return f"{n_found} of {targets} = {interval}, chance {by_chance:.0%}"
 
 
 def point_rows(
@@ -89,9 +98,9 @@ def point_rows(
 ) -> list[tuple[str, ...]]:
     """Tabulate detectors and subsets of the targets by operating points."""
     rows = []
-    for name, one in matches.items():
-        level = chance(one)
+    for name, match in matches.items():
+        level = chance(match)
         for kind, subset in subsets.items():
-            curve = level.beside(roc_of(one, subset, **area), subset)
+            curve = level.beside(roc_of(match, subset, **area), subset)
             rows.append((name, kind, *(pd_in_words(*_read(curve, far)) for far in FAR)))
     return rows

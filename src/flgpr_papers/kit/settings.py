@@ -1,4 +1,7 @@
-"""The papers, and the settings of a study: one TOML file beside its modules, nothing unknown allowed."""
+"""The papers, and the settings of a study.
+
+One TOML file beside its modules, nothing unknown allowed.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +12,15 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict
 
-from flgpr.io import laid_over
+from flgpr.store import laid_over
 
 T = TypeVar("T", bound=BaseModel)
 PAPERS = {
     "cosgrove2004": "Cosgrove, Milanfar & Kositsky 2004: trained detection by deflection",
     "flsar2004": "flsar2004: prescreeners, templates and relevance vector machines",
-    "fuse2018": "Fuse, Gonzalez-Valdes, Martinez-Lorenzo & Rappaport 2018: model-based clutter suppression",
+    "fuse2018": (
+        "Fuse, Gonzalez-Valdes, Martinez-Lorenzo & Rappaport 2018: model-based clutter suppression"
+    ),
     "wang2007": "Wang, Keller, Gader & Sjahputera 2007: sub-bands and ten features",
 }
 """Every paper that can be run again: authors, year and subject by name."""
@@ -37,7 +42,8 @@ def packaged(
 ) -> T:
     """Load the packaged settings of a paper's study.
 
-    For a quick run the table ``quick`` is laid over the others, and ``more``, entries of nested tables, in any case.
+    For a quick run the table ``quick`` is laid over the others, and ``more``, entries of nested
+    tables, in any case.
     """
     tables = laid_over(tomllib.loads(packaged_text(paper)), more or {})
     small = tables.pop("quick", {})

@@ -1,4 +1,7 @@
-"""The two worlds of each study: prepared lanes as its paper describes them, and the same lanes on roads as found."""
+"""The two worlds of each study.
+
+Prepared lanes as its paper describes them, and the same lanes on roads as found.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,10 @@ from flgpr_papers.kit.settings import Table, packaged_text
 OWN = "own"
 AS_FOUND = "as-found"
 STUDY_WORLDS = (OWN, AS_FOUND)
-"""Prepared lanes as the paper describes them, and roads with stones, holes, growth and waves as they are found."""
+"""Prepared lanes as the paper describes them, and roads as they are found.
+
+Those have stones, holes, growth and waves.
+"""
 Claim = tuple[str, str, str]
 """What tells a statement from others: claim, quantity and group."""
 
@@ -76,22 +82,31 @@ def study_world(paper: str, world: str = OWN) -> StudyWorld:
 
 
 def world_folder(folder: Path, world: str) -> Path:
-    """Return the folder in which a study works in a world; that of roads as found lies in the other one."""
+    """Return the folder in which a study works in a world.
+
+    That of roads as found lies in the other one.
+    """
     return folder if world == OWN else folder / world
 
 
 def other_world(folder: Path, page: str, world: str, quick: bool) -> OtherWorld:
-    """Read what the study of a folder gave on roads as found, if it ran there in the same form, quick or full.
+    """Read the findings of a study on roads as found, if it ran in a folder.
+
+    It must have run in the same form, quick or full.
 
     A study that itself runs on roads as found has nothing beside it.
     """
-    beside = world_folder(folder, AS_FOUND)
-    if world != OWN or not (beside / "findings.json").is_file() or not (beside / page).is_file():
+    other_folder = world_folder(folder, AS_FOUND)
+    if (
+        world != OWN
+        or not (other_folder / "findings.json").is_file()
+        or not (other_folder / page).is_file()
+    ):
         return OtherWorld()
-    if json.loads((beside / "findings.json").read_text("utf-8"))["quick"] != quick:
+    if json.loads((other_folder / "findings.json").read_text("utf-8"))["quick"] != quick:
         return OtherWorld()
-    found = {
-        (one.claim, one.quantity, one.group): (one.ours, one.verdict)
-        for one in read_findings(beside)
+    findings = {
+        (finding.claim, finding.quantity, finding.group): (finding.ours, finding.verdict)
+        for finding in read_findings(other_folder)
     }
-    return OtherWorld(f"{AS_FOUND}/{page}", found)
+    return OtherWorld(f"{AS_FOUND}/{page}", findings)

@@ -1,4 +1,7 @@
-"""Worlds in which the papers' statements are asked again: a prepared lane with six things varied; lanes seen again."""
+"""Worlds in which the papers' statements are asked again: a prepared lane with six things varied.
+
+Lanes seen again.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,10 @@ from typing import Any
 
 from scipy.optimize import brentq
 
-from flgpr.io import write_whole
-from flgpr.simulate import Scene, soil, told
-from flgpr.simulate.scene import Soil, site_tables
+from flgpr.simulate import Scene, told
+from flgpr.simulate.ground import soil
+from flgpr.simulate.scene.scene import Soil, site_tables
+from flgpr.store import write_whole
 
 _FILES = resources.files("flgpr_papers") / "worlds"
 DECLARED: dict[str, Any] = tomllib.loads((_FILES / "worlds.toml").read_text(encoding="utf-8"))
@@ -35,7 +39,7 @@ class World:
     number: int  #: of the world; its lanes are drawn from seeds of their own
     roughness: float  #: rms height of the surface, mm
     permittivity: float  #: ε' at 1 GHz
-    # : "mironov", that of the soil model at the moisture which gives the permittivity, or "low"
+    #: "mironov", that of the soil model at the moisture which gives the permittivity, or "low"
     loss: str
     contents: str  #: what is in the soil: "nothing", "prepared" or "natural", that of a site
     roadside: str  #: "none", "posts" or "bushes"
@@ -94,37 +98,38 @@ def worlds() -> list[World]:
 
 @cache
 def _design_rows() -> list[dict[str, str]]:
+    """Return the rows of the declared design."""
     text = (_FILES / "worlds.csv").read_text(encoding="utf-8")
     return list(csv.DictReader(text.splitlines()))
 
 
 def design_worlds() -> list[World]:
     """All rows of the designed fraction as worlds, repeats too, in the order of their numbers."""
-    made = []
+    designed = []
     for number, row in enumerate(_design_rows()):
         levels: dict[str, Any] = {}
         for axis, values in AXES.items():
             levels[axis] = type(values[0])(row[axis])
-        made.append(World(number, **levels, replicate=int(row["replicate"])))
-    return made
+        designed.append(World(number, **levels, replicate=int(row["replicate"])))
+    return designed
 
 
 def in_soil_of(contents: str, permittivity: float) -> dict[str, dict[str, Any]]:
     """Return the tables of what is in the soil: those of a site, or everything off for "nothing".
 
-    Fluctuations of the permittivity are those of the site times ``(ε - 1)`` over that of the site's own soil, for
-    packing and moisture change what is not air (assumed).
+    Fluctuations of the permittivity are those of the site times ``(ε - 1)`` over that of the site's
+    own soil, for packing and moisture change what is not air (assumed).
     """
     if contents == "nothing":
         return {name: {"on": False} for name in IN_SOIL}
     tables = site_tables(DECLARED["sites"][contents])
-    own = float(Soil(**tables["soil"]).media([1e9])[-1][0].real)
-    scale = (permittivity - 1) / (own - 1)
-    found = {name: dict(tables.get(name, {})) for name in IN_SOIL}
+    own_permittivity = float(Soil(**tables["soil"]).media([1e9])[-1][0].real)
+    scale = (permittivity - 1) / (own_permittivity - 1)
+    tables_in_soil = {name: dict(tables.get(name, {})) for name in IN_SOIL}
     for name, entry in (("heterogeneity", "deviation"), ("lenses", "contrast")):
-        if entry in found[name]:
-            found[name][entry] = round(found[name][entry] * scale, 6)
-    return found
+        if entry in tables_in_soil[name]:
+            tables_in_soil[name][entry] = round(tables_in_soil[name][entry] * scale, 6)
+    return tables_in_soil
 
 
 def on_soil_of(contents: str) -> dict[str, float]:
@@ -149,18 +154,21 @@ def write_site(path: Path, tables: dict[str, Any]) -> None:
 
 
 def turned(scene: Scene, seed: int) -> Scene:
-    """Turn a lane by half a turn with all that the seed put there, targets in order, as seen from the other end."""
+    """Turn a lane by half a turn with all that the seed put there.
+
+    Targets are in order, as seen from the other end.
+    """
     data = told(scene, seed)
-    for thing in (*data["targets"], *data["objects"], *data["patches"]):
-        thing["x"], thing["y"] = -thing["x"], scene.length - thing["y"]
-        if "azimuth" in thing:
-            thing["azimuth"] += math.pi
+    for entry in (*data["targets"], *data["objects"], *data["patches"]):
+        entry["x"], entry["y"] = -entry["x"], scene.length - entry["y"]
+        if "azimuth" in entry:
+            entry["azimuth"] += math.pi
     return Scene.model_validate(data)
 
 
 def changed(scene: Scene, targets: list[Any] | None = None, **parts: dict[str, Any]) -> Scene:
     """Make a scene anew with some entries of its parts replaced."""
     data = scene.model_dump(exclude_unset=True)
-    for part, entries in parts.items():
-        data[part] = {**data.get(part, {}), **entries}
+    for table, entries in parts.items():
+        data[table] = {**data.get(table, {}), **entries}
     return Scene.model_validate(data if targets is None else data | {"targets": targets})

@@ -35,7 +35,10 @@ METHODS = {
 SUBBANDS = ("F1", "F2", "F3", "F4")
 FAR_MAX = 0.1
 AREA: AreaRule = "paper"
-"""Area of FAR by the paper's rule 6 (Sec. II-F): lane less N·π·r², halos counted whole wherever they lie."""
+"""Area of FAR by the paper's rule 6 (Sec. II-F): lane less N·π·r².
+
+Every halo counts with all of its area, wherever it lies.
+"""
 FloatArray = NDArray[np.float64]
 
 
@@ -50,21 +53,24 @@ class LaneResult:
     alarms: pd.DataFrame
     features: pd.DataFrame
     view: xr.DataArray  #: run-view (polarization, subband, y, x)
-    #: run-view (y, x) of the prescreener's channel over the full range of the images, where it was asked for
+    #: run-view (y, x) of the prescreener's channel over the full range of the images, where it was
+    #: asked for
     wide_view: xr.DataArray | None
 
 
 def matched(results: Sequence[LaneResult], tables: Sequence[pd.DataFrame]) -> Match:
     """Match alarms of several lanes to their targets with the paper's halo of 1 m."""
     alarms = [
-        table[["x", "y", "confidence"]].assign(lane=one.name)
-        for one, table in zip(results, tables, strict=True)
+        table[["x", "y", "confidence"]].assign(lane=result.name)
+        for result, table in zip(results, tables, strict=True)
     ]
     truth = [
-        one.truth.assign(lane=one.name, target_id=one.name + "-" + one.truth["target_id"])
-        for one in results
+        result.truth.assign(
+            lane=result.name, target_id=result.name + "-" + result.truth["target_id"]
+        )
+        for result in results
     ]
-    lanes = {one.name: one.lane for one in results}
+    lanes = {result.name: result.lane for result in results}
     return match(pd.concat(alarms, ignore_index=True), pd.concat(truth, ignore_index=True), lanes)
 
 
@@ -73,16 +79,19 @@ class Pool:
 
     def __init__(self, results: Sequence[LaneResult]) -> None:
         self.results = list(results)
-        self.features = pd.concat([one.features for one in results], ignore_index=True)
-        self.labels = label_lanes([(one.name, one.alarms, one.truth, one.lane) for one in results])
-        self.reference = matched(results, [one.alarms for one in results])
+        self.features = pd.concat([result.features for result in results], ignore_index=True)
+        self.labels = label_lanes(
+            [(result.name, result.alarms, result.truth, result.lane) for result in results]
+        )
+        self.reference = matched(results, [result.alarms for result in results])
         self.scorer = Rescorer(self.reference, MINES, FAR_MAX, AREA)
-        self.lanes = [one.name for one in results]
+        self.lanes = [result.name for result in results]
 
     def draws(self, count: int, seed: int = 0, subset: Any = MINES) -> Iterator[Draw]:
         """Draw lanes, targets and stretches of lane.
 
-        A draw holds two lanes at least, so that one can be left out, and a mine and a target of ``subset`` at least.
+        A draw holds two lanes at least, so that one can be left out, and a mine and a target of
+        ``subset`` at least.
         """
         design = make_design(self.reference, area=AREA)
         rng = np.random.default_rng(seed)
@@ -90,13 +99,12 @@ class Pool:
         false = false[np.argsort(-self.reference.confidence[false], kind="stable")]
         block = make_scores(self.reference, design).block
         hit = self.labels["target"].to_numpy()
-        mines, wanted = (
-            select_targets(self.reference.truth, targets) for targets in (MINES, subset)
-        )
+        mines = select_targets(self.reference.truth, MINES)
+        wanted_targets = select_targets(self.reference.truth, subset)
         while count:
             target, weight = design.draw(rng)
             several = len(np.unique(design.target_lane[target > 0])) > 1 or len(self.lanes) == 1
-            if several and target[mines].any() and target[wanted].any():
+            if several and target[mines].any() and target[wanted_targets].any():
                 alarm = np.where(hit >= 0, target[hit], 1.0)
                 alarm[false] = weight[block]
                 count -= 1
@@ -110,15 +118,18 @@ class Pool:
         only: Sequence[str] | None = None,
         draw: Draw | None = None,
     ) -> list[Fold]:
-        """Make the folds of a method; ``only`` leaves other lanes out of training and testing altogether."""
+        """Make the folds of a method.
+
+        ``only`` leaves other lanes out of training and testing altogether.
+        """
         known = np.isfinite(self.features[list(columns)].to_numpy(dtype=np.float64)).all(axis=1)
         lane = self.labels["lane"].to_numpy()
-        here = known & np.isin(lane, list(only or self.lanes))
+        on_lane = known & np.isin(lane, list(only or self.lanes))
         if not cross:
-            return [self._fold(columns, here, here, duplicate, draw)]
+            return [self._fold(columns, on_lane, on_lane, duplicate, draw)]
         names = list(only or self.lanes)
         return [
-            self._fold(columns, here & (lane != name), here & (lane == name), duplicate, draw)
+            self._fold(columns, on_lane & (lane != name), on_lane & (lane == name), duplicate, draw)
             for name in names
         ]
 
@@ -130,10 +141,13 @@ class Pool:
         duplicate: bool,
         draw: Draw | None = None,
     ) -> Fold:
+        """Return a fold of lanes; a draw weighs its examples."""
         labels = self.labels
         use = train & (labels["label"] != "neither").to_numpy()
         training_lanes = set(labels["lane"][train])
-        mines = count_mines(one.truth for one in self.results if one.name in training_lanes)
+        mines = count_mines(
+            result.truth for result in self.results if result.name in training_lanes
+        )
         weight = np.ones(len(labels), np.int64)
         if duplicate:
             weight[use] = duplication(labels[use], mines)
@@ -160,42 +174,54 @@ class Pool:
         )
 
     def confidence(self, columns: Sequence[str], method: str) -> FloatArray:
-        """Confidences of all alarms with a fixed set of features by a method A-D; -inf where a feature is missing."""
+        """Confidences of all alarms with a fixed set of features by a method A-D.
+
+        -inf where a feature is missing.
+        """
         folds = self.folds(columns, *_settings(method))
         return _refit(folds, len(self.labels))
 
     def singles_in(self, columns: Sequence[str], methods: str, draws: int) -> dict[str, FloatArray]:
-        """PD_mean (draw, feature) of every feature on its own by methods A-D, trained anew in every draw."""
-        found: dict[str, list[FloatArray]] = {method: [] for method in methods}
+        """Return PD_mean (draw, feature) of every single feature by methods A-D.
+
+        They are trained anew in every draw.
+        """
+        scores: dict[str, list[FloatArray]] = {method: [] for method in methods}
         for draw in self.draws(draws):
             scorer = partial(self.scorer, draw=draw)
-            for method, rows in found.items():
+            for method, rows in scores.items():
                 folds = self.folds(columns, *_settings(method), draw=draw)
                 rows.append(single_features(folds, len(self.labels), scorer))
-        return {method: np.array(rows) for method, rows in found.items()}
+        return {method: np.array(rows) for method, rows in scores.items()}
 
     def searches_in(
         self, columns: Sequence[str], methods: str, draws: int
     ) -> dict[str, FloatArray]:
         """PD_mean (draw, step) of forward searches by methods A-D, searched anew in every draw."""
-        found: dict[str, list[list[float]]] = {method: [] for method in methods}
+        scores: dict[str, list[list[float]]] = {method: [] for method in methods}
         for draw in self.draws(draws):
             scorer = partial(self.scorer, draw=draw)
-            for method, rows in found.items():
+            for method, rows in scores.items():
                 folds = self.folds(columns, *_settings(method), draw=draw)
                 rows.append(
                     [step.score for step in forward_search(folds, len(self.labels), scorer)]
                 )
-        return {method: np.array(rows) for method, rows in found.items()}
+        return {method: np.array(rows) for method, rows in scores.items()}
 
     def scorer_of(self, subset: Any) -> Rescorer:
-        """Make what gives PD_mean of some of the targets; that of mines is at hand as ``scorer``."""
+        """Make what gives PD_mean of some of the targets.
+
+        That of mines is at hand as ``scorer``.
+        """
         return Rescorer(self.reference, subset, FAR_MAX, AREA)
 
     def retrained(
         self, columns: Sequence[str], method: str, draws: int, subset: Any = MINES
     ) -> FloatArray:
-        """PD_mean (draw,) of some targets by a fixed set of features and a method A-D, trained anew in every draw."""
+        """Return PD_mean (draw,) of some targets by fixed features and a method A-D.
+
+        It is trained anew in every draw.
+        """
         cross, duplicate = _settings(method)
         score = self.scorer_of(subset)
         values = []
@@ -207,21 +233,24 @@ class Pool:
     def bands(
         self, columns: Sequence[str], method: str, subset: Any, far: FloatArray, draws: int
     ) -> tuple[FloatArray, FloatArray]:
-        """Give 95 % bands (2, far) of a ROC: of the classifier as it is, and trained anew in every draw."""
+        """Return 95 % bands (2, far) of a ROC.
+
+        Of the classifier as it is, and trained anew in every draw.
+        """
         scorer = Rescorer(self.reference, subset, area=AREA)
         cross, duplicate = _settings(method)
         confidence = self.confidence(columns, method)
         curves = []
         for draw in self.draws(draws):
             again = _refit(self.folds(columns, cross, duplicate, draw=draw), len(self.labels))
-            curves.append([scorer.pd_at(one, far, draw) for one in (confidence, again)])
-        kept, anew = np.swapaxes(np.nanquantile(np.array(curves), (0.025, 0.975), axis=0), 0, 1)
-        return kept, anew
+            curves.append([scorer.pd_at(values, far, draw) for values in (confidence, again)])
+        trained, anew = np.swapaxes(np.nanquantile(np.array(curves), (0.025, 0.975), axis=0), 0, 1)
+        return trained, anew
 
     def outranks(self, column: str, draws: int) -> tuple[float, FloatArray]:
-        """Share of pairs in which a hit on a mine has more of a feature than a false alarm has; here and in draws.
+        """Share of pairs in which a hit on a mine has more of a feature than a false alarm has.
 
-        Draws without such a pair, whose mines raised no alarm, are left out.
+        Here and in draws. Draws without such a pair, whose mines raised no alarm, are left out.
         """
         values = self.features[column].to_numpy(dtype=np.float64)
         labels = self.labels
@@ -247,15 +276,20 @@ class Pool:
     def nested(
         self, columns: Sequence[str], steps: int
     ) -> tuple[float, FloatArray, list[list[str]]]:
-        """PD_mean, confidences and features, each lane scored with features that a search without it has chosen."""
+        """Return PD_mean, confidences and features of nested searches.
+
+        Each lane is scored with features that a search without it has chosen.
+        """
         confidence = np.full(len(self.labels), -np.inf)
         chosen = []
         for name in self.lanes:
-            others = [lane for lane in self.lanes if lane != name]
-            folds = self.folds(columns, len(others) > 1, True, others)
-            left = [one for one in self.results if one.name in others]
-            scorer = Rescorer(matched(left, [one.alarms for one in left]), MINES, FAR_MAX, AREA)
-            rows = np.flatnonzero(np.isin(self.labels["lane"], others))
+            other_lanes = [lane for lane in self.lanes if lane != name]
+            folds = self.folds(columns, len(other_lanes) > 1, True, other_lanes)
+            left = [result for result in self.results if result.name in other_lanes]
+            scorer = Rescorer(
+                matched(left, [result.alarms for result in left]), MINES, FAR_MAX, AREA
+            )
+            rows = np.flatnonzero(np.isin(self.labels["lane"], other_lanes))
             inner = forward_search(
                 folds,
                 len(self.labels),
@@ -275,28 +309,38 @@ class Pool:
         """Match with other confidences; alarms with -inf are left out."""
         tables = []
         lane = self.labels["lane"].to_numpy()
-        for one in self.results:
-            table = one.alarms.assign(confidence=confidence[lane == one.name])
+        for result in self.results:
+            table = result.alarms.assign(confidence=confidence[lane == result.name])
             tables.append(table[np.isfinite(table["confidence"])])
         return matched(self.results, tables)
 
     def interval(self, confidence: FloatArray, draws: int = 1000) -> tuple[float, float]:
-        """95 % interval of PD_mean of actual mines by resampling targets, lanes and stretches of lane."""
+        """Return the 95 % interval of PD_mean of actual mines.
+
+        Targets, lanes and stretches of lane are drawn anew.
+        """
         return pd_mean_interval(self.match_of(confidence), FAR_MAX, MINES, area=AREA, draws=draws)
 
 
 def prescreened(
     results: Sequence[LaneResult], polarization: str, subband: str, recipe: Any
 ) -> Match:
-    """Alarms of another channel's run-view by the same prescreener, confidence being the magnitude."""
+    """Return the alarms of another channel's run-view by the same prescreener.
+
+    Their confidence is the magnitude.
+    """
     tables = []
-    for one in results:
+    for result in results:
         wide = subband == "wide"
-        view = one.wide_view if wide else one.view.sel(polarization=polarization, subband=subband)
+        view = (
+            result.wide_view
+            if wide
+            else result.view.sel(polarization=polarization, subband=subband)
+        )
         if view is None:
-            raise ValueError(f"lane {one.name} must have a run-view over the full range")
+            raise ValueError(f"lane {result.name} must have a run-view over the full range")
         screen = recipe.prescreen
-        alarms = prescreen(view, one.lane, screen.radius, screen.density, screen.count)
+        alarms = prescreen(view, result.lane, screen.radius, screen.density, screen.count)
         tables.append(alarms.assign(confidence=alarms["magnitude"]))
     return matched(results, tables)
 
@@ -304,7 +348,9 @@ def prescreened(
 def clutter_levels(
     results: Sequence[LaneResult], clear: float = 1.5, stretch: float = 10.0
 ) -> pd.DataFrame:
-    """Tell how far clutter stands out of the background in the run-views, by stretches of lane (the paper's Fig. 8).
+    """Return how far clutter stands out in the run-views, by stretches of lane.
+
+    This is the paper's Fig. 8.
 
     Images are in units of their background, so that their mean level tells nothing. The level of a
     channel is the 99 % quantile of its magnitude over the median, dB, of the pixels farther than
@@ -317,29 +363,34 @@ def clutter_levels(
         every channel, named ``HH F1`` and so on.
     """
     rows = []
-    for one in results:
-        x, y = np.meshgrid(one.view["x"].values, one.view["y"].values)
-        away = np.full(x.shape, np.inf)
-        for target_x, target_y in one.truth[["x", "y"]].to_numpy(dtype=np.float64):
-            away = np.minimum(away, np.hypot(x - target_x, y - target_y))
-        number = ((one.view["y"].values - one.lane.y_min) // stretch).astype(int)
+    for result in results:
+        x, y = np.meshgrid(result.view["x"].values, result.view["y"].values)
+        distance = np.full(x.shape, np.inf)
+        for target_x, target_y in result.truth[["x", "y"]].to_numpy(dtype=np.float64):
+            distance = np.minimum(distance, np.hypot(x - target_x, y - target_y))
+        number = ((result.view["y"].values - result.lane.y_min) // stretch).astype(int)
         for k in np.unique(number):
-            chosen = (away > clear) & (number == k)[:, None]
-            row: dict[str, Any] = {"lane": one.name, "stretch": int(k)}
-            for polarization in one.view["polarization"].values:
-                for subband in one.view["subband"].values:
-                    values = one.view.sel(polarization=polarization, subband=subband).values[chosen]
-                    row[f"{polarization} {subband}"] = _stands_out(values)
+            chosen = (distance > clear) & (number == k)[:, None]
+            row: dict[str, Any] = {"lane": result.name, "stretch": int(k)}
+            for polarization in result.view["polarization"].values:
+                for subband in result.view["subband"].values:
+                    values = result.view.sel(polarization=polarization, subband=subband).values[
+                        chosen
+                    ]
+                    row[f"{polarization} {subband}"] = stands_out(values)
             rows.append(row)
     return pd.DataFrame(rows)
 
 
-def _stands_out(magnitude: NDArray[Any]) -> float:
-    """Return the 99 % quantile over the median, dB; NaN for fewer than 100 pixels that were seen."""
-    seen = magnitude[np.isfinite(magnitude)]
-    if seen.size < 100:
+def stands_out(magnitude: NDArray[Any]) -> float:
+    """Return the 99 % quantile over the median, dB.
+
+    NaN for fewer than 100 pixels that were seen.
+    """
+    finite = magnitude[np.isfinite(magnitude)]
+    if finite.size < 100:
         return float("nan")
-    median, high = np.quantile(seen.astype(np.float64), (0.5, 0.99))
+    median, high = np.quantile(finite.astype(np.float64), (0.5, 0.99))
     return float(20 * np.log10(high / median))
 
 
@@ -363,10 +414,12 @@ def all_forty() -> list[str]:
 
 
 def _settings(method: str) -> tuple[bool, bool]:
+    """Return whether a method cross-validates, and whether it duplicates mines."""
     return method in "CD", method in "AC"
 
 
 def _refit(folds: Sequence[Fold], samples: int) -> FloatArray:
+    """Return confidences by discriminants trained anew in every fold."""
     confidence = np.full(samples, -np.inf)
     for fold in folds:
         direction = np.linalg.lstsq(fold.scatter, fold.difference, rcond=1e-12)[0]

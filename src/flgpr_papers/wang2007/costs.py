@@ -1,7 +1,8 @@
 """What each way in which the recipe wang2007 departs from the paper's letter costs in PD_mean.
 
-One difference at a time is changed from ``wang2007-printed``, everywhere: on the lanes that train the classifiers and
-on those that are scored. Both sides of a difference are drawn alike, lanes, targets and stretches of lane.
+One difference at a time is changed from ``wang2007-printed``, everywhere: on the lanes that train
+the classifiers and on those that are scored. Both sides of a difference are drawn alike, lanes,
+targets and stretches of lane.
 """
 
 from __future__ import annotations
@@ -25,7 +26,10 @@ from flgpr_papers.wang2007.findings import SETS, blind_scores
 MEDIAN_STEP = 3
 """``background.median_step`` of the recipe wang2007."""
 DETECTORS = {"C_HH": ("C_HH_F1",), **SETS, "all ten": tuple(f"{name}_F1" for name in FEATURES)}
-"""Columns that each detector reads: local contrast alone and untrained, the paper's two classifiers, all of F1."""
+"""Columns that each detector reads.
+
+They are local contrast alone and untrained, the paper's two classifiers, and all of F1.
+"""
 UNTRAINED = "C_HH"
 _GAIN = "shared."
 _PSI = "circular."
@@ -77,31 +81,32 @@ class Lanes(NamedTuple):
 def cost_table(printed: Lanes, coarse: Lanes, draws: int) -> pd.DataFrame:
     """Return what each difference costs every detector, on the calibration and on the blind lanes.
 
-    On the calibration lanes each lane is scored by classifiers of the others (method C of the paper), on the blind ones
-    by those of all calibration lanes. Columns: ``difference``, ``printed`` and ``changed``, what the entry says;
-    ``detector``, ``lanes``; ``targets``; ``alarms`` and ``alarms_changed``, numbers of them; ``pd_mean`` of actual
-    mines up to 0.1 per m² as printed and ``pd_mean_changed``; ``cost``, the first less the second, with ``low`` and
+    On the calibration lanes each lane is scored by classifiers of the others (method C of the
+    paper), on the blind ones by those of all calibration lanes. Columns: ``difference``,
+    ``printed`` and ``changed``, what the entry says; ``detector``, ``lanes``; ``targets``;
+    ``alarms`` and ``alarms_changed``, numbers of them; ``pd_mean`` of actual mines up to 0.1 per m²
+    as printed and ``pd_mean_changed``; ``cost``, the first less the second, with ``low`` and
     ``high``, its 95 % interval. A positive cost is a loss.
     """
     before = _matches(printed, PRINTED)
     rows = []
-    for one in DIFFERENCES:
-        after = _matches(coarse if one.coarse else printed, one)
+    for difference in DIFFERENCES:
+        after = _matches(coarse if difference.coarse else printed, difference)
         for (detector, where), first in before.items():
             second = after[detector, where]
-            value, low, high = paired_cost(first, second, MINES, AREA, one.area, draws)
+            value, low, high = paired_cost(first, second, MINES, AREA, difference.area, draws)
             rows.append(
                 {
-                    "difference": one.entry,
-                    "printed": one.printed,
-                    "changed": one.changed,
+                    "difference": difference.entry,
+                    "printed": difference.printed,
+                    "changed": difference.changed,
                     "detector": detector,
                     "lanes": where,
                     "targets": int((first.truth["kind"] != "simulant").sum()),
                     "alarms": len(first.alarms),
                     "alarms_changed": len(second.alarms),
                     "pd_mean": pd_mean_of(first, MINES, AREA),
-                    "pd_mean_changed": pd_mean_of(second, MINES, one.area),
+                    "pd_mean_changed": pd_mean_of(second, MINES, difference.area),
                     "cost": value,
                     "low": low,
                     "high": high,
@@ -127,8 +132,8 @@ def paired_cost(
 ) -> Interval:
     """Return PD_mean of one list of alarms less that of another, and its 95 % bootstrap interval.
 
-    Lanes, targets and stretches of lane are drawn alike for both, which may have different rules of FAR's area. As of
-    :func:`flgpr.scoring.compare`, percentiles are expanded for few mines.
+    Lanes, targets and stretches of lane are drawn alike for both, which may have different rules of
+    FAR's area. As of :func:`flgpr.scoring.compare`, percentiles are expanded for few mines.
 
     Parameters
     ----------
@@ -149,23 +154,22 @@ def paired_cost(
 
     def difference(target: np.ndarray, block: np.ndarray) -> float:
         shares = [
-            one.shares(FAR_MAX, block, float((block * design.block_area).sum()))
-            for one, design in zip(scores, designs, strict=True)
+            lane_score.shares(FAR_MAX, block, float((block * design.block_area).sum()))
+            for lane_score, design in zip(scores, designs, strict=True)
         ]
         return float((target * (shares[0] - shares[1])).sum() / target.sum())
 
-    here = difference(np.ones(len(scores[0].target)), np.ones(len(designs[0].block_lane)))
+    value = difference(np.ones(len(scores[0].target)), np.ones(len(designs[0].block_lane)))
     rng = np.random.default_rng(0)
     drawn = [difference(*designs[0].draw(rng)) for _ in range(draws)]
     low, high = np.quantile(drawn, tails(0.95, designs[0].clusters))
-    return clip((here, float(low), float(high)), SHARE_DIFFERENCE)
+    return clip((value, float(low), float(high)), SHARE_DIFFERENCE)
 
 
 def _matches(lanes: Lanes, difference: Difference) -> dict[tuple[str, str], Match]:
     """Match the alarms of every detector on both kinds of lanes as a difference has them."""
-    calibration, blind = (
-        [_renamed(one, difference) for one in some] for some in (lanes.calibration, lanes.blind)
-    )
+    calibration = [_renamed(result, difference) for result in lanes.calibration]
+    blind = [_renamed(result, difference) for result in lanes.blind]
     pool = Pool(calibration)
     matches = {}
     for name, columns in DETECTORS.items():
@@ -177,8 +181,11 @@ def _matches(lanes: Lanes, difference: Difference) -> dict[tuple[str, str], Matc
         matches[name, "calibration"] = pool.match_of(confidence)
     trained = {name: columns for name, columns in DETECTORS.items() if name != UNTRAINED}
     scored = blind_scores(calibration, blind, trained)
-    matches |= {(name, "blind"): one for name, one in scored.items()}
-    tables = [one.alarms.assign(confidence=one.features[DETECTORS[UNTRAINED][0]]) for one in blind]
+    matches |= {(name, "blind"): result for name, result in scored.items()}
+    tables = [
+        result.alarms.assign(confidence=result.features[DETECTORS[UNTRAINED][0]])
+        for result in blind
+    ]
     matches[UNTRAINED, "blind"] = matched(
         blind, [table.dropna(subset=["confidence"]) for table in tables]
     )
@@ -186,10 +193,21 @@ def _matches(lanes: Lanes, difference: Difference) -> dict[tuple[str, str], Matc
     return {key: matches[key] for key in order}
 
 
-def _renamed(one: LaneResult, difference: Difference) -> LaneResult:
-    """Give the columns that a difference reads the names of the printed ones; others are left out."""
+def _renamed(result: LaneResult, difference: Difference) -> LaneResult:
+    """Rename the columns that a difference reads to those of the printed ones.
+
+    Others are left out.
+    """
     read: Mapping[str, str] = {
         name: difference.column(name) for names in DETECTORS.values() for name in names
     }
-    features = pd.DataFrame({name: one.features[column] for name, column in read.items()})
-    return LaneResult(one.name, one.lane, one.truth, one.alarms, features, one.view, one.wide_view)
+    features = pd.DataFrame({name: result.features[column] for name, column in read.items()})
+    return LaneResult(
+        result.name,
+        result.lane,
+        result.truth,
+        result.alarms,
+        features,
+        result.view,
+        result.wide_view,
+    )

@@ -94,8 +94,8 @@ def subband_figure(examples: Examples) -> Figure:
 def series_figure(examples: Examples) -> Figure:
     """Fig. 4: five consecutive scans, HH, F1: the mine moves, the self-signature stays.
 
-    All share one scale. Its top is the largest of the median over the scans, which holds what stays in place: on a
-    scale that reaches up to the mines themselves it would hardly be seen.
+    All share one scale. Its top is the largest of the median over the scans, which holds what stays
+    in place: on a scale that reaches up to the mines themselves it would hardly be seen.
     """
     figure, axes = _figure(8, 3.1, 1, 5)
     top = float(_decibel(np.median(examples["series"], axis=0)).max())
@@ -116,7 +116,7 @@ def background_figure(examples: Examples) -> Figure:
     """Fig. 5: background removal and normalisation, HH, F1."""
     figure, axes = _figure(8, 3.1, 1, 5)
     channel = _at(examples, "HH", "F1")
-    place = examples["place_surface"]
+    position = examples["place_surface"]
     clean = examples["clean_surface"][channel]
     panels = (
         (examples["raw_surface"][channel], "(a) scan"),
@@ -126,15 +126,15 @@ def background_figure(examples: Examples) -> Figure:
         (clean, "(e) (c) over (d)"),
     )
     for axis, (image, title) in zip(axes, panels, strict=True):
-        _scan(axis, image, examples, place, title)
+        _scan(axis, image, examples, position, title)
     _scan_axes(figure, axes)
     return figure
 
 
-def run_view_figure(one: LaneResult, alarms: bool, length: float = 60.0) -> Figure:
+def run_view_figure(result: LaneResult, alarms: bool, length: float = 60.0) -> Figure:
     """Fig. 6 and 7: 60 m of a calibration lane in pieces of 15 m, with targets or with alarms."""
-    view = one.view.sel(polarization="HH", subband="F1")
-    start = one.lane.y_min
+    view = result.view.sel(polarization="HH", subband="F1")
+    start = result.lane.y_min
     figure, axes = _figure(6.5, 4.2, 1, 4)
     top = 20 * np.log10(np.nanpercentile(view.values, 99.9))
     for k, axis in enumerate(axes):
@@ -152,9 +152,9 @@ def run_view_figure(one: LaneResult, alarms: bool, length: float = 60.0) -> Figu
             vmax=0,
             cmap="gray_r",
         )
-        for x in (one.lane.x_min, one.lane.x_max):
+        for x in (result.lane.x_min, result.lane.x_max):
             axis.axvline(x, color="#0072b2", lw=0.8)
-        table, radius = (one.alarms, 0.25) if alarms else (one.truth, 0.6)
+        table, radius = (result.alarms, 0.25) if alarms else (result.truth, 0.6)
         for x, y in table.loc[table["y"].between(low, high), ["x", "y"]].to_numpy():
             axis.add_patch(Circle((x, y), radius, fill=False, color="#d55e00", lw=1.2))
         axis.set(xlabel="x (m)", ylabel="y (m)" if k == 0 else "")
@@ -163,7 +163,10 @@ def run_view_figure(one: LaneResult, alarms: bool, length: float = 60.0) -> Figu
 
 
 def clean_bands_figure(examples: Examples) -> Figure:
-    """Fig. 8: cleaned scan images in five sub-bands, VV over a metal mine and HH over a plastic one."""
+    """Fig. 8.
+
+    Cleaned scan images in five sub-bands, VV over a metal mine and HH over a plastic one.
+    """
     figure, axes = _figure(8, 5.0, 2, 5)
     for row, (name, pol) in zip(axes, (("metal", "VV"), ("plastic", "HH")), strict=True):
         for axis, band in zip(row, _BANDS, strict=True):
@@ -202,11 +205,11 @@ def patch_figure(examples: Examples) -> Figure:
         patches = examples[f"patches_{name}"]
         order = [_at(examples, pol, band) for pol in _POLARIZATIONS for band in _BANDS[1:]]
         # As in the scan images, far is up.
-        rows = [
-            np.hstack([np.pad(np.nan_to_num(patch[channel][::-1]), 1) for patch in patches])
-            for channel in order
-        ]
-        scaled = [row / np.nanmax(row) for row in rows]
+        scaled = []
+        for channel in order:
+            framed = [np.pad(np.nan_to_num(patch[channel][::-1]), 1) for patch in patches]
+            row = np.hstack(framed)
+            scaled.append(row / np.nanmax(row))
         axis.imshow(np.vstack(scaled), cmap="gray", vmin=0, vmax=1, aspect="equal")
         size = scaled[0].shape[0]
         labels = [f"{pol} {band}" for pol in _POLARIZATIONS for band in _BANDS[1:]]
@@ -261,14 +264,17 @@ def classifier_figure(
     subsets: Mapping[str, Any],
     bands: Mapping[str, Band] | None = None,
 ) -> Figure:
-    """Fig. 13 and 14: ROC of classifiers by data set; ``bands`` add those of one as it is and trained anew."""
+    """Fig. 13 and 14: ROC of classifiers by data set.
+
+    ``bands`` add those of one as it is and trained anew.
+    """
     shown = dict(bands or {})
     columns = len(panels)
     rows = 1 + -(-len(shown) // columns)
     figure, grid = _figure(4.4 * columns, 3.6 * rows, rows, columns)
     axes = np.ravel(grid)
     last = list(next(iter(panels.values())).items())[-1]
-    for axis, (kind, (kept, anew)), colour in zip(
+    for axis, (kind, (trained, anew)), colour in zip(
         axes[columns:], shown.items(), _COLOURS, strict=False
     ):
         axis.fill_between(
@@ -279,29 +285,34 @@ def classifier_figure(
             lw=0,
             label="95 %, trained anew in every draw",
         )
-        axis.fill_between(BAND_FAR, *kept, color=colour, alpha=0.3, lw=0, label="95 %, as trained")
+        axis.fill_between(
+            BAND_FAR, *trained, color=colour, alpha=0.3, lw=0, label="95 %, as trained"
+        )
         _step(axis, roc_of(last[1], subsets[kind], area=AREA), f"{last[0]}, {kind}", colour, "-")
         _roc_axes(axis, f"{kind} mines with bands", 0.1)
     for axis, (title, matches) in zip(axes, panels.items(), strict=False):
-        for colour, (name, one) in zip(_COLOURS, matches.items(), strict=False):
+        for colour, (name, match) in zip(_COLOURS, matches.items(), strict=False):
             for dash, (kind, subset) in zip(("-", "--"), subsets.items(), strict=False):
-                _step(axis, roc_of(one, subset, area=AREA), f"{name}, {kind}", colour, dash)
+                _step(axis, roc_of(match, subset, area=AREA), f"{name}, {kind}", colour, dash)
         _roc_axes(axis, title, 0.1)
     return figure
 
 
 def _figure(width: float, height: float, rows: int, columns: int) -> tuple[Figure, Any]:
+    """Return a figure of so many inches, and its panels."""
     figure = Figure(figsize=(width, height), layout="constrained")
     return figure, figure.subplots(rows, columns)
 
 
 def _at(examples: Examples, polarization: str, subband: str) -> tuple[int, int]:
+    """Return the indices of a polarization and a sub-band."""
     return list(examples["polarization"]).index(polarization), list(examples["subband"]).index(
         subband
     )
 
 
 def _decibel(image: NDArray[Any]) -> NDArray[np.float64]:
+    """Return an image in dB, at least -240."""
     return np.asarray(
         20 * np.log10(np.maximum(np.nan_to_num(np.asarray(image, np.float64)), 1e-12))
     )
@@ -311,7 +322,7 @@ def _scan(
     axis: Axes,
     image: NDArray[Any],
     examples: Examples,
-    place: NDArray[np.float64],
+    position: NDArray[np.float64],
     title: str,
     x: tuple[float, float] | None = None,
     y: tuple[float, float] | None = None,
@@ -337,7 +348,7 @@ def _scan(
         aspect="equal",
     )
     axis.add_patch(
-        Circle((float(place[0]), float(place[1])), 1.0, fill=False, color="#d55e00", lw=1.0)
+        Circle((float(position[0]), float(position[1])), 1.0, fill=False, color="#d55e00", lw=1.0)
     )
     axis.set(xlim=x, ylim=y)
     axis.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
@@ -364,10 +375,12 @@ def _colour_bar(figure: Figure, axes: Any, label: str) -> None:
 
 
 def _step(axis: Axes, curve: pd.DataFrame, label: str, colour: str, dash: str) -> None:
+    """Draw a ROC as steps."""
     axis.step(curve["far"], curve["pd"], where="post", label=label, color=colour, ls=dash, lw=1.3)
 
 
 def _roc_axes(axis: Axes, title: str, far_max: float) -> None:
+    """Draw chance and label the axes of a ROC."""
     rates = np.linspace(0, far_max, 101)
     axis.plot(rates, random_pd(rates, 1.0), color="0.5", ls=":", lw=1, label="chance")
     axis.set(xlim=(0, far_max), ylim=(0, 1.02), xlabel="FAR (per m²)", ylabel="Pd")

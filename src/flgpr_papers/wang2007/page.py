@@ -67,14 +67,16 @@ def page_html(
     subsets = {"buried metal": BURIED_METAL, "buried plastic": BURIED_PLASTIC, "mines": MINES}
     points = point_rows(lists, subsets | {"simulants": SIMULANTS}, area=AREA)
     points += point_rows(
-        {f"{name}, blind": one for name, one in blind_matches.items()}, subsets, area=AREA
+        {f"{name}, blind": entry for name, entry in blind_matches.items()}, subsets, area=AREA
     )
     low, high = pool.interval(confidence, draws)
     examples = read_arrays(folder / "results" / "examples.bundle")
     shown = Shown(recipe, radar, calibration, pool, examples, blind_matches)
     twins = [
-        Twin(one.number, one.title, draw(one.figure, quick, 100), one.caption, one.numbers)
-        for one in track(drawings(shown), "drawing the page", 14)
+        Twin(
+            entry.number, entry.title, draw(entry.figure, quick, 100), entry.caption, entry.numbers
+        )
+        for entry in track(drawings(shown), "drawing the page", 14)
     ]
     html = study_html(
         "wang2007.html",
@@ -82,7 +84,7 @@ def page_html(
         study_world=study_world,
         other=other,
         radar=radar,
-        lanes=[_lane_row(one) for one in (*calibration, *blind)],
+        lanes=[_lane_row(entry) for entry in (*calibration, *blind)],
         found=findings,
         chance=by_chance(findings),
         header=HEADER,
@@ -112,21 +114,29 @@ def page_html(
 
 
 def _cost_rows(costs: pd.DataFrame) -> list[Row]:
-    """Tabulate what each difference costs: a row per difference and kind of lanes, a column per detector."""
+    """Tabulate what each difference costs.
+
+    A row per difference and kind of lanes, a column per detector.
+    """
     rows: list[Row] = []
-    for (entry, where), some in costs.groupby(["difference", "lanes"], sort=False):
-        one = some.iloc[0]
+    for (entry, where), rows_of_entry in costs.groupby(["difference", "lanes"], sort=False):
+        first_row = rows_of_entry.iloc[0]
         cells = [
             f"{row['cost']:+z.3f} ({row['low']:+z.3f} to {row['high']:+z.3f})"
-            for _, row in some.iterrows()
+            for _, row in rows_of_entry.iterrows()
         ]
-        alarms = f"{one['alarms']} and {one['alarms_changed']}"
-        rows.append((entry, f"{one['printed']} to {one['changed']}", where, *cells, alarms))
+        alarms = f"{first_row['alarms']} and {first_row['alarms_changed']}"
+        rows.append(
+            (entry, f"{first_row['printed']} to {first_row['changed']}", where, *cells, alarms)
+        )
     return rows
 
 
 def _retrained_rows(pool: Pool, draws: int) -> list[Row]:
-    """PD_mean of both classifiers with the intervals of lanes and targets alone, and with training in every draw."""
+    """Return PD_mean of both classifiers with its intervals.
+
+    They are of lanes and targets alone, and with training in every draw.
+    """
     rows = []
     for name, columns in SETS.items():
         for method in "AC":
@@ -141,15 +151,17 @@ def _retrained_rows(pool: Pool, draws: int) -> list[Row]:
     return rows
 
 
-def _lane_row(one: LaneResult) -> Row:
-    length = one.lane.y_max - one.lane.y_min
-    count = ((one.truth["kind"] == kind).sum() for kind in ("metal", "plastic", "simulant"))
-    surface = (one.truth["depth"] < 0).sum()
-    alarms = len(one.alarms)
-    return one.name, f"{length:.0f} m", *count, surface, alarms, f"{alarms / 6 / length:.2f}"
+def _lane_row(result: LaneResult) -> Row:
+    """Return the row of a lane: its length, mines and alarms."""
+    length = result.lane.y_max - result.lane.y_min
+    count = ((result.truth["kind"] == kind).sum() for kind in ("metal", "plastic", "simulant"))
+    surface = (result.truth["depth"] < 0).sum()
+    alarms = len(result.alarms)
+    return result.name, f"{length:.0f} m", *count, surface, alarms, f"{alarms / 6 / length:.2f}"
 
 
 def _two_digits(values: Any) -> list[str]:
+    """Return values with two decimals."""
     return [f"{value:.2f}" for value in values]
 
 
@@ -159,10 +171,12 @@ def _steps(order: Iterable[int], score: Iterable[float]) -> list[str]:
 
 
 def _found_steps(search: Sequence[SearchStep]) -> list[str]:
+    """Return the steps of a search of ours as Table II writes them."""
     return _steps([step.feature + 1 for step in search], [step.score for step in search])
 
 
 def _single_rows(table: pd.DataFrame) -> list[Row]:
+    """Tabulate single features by method, the paper's and ours (Table I)."""
     rows: list[Row] = []
     for method, meaning in METHODS.items():
         rows.append((f"({method}) {meaning}", "paper", *_two_digits(PAPER["singles"][method])))
@@ -171,6 +185,7 @@ def _single_rows(table: pd.DataFrame) -> list[Row]:
 
 
 def _search_rows(searches: Mapping[str, Sequence[SearchStep]]) -> list[Row]:
+    """Tabulate searches by method, the paper's and ours (Table II)."""
     rows: list[Row] = []
     for method in METHODS:
         rows.append((f"({method})", "paper", *_steps(*PAPER["searches"][method])))
@@ -179,6 +194,7 @@ def _search_rows(searches: Mapping[str, Sequence[SearchStep]]) -> list[Row]:
 
 
 def _set_rows(sets: Mapping[str, Sequence[SearchStep]]) -> list[Row]:
+    """Tabulate the best sets by sub-band, the paper's and ours."""
     rows = []
     for band in SUBBANDS:
         paper, score = PAPER["sets"][band]
@@ -188,6 +204,7 @@ def _set_rows(sets: Mapping[str, Sequence[SearchStep]]) -> list[Row]:
 
 
 def _variant_rows(pool: Pool) -> list[Row]:
+    """Tabulate single features by other readings of the paper: regions and gain."""
     shared = pool.singles([f"shared.{name}_F1" for name in FEATURES[6:]], "A")
     return [
         ("as printed", *_two_digits(table_one(pool, "F1").loc["A"])),

@@ -1,4 +1,7 @@
-"""Reproduce Wang et al. 2007 on simulated lanes: three calibration and four blind ones, one page."""
+"""Reproduce Wang et al. 2007 on simulated lanes.
+
+Three calibration and four blind ones, one page.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +14,14 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.lane_chain import CleanedRun, LaneChain
+from flgpr.chain.cleaned import CleanedRun
+from flgpr.chain.detection import detection_of
+from flgpr.chain.lane_setup import LaneSetup
+from flgpr.chain.method import engine_of
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.clutter import Background
 from flgpr.imaging import ScanImager
-from flgpr.io import open_run, read_manifest, sha256, write_whole
 from flgpr.kernels.sampling import bilinear
 from flgpr.model import Lane, check_tones, lane_to_scan
 from flgpr.results.description import describe_run
@@ -24,15 +29,18 @@ from flgpr.results.errors import ResultError
 from flgpr.results.result import read_result, write_result
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import Scene, Sensor
+from flgpr.store import open_run, read_manifest, sha256, write_whole
 from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.findings import Finding, write_findings
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
+from flgpr_papers.kit.threads import one_blas_thread
 from flgpr_papers.kit.worlds import World
 from flgpr_papers.wang2007.analysis import LaneResult
 from flgpr_papers.wang2007.costs import MEDIAN_STEP, Lanes, cost_table
 from flgpr_papers.wang2007.findings import all_findings
 from flgpr_papers.wang2007.lanes import (
+    F1_BAND,
     LaneScenes,
     blind_scenes,
     calibration_scenes,
@@ -42,25 +50,26 @@ from flgpr_papers.wang2007.lanes import (
 from flgpr_papers.wang2007.page import page_html
 
 PAGE = "wang2007.html"
-_F1_BAND = (0.75e9, 1.35e9)  # Hz, F1 (Sec. II)
 
 
+@one_blas_thread
 def reproduce(
     output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN
 ) -> Path:
     """Simulate the lanes, run the chain on them, and write the page.
 
-    What is finished already (a simulated lane, a lane's result) is taken as it is if it was made from the same scene,
-    sensor and recipe; so a run that was stopped goes on where it was, lane by lane.
+    What is finished already (a simulated lane, a lane's result) is taken as it is if it was made
+    from the same scene, sensor and recipe; so a run that was stopped goes on where it was, lane by
+    lane.
     """
     folder = Path(output)
     folder.mkdir(parents=True, exist_ok=True)
-    names = _lanes(quick, world)
-    calibration, blind = (
-        [make_part(folder, name, quick, world, track) for name in lanes] for lanes in names
-    )
+    calibration_names, blind_names = _lanes(quick, world)
+    calibration = [make_part(folder, name, quick, world, track) for name in calibration_names]
+    blind = [make_part(folder, name, quick, world, track) for name in blind_names]
     coarse = Lanes(
-        *([coarse_part(folder, name, quick, world, track) for name in lanes] for lanes in names)
+        [coarse_part(folder, name, quick, world, track) for name in calibration_names],
+        [coarse_part(folder, name, quick, world, track) for name in blind_names],
     )
     costs = cost_table(Lanes(calibration, blind), coarse, draws=100 if quick else 1000)
     write_whole(folder / "costs.csv", costs.round(4).to_csv(index=False))
@@ -79,12 +88,16 @@ def parts(quick: bool) -> list[str]:
     return [name for lanes in reversed(_lanes(quick)) for name in lanes]
 
 
+@one_blas_thread
 def make_part(
     folder: Path, name: str, quick: bool, world: str = OWN, track: Track = silent
 ) -> LaneResult:
-    """Work on a lane, a blind one in the sub-band alone that the classifiers look at, which were frozen before.
+    """Process a lane; a blind one in the sub-band alone that the classifiers read.
 
-    What the coarse median of the recipe wang2007 gives on it is worked out beside, for the table of costs.
+    They were frozen before.
+
+    What the coarse median of the recipe wang2007 gives on it is worked out beside, for the table of
+    costs.
     """
     calibration, blind = _lanes(quick, world)
     scene, seed = (calibration | blind)[name]
@@ -92,9 +105,7 @@ def make_part(
         text = packaged_text("wang2007")
         result = lane_result(folder, scene, seed, sensor(), text, track, examples=name == "c1")
     else:
-        result = lane_result(
-            folder, scene, seed, sensor(_F1_BAND), _text_of_f1(), track, wide=False
-        )
+        result = lane_result(folder, scene, seed, sensor(F1_BAND), _text_of_f1(), track, wide=False)
     coarse_part(folder, name, quick, world, track)
     return result
 
@@ -102,20 +113,24 @@ def make_part(
 def coarse_part(
     folder: Path, name: str, quick: bool, world: str = OWN, track: Track = silent
 ) -> LaneResult:
-    """Work on the stored run of a lane with the coarse median of the recipe wang2007, in F1 alone."""
+    """Process the stored run of a lane with the coarse median of the recipe wang2007.
+
+    It is in F1 alone.
+    """
     calibration, blind = _lanes(quick, world)
     scene, seed = (calibration | blind)[name]
-    radar = sensor() if name in calibration else sensor(_F1_BAND)
+    radar = sensor() if name in calibration else sensor(F1_BAND)
     text = _text_of_f1().replace("median_step = 1\n", f"median_step = {MEDIAN_STEP}\n")
     return lane_result(folder, scene, seed, radar, text, track, wide=False, suffix="-coarse")
 
 
 def _text_of_f1() -> str:
-    """Give the study's recipe with the sub-band F1 alone."""
+    """Return the study's recipe with the sub-band F1 alone."""
     return re.sub(r"(?m)^F[0234] .*\n", "", packaged_text("wang2007"))
 
 
 def _lanes(quick: bool, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
+    """Return the calibration and the blind lanes."""
     return quick_scenes(world=world) if quick else (calibration_scenes(world), blind_scenes(world))
 
 
@@ -130,31 +145,33 @@ def lane_result(
     wide: bool = True,
     suffix: str = "",
 ) -> LaneResult:
-    """Simulate a lane and run the chain on it, with all that the figures need if wanted, or take what is there.
+    """Simulate a lane and run the chain on it, or take what is there.
+
+    If wanted, it has all that the figures need.
 
     ``suffix`` names results of another recipe on the same lane.
     """
-    home = folder / "results" / f"{scene.name}{suffix}"
+    result_folder = folder / "results" / f"{scene.name}{suffix}"
     recipe = parse_recipe(text)
     check_tones(radar, recipe.image.x, recipe.image.y)
     store, truth, lane = store_lane(folder / "lanes", scene, seed, radar, track)
     extras = folder / "results" / f"{scene.name}-wide.bundle"
     pictures = folder / "results" / "examples.bundle"
-    there = (extras.is_file() or not wide) and (pictures.is_file() or not examples)
-    if not (there and _is_done(home, store, text)):
+    is_complete = (extras.is_file() or not wide) and (pictures.is_file() or not examples)
+    if not (is_complete and _is_done(result_folder, store, text)):
         run = open_run(store)
-        chain = LaneChain(run, recipe, lane, explains=False, whole=True)
-        chain.go(track, ("signature", "gain", "view", "alarms", "features"))
-        cleaned = chain.cleaned
-        found = chain.detection()
+        setup = LaneSetup(run, recipe, lane, explains=False, whole_background=True)
+        engine_of(setup).run(track, ("signature", "gain", "view", "alarms", "features"))
+        cleaned = setup.cleaned
+        detection = detection_of(setup)
         extras.parent.mkdir(parents=True, exist_ok=True)
         if examples:
-            save_examples(pictures, cleaned, run, recipe, truth, found.alarms)
+            save_examples(pictures, cleaned, run, recipe, truth, detection.alarms)
         if wide:
             far = wide_view(cleaned, run, recipe, lane, track)
             write_arrays(extras, {"view": far.values, "looks": far["looks"].values})
-        write_result(home, [found], text, lane, describe_run(run, store))
-    result = read_result(home)
+        write_result(result_folder, [detection], text, lane, describe_run(run, store))
+    result = read_result(result_folder)
     main = result.detections[0]
     features = main.features if main.features is not None else pd.DataFrame()
     view = None
@@ -172,15 +189,15 @@ def wide_view(
     table = recipe.image
     p = [str(label) for label in run["polarization"].values].index(screen.polarization)
     b = list(table.subbands).index(screen.subband)
-    whole = cleaned.whole_background
-    place = (slice(p, p + 1), slice(b, b + 1))
-    parts = (
-        whole.signature[place],
-        whole.gain[place],
-        whole.shared_signature[place],
-        whole.shared_gain[b : b + 1],
+    whole_background = cleaned.whole_background
+    channel = (slice(p, p + 1), slice(b, b + 1))
+    arrays = (
+        whole_background.signature[channel],
+        whole_background.gain[channel],
+        whole_background.shared_signature[channel],
+        whole_background.shared_gain[b : b + 1],
     )
-    one = Background(*(np.ascontiguousarray(part) for part in parts))  # type: ignore[arg-type]
+    background = Background(*(np.ascontiguousarray(array) for array in arrays))  # type: ignore[arg-type]
     band = {screen.subband: table.subbands[screen.subband]}
     # Which scans are whole depends on all polarizations, so that the choice is made before one is
     # taken.
@@ -189,14 +206,15 @@ def wide_view(
     grid = recipe.run_view.grid(lane)
     sums = RunViewSums(grid, table.y[1])
     for image, gain in zip(track(imager, "full range", len(imager)), cleaned.gains, strict=True):
-        magnitude = one.magnitude(image.values, np.ascontiguousarray(gain[place]))
+        magnitude = background.magnitude(image.values, np.ascontiguousarray(gain[channel]))
         sums.add(magnitude[0, 0], imager.grid, np.asarray(image.attrs["pose"]))
     return view_array(*sums.result(), grid, {})
 
 
-def _is_done(home: Path, store: Path, text: str) -> bool:
+def _is_done(result_folder: Path, store: Path, text: str) -> bool:
+    """Return whether a result is of this store and recipe."""
     try:
-        manifest: dict[str, Any] = read_result(home).manifest
+        manifest: dict[str, Any] = read_result(result_folder).manifest
     except ResultError:
         return False
     same = manifest["run"].get("store_sha256") == read_manifest(store)["sha256"]
@@ -207,13 +225,14 @@ def findings_in(world: World, folder: Path) -> list[Finding]:
     """Judge the paper's statements on three calibration lanes and a blind one."""
     text = packaged_text("wang2007")
     radar = sensor()
-    calibration, blind = (
-        [
-            lane_result(folder, scene, seed + 1000 * (world.number + 1), radar, text, silent)
-            for scene, seed in scenes.values()
-        ]
-        for scenes in quick_scenes(world.site(folder))
-    )
+    first_seed = 1000 * (world.number + 1)
+    calibration_lanes, blind_lanes = quick_scenes(world.site(folder))
+    calibration = []
+    for scene, seed in calibration_lanes.values():
+        calibration.append(lane_result(folder, scene, seed + first_seed, radar, text, silent))
+    blind = []
+    for scene, seed in blind_lanes.values():
+        blind.append(lane_result(folder, scene, seed + first_seed, radar, text, silent))
     return all_findings(calibration, blind, parse_recipe(text), draws=100)[0]
 
 
@@ -240,16 +259,16 @@ def save_examples(
     }
     arrays |= {"x": imager.grid.x, "y": imager.grid.y, "near": cleaned.grid.ny}
     poses = run["pose"].values
-    number = {int(scan): place for place, scan in enumerate(imager.scans)}
-    for name, one in chosen.items():
-        scan = _scan_before(imager, poses, one.y)
+    number = {int(scan): index for index, scan in enumerate(imager.scans)}
+    for name, example in chosen.items():
+        scan = _scan_before(imager, poses, example.y)
         image = imager.image(scan).values
         arrays[f"raw_{name}"] = np.abs(image).astype(np.float16 if image.max() == 0 else np.float32)
         arrays[f"clean_{name}"] = cleaned.whole_background.magnitude(
             image, cleaned.gains[number[scan]]
         )
-        arrays[f"place_{name}"] = lane_to_scan([one.x, one.y, 0.0], poses[scan])[:2]
-        patches, distances = _patches(cleaned, recipe, one.alarm_x, one.alarm_y)
+        arrays[f"place_{name}"] = lane_to_scan([example.x, example.y, 0.0], poses[scan])[:2]
+        patches, distances = _patches(cleaned, recipe, example.alarm_x, example.alarm_y)
         arrays[f"patches_{name}"] = patches
         arrays[f"distances_{name}"] = distances
     follow = series_scans(imager.scans, poses, chosen["surface"].y, sum(table.y) / 2)
@@ -261,12 +280,15 @@ def save_examples(
     arrays["signature"] = np.abs(cleaned.whole_background.signature[hh, f1])
     arrays["gain"] = cleaned.whole_background.gain[hh, f1]
     arrays["names"] = np.array(list(chosen))
-    arrays["titles"] = np.array([one.title for one in chosen.values()])
+    arrays["titles"] = np.array([example.title for example in chosen.values()])
     write_arrays(path, arrays)
 
 
 class Example(NamedTuple):
-    """What a figure shows: the place of a target or of a false alarm, that of the alarm (both m), and words."""
+    """What a figure shows.
+
+    The place of a target or of a false alarm, that of the alarm (both m), and words.
+    """
 
     x: float
     y: float
@@ -276,10 +298,11 @@ class Example(NamedTuple):
 
 
 def example_targets(truth: pd.DataFrame, alarms: pd.DataFrame) -> dict[str, Example]:
-    """Choose the targets of Figs. 2 to 5, 8 and 10: mines by kind and depth, and the strongest false alarm.
+    """Choose the targets of Figs. 2 to 5, 8 and 10.
 
-    ``surface`` is a plastic mine on the ground, ``metal`` one 15 cm deep, ``shallow`` a metal one and ``plastic`` a
-    plastic one 5 cm deep; of several the one with the strongest alarm, of none the nearest in depth.
+    Mines by kind and depth, and the strongest false alarm. ``surface`` is a plastic mine on the
+    ground, ``metal`` one 15 cm deep, ``shallow`` a metal one and ``plastic`` a plastic one 5 cm
+    deep; of several the one with the strongest alarm, of none the nearest in depth.
     """
     mines = truth[truth["kind"].isin(["metal", "plastic"])]
     plastic = mines[mines["kind"] == "plastic"]
@@ -290,18 +313,21 @@ def example_targets(truth: pd.DataFrame, alarms: pd.DataFrame) -> dict[str, Exam
         "shallow": _example(metal[metal["depth"] > 0], 0.05, mines, alarms),
         "plastic": _example(plastic[plastic["depth"] > 0], 0.05, mines, alarms),
     }
-    away = _distances(alarms, truth)
-    free = alarms[(away.min(axis=1) > 2) & (alarms["x"].abs() < 1.5)]
+    distances = _distances(alarms, truth)
+    free = alarms[(distances.min(axis=1) > 2) & (alarms["x"].abs() < 1.5)]
     strongest = (free if len(free) else alarms).sort_values("confidence", ascending=False).iloc[0]
-    place = float(strongest["x"]), float(strongest["y"])
-    examples["false"] = Example(*place, *place, "strongest false alarm")
+    position = float(strongest["x"]), float(strongest["y"])
+    examples["false"] = Example(*position, *position, "strongest false alarm")
     return examples
 
 
 def _example(
     table: pd.DataFrame, depth: float, others: pd.DataFrame, alarms: pd.DataFrame
 ) -> Example:
-    """Choose the mine nearest in depth with the strongest alarm within 1 m; its own place stands in for one without."""
+    """Choose the mine nearest in depth with the strongest alarm within 1 m.
+
+    Its own place stands in for one without.
+    """
     mines = table if len(table) else others
     off = (mines["depth"] - depth).abs()
     alike = mines[off <= off.min() + 0.02]
@@ -309,11 +335,13 @@ def _example(
     confidence = np.where(near, alarms["confidence"].to_numpy()[:, None], -np.inf)
     alarm, number = np.unravel_index(int(np.argmax(confidence)), confidence.shape)
     hit = bool(near[alarm, number])
-    mine = alike.iloc[int(number) if hit else 0]
-    where = "on the surface" if mine["depth"] < 0 else f"{100 * mine['depth']:.0f} cm deep"
-    title = f"{mine['kind']} mine {where}" + ("" if hit else ", no alarm: cut at the mine")
-    place = alarms.iloc[int(alarm)] if hit else mine
-    return Example(float(mine["x"]), float(mine["y"]), float(place["x"]), float(place["y"]), title)
+    target = alike.iloc[int(number) if hit else 0]
+    where = "on the surface" if target["depth"] < 0 else f"{100 * target['depth']:.0f} cm deep"
+    title = f"{target['kind']} mine {where}" + ("" if hit else ", no alarm: cut at the mine")
+    position = alarms.iloc[int(alarm)] if hit else target
+    return Example(
+        float(target["x"]), float(target["y"]), float(position["x"]), float(position["y"]), title
+    )
 
 
 def _distances(alarms: pd.DataFrame, targets: pd.DataFrame) -> NDArray[np.float64]:
@@ -324,6 +352,7 @@ def _distances(alarms: pd.DataFrame, targets: pd.DataFrame) -> NDArray[np.float6
 
 
 def _scan_before(imager: ScanImager, poses: NDArray[np.float64], y: float) -> int:
+    """Return the scan from which a position is nearest to the usual distance ahead."""
     ahead = y - poses[imager.scans, 1]
     return int(imager.scans[int(np.argmin(np.abs(ahead - _AHEAD)))])
 
@@ -353,21 +382,26 @@ def series_scans(
 def _patches(
     cleaned: CleanedRun, recipe: Recipe, x: float, y: float
 ) -> tuple[NDArray[np.float32], NDArray[Any]]:
-    """Incoherent patches (scan, polarization, subband, y, x) of all scans that count, from near to far."""
+    """Return incoherent patches (scan, polarization, subband, y, x) of all scans that count.
+
+    They are ordered from near to far.
+    """
     grid = cleaned.grid
     offsets = recipe.contrast.patch().offsets()
     poses = cleaned.imager.run["pose"].values
-    found = []
+    patches = []
     distances = []
-    for place, scan in enumerate(cleaned.imager.scans):
+    for index, scan in enumerate(cleaned.imager.scans):
         local = lane_to_scan([x, y, 0.0], poses[scan])[:2]
         if not grid.y_min <= local[1] <= recipe.run_view.y_max:
             continue
         magnitude = cleaned.background.magnitude(
-            cleaned.imager.image(int(scan)).values, cleaned.gains[place]
+            cleaned.imager.image(int(scan)).values, cleaned.gains[index]
         )
         row = (local[1] + offsets[..., 1] - grid.y_min) / grid.dy
-        found.append(bilinear(magnitude, row, (local[0] + offsets[..., 0] - grid.x_min) / grid.dx))
+        patches.append(
+            bilinear(magnitude, row, (local[0] + offsets[..., 0] - grid.x_min) / grid.dx)
+        )
         distances.append(local[1])
     order = np.argsort(distances)
-    return np.stack(found)[order].astype(np.float32), np.asarray(distances)[order]
+    return np.stack(patches)[order].astype(np.float32), np.asarray(distances)[order]

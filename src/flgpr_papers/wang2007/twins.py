@@ -1,4 +1,4 @@
-"""The figures of Wang et al. 2007 as our lanes give them, in the paper's order, with its numbers beside ours."""
+"""The figures of Wang et al. 2007 from our lanes, in the paper's order."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Shown:
         }
 
     def example(self, name: str) -> str:
-        """Say in words which target or false alarm an example is."""
+        """Return in words which target or false alarm an example is."""
         return str(dict(zip(self.examples["names"], self.examples["titles"], strict=True))[name])
 
 
@@ -101,6 +101,7 @@ def drawings(shown: Shown) -> Iterator[Drawing]:
 
 
 def _geometry(shown: Shown) -> Drawing:
+    """Return the twin of the array's geometry."""
     sensor = shown.radar
     image = shown.recipe.image
     tones = shown.radar.tones.axis()
@@ -130,6 +131,7 @@ def _geometry(shown: Shown) -> Drawing:
 
 
 def _polarizations(shown: Shown) -> Drawing:
+    """Return the twin of a scan in all polarizations."""
     numbers = (
         ("polarizations", "HH, VV, HV", ", ".join(_POLARIZATIONS)),
         ("sub-band", "F0", "F0"),
@@ -146,6 +148,7 @@ def _polarizations(shown: Shown) -> Drawing:
 
 
 def _subbands(shown: Shown) -> Drawing:
+    """Return the twin of a scan in all sub-bands."""
     numbers = [("polarization", "VV", "VV")]
     middle = float(np.mean(shown.recipe.image.y))
     for name in _BANDS:
@@ -153,9 +156,12 @@ def _subbands(shown: Shown) -> Drawing:
         down, _ = PointSpread(shown.radar, band, shown.recipe.image.window).widths(
             (0.0, middle, 0.0)
         )
-        wanted = "about 25 cm" if name != "F0" else _NOT_GIVEN
-        numbers.append((f"range resolution, {name}", wanted, f"{100 * down:.0f} cm"))
-    caption = f"The scan of Fig. 2 in VV. Resolution: half-power width of a point on the ground {middle:g} m ahead."
+        stated = "about 25 cm" if name != "F0" else _NOT_GIVEN
+        numbers.append((f"range resolution, {name}", stated, f"{100 * down:.0f} cm"))
+    caption = (
+        "The scan of Fig. 2 in VV. "
+        f"Resolution: half-power width of a point on the ground {middle:g} m ahead."
+    )
     return Drawing(
         "Fig. 3",
         "One scan in five sub-bands",
@@ -166,6 +172,7 @@ def _subbands(shown: Shown) -> Drawing:
 
 
 def _series(shown: Shown) -> Drawing:
+    """Return the twin of a series of scans."""
     ahead = shown.examples["series_place"][:, 1]
     steps = np.abs(np.diff(ahead))
     numbers = (
@@ -178,8 +185,10 @@ def _series(shown: Shown) -> Drawing:
         ),
     )
     caption = (
-        "The mine (circle) moves through the image, the self-signature stays. All panels share one scale, whose top is "
-        "the largest of what stays in place. Correlation: of neighbouring scans' levels, dB, over all pixels."
+        "The mine (circle) moves through the image, the self-signature stays. All panels share one "
+        "scale, whose top is "
+        "the largest of what stays in place. Correlation: of neighbouring scans' levels, dB, over "
+        "all pixels."
     )
     return Drawing(
         "Fig. 4", "Five consecutive scans", caption, figures.series_figure(shown.examples), numbers
@@ -187,13 +196,17 @@ def _series(shown: Shown) -> Drawing:
 
 
 def likeness(series: NDArray[Any]) -> float:
-    """Return the mean correlation of neighbouring images (image, y, x) of a series, of their levels in dB."""
+    """Return the mean correlation of neighbouring images (image, y, x) of a series.
+
+    It is of their levels in dB.
+    """
     levels = np.log(np.maximum(series.reshape(len(series), -1).astype(np.float64), 1e-30))
     pairs = [np.corrcoef(first, second)[0, 1] for first, second in pairwise(levels)]
     return float(np.mean(pairs))
 
 
 def _background(shown: Shown) -> Drawing:
+    """Return the twin of self-signature and gain background."""
     median, mean, step = shown.recipe.smoothing
     every = "" if step == 1 else f", at every {step}th both ways"
     numbers = (
@@ -201,12 +214,16 @@ def _background(shown: Shown) -> Drawing:
         ("median filter", "21 x 21 pixels", f"{median[0]} x {median[1]} pixels{every}"),
         ("averaging filter", "51 x 51 pixels", f"{mean[0]} x {mean[1]} pixels"),
     )
-    caption = "(a) scan, (b) self-signature, (c) the scan less it, (d) gain background, (e) the one over the other."
+    caption = (
+        "(a) scan, (b) self-signature, (c) the scan less it, (d) gain background, "
+        "(e) the one over the other."
+    )
     figure = figures.background_figure(shown.examples)
     return Drawing("Fig. 5", "Background removal and normalisation", caption, figure, numbers)
 
 
 def _run_view(shown: Shown) -> Drawing:
+    """Return the twin of the run-view."""
     view = shown.recipe.run_view
     numbers = (
         ("channel", "HH, F1", "HH, F1"),
@@ -222,10 +239,14 @@ def _run_view(shown: Shown) -> Drawing:
 
 
 def _alarms(shown: Shown) -> Drawing:
+    """Return the twin of the prescreener's alarms."""
     screen = shown.recipe.prescreen
     lanes = shown.calibration
-    area = sum(np.ptp(shown.recipe.run_view.x) * (one.lane.y_max - one.lane.y_min) for one in lanes)
-    density = sum(len(one.alarms) for one in lanes) * np.pi * screen.radius**2 / area
+    area = sum(
+        np.ptp(shown.recipe.run_view.x) * (result.lane.y_max - result.lane.y_min)
+        for result in lanes
+    )
+    density = sum(len(result.alarms) for result in lanes) * np.pi * screen.radius**2 / area
     numbers = (
         ("radius, r_alarm", "0.75 m", f"{screen.radius:g} m"),
         ("alarms per π·r_alarm², ρ", "0.75", f"{density:.2f}"),
@@ -241,18 +262,18 @@ def _alarms(shown: Shown) -> Drawing:
 
 
 def _clean_bands(shown: Shown) -> Drawing:
+    """Return the twin of cleaned images by sub-band."""
     levels = clutter_levels(shown.calibration)
     numbers = [
         ("top row, VV", "metal mine, 15 cm", shown.example("metal")),
         ("bottom row, HH", "plastic mine, 5 cm", shown.example("plastic")),
     ]
     for polarization in ("VV", "HH"):
-        found = ", ".join(
-            f"{band} {levels[f'{polarization} {band}'].mean():.1f}" for band in _BANDS
-        )
-        numbers.append((f"clutter, {polarization}, dB", "lowest in F1", found))
+        text = ", ".join(f"{band} {levels[f'{polarization} {band}'].mean():.1f}" for band in _BANDS)
+        numbers.append((f"clutter, {polarization}, dB", "lowest in F1", text))
     caption = (
-        "After removal of the background. Circles: the mines. Clutter: the 99 % quantile of the run-view away from "
+        "After removal of the background. Circles: the mines. Clutter: the 99 % quantile of the "
+        "run-view away from "
         "targets over its median."
     )
     figure = figures.clean_bands_figure(shown.examples)
@@ -260,6 +281,7 @@ def _clean_bands(shown: Shown) -> Drawing:
 
 
 def _prescreener(shown: Shown) -> Drawing:
+    """Return the twin of the prescreener's ROC."""
     numbers = [
         ("Pd of HH F1 at 0.15 per m²", "100 %", _pd(shown.prescreener["HH", "F1"], MINES, 0.15))
     ]
@@ -267,8 +289,8 @@ def _prescreener(shown: Shown) -> Drawing:
         curves = {
             band: roc_of(shown.prescreener[polarization, band], MINES, area=AREA) for band in _BANDS
         }
-        found = ", ".join(f"{band} {pd_mean(curve):.2f}" for band, curve in curves.items())
-        numbers.append((f"PD_mean, {polarization}", "falls from F1 to F4", found))
+        text = ", ".join(f"{band} {pd_mean(curve):.2f}" for band, curve in curves.items())
+        numbers.append((f"PD_mean, {polarization}", "falls from F1 to F4", text))
     caption = (
         "Actual mines of the calibration lanes, all pooled; the paper shows one calibration run."
     )
@@ -277,6 +299,7 @@ def _prescreener(shown: Shown) -> Drawing:
 
 
 def _patches(shown: Shown) -> Drawing:
+    """Return the twin of patches at alarms."""
     patch = shown.recipe.contrast
     numbers = (
         (
@@ -290,7 +313,8 @@ def _patches(shown: Shown) -> Drawing:
         ("(d)", "false alarm", shown.example("false")),
     )
     caption = (
-        "Patches at the alarms, from near to far, up to Y_max; every row over its largest value. Black: beyond the "
+        "Patches at the alarms, from near to far, up to Y_max; every row over its largest value. "
+        "Black: beyond the "
         "image's border."
     )
     return Drawing(
@@ -299,6 +323,7 @@ def _patches(shown: Shown) -> Drawing:
 
 
 def _regions(shown: Shown) -> Drawing:
+    """Return the twin of the contrast's regions."""
     patch = shown.recipe.contrast
     inner, guard = ("{} x {} pixels".format(*size) for size in (patch.inner, patch.guard))
     numbers = (
@@ -312,10 +337,14 @@ def _regions(shown: Shown) -> Drawing:
 
 
 def _normalisation(shown: Shown) -> Drawing:
-    lanes = [(one.name, one.alarms, one.features, one.truth, one.lane) for one in shown.calibration]
+    """Return the twin of the normalised features."""
+    lanes = [
+        (result.name, result.alarms, result.features, result.truth, result.lane)
+        for result in shown.calibration
+    ]
     known = make_training_set(lanes, columns=["M_HH_F1"])
     false_alarms = int((shown.pool.labels["label"] == "false").sum())
-    mines = count_mines(one.truth for one in shown.calibration)
+    mines = count_mines(result.truth for result in shown.calibration)
     numbers = (
         ("false alarms per actual mine, W0", "about 30", f"{false_alarms / max(mines, 1):.0f}"),
         (
@@ -330,15 +359,16 @@ def _normalisation(shown: Shown) -> Drawing:
 
 
 def _best_feature(shown: Shown) -> Drawing:
+    """Return the twin of the best feature's ROC."""
     contrast = shown.classifiers["A"]
     numbers = [
         ("C_HH over the prescreener", "very significant, metal and plastic", "see the statements")
     ]
-    for kind, subset, wanted in (
+    for kind, subset, stated in (
         ("buried plastic", BURIED_PLASTIC, ("65 %", "90 %")),
         ("simulants", SIMULANTS, ("7 of 16", "9 of 16")),
     ):
-        for far, paper in zip((0.02, 0.07), wanted, strict=True):
+        for far, paper in zip((0.02, 0.07), stated, strict=True):
             numbers.append(
                 (f"C_HH, {kind}, Pd at {far:g} per m²", paper, _pd(contrast, subset, far))
             )
@@ -350,6 +380,7 @@ def _best_feature(shown: Shown) -> Drawing:
 
 
 def _classifiers(shown: Shown) -> Drawing:
+    """Return the twin of the classifiers' ROC."""
     numbers = []
     for name, match in shown.blind.items():
         numbers.append(
@@ -369,7 +400,8 @@ def _classifiers(shown: Shown) -> Drawing:
         for kind, subset in subsets.items()
     }
     caption = (
-        "A: C_HH; B: C_HH, M_VV and P_alpha. The panels with bands are ours. C, another group's algorithm, is not "
+        "A: C_HH; B: C_HH, M_VV and P_alpha. The panels with bands are ours. C, another group's "
+        "algorithm, is not "
         "reproduced."
     )
     figure = figures.classifier_figure(panels, subsets, bands)
@@ -380,5 +412,5 @@ def _classifiers(shown: Shown) -> Drawing:
 
 def _pd(matched: Match, subset: Any, far: float) -> str:
     """Write a Pd as counts, with the chance level."""
-    found, targets, by_chance = detections_at(matched, subset, far, area=AREA)
-    return f"{found} of {targets}, chance {by_chance:.0%}"
+    n_found, targets, by_chance = detections_at(matched, subset, far, area=AREA)
+    return f"{n_found} of {targets}, chance {by_chance:.0%}"

@@ -1,4 +1,7 @@
-"""The map of worlds: what a lane must be like for mines to be found and for the papers' statements to hold."""
+"""The map of worlds.
+
+What a lane must be like for mines to be found and for the papers' statements to hold.
+"""
 
 from flgpr_papers.worlds.parts import PARTS, map_worlds
 

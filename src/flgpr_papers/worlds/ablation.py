@@ -1,7 +1,8 @@
-"""What of stones, uneven soil, holes, waviness and the rest costs how much: one thing at a time, on the same mines.
+"""What of stones, uneven soil, holes, waviness and the rest costs how much.
 
-The smooth road is the prepared site with nothing in its soil, no growth and nothing beside it. Each part of the natural
-site is added to it, and taken from the natural road. All roads have the soil of the prepared site.
+One thing at a time, on the same mines. The smooth road is the prepared site with nothing in its
+soil, no growth and nothing beside it. Each part of the natural site is added to it, and taken from
+the natural road. All roads have the soil of the prepared site.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ import numpy as np
 import pandas as pd
 
 from flgpr.chain.progress import Track, silent
-from flgpr.execution.executors import Executor
-from flgpr.simulate.scene import Soil, site_tables
+from flgpr.execution.workers import Executor
+from flgpr.simulate.scene.scene import Soil, site_tables
 from flgpr_papers.kit.worlds import DECLARED, in_soil_of, on_soil_of
 from flgpr_papers.worlds.effects import block_differences
 from flgpr_papers.worlds.lanes import FAR, KINDS, LaneJob, lane_table, read_targets, run_jobs
@@ -49,21 +50,24 @@ def natural_road() -> Tables:
 
 def replaced(road: Tables, other: Tables, parts: Iterable[str]) -> Tables:
     """Return a road on which some parts are as on another road."""
-    made = {name: dict(table) for name, table in road.items()}
-    for part in parts:
-        for entry in PARTS[part]:
+    tables = {name: dict(table) for name, table in road.items()}
+    for table_name in parts:
+        for entry in PARTS[table_name]:
             table, _, name = entry.partition(".")
             if not name:
-                made[table] = dict(other.get(table, {}))
+                tables[table] = dict(other.get(table, {}))
                 continue
-            made.setdefault(table, {}).pop(name, None)
+            tables.setdefault(table, {}).pop(name, None)
             if name in other.get(table, {}):
-                made[table][name] = other[table][name]
-    return made
+                tables[table][name] = other[table][name]
+    return tables
 
 
 def jobs(quick: bool = False) -> list[LaneJob]:
-    """List the lanes: both roads as they are and with every part changed, the same mines in every replicate."""
+    """List the lanes.
+
+    Both roads as they are and with every part changed, the same mines in every replicate.
+    """
     declared = DECLARED["ablation"]
     changes = [NOTHING, *PARTS]
     if quick:
@@ -71,27 +75,32 @@ def jobs(quick: bool = False) -> list[LaneJob]:
         changes = [NOTHING, *DECLARED["quick"]["parts"]]
     smooth = smooth_road()
     natural = natural_road()
-    made = []
+    lane_jobs = []
     for replicate in range(declared["replicates"]):
         for road in ROADS:
-            own, other = (smooth, natural) if road == "smooth" else (natural, smooth)
+            tables_of_road, other = (smooth, natural) if road == "smooth" else (natural, smooth)
             for change in changes:
-                tables = own if change == NOTHING else replaced(own, other, [change])
+                tables = (
+                    tables_of_road
+                    if change == NOTHING
+                    else replaced(tables_of_road, other, [change])
+                )
                 name = f"{road}-{change.replace(' ', '-')}-{replicate}"
                 about = {"road": road, "change": change, "replicate": replicate}
                 seed = declared["seed"] + replicate
                 length = float(declared["length"])
                 count = declared["count"]
-                made.append(
+                lane_jobs.append(
                     LaneJob("ablation", name, about, tables, declared["mines"], length, count, seed)
                 )
-    return made
+    return lane_jobs
 
 
 def run(folder: Path, executor: Executor, quick: bool = False, track: Track = silent) -> None:
     """Run the lanes that are not on disk and write the tables of all that are there.
 
-    ``ablation-mines.csv`` has every target, ``ablation.csv`` every lane, ``ablation-costs.csv`` what every part costs.
+    ``ablation-mines.csv`` has every target, ``ablation.csv`` every lane, ``ablation-costs.csv``
+    what every part costs.
     """
     lanes = jobs(quick)
     run_jobs(folder, lanes, executor, track)
@@ -105,13 +114,16 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
 
 
 def responses(table: pd.DataFrame) -> dict[str, pd.Series]:
-    """Return what is compared between lanes, by name: Pd of each kind at each FAR, and mean signal to clutter, dB."""
-    found: dict[str, pd.Series] = {}
+    """Return what is compared between lanes, by name.
+
+    Pd of each kind at each FAR, and mean signal to clutter, dB.
+    """
+    columns: dict[str, pd.Series] = {}
     for kind in KINDS:
         for far in FAR:
-            found[f"{kind} {far:g}"] = table[f"{kind}_{far:g}"] / table[f"{kind}_targets"]
-        found[f"{kind} ratio_db"] = table[f"{kind}_ratio_db"]
-    return found
+            columns[f"{kind} {far:g}"] = table[f"{kind}_{far:g}"] / table[f"{kind}_targets"]
+        columns[f"{kind} ratio_db"] = table[f"{kind}_ratio_db"]
+    return columns
 
 
 def costs(table: pd.DataFrame) -> pd.DataFrame:
@@ -142,9 +154,9 @@ def costs(table: pd.DataFrame) -> pd.DataFrame:
             wide = wide.dropna() if NOTHING in wide else wide.iloc[:0]
             if wide.empty or wide.shape[1] < 2:
                 continue
-            found = block_differences(wide, NOTHING)
-            found.insert(0, "unchanged", float(np.mean(wide[NOTHING])))
-            found.insert(0, "response", response)
-            found.insert(0, "road", road)
-            rows.append(found.assign(replicates=len(wide)))
+            differences = block_differences(wide, NOTHING)
+            differences.insert(0, "unchanged", float(np.mean(wide[NOTHING])))
+            differences.insert(0, "response", response)
+            differences.insert(0, "road", road)
+            rows.append(differences.assign(replicates=len(wide)))
     return pd.concat(rows, ignore_index=True) if rows else pd.DataFrame()

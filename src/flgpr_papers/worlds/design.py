@@ -1,4 +1,7 @@
-"""Designed fractions of a space of axes: D-optimal tables by coordinate exchange, and what they can tell apart."""
+"""Designed fractions of a space of axes.
+
+D-optimal tables by coordinate exchange, and what they can tell apart.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +15,15 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 Axes = Mapping[str, Sequence[Any]]
-_DIGITS = (
-    9  # of the logarithm of a determinant: candidates that differ by rounding alone count as equal
-)
+# of the logarithm of a determinant: candidates that differ by rounding alone count as equal
+_DIGITS = 9
 
 
 def contrasts(levels: int) -> FloatArray:
-    """Return orthogonal polynomial contrasts (level, levels - 1); every column has mean 0 and mean square 1.
+    """Return orthogonal polynomial contrasts (level, levels - 1).
 
-    The first column is linear in the number of the level, the second quadratic, and so on.
+    Every column has mean 0 and mean square 1. The first column is linear in the number of the
+    level, the second quadratic, and so on.
     """
     if levels < 2:
         raise ValueError(f"levels must be at least 2, got {levels}")
@@ -37,7 +40,9 @@ def terms_of(axes: Axes, interactions: Sequence[tuple[str, str]]) -> list[tuple[
 def model_matrix(
     table: pd.DataFrame, axes: Axes, interactions: Sequence[tuple[str, str]]
 ) -> FloatArray:
-    """Compute the model matrix (row, column) of a table of levels, its columns in the order of :func:`terms_of`.
+    """Compute the model matrix (row, column) of a table of levels.
+
+    Its columns are in the order of :func:`terms_of`.
 
     Parameters
     ----------
@@ -53,7 +58,7 @@ def model_matrix(
     ValueError
         If a value of the table is no level of its axis.
     """
-    parts = {
+    terms = {
         axis: contrasts(len(levels))[_level_numbers(table, axis, levels)]
         for axis, levels in axes.items()
     }
@@ -61,7 +66,7 @@ def model_matrix(
     for term in terms_of(axes, interactions):
         block = np.ones((len(table), 1))
         for axis in term:
-            block = (block[:, :, None] * parts[axis][:, None, :]).reshape(len(table), -1)
+            block = (block[:, :, None] * terms[axis][:, None, :]).reshape(len(table), -1)
         columns.append(block)
     return np.concatenate(columns, axis=1)
 
@@ -69,7 +74,7 @@ def model_matrix(
 def term_columns(
     axes: Axes, interactions: Sequence[tuple[str, str]]
 ) -> dict[tuple[str, ...], slice]:
-    """Tell which columns of the model matrix belong to each term."""
+    """Return which columns of the model matrix belong to each term."""
     places: dict[tuple[str, ...], slice] = {}
     start = 0
     for term in terms_of(axes, interactions):
@@ -82,26 +87,29 @@ def term_columns(
 def marginal_row(
     levels: Mapping[str, Any], axes: Axes, interactions: Sequence[tuple[str, str]]
 ) -> FloatArray:
-    """Compute the row of the model matrix for given levels of some axes, the mean over all levels of the others."""
-    parts = {
+    """Compute the row of the model matrix for given levels of some axes.
+
+    It is the mean over all levels of the others.
+    """
+    terms = {
         axis: contrasts(len(axes[axis]))[list(axes[axis]).index(level)]
         for axis, level in levels.items()
     }
     places = term_columns(axes, interactions)
-    row = np.zeros(max(place.stop for place in places.values()))
-    for term, place in places.items():
-        if all(axis in parts for axis in term):
+    row = np.zeros(max(columns.stop for columns in places.values()))
+    for term, columns in places.items():
+        if all(axis in terms for axis in term):
             block = np.ones(1)
             for axis in term:
-                block = np.outer(block, parts[axis]).ravel()
-            row[place] = block
+                block = np.outer(block, terms[axis]).ravel()
+            row[columns] = block
     return row
 
 
 def d_optimal(
     axes: Axes, crossed: tuple[str, str], each: int, repeats: int, seed: int, starts: int = 20
 ) -> pd.DataFrame:
-    """Design a fraction in which all main effects and the interaction of two axes can be told apart.
+    """Design a fraction that resolves all main effects and the interaction of two axes.
 
     The two ``crossed`` axes are fully crossed, with ``each`` rows in every cell. The levels of the
     other axes maximise the determinant of the information matrix (D-optimality) by coordinate
@@ -143,7 +151,10 @@ def _free(axes: Axes, crossed: tuple[str, str]) -> list[int]:
 def _random_levels(
     axes: Axes, crossed: tuple[str, str], each: int, rng: np.random.Generator
 ) -> NDArray[np.intp]:
-    """Draw numbers of levels (row, axis): all cells in order, and the other axes' in equal numbers in random order."""
+    """Draw numbers of levels (row, axis).
+
+    All cells in order, and the other axes' in equal numbers in random order.
+    """
     rows = each * len(axes[crossed[0]]) * len(axes[crossed[1]])
     levels = np.zeros((rows, len(axes)), dtype=np.intp)
     for number, axis in enumerate(axes):
@@ -160,7 +171,10 @@ def _random_levels(
 def _exchange(
     levels: NDArray[np.intp], every_row: FloatArray, shape: tuple[int, ...], free: Sequence[int]
 ) -> tuple[NDArray[np.intp], float]:
-    """Change one level at a time to the best one until nothing improves; the levels and the log determinant."""
+    """Change one level at a time to the best one until nothing improves.
+
+    The levels and the log determinant.
+    """
     matrix = every_row[np.ravel_multi_index(tuple(levels.T), shape)]
     value = _log_determinant(matrix.T @ matrix)
     improved = True
@@ -171,7 +185,9 @@ def _exchange(
             candidates[:, axis] = np.arange(shape[axis])
             rows = every_row[np.ravel_multi_index(tuple(candidates.T), shape)]
             without = matrix.T @ matrix - np.outer(matrix[row], matrix[row])
-            values = [_log_determinant(without + np.outer(one, one)) for one in rows]
+            values = [
+                _log_determinant(without + np.outer(candidate, candidate)) for candidate in rows
+            ]
             choice = int(np.argmax(values))
             if values[choice] > value:
                 levels[row, axis] = choice
@@ -184,7 +200,10 @@ def _exchange(
 def _repeated_rows(
     matrix: FloatArray, each: int, repeats: int, starts: int, rng: np.random.Generator
 ) -> NDArray[np.intp]:
-    """Choose which rows of every cell come again, one exchange at a time, from several random choices."""
+    """Choose which rows of every cell are repeated, one exchange at a time.
+
+    The search starts from several random choices.
+    """
     options = np.array(list(combinations(range(each), repeats)))
     cells = len(matrix) // each
     information = matrix.T @ matrix
@@ -218,12 +237,14 @@ def _repeated_rows(
 
 
 def _log_determinant(information: FloatArray) -> float:
+    """Return the rounded log determinant of an information matrix; -inf if it is singular."""
     sign, value = np.linalg.slogdet(information)
     return round(float(value), _DIGITS) if sign > 0 else -np.inf
 
 
 def _level_numbers(table: pd.DataFrame, axis: str, levels: Sequence[Any]) -> NDArray[np.intp]:
-    number = {level: place for place, level in enumerate(levels)}
+    """Return the index of each row's level; refuse an unknown level."""
+    number = {level: index for index, level in enumerate(levels)}
     unknown = [value for value in table[axis] if value not in number]
     if unknown:
         raise ValueError(f"{axis} must be one of {', '.join(map(str, levels))}, got {unknown[0]!r}")
@@ -231,14 +252,17 @@ def _level_numbers(table: pd.DataFrame, axis: str, levels: Sequence[Any]) -> NDA
 
 
 def efficiency(matrix: FloatArray) -> float:
-    """Compute the D-efficiency of a model matrix: 1 for an orthogonal table of as many rows, 0 where effects alias."""
+    """Compute the D-efficiency of a model matrix.
+
+    1 for an orthogonal table of as many rows, 0 where effects alias.
+    """
     rows, columns = matrix.shape
     sign, value = np.linalg.slogdet(matrix.T @ matrix / rows)
     return float(np.exp(value / columns)) if sign > 0 else 0.0
 
 
 def decidable(table: pd.DataFrame, axes: Axes, crossed: tuple[str, str]) -> pd.DataFrame:
-    """Tell what a table of levels can decide.
+    """Return what a table of levels can decide.
 
     Returns
     -------
@@ -253,13 +277,19 @@ def decidable(table: pd.DataFrame, axes: Axes, crossed: tuple[str, str]) -> pd.D
     matrix = model_matrix(table, axes, interactions)
     covariance = np.linalg.inv(matrix.T @ matrix)
     rows = []
-    for term, place in term_columns(axes, interactions).items():
+    for term, columns in term_columns(axes, interactions).items():
         if not term:
             continue
         differences = _differences(term, axes, interactions)
-        errors = [float(np.sqrt(one @ covariance @ one)) for one in differences]
-        inflation = float((np.diag(covariance)[place] * len(matrix)).max())
-        row = {"term": " x ".join(term), "effects": place.stop - place.start, "error": max(errors)}
+        errors = [
+            float(np.sqrt(difference @ covariance @ difference)) for difference in differences
+        ]
+        inflation = float((np.diag(covariance)[columns] * len(matrix)).max())
+        row = {
+            "term": " x ".join(term),
+            "effects": columns.stop - columns.start,
+            "error": max(errors),
+        }
         rows.append(row | {"inflation": inflation})
     return pd.DataFrame(rows)
 
@@ -267,13 +297,13 @@ def decidable(table: pd.DataFrame, axes: Axes, crossed: tuple[str, str]) -> pd.D
 def _differences(
     term: tuple[str, ...], axes: Axes, interactions: Sequence[tuple[str, str]]
 ) -> list[FloatArray]:
-    """List the differences between two levels of an axis, or the differences of differences of two axes."""
+    """List the differences between two levels of an axis, or those of differences of two axes."""
 
     def row(*levels: Any) -> FloatArray:
         return marginal_row(dict(zip(term, levels, strict=True)), axes, interactions)
 
     if len(term) == 1:
-        return [row(one) - row(other) for one, other in combinations(axes[term[0]], 2)]
+        return [row(level) - row(other) for level, other in combinations(axes[term[0]], 2)]
     first, second = term
     several = []
     for low, high in combinations(axes[first], 2):

@@ -12,7 +12,7 @@ from scipy.optimize import brentq, minimize
 from scipy.special import expit
 
 from flgpr.chain.progress import Track, silent
-from flgpr.execution.executors import Executor
+from flgpr.execution.workers import Executor
 from flgpr_papers.kit.worlds import AXES, DECLARED, World, design_worlds
 from flgpr_papers.worlds.design import marginal_row, model_matrix, term_columns
 from flgpr_papers.worlds.effects import Fit, fit_means, fit_shares
@@ -25,7 +25,10 @@ CROSSED: tuple[str, str] = tuple(DECLARED["design"]["crossed"])
 
 
 def jobs(quick: bool = False) -> list[LaneJob]:
-    """List the lanes of the designed fraction; of a quick run the first few, short and with other seeds."""
+    """List the lanes of the designed fraction.
+
+    Of a quick run the first few, short and with other seeds.
+    """
     declared = DECLARED["detection"] | (DECLARED["quick"] if quick else {})
     worlds = design_worlds()
     if quick:
@@ -34,6 +37,7 @@ def jobs(quick: bool = False) -> list[LaneJob]:
 
 
 def _job(world: World, declared: dict[str, float]) -> LaneJob:
+    """Return the lane of a world."""
     about = {
         "number": world.number,
         **{axis: getattr(world, axis) for axis in AXES},
@@ -48,8 +52,9 @@ def _job(world: World, declared: dict[str, float]) -> LaneJob:
 def run(folder: Path, executor: Executor, quick: bool = False, track: Track = silent) -> None:
     """Run the lanes that are not on disk and write the tables of all that are there.
 
-    ``detection-mines.csv`` has every target, ``detection.csv`` every world, ``detection-effects.csv`` what the axes do,
-    ``detection-missing.csv`` by how many decibels the paper's Pd of plastic is missed.
+    ``detection-mines.csv`` has every target, ``detection.csv`` every world,
+    ``detection-effects.csv`` what the axes do, ``detection-missing.csv`` by how many decibels the
+    paper's Pd of plastic is missed.
     """
     lanes = jobs(quick)
     run_jobs(folder, lanes, executor, track)
@@ -64,7 +69,7 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
 
 
 def missing_decibels(targets: pd.DataFrame) -> pd.DataFrame:
-    """Tell by how many decibels plastic mines miss what the paper finds of them, cell by cell.
+    """Return by how many decibels plastic mines miss what the paper finds, cell by cell.
 
     One curve gives the chance that a plastic mine is found by its signal to clutter x, fitted to
     all targets of all worlds: ``P(x) = c + (1 - c)·σ(a + b·x)`` with the chance level c of the
@@ -80,25 +85,25 @@ def missing_decibels(targets: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         A row per false alarm rate and cell of the two crossed axes: ``far``, per m²; the two axes;
-        ``targets``, their number; ``found``, the share found; ``paper``, the paper's Pd;
+        ``targets``, their number; ``is_found``, the share found; ``paper``, the paper's Pd;
         ``missing_db``, dB, below zero where more is found than in the paper. Empty while mines are
         not found the better, the higher their signal to clutter.
     """
     plastic = targets[(targets["kind"] == "plastic") & np.isfinite(targets["ratio_db"])]
     rows = []
     for far, paper in zip(FAR, DECLARED["paper"]["plastic"], strict=True):
-        found = (plastic["far"] <= far).to_numpy()
-        if found.all() or not found.any():
+        is_found = (plastic["far"] <= far).to_numpy()
+        if is_found.all() or not is_found.any():
             return pd.DataFrame()
         chance = plastic[f"chance_{far:g}"].to_numpy()
-        curve = fit_found_curve(plastic["ratio_db"].to_numpy(), found, chance)
+        curve = fit_found_curve(plastic["ratio_db"].to_numpy(), is_found, chance)
         if curve.slope <= 0:
             return pd.DataFrame()
-        for place, cell in plastic.groupby(list(CROSSED)):
+        for cell_key, cell in plastic.groupby(list(CROSSED)):
             missing = curve.raise_to(
                 cell["ratio_db"].to_numpy(), cell[f"chance_{far:g}"].to_numpy(), paper
             )
-            row = {"far": far, **dict(zip(CROSSED, place, strict=True)), "targets": len(cell)}
+            row = {"far": far, **dict(zip(CROSSED, cell_key, strict=True)), "targets": len(cell)}
             row |= {
                 "found": float((cell["far"] <= far).mean()),
                 "paper": paper,
@@ -116,12 +121,15 @@ class FoundCurve:
     slope: float  #: of the logit, per dB
 
     def shares(self, ratio_db: FloatArray, chance: FloatArray) -> FloatArray:
-        """Compute the chance to be found at a signal to clutter (dB), given what is found by chance."""
+        """Compute the probability to be found at a signal to clutter (dB).
+
+        It is given what is found by chance.
+        """
         by_signal = expit(self.start + self.slope * ratio_db)
         return np.asarray(chance + (1 - chance) * by_signal)
 
     def raise_to(self, ratio_db: FloatArray, chance: FloatArray, share: float) -> float:
-        """Find by how many dB all targets must rise until the mean chance to be found is the wanted one."""
+        """Compute by how many dB all targets must rise for a wanted mean chance to be found."""
 
         def excess(rise: float) -> float:
             return float(self.shares(ratio_db + rise, chance).mean()) - share
@@ -131,14 +139,17 @@ class FoundCurve:
 
 
 def fit_found_curve(
-    ratio_db: FloatArray, found: NDArray[np.bool_], chance: FloatArray
+    ratio_db: FloatArray, is_found: NDArray[np.bool_], chance: FloatArray
 ) -> FoundCurve:
-    """Fit the curve by maximum likelihood; ``chance`` is what would be found of each target without its echo."""
+    """Fit the curve by maximum likelihood.
+
+    ``chance`` is what would be found of each target without its echo.
+    """
 
     def misfit(parameters: FloatArray) -> float:
         shares = FoundCurve(*parameters).shares(ratio_db, chance)
         shares = np.clip(shares, 1e-12, 1 - 1e-12)
-        return -float(np.where(found, np.log(shares), np.log(1 - shares)).sum())
+        return -float(np.where(is_found, np.log(shares), np.log(1 - shares)).sum())
 
     start, slope = minimize(misfit, np.array([-1.0, 0.3]), method="Nelder-Mead").x
     return FoundCurve(float(start), float(slope))

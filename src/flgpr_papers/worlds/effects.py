@@ -1,7 +1,8 @@
 """Effects of axes on what is found, with intervals from the spread of worlds and not of mines.
 
-Mines of one lane share its ground, so that a lane's count is one observation. Its variance may exceed the binomial one
-by a factor that is estimated from the worlds themselves (McCullagh & Nelder 1989, Sec. 4.5).
+Mines of one lane share its ground, so that a lane's count is one observation. Its variance may
+exceed the binomial one by a factor that is estimated from the worlds themselves (McCullagh & Nelder
+1989, Sec. 4.5).
 """
 
 from __future__ import annotations
@@ -40,7 +41,10 @@ class Fit:
         return float(expit(value)), float(expit(low)), float(expit(high))
 
     def linear(self, row: ArrayLike, level: float = LEVEL) -> Interval:
-        """Estimate the linear predictor at a row, or its difference between two rows, with Student's interval."""
+        """Estimate the linear predictor at a row, or its difference between two rows.
+
+        The interval is Student's.
+        """
         vector = np.asarray(row, dtype=np.float64)
         value = float(vector @ self.coefficient)
         error = float(np.sqrt(vector @ self.covariance @ vector))
@@ -48,7 +52,10 @@ class Fit:
         return value, value - half, value + half
 
     def difference(self, row: ArrayLike, other: ArrayLike) -> Interval:
-        """Estimate the response at a row less that at another, with its interval (delta method for shares)."""
+        """Estimate the response at a row less that at another, with its interval.
+
+        Of shares the interval is by the delta method.
+        """
         first = np.asarray(row, dtype=np.float64)
         second = np.asarray(other, dtype=np.float64)
         if not self.logistic:
@@ -63,13 +70,19 @@ class Fit:
 
     def p_value(self, columns: slice) -> float:
         """Compute the p-value of all coefficients of some columns being zero (Wald's F test)."""
-        part = self.coefficient[columns]
-        statistic = part @ np.linalg.solve(self.covariance[columns, columns], part) / part.size
-        return float(fdtrc(part.size, self.freedom, statistic))
+        coefficients = self.coefficient[columns]
+        statistic = (
+            coefficients
+            @ np.linalg.solve(self.covariance[columns, columns], coefficients)
+            / coefficients.size
+        )
+        return float(fdtrc(coefficients.size, self.freedom, statistic))
 
 
-def fit_shares(matrix: FloatArray, found: ArrayLike, count: ArrayLike) -> Fit:
-    """Fit logits of shares by a bias-reduced binomial model whose variance may exceed the binomial one.
+def fit_shares(matrix: FloatArray, n_found: ArrayLike, count: ArrayLike) -> Fit:
+    """Fit logits of shares by a bias-reduced binomial model.
+
+    Its variance may exceed the binomial one.
 
     Firth's (1993) penalty keeps estimates finite where all mines or none are found. The dispersion
     is Pearson's, not below 1, so that intervals never get shorter than binomial ones.
@@ -87,7 +100,7 @@ def fit_shares(matrix: FloatArray, found: ArrayLike, count: ArrayLike) -> Fit:
         If there are no more worlds than columns, or the columns depend on each other.
     """
     _check(matrix)
-    hits = np.asarray(found, dtype=np.float64)
+    hits = np.asarray(n_found, dtype=np.float64)
     trials = np.asarray(count, dtype=np.float64)
     coefficient = np.zeros(matrix.shape[1])
     for _ in range(_STEPS):
@@ -132,11 +145,13 @@ def fit_means(matrix: FloatArray, values: ArrayLike) -> Fit:
 
 
 def _check(matrix: FloatArray) -> None:
+    """Refuse a matrix that cannot be fitted: too few rows or dependent columns."""
     rows, columns = matrix.shape
     rank = int(np.linalg.matrix_rank(matrix))
     if rows <= columns or rank < columns:
         raise ValueError(
-            f"matrix must have more rows than columns and full rank, got {rows} x {columns}, rank {rank}"
+            f"matrix must have more rows than columns and full rank, got {rows} x {columns}, rank "
+            f"{rank}"
         )
 
 
@@ -176,10 +191,10 @@ def block_differences(values: pd.DataFrame, baseline: str) -> pd.DataFrame:
     error = np.sqrt((rest**2).sum() / freedom * 2 / rows) if freedom else np.inf
     half = stdtrit(freedom, (1 + LEVEL) / 2) * error if freedom else np.inf
     wide = stdtrit(freedom, 1 - (1 - LEVEL) / 2 / (columns - 1)) * error if freedom else np.inf
-    found = []
+    differences = []
     for name in values.columns:
         if name != baseline:
             gap = float((values[name] - values[baseline]).mean())
             row = {"change": name, "difference": gap, "low": gap - half, "high": gap + half}
-            found.append(row | {"clear": bool(abs(gap) > wide)})
-    return pd.DataFrame(found)
+            differences.append(row | {"clear": bool(abs(gap) > wide)})
+    return pd.DataFrame(differences)

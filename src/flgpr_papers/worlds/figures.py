@@ -12,8 +12,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from flgpr.io import write_whole
 from flgpr.scoring import clopper_pearson
+from flgpr.store import write_whole
 from flgpr_papers.kit.findings import AGREES, DISAGREES
 from flgpr_papers.kit.page import draw
 from flgpr_papers.kit.settings import PAPERS
@@ -28,7 +28,10 @@ _FEWEST = 5  # targets that a bin needs to be drawn
 
 
 def draw_figures(folder: Path, quick: bool = False) -> dict[str, bytes]:
-    """Draw every figure whose tables are in a folder and write it there as PNG; returns them by name."""
+    """Draw every figure whose tables are in a folder and write it there as PNG.
+
+    Returns them by name.
+    """
     makers: dict[str, Callable[[Path], Figure | None]] = {
         "detection": detection_figure,
         "signatures": signatures_figure,
@@ -50,7 +53,10 @@ def draw_figures(folder: Path, quick: bool = False) -> dict[str, bytes]:
 
 
 def detection_figure(folder: Path) -> Figure | None:
-    """Draw Pd of metal and plastic over roughness, a line per permittivity, with the paper's values as lines."""
+    """Draw Pd of metal and plastic over roughness, a line per permittivity.
+
+    The paper's values are lines.
+    """
     worlds = read_table(folder, "detection")
     if worlds.empty:
         return None
@@ -77,7 +83,7 @@ def detection_figure(folder: Path) -> Figure | None:
 def _draw_pd(
     axes: Axes, worlds: pd.DataFrame, effects: pd.DataFrame, kind: str, far: float
 ) -> None:
-    """Draw every world as a point, and what the effects give for every cell as lines with intervals."""
+    """Draw every world as a point, and the effects for every cell as lines with intervals."""
     levels = AXES["roughness"]
     cells = pd.DataFrame()
     if not effects.empty:
@@ -88,9 +94,9 @@ def _draw_pd(
     for number, permittivity in enumerate(AXES["permittivity"]):
         shift = 1.06 ** (number - 1.5)  # apart on the logarithmic axis
         colour = _COLOURS[number]
-        own = worlds[worlds["permittivity"] == permittivity]
-        share = own[f"{kind}_{far:g}"] / own[f"{kind}_targets"]
-        axes.plot(own["roughness"] * shift, share, ".", color=colour, ms=5, alpha=0.5)
+        rows_of_soil = worlds[worlds["permittivity"] == permittivity]
+        share = rows_of_soil[f"{kind}_{far:g}"] / rows_of_soil[f"{kind}_targets"]
+        axes.plot(rows_of_soil["roughness"] * shift, share, ".", color=colour, ms=5, alpha=0.5)
         if cells.empty:
             continue
         rows = cells.loc[[f"{level} x {permittivity}" for level in levels]]
@@ -116,7 +122,7 @@ def _draw_pd(
 
 
 def signatures_figure(folder: Path) -> Figure | None:
-    """Draw the signal to clutter of every body by roughness, and the share of targets found over it."""
+    """Draw the signal to clutter of every body by roughness, and the share of targets found."""
     targets = read_table(folder, "detection-mines")
     if targets.empty:
         return None
@@ -125,10 +131,10 @@ def signatures_figure(folder: Path) -> Figure | None:
     targets = targets.assign(label=targets["body"] + " (" + targets["kind"] + ")")
     order = targets.groupby("label")["ratio_db"].mean().sort_values().index
     for number, roughness in enumerate(AXES["roughness"]):
-        own = targets[targets["roughness"] == roughness].groupby("label")["ratio_db"]
-        middle = own.median().reindex(order)
-        low = own.quantile(0.25).reindex(order)
-        high = own.quantile(0.75).reindex(order)
+        ratios = targets[targets["roughness"] == roughness].groupby("label")["ratio_db"]
+        middle = ratios.median().reindex(order)
+        low = ratios.quantile(0.25).reindex(order)
+        high = ratios.quantile(0.75).reindex(order)
         places = np.arange(len(order)) + 0.16 * (1.5 - number)
         label = f"{roughness:g} mm rms"
         error = [middle - low, high - middle]
@@ -153,19 +159,22 @@ def signatures_figure(folder: Path) -> Figure | None:
 
 
 def _draw_found(axes: Axes, targets: pd.DataFrame, label: str, colour: str) -> None:
-    """Draw the share of targets that are found, by classes of signal to clutter, with exact intervals."""
+    """Draw the share of targets that are found, by classes of signal to clutter.
+
+    The intervals are exact.
+    """
     number = np.floor(targets["ratio_db"] / _BIN)
     middles = []
     shares = []
     below = []
     above = []
-    for place, inside in targets.groupby(number):
+    for bin_number, inside in targets.groupby(number):
         if len(inside) < _FEWEST:
             continue
-        found = int((inside["far"] <= FAR[-1]).sum())
-        low, high = clopper_pearson(found, len(inside))
-        share = found / len(inside)
-        middles.append((place + 0.5) * _BIN)
+        n_found = int((inside["far"] <= FAR[-1]).sum())
+        low, high = clopper_pearson(n_found, len(inside))
+        share = n_found / len(inside)
+        middles.append((bin_number + 0.5) * _BIN)
         shares.append(share)
         below.append(share - float(low))
         above.append(float(high) - share)
@@ -197,7 +206,7 @@ def ablation_figure(folder: Path) -> Figure | None:
     figure = Figure(figsize=(11, 6.6), layout="constrained")
     grid = figure.subplots(2, 3, sharex="col", squeeze=False)
     for row, (road, title) in enumerate(titles.items()):
-        for column, (response, words) in enumerate(responses.items()):
+        for column, (response, response_title) in enumerate(responses.items()):
             axes = grid[row, column]
             chosen = costs[(costs["road"] == road) & (costs["response"] == response)]
             _draw_costs(axes, chosen, names=column == 0)
@@ -207,24 +216,27 @@ def ablation_figure(folder: Path) -> Figure | None:
             axes.set_title(f"{title}{unchanged}", fontsize=8.5)
             if row == 1:
                 far = "" if "ratio" in response else f", {FAR[-1]:g} false alarms per m²"
-                axes.set_xlabel(f"change of {words}{far}", fontsize=8.5)
+                axes.set_xlabel(f"change of {response_title}{far}", fontsize=8.5)
     return figure
 
 
 def _draw_costs(axes: Axes, costs: pd.DataFrame, names: bool) -> None:
-    """Draw differences with intervals, filled where they are clear of zero for all parts together."""
+    """Draw differences with intervals.
+
+    Filled are those that are clear of zero for all parts together.
+    """
     places = np.arange(len(costs))[::-1]
-    for place, (_, cost) in zip(places, costs.iterrows(), strict=True):
+    for position, (_, cost) in zip(places, costs.iterrows(), strict=True):
         ends = np.nan_to_num([cost["low"], cost["high"]], posinf=np.nan, neginf=np.nan)
         axes.plot(
             [cost["low"], cost["high"]] if np.isfinite(ends).all() else [],
-            [place] * 2,
+            [position] * 2,
             "-",
             color="0.35",
             lw=1.4,
         )
         face = _COLOURS[0] if cost["clear"] else "white"
-        axes.plot(cost["difference"], place, "o", color=_COLOURS[0], mfc=face, ms=6)
+        axes.plot(cost["difference"], position, "o", color=_COLOURS[0], mfc=face, ms=6)
     axes.axvline(0, color="k", lw=0.8)
     axes.set_yticks(places, costs["change"] if names else [""] * len(costs), fontsize=9)
     axes.set_ylim(-0.7, len(costs) - 0.3)
@@ -244,12 +256,18 @@ def geometry_figure(folder: Path) -> Figure | None:
             chosen = means[
                 (means["height"] == height) & (means["response"] == f"{kind} {FAR[-1]:g}")
             ]
-            own = chosen.set_index(["nearest", "farthest"]).reindex(grounds)
+            cells = chosen.set_index(["nearest", "farthest"]).reindex(grounds)
             places = np.arange(len(grounds)) + 0.1 * (number - 1)
-            error = np.nan_to_num([own["value"] - own["low"], own["high"] - own["value"]])
+            error = np.nan_to_num([cells["value"] - cells["low"], cells["high"] - cells["value"]])
             label = f"{height:g} m high"
             axes.errorbar(
-                places, own["value"], error, fmt="o", color=_COLOURS[number], capsize=2, label=label
+                places,
+                cells["value"],
+                error,
+                fmt="o",
+                color=_COLOURS[number],
+                capsize=2,
+                label=label,
             )
         chance = read_table(folder, "geometry")[f"chance_{FAR[-1]:g}"].mean()
         axes.axhline(chance, color="0.4", lw=1, ls=":", label="by chance")
@@ -266,24 +284,27 @@ def geometry_figure(folder: Path) -> Figure | None:
 
 
 def statements_figure(folder: Path, paper: str) -> Figure | None:
-    """Draw every statement of a paper over roughness and permittivity: on which side of its limit worlds are."""
+    """Draw every statement of a paper over roughness and permittivity.
+
+    On which side of its limit worlds are.
+    """
     table = read_table(folder, "statements-worlds")
     if table.empty or not (table["paper"] == paper).any():
         return None
-    own = table[table["paper"] == paper]
+    rows_of_paper = table[table["paper"] == paper]
     holds = (
         read_table(folder, "statements")
         .query("paper == @paper")
         .groupby("statement")["holds"]
         .first()
     )
-    claims = list(dict.fromkeys(own["statement"]))
+    claims = list(dict.fromkeys(rows_of_paper["statement"]))
     columns = 4
     rows = -(-len(claims) // columns)
     figure = Figure(figsize=(2.7 * columns, 2.2 * rows + 0.6), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False)
     for axes, claim in zip(grid.flat, claims, strict=False):
-        _draw_margins(axes, own[own["statement"] == claim])
+        _draw_margins(axes, rows_of_paper[rows_of_paper["statement"] == claim])
         axes.set_title(fill(claim.split(" [")[0], 40) + f"\n{holds[claim]}", fontsize=7)
     for axes in list(grid.flat)[len(claims) :]:
         axes.set_visible(False)
@@ -306,8 +327,8 @@ def _draw_margins(axes: Axes, worlds: pd.DataFrame) -> None:
             agree, disagree = (
                 int((cell["verdict"] == verdict).sum()) for verdict in (AGREES, DISAGREES)
             )
-            words = "+" * agree + "−" * disagree
-            axes.text(column, row, words, ha="center", va="center", fontsize=7)
+            marks = "+" * agree + "−" * disagree
+            axes.text(column, row, marks, ha="center", va="center", fontsize=7)
     known = np.abs(value[np.isfinite(value)])
     top = float(known.max()) if known.size and known.any() else 1.0
     axes.imshow(value, cmap="RdBu", vmin=-top, vmax=top, aspect="auto")
@@ -316,5 +337,6 @@ def _draw_margins(axes: Axes, worlds: pd.DataFrame) -> None:
 
 
 def _label_levels(axes: Axes, across: list[Any], down: list[Any]) -> None:
+    """Label the ticks of both axes with levels."""
     axes.set_xticks(range(len(across)), [f"{level:g}" for level in across], fontsize=6)
     axes.set_yticks(range(len(down)), [f"{level:g}" for level in down], fontsize=6)

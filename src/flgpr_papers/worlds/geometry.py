@@ -1,7 +1,8 @@
-"""What the array's height and the ground that is used give: every height over the same lanes, several standoffs each.
+"""What the array's height and the ground that is used give.
 
-The world is the prepared site as it is packaged. A lane is simulated once per height and searched once per stretch of
-ground ahead of the array.
+Every height over the same lanes, several standoffs each. The world is the prepared site as it is
+packaged. A lane is simulated once per height and searched once per stretch of ground ahead of the
+array.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ import pandas as pd
 from scipy.special import stdtrit
 
 from flgpr.chain.progress import Track, silent
-from flgpr.execution.executors import Executor
+from flgpr.execution.workers import Executor
 from flgpr.scoring import clopper_pearson
-from flgpr.simulate.scene import site_tables
+from flgpr.simulate.scene.scene import site_tables
 from flgpr_papers.kit.worlds import DECLARED
 from flgpr_papers.worlds.ablation import responses
 from flgpr_papers.worlds.lanes import LaneJob, lane_table, read_targets, run_jobs
@@ -31,7 +32,7 @@ def jobs(quick: bool = False) -> list[LaneJob]:
         declared = declared | DECLARED["quick"]
     tables = site_tables(DECLARED["sites"]["prepared"])
     ground = tuple((float(nearest), float(farthest)) for nearest, farthest in declared["ground"])
-    made = []
+    lane_jobs = []
     for replicate in range(declared["replicates"]):
         for height in declared["height"]:
             about = {"height": height, "replicate": replicate}
@@ -39,7 +40,7 @@ def jobs(quick: bool = False) -> list[LaneJob]:
             seed = declared["seed"] + replicate
             length = float(declared["length"])
             count = declared["count"]
-            made.append(
+            lane_jobs.append(
                 LaneJob(
                     "geometry",
                     name,
@@ -54,14 +55,14 @@ def jobs(quick: bool = False) -> list[LaneJob]:
                     ratios=True,
                 )
             )
-    return made
+    return lane_jobs
 
 
 def run(folder: Path, executor: Executor, quick: bool = False, track: Track = silent) -> None:
     """Run the lanes that are not on disk and write the tables of all that are there.
 
-    ``geometry-mines.csv`` has every target and stretch of ground, ``geometry.csv`` every lane and stretch,
-    ``geometry-means.csv`` the means over lanes.
+    ``geometry-mines.csv`` has every target and stretch of ground, ``geometry.csv`` every lane and
+    stretch, ``geometry-means.csv`` the means over lanes.
     """
     lanes = jobs(quick)
     run_jobs(folder, lanes, executor, track)
@@ -86,21 +87,22 @@ def means(table: pd.DataFrame) -> pd.DataFrame:
         few lanes that happen to agree would make it, and ends at 0 and 1.
     """
     rows = []
-    for place, lanes in table.groupby(WHERE, sort=False):
+    for where, lanes in table.groupby(WHERE, sort=False):
         for response, values in responses(lanes).items():
             count = len(values)
             value = float(values.mean())
             half = float("nan")
             if count > 1:
                 half = float(stdtrit(count - 1, 0.975) * values.std(ddof=1) / count**0.5)
-            low, high = value - half, value + half
+            low = value - half
+            high = value + half
             if count > 1 and not response.endswith("ratio_db"):
                 kind = response.split()[0]
-                found = lanes[response.replace(" ", "_")].sum()
-                exact_low, exact_high = clopper_pearson(found, lanes[f"{kind}_targets"].sum())
+                totals = lanes[response.replace(" ", "_")].sum()
+                exact_low, exact_high = clopper_pearson(totals, lanes[f"{kind}_targets"].sum())
                 low = max(min(low, float(exact_low)), 0.0)
                 high = min(max(high, float(exact_high)), 1.0)
-            row = dict(zip(WHERE, place, strict=True)) | {
+            row = dict(zip(WHERE, where, strict=True)) | {
                 "response": response,
                 "lanes": count,
                 "value": value,

@@ -1,7 +1,9 @@
-"""Lanes of a world: simulated, searched by the packaged recipe of Wang et al. 2007, scored mine by mine, and kept.
+"""Lanes of a world.
 
-The lanes and the radar are those of the paper's blind lanes (mines at 7.5 cm, the tones of sub-band F1 alone), but for
-the number of mines: as many of each kind as it takes to tell a probability of detection.
+Simulated, searched by the packaged recipe of Wang et al. 2007, scored mine by mine, and kept. The
+lanes and the radar are those of the paper's blind lanes (mines at 7.5 cm, the tones of sub-band F1
+alone), but for the number of mines: as many of each kind as it takes to tell a probability of
+detection.
 """
 
 from __future__ import annotations
@@ -20,14 +22,14 @@ import numpy as np
 import pandas as pd
 
 import flgpr
-from flgpr.chain.detect import detect
+from flgpr.chain.method import detect
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
-from flgpr.execution.executors import Executor
-from flgpr.io import write_whole
+from flgpr.execution.workers import Executor
 from flgpr.model import Sensor, load_sensor
 from flgpr.scoring import assign, chance, match, operating_row, roc_of
 from flgpr.simulate import Scene, draw_world, simulate
+from flgpr.store import write_whole
 from flgpr_papers.kit.cache import key_of
 from flgpr_papers.kit.mines import find_mix, mix_draws
 from flgpr_papers.kit.worlds import DECLARED, write_site
@@ -53,13 +55,17 @@ class LaneJob:
     count: int  #: targets of each kind
     seed: int
     height: float | None = None  #: of the array, m; None takes the sensor's own
-    #: nearest and farthest ground used, m ahead; the lane is searched once for each. Empty takes the recipe's own
+    #: nearest and farthest ground used, m ahead; the lane is searched once for each. Empty takes
+    #: the recipe's own
     ground: tuple[tuple[float, float], ...] = ()
     ratios: bool = True  #: whether the signal to clutter of every target is measured, too
     version: str = field(default=flgpr.__version__)  #: of the program
 
     def path(self, folder: Path) -> Path:
-        """Return the file of the lane's record; another lane of the same name, or another version, has another."""
+        """Return the file of the lane's record.
+
+        Another lane of the same name, or another version, has another.
+        """
         bodies = {mix: find_mix(mix).parts for mix in self.mixes}
         return folder / "lanes" / self.part / f"{self.name}-{key_of(asdict(self), bodies)}.json"
 
@@ -91,11 +97,11 @@ def run_job(job: Mapping[str, Any], folder: str) -> dict[str, Any]:
         {"body": [target.body for target in draw_world(scene, lane.seed).targets]}
     )
     truth = truth.assign(body=bodies["body"].to_numpy())
-    found = []
+    targets_found = []
     for ground in lane.ground or (None,):
         recipe = lane_recipe(ground)
-        alarms = detect(run, recipe, scene.lane)[0].alarms
-        found.append(_scored(alarms, truth, scene, ground))
+        alarms = detect(run, recipe, scene.lane).alarms
+        targets_found.append(_scored(alarms, truth, scene, ground))
     ratios: list[float] = []
     if lane.ratios:
         ratios = signal_to_clutter(scene, sensor, lane.seed, tuple(_LANE["band"])).tolist()
@@ -106,7 +112,7 @@ def run_job(job: Mapping[str, Any], folder: str) -> dict[str, Any]:
         "seconds": seconds,
         "targets": targets,
         "ratio_db": ratios,
-        "found": found,
+        "found": targets_found,
     }
     path = lane.path(Path(folder))
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -128,12 +134,15 @@ def lane_scene(lane: LaneJob, scratch: Path) -> Scene:
         "draws": draws,
         "track": _LANE["track"],
     }
-    made = Scene.model_validate(scene | {"surface": {"density": _LANE["density"]}})
-    return made.model_copy(update={"site": None})  # its tables are in the scene now
+    validated = Scene.model_validate(scene | {"surface": {"density": _LANE["density"]}})
+    return validated.model_copy(update={"site": None})  # its tables are in the scene now
 
 
 def radar(height: float | None = None) -> Sensor:
-    """Load the array of Wang et al. 2007 with the tones of F1 alone, if wanted at another height (m)."""
+    """Load the array of Wang et al. 2007 with the tones of F1 alone.
+
+    If wanted, it stands at another height (m).
+    """
     sensor = load_sensor("sri-array")
     axis = sensor.tones.axis()
     low, high = _LANE["band"]
@@ -144,7 +153,10 @@ def radar(height: float | None = None) -> Sensor:
 
 
 def lane_recipe(ground: tuple[float, float] | None = None) -> Recipe:
-    """Take the packaged recipe wang2007 with F1 alone, if wanted with other nearest and farthest ground (m ahead)."""
+    """Return the packaged recipe wang2007 with F1 alone.
+
+    If wanted, it has other nearest and farthest ground (m ahead).
+    """
     recipe = parse_recipe(re.sub(r"(?m)^F[0234] .*\n", "", recipe_text("wang2007")))
     if ground is None:
         return recipe
@@ -157,7 +169,7 @@ def lane_recipe(ground: tuple[float, float] | None = None) -> Recipe:
 def _scored(
     alarms: pd.DataFrame, truth: pd.DataFrame, scene: Scene, ground: tuple[float, float] | None
 ) -> dict[str, Any]:
-    """Tell at which FAR (per m²) every target is found, and Pd by chance at the declared ones."""
+    """Return at which FAR (per m²) every target is found, and Pd by chance at the declared ones."""
     matched = match(alarms, truth, scene.lane, _LANE["halo"])
     cost = assign(matched)["far"]
     curve = chance(matched).beside(roc_of(matched))
@@ -190,8 +202,8 @@ def read_targets(folder: Path, jobs: Sequence[LaneJob]) -> pd.DataFrame:
         record = json.loads(path.read_text(encoding="utf-8"))
         targets = pd.DataFrame(record["targets"])
         ratio = record["ratio_db"] or [math.nan] * len(targets)
-        for one in record["found"]:
-            nearest, farthest = one["ground"] or (math.nan, math.nan)
+        for target in record["found"]:
+            nearest, farthest = target["ground"] or (math.nan, math.nan)
             columns = {
                 **record["about"],
                 "lane": job.name,
@@ -199,8 +211,8 @@ def read_targets(folder: Path, jobs: Sequence[LaneJob]) -> pd.DataFrame:
                 "farthest": farthest,
             }
             table = targets.assign(**columns, ratio_db=ratio)
-            table["far"] = [math.inf if value is None else value for value in one["far"]]
-            for far, value in zip(FAR, one["chance"], strict=True):
+            table["far"] = [math.inf if value is None else value for value in target["far"]]
+            for far, value in zip(FAR, target["chance"], strict=True):
                 table[f"chance_{far:g}"] = math.nan if value is None else value
             tables.append(table)
     if not tables:

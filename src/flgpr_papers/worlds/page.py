@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.io import sha256
+from flgpr.store import sha256
 from flgpr_papers.kit.page import study_html
 from flgpr_papers.kit.settings import PAPERS
 from flgpr_papers.kit.worlds import AXES, DECLARED, design_worlds
@@ -43,9 +43,12 @@ def page_html(folder: Path, pictures: Mapping[str, bytes], quick: bool) -> str:
 
 
 def declared_hashes() -> dict[str, str]:
-    """Return the SHA-256 of every declared file: axes and lanes, the fraction, mixes of mines, the two sites."""
+    """Return the SHA-256 of every declared file.
+
+    Axes and lanes, the fraction, mixes of mines, the two sites.
+    """
     papers = resources.files("flgpr_papers")
-    sites = resources.files("flgpr.simulate") / "sites"
+    sites = resources.files("flgpr.simulate.scene") / "sites"
     files = [
         papers / "worlds" / "worlds.toml",
         papers / "worlds" / "worlds.csv",
@@ -56,19 +59,22 @@ def declared_hashes() -> dict[str, str]:
 
 
 def short_tables(folder: Path) -> dict[str, pd.DataFrame]:
-    """Return the tables that people read, by name: each says a value with its interval in one cell."""
-    made = {
+    """Return the tables that people read, by name.
+
+    Each says a value with its interval in one cell.
+    """
+    tables = {
         "design": design_table(),
         "detection-short": detection_table(read_table(folder, "detection-effects")),
         "detection-missing-short": missing_table(read_table(folder, "detection-missing")),
         "ablation-short": ablation_table(read_table(folder, "ablation-costs")),
         "geometry-short": geometry_table(read_table(folder, "geometry-means")),
     }
-    return {name: table for name, table in made.items() if not table.empty}
+    return {name: table for name, table in tables.items() if not table.empty}
 
 
 def response_name(response: str) -> str:
-    """Say a response in words: "plastic 0.07" is Pd of plastic at 0.07 false alarms per m²."""
+    """Return a response in words: "plastic 0.07" is Pd of plastic at 0.07 false alarms per m²."""
     kind, what = response.split(" ")
     return (
         f"{kind}, signal to clutter, dB" if what == "ratio_db" else f"Pd of {kind} at {what} per m²"
@@ -77,15 +83,17 @@ def response_name(response: str) -> str:
 
 def design_table() -> pd.DataFrame:
     """Tabulate what the declared fraction can decide."""
-    table = pd.DataFrame(
-        [{axis: getattr(world, axis) for axis in AXES} for world in design_worlds()]
-    )
+    worlds = design_worlds()
+    table = pd.DataFrame({axis: [getattr(world, axis) for world in worlds] for axis in AXES})
     names = {"term": "effect", "effects": "degrees of freedom", "error": "error of a difference"}
     return decidable(table, AXES, CROSSED).round(2).rename(columns=names)
 
 
 def detection_table(effects: pd.DataFrame) -> pd.DataFrame:
-    """Tabulate the levels of every axis: Pd of metal and plastic at both false alarm rates, and plastic in dB."""
+    """Tabulate the levels of every axis.
+
+    Pd of metal and plastic at both false alarm rates, and plastic in dB.
+    """
     if effects.empty:
         return pd.DataFrame()
     responses = [f"{kind} {far:g}" for kind in ("metal", "plastic") for far in FAR] + [
@@ -97,14 +105,19 @@ def detection_table(effects: pd.DataFrame) -> pd.DataFrame:
             row = {"axis": axis, "level": str(level)}
             for response in responses:
                 chosen = effects[(effects["response"] == response) & (effects["axis"] == axis)]
-                own = chosen[chosen["level"].astype(str) == str(level)]
-                row[response_name(response)] = in_brackets(own.iloc[0]) if len(own) else "–"
+                rows_of_level = chosen[chosen["level"].astype(str) == str(level)]
+                row[response_name(response)] = (
+                    in_brackets(rows_of_level.iloc[0]) if len(rows_of_level) else "–"
+                )
             rows.append(row)
     return pd.DataFrame(rows)
 
 
 def missing_table(missing: pd.DataFrame) -> pd.DataFrame:
-    """Tabulate the decibels that plastic mines miss of the paper's Pd: a row per false alarm rate and roughness."""
+    """Tabulate the decibels that plastic mines miss of the paper's Pd.
+
+    A row per false alarm rate and roughness.
+    """
     if missing.empty:
         return pd.DataFrame()
     rows = []
@@ -123,7 +136,10 @@ def missing_table(missing: pd.DataFrame) -> pd.DataFrame:
 
 
 def ablation_table(costs: pd.DataFrame) -> pd.DataFrame:
-    """Tabulate what every part costs on both roads; an asterisk marks what is clear for all parts together."""
+    """Tabulate what every part costs on both roads.
+
+    An asterisk marks what is clear for all parts together.
+    """
     if costs.empty:
         return pd.DataFrame()
     responses = [f"plastic {far:g}" for far in FAR] + [f"metal {FAR[-1]:g}", "plastic ratio_db"]

@@ -1,4 +1,4 @@
-"""The parts of the map of worlds, in order, each with its tables, its figures and its section of the page."""
+"""The parts of the map of worlds, in order, each with its tables, figures and section."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from flgpr.execution.survey import PLAINLY, How
-from flgpr.io import write_whole
+from flgpr.execution.survey import DEFAULTS, RunOptions
+from flgpr.store import write_whole
 from flgpr_papers.worlds import ablation, detection, geometry, statements
 from flgpr_papers.worlds.figures import draw_figures
 from flgpr_papers.worlds.page import page_html, short_tables
@@ -27,9 +27,14 @@ _FORM = "worlds.json"
 
 
 def map_worlds(
-    output: str | Path, parts: Sequence[str] = tuple(RUN), quick: bool = False, how: How = PLAINLY
+    output: str | Path,
+    parts: Sequence[str] = tuple(RUN),
+    quick: bool = False,
+    how: RunOptions = DEFAULTS,
 ) -> Path:
-    """Run parts of the map of worlds and write their tables, figures and the page; an interrupted run resumes.
+    """Run parts of the map of worlds and write their tables, figures and the page.
+
+    An interrupted run resumes.
 
     Parameters
     ----------
@@ -42,7 +47,7 @@ def map_worlds(
     quick : bool
         Few worlds and short lanes with other seeds, which only show that everything runs; the page
         says so.
-    how : How
+    how : RunOptions
         Who works, each at a lane or at a study in a world, and who is shown progress.
 
     Returns

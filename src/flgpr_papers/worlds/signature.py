@@ -24,25 +24,26 @@ _SPACING = 0.1  # m
 def signal_to_clutter(
     scene: Scene, sensor: Sensor, seed: int, band: tuple[float, float]
 ) -> FloatArray:
-    """Compute the signal to clutter of every target, dB (target,), HH, in the images of a band (Hz).
+    """Compute the signal to clutter of every target (target,), dB, in HH images of a band (Hz).
 
-    Signal is the peak power of the targets' own echoes, which come through the same ground and holes, within 0.75 m of
-    a target's place. Clutter is the mean power of all else over the lane at the same distance ahead, about 12 m, over
-    all places from which the lane is looked at. The radar's errors and noise are left out.
+    Signal is the peak power of the targets' own echoes, which come through the same ground and
+    holes, within 0.75 m of a target's place. Clutter is the mean power of all else over the lane at
+    the same distance ahead, about 12 m, over all places from which the lane is looked at. The
+    radar's errors and noise are left out.
     """
     half = _STATIONS / 2
     stations = np.arange(-AHEAD + half, scene.length - AHEAD + half, _STATIONS)
-    still = {"positions": tuple(stations.tolist()), "wander": 0.0, "attitude": 0.0, "bounce": 0.0}
-    watched = changed(scene, track=still)
+    track = {"positions": tuple(stations.tolist()), "wander": 0.0, "attitude": 0.0, "bounce": 0.0}
+    watched = changed(scene, track=track)
     simulator = Simulator(
         watched, sensor.model_copy(update={"polarization": ("HH",)}), seed, errors=False
     )
     run = simulator.run()
-    own = simulator.run(bodies=True)
+    echoes = simulator.run(bodies=True)
     reach = max(abs(scene.x_min), abs(scene.x_max)) + _REACH
     grid = Grid.spanning((-reach, reach), (AHEAD - half - 1, AHEAD + half + 1), _SPACING)
-    signal = _powers(own, grid, band)
-    clutter = _powers(run.assign(signal=run["signal"] - own["signal"]), grid, band)
+    signal = _powers(echoes, grid, band)
+    clutter = _powers(run.assign(signal=run["signal"] - echoes["signal"]), grid, band)
     in_lane = (grid.x >= scene.x_min) & (grid.x <= scene.x_max)
     by_row = clutter[..., in_lane].mean(axis=(0, 2))
     ratios = []

@@ -1,11 +1,13 @@
-"""In which worlds each statement of the papers holds: every quick study in the worlds of the designed fraction.
+"""In which worlds each statement of the papers holds.
 
-Small lanes decide little in a world of their own, so statements are judged in regions: the whole space and the half,
-third or quarter with one level of an axis. Every world's lanes have seeds of their own, so that the mean over a
-region's worlds has Student's interval; it is to hold in all regions and all parts of a claim together (Bonferroni), and
-gets the error of the paper's figure where there is one. A statement holds somewhere if it agrees in at least one
-region, and nowhere if it disagrees in all that decide. Beside that stand regions with levels of two axes: a statement
-that agrees in one of these alone holds in a corner. Their intervals hold in all regions of both kinds.
+Every quick study in the worlds of the designed fraction. Small lanes decide little in a world of
+their own, so statements are judged in regions: the whole space and the half, third or quarter with
+one level of an axis. Every world's lanes have seeds of their own, so that the mean over a region's
+worlds has Student's interval; it is to hold in all regions and all parts of a claim together
+(Bonferroni), and gets the error of the paper's figure where there is one. A statement holds
+somewhere if it agrees in at least one region, and nowhere if it disagrees in all that decide.
+Beside that stand regions with levels of two axes: a statement that agrees in one of these alone
+holds in a corner. Their intervals hold in all regions of both kinds.
 """
 
 from __future__ import annotations
@@ -26,8 +28,8 @@ from scipy.special import stdtrit
 
 import flgpr
 from flgpr.chain.progress import Track, silent
-from flgpr.execution.executors import Executor
-from flgpr.io import write_whole
+from flgpr.execution.workers import Executor
+from flgpr.store import write_whole
 from flgpr_papers.kit.cache import key_of
 from flgpr_papers.kit.findings import (
     AGREES,
@@ -67,7 +69,10 @@ Record = tuple[World, dict[str, Any]]
 
 
 def studies(quick: bool = False) -> list[tuple[str, World]]:
-    """List every paper in every world, in an order that covers the space evenly however far a run gets."""
+    """List every paper in every world, in an order that covers the space evenly.
+
+    It does however far a run gets.
+    """
     every = worlds()
     if quick:
         first = next(world for world in every if world.loss == "low")
@@ -78,11 +83,14 @@ def studies(quick: bool = False) -> list[tuple[str, World]]:
         for paper in PAPERS
         if paper != TWO_SITES or world.loss == "low"
     ]
-    return [asked[place] for place in np.random.default_rng(2004).permutation(len(asked))]
+    return [asked[index] for index in np.random.default_rng(2004).permutation(len(asked))]
 
 
 def path_of(folder: Path, paper: str, world: World) -> Path:
-    """Return the file of a paper's findings in a world; another world, site or version has another."""
+    """Return the file of a paper's findings in a world.
+
+    Another world, site or version has another.
+    """
     key = key_of(asdict(world), world.tables(), flgpr.__version__)
     return folder / "statements" / f"{paper}-{world.name}-{key}.json"
 
@@ -90,8 +98,8 @@ def path_of(folder: Path, paper: str, world: World) -> Path:
 def run(folder: Path, executor: Executor, quick: bool = False, track: Track = silent) -> None:
     """Run the studies that are not on disk and write the tables of all that are there.
 
-    ``statements.csv`` has every statement in every region, ``statements-worlds.csv`` in every world,
-    ``statements-PAPER.csv`` a paper's statements with a column per axis.
+    ``statements.csv`` has every statement in every region, ``statements-worlds.csv`` in every
+    world, ``statements-PAPER.csv`` a paper's statements with a column per axis.
     """
     left = []
     for paper, world in studies(quick):
@@ -103,7 +111,10 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
 
 
 def judge_in_world(paper: str, levels: Mapping[str, Any], folder: str) -> dict[str, Any]:
-    """Judge the statements of a paper in a world and write them; lanes too small for a study are recorded as such."""
+    """Judge the statements of a paper in a world and write them.
+
+    Lanes too small for a study are recorded as such.
+    """
     world = World(**levels)
     begin = time.process_time()
     work = Path(folder) / "work" / f"{paper}-{world.number}"
@@ -150,7 +161,10 @@ class Statement:
 
     @property
     def holds(self) -> str:
-        """Where it holds: "everywhere" that it can be asked, "somewhere", "in a corner", "nowhere" or "undecided"."""
+        """Where it holds.
+
+        "everywhere" that it can be asked, "somewhere", "in a corner", "nowhere" or "undecided".
+        """
         verdicts = {verdict for count, _, verdict in self.regions.values() if count >= FEWEST}
         if AGREES in verdicts:
             return "everywhere" if verdicts == {AGREES} else "somewhere"
@@ -170,14 +184,18 @@ def statements(records: Sequence[Record]) -> list[Statement]:
                     f"{finding.claim} [{finding.quantity}]" if finding.quantity else finding.claim
                 )
                 by_claim.setdefault(claim, []).append((world, finding))
-    varied = [
-        axis for axis in STUDY_AXES if len({getattr(world, axis) for world, _ in records}) > 1
-    ]
+    varied = []
+    for axis in STUDY_AXES:
+        levels = {getattr(world, axis) for world, _ in records}
+        if len(levels) > 1:
+            varied.append(axis)
     single: list[Region] = [{axis: level} for axis in varied for level in AXES[axis]]
     double: list[Region] = [
-        one | other for one, other in combinations(single, 2) if one.keys() != other.keys()
+        first_levels | other
+        for first_levels, other in combinations(single, 2)
+        if first_levels.keys() != other.keys()
     ]
-    made = []
+    pooled_statements = []
     for claim, findings in by_claim.items():
         regions = {}
         for region in ({}, *single):
@@ -186,8 +204,8 @@ def statements(records: Sequence[Record]) -> list[Statement]:
         for region in double:
             if pooled(_inside(findings, region), 1 + len(single) + len(double))[2] == AGREES:
                 corners.append(name_of(region))
-        made.append(Statement(claim, findings, regions, tuple(corners)))
-    return made
+        pooled_statements.append(Statement(claim, findings, regions, tuple(corners)))
+    return pooled_statements
 
 
 def name_of(region: Region) -> str:
@@ -205,7 +223,10 @@ def _inside(findings: Sequence[tuple[World, Finding]], region: Region) -> list[F
 
 
 def pooled(findings: Sequence[Finding], regions: int) -> tuple[int, Interval, str]:
-    """Judge the mean over a region's worlds by Student's interval: their number, the least part, the verdict."""
+    """Judge the mean over a region's worlds by Student's interval.
+
+    Their number, the least part, the verdict.
+    """
     values = np.array([numbers(finding) for finding in findings], dtype=np.float64)
     values = values[np.isfinite(values).all(axis=1)] if values.size else values
     count = len(values)
@@ -214,34 +235,35 @@ def pooled(findings: Sequence[Finding], regions: int) -> tuple[int, Interval, st
     level = 1 - 0.025 / (regions * values.shape[1])
     mean = values.mean(axis=0)
     half = stdtrit(count - 1, level) * values.std(axis=0, ddof=1) / np.sqrt(count)
-    parts = [(float(m), float(m - h), float(m + h)) for m, h in zip(mean, half, strict=True)]
+    intervals = [(float(m), float(m - h), float(m + h)) for m, h in zip(mean, half, strict=True)]
     asked = findings[0]
     if asked.asks is not None:  # the error of a paper's figure may be estimated in each world anew
         error = float(np.mean([finding.asks[2] for finding in findings if finding.asks]))
         asked = replace(asked, asks=(*asked.asks[:2], error))
-    verdicts = [judge_again(asked, *part) for part in parts]
+    verdicts = [judge_again(asked, *interval) for interval in intervals]
     decisive = DISAGREES if DISAGREES in verdicts else UNDECIDED
     shown = (
-        parts[verdicts.index(decisive)]
+        intervals[verdicts.index(decisive)]
         if decisive in verdicts
-        else min(parts, key=lambda part: part[1])
+        else min(intervals, key=lambda interval: interval[1])
     )
     return count, shown, all_of(verdicts)
 
 
 def soils_in_order(records: Sequence[Record]) -> list[Statement]:
-    """Judge cosgrove2004's order of soils, which needs several worlds: Pd of two soils, the other axes in their middle.
+    """Judge cosgrove2004's order of soils, which needs several worlds.
 
-    Pd of all worlds is fitted by the studies' axes and the interaction of permittivity and loss.
+    Pd of two soils, the other axes in their middle. Pd of all worlds is fitted by the studies' axes
+    and the interaction of permittivity and loss.
     """
     rows = []
     for world, record in records:
         for row in record["findings"]:
             if row["claim"].startswith("Pd of"):
-                found = finding_of(row).interval
-                rows.append({**asdict(world), "pd": found[0] if found else np.nan})
+                own_interval = finding_of(row).interval
+                rows.append({**asdict(world), "pd": own_interval[0] if own_interval else np.nan})
     crossed = [("permittivity", "loss")]
-    made = []
+    tests_of_order = []
     for claim, better, worse in SOILS:
         interval: Interval = (np.nan, -np.inf, np.inf)
         verdict = UNDECIDED
@@ -254,8 +276,8 @@ def soils_in_order(records: Sequence[Record]) -> list[Statement]:
             verdict = larger(*interval[1:])
         except (KeyError, ValueError):  # no worlds yet, or too few to tell the axes apart
             pass
-        made.append(Statement(claim, [], {"all": (len(rows), interval, verdict)}))
-    return made
+        tests_of_order.append(Statement(claim, [], {"all": (len(rows), interval, verdict)}))
+    return tests_of_order
 
 
 def write_tables(folder: Path, quick: bool = False) -> None:
@@ -293,7 +315,10 @@ def write_tables(folder: Path, quick: bool = False) -> None:
 
 
 def short_table(several: Sequence[Statement]) -> pd.DataFrame:
-    """Tabulate statements with a column per axis, in which a mark stands for each level in the declared order."""
+    """Tabulate statements with a column per axis.
+
+    A mark stands for each level in the declared order.
+    """
     rows = []
     for statement in several:
         count, interval, _ = statement.regions["all"]
@@ -317,7 +342,10 @@ def numbers(finding: Finding) -> tuple[float, ...]:
 
 
 def margin(finding: Finding) -> float:
-    """Return by how much the number of a finding keeps what is asked of it; below zero it does not."""
+    """Return by how much the number of a finding keeps what is asked of it.
+
+    Below zero it does not.
+    """
     values = numbers(finding)
     if finding.rule is not None:
         low, high = finding.rule

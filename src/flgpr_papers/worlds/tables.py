@@ -1,4 +1,7 @@
-"""CSV files of the parts, which stand for themselves: written after each run, read by figures and the page."""
+"""CSV files of the parts, which stand for themselves.
+
+Written after each run, read by figures and the page.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,16 @@ from pathlib import Path
 import pandas as pd
 
 from flgpr.door import read_named
-from flgpr.io import write_whole
+from flgpr.store import write_whole
 
 _DIGITS = 5
 
 
 def write_table(path: Path, table: pd.DataFrame) -> None:
-    """Write a table as CSV, numbers to five decimals, whole or not at all; an empty one is not written."""
+    """Write a table as CSV, numbers to five decimals, whole or not at all.
+
+    An empty one is not written.
+    """
     if not table.empty:
         write_whole(path, table.round(_DIGITS).to_csv(index=False, lineterminator="\n"))
 

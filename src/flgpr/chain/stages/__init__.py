@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializeAsAny, ValidationError
 
+from flgpr.detect.scorers.checks import Checked
 from flgpr.model.bounds import Entries
 from flgpr.model.bounds import Positive as Positive
 from flgpr.model.faults import describe_fault
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from flgpr.chain.passes import Accumulator, Arrays, Pass
+    from flgpr.chain.engine import Accumulator, Arrays, PlannedPass
     from flgpr.imaging import ScanImager
     from flgpr.model import Grid, Lane
 
@@ -34,6 +35,7 @@ PACKAGED = {
         "standing": "standing:StandingField",
         "masks": "masks:MaskedSuppression",
         "low-rank": "low_rank:LowRank",
+        "roadside": "roadside:RoadsideSuppression",
     },
     "map": {
         "deflection": "forms:DeflectionMap",
@@ -50,6 +52,7 @@ PACKAGED = {
         "rx": "anomaly:Rx",
         "matched": "anomaly:Matched",
         "network": "network:ChipNetwork",
+        "roadside": "roadside:RoadsideShare",
     },
 }
 FloatArray = NDArray[np.float64]
@@ -77,7 +80,7 @@ class Setup:
     view: Grid  #: pixels of the run-view, in the lane frame
     imaged: list[int]  #: numbers of the polarizations that are imaged
     summed: int  #: number of scans that an image is the coherent sum of
-    known: Mapping[str, Any]  #: results of earlier passes, arrays by name
+    results: Mapping[str, Any]  #: results of earlier passes, arrays by name
 
     def pose(self, index: int) -> FloatArray:
         """Pose (6,) of the scan at an index among the complete ones."""
@@ -92,7 +95,7 @@ class Stage:
 
     kind: ClassVar[str] = ""  #: "clutter", "map", "screen" or "features"
     learns: ClassVar[bool] = False  #: whether it must be trained: it then has ``fit``
-    waits: ClassVar[str] = ""  #: why it cannot work while scans come in; "" if it can
+    not_live_because: ClassVar[str] = ""  #: why it cannot work while scans come in; "" if it can
     Settings: ClassVar[type[Table]] = Table  #: the entries of its table in a recipe
     looser: ClassVar[
         Mapping[str, Any]
@@ -113,8 +116,18 @@ class Stage:
         raise NotImplementedError(f"{cls.__name__} does not learn")
 
     @classmethod
+    def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:  # noqa: ARG003
+        """Take the arrays that :meth:`fit` gave, by name, type and shape.
+
+        A model may come from anybody. Whatever ``fit`` cannot have given for these settings is a
+        ValueError, before anything is worked out with it. Whoever does not write this for a stage
+        takes any arrays.
+        """
+        learnt.take_all()
+
+    @classmethod
     def margin(cls, settings: Any) -> float:  # noqa: ARG003
-        """Tell how far along the lane from an alarm it depends on the run-view, m."""
+        """Return how far along the lane from an alarm it depends on the run-view, m."""
         return 0.0
 
     @classmethod
@@ -122,9 +135,20 @@ class Stage:
         """Estimate the bytes that it takes for a run of these lengths of dimensions and scan images on this grid."""
         return 0.0
 
+    def passes(self) -> list[PlannedPass]:
+        """List the passes over the run that it needs before images are cleaned; their names begin with its own."""
+        return []
+
+    def notes(self) -> dict[str, Any]:
+        """Return figures worth reporting of the whole run, once its passes are done."""
+        return {}
+
     @classmethod
-    def spent(cls, settings: Any, examples: list[Any]) -> list[Any]:  # noqa: ARG003
-        """Give the rows of each training lane's truth that made it what it is: no detector is trained on them again."""
+    def targets_used_for_training(cls, settings: Any, examples: list[Any]) -> list[Any]:  # noqa: ARG003
+        """Return the rows of each training lane's truth that made it what it is.
+
+        No detector is trained on them again.
+        """
         return []
 
 
@@ -149,17 +173,9 @@ class ClutterStage(Stage):
         raise NotImplementedError
 
     def data(self, index: int, count: int) -> ComplexArray:
-        """Give cleaned data (scan, polarization, pair, frequency) of the last ``count`` scans up to an index."""
+        """Return cleaned data (scan, polarization, pair, frequency) of the last ``count`` scans up to an index."""
         first = max(index - count + 1, 0)
         return np.stack([self.clean(p, self.before(p, 1)[0]) for p in range(first, index + 1)])
-
-    def passes(self) -> list[Pass]:
-        """List the passes over the run that it needs beforehand; their names begin with that of the stage."""
-        return []
-
-    def notes(self) -> dict[str, Any]:
-        """Give figures worth reporting of the whole run, once its passes are done."""
-        return {}
 
     def examples(self, truth: pd.DataFrame) -> Accumulator:
         """Gather, scan by scan, what ``fit`` needs of a lane with this truth, for stages that learn."""
@@ -180,7 +196,7 @@ class MapStage(Stage):
         self,
         image: xr.DataArray,  # noqa: ARG002
     ) -> tuple[Mapping[str, NDArray[Any]], Mapping[str, NDArray[Any]]]:
-        """Give by name the maps (y, x) that add up to the map but for a constant, and others that explain it alone."""
+        """Return by name the maps (y, x) that add up to the map but for a constant, and others that explain it."""
         return {}, {}
 
     def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
@@ -195,7 +211,7 @@ class ScreenStage(Stage):
 
     @classmethod
     def margin(cls, settings: Any) -> float:
-        """Tell how far beyond a section's border alarms depend on the run-view, m."""
+        """Return how far beyond a section's border alarms depend on the run-view, m."""
         raise NotImplementedError
 
     def alarms(self, view: xr.DataArray) -> pd.DataFrame:
@@ -213,11 +229,15 @@ class FeatureStage(Stage):
     kind = "features"
     columns: tuple[str, ...] = ()
     """Columns of ``of_image``; "" for none."""
+    alarm_columns: ClassVar[tuple[str, ...]] = ()
+    """Columns that the alarm table shows, too."""
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
-        if cls.of_view is not FeatureStage.of_view and not cls.waits:
-            cls.waits = "columns of the run-view are complete only when a place is passed"
+        if cls.of_view is not FeatureStage.of_view and not cls.not_live_because:
+            cls.not_live_because = (
+                "columns of the run-view are complete only when a place is passed"
+            )
 
     def of_image(self, image: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Features of one scan: a column (alarm,) each; NaN where the scan does not see the alarm.
@@ -241,7 +261,7 @@ class Named(BaseModel):
     model_config = ConfigDict(frozen=True, arbitrary_types_allowed=True)
     stage: str
     settings: SerializeAsAny[Table]
-    of: type[Stage] = Field(exclude=True)
+    stage_class: type[Stage] = Field(exclude=True)
 
 
 def _named(kind: str) -> Callable[[Any], Any]:
@@ -250,19 +270,35 @@ def _named(kind: str) -> Callable[[Any], Any]:
             return table
         if not isinstance(table, dict) or not isinstance(table.get("stage"), str):
             raise ValueError(f'must be a table with the entry stage = "...", got {table!r}')
-        of = find_stage(kind, table["stage"])
+        stage_class = find_stage(kind, table["stage"])
         entries = {name: value for name, value in table.items() if name != "stage"}
         try:
-            settings = of.Settings.model_validate(entries)
+            settings = stage_class.Settings.model_validate(entries)
         except ValidationError as error:
             raise ValueError(
                 "; ".join(
-                    describe_fault(one, of.Settings, table["stage"]) for one in error.errors()
+                    describe_fault(one, stage_class.Settings, table["stage"])
+                    for one in error.errors()
                 )
             ) from None
-        return Named(stage=table["stage"], settings=settings, of=of)
+        return Named(stage=table["stage"], settings=settings, stage_class=stage_class)
 
     return read
+
+
+def make_stage(name: str, named: Named, setup: Setup, learnt: Arrays | None) -> Any:
+    """Make a stage that a recipe names, with what a model holds for it.
+
+    Arrays that its ``fit`` cannot have given are a ValueError that names the stage and the array.
+    """
+    if learnt is not None:
+        checked = Checked({}, learnt)
+        try:
+            named.stage_class.check_learnt(named.settings, setup, checked)
+            checked.done()
+        except ValueError as error:
+            raise ValueError(f"model's stage {name} does not fit this recipe: {error}") from None
+    return named.stage_class(named.settings, setup, learnt)
 
 
 ClutterNamed = Annotated[Named, BeforeValidator(_named("clutter"))]

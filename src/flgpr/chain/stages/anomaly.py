@@ -11,10 +11,11 @@ import pandas as pd
 import xarray as xr
 from pydantic import Field, model_validator
 
-from flgpr.chain.passes import Arrays
-from flgpr.chain.stages import FeatureStage, FloatArray, Positive, Table, TrainingView
+from flgpr.chain.engine import Arrays
+from flgpr.chain.stages import FeatureStage, FloatArray, Positive, Setup, Table, TrainingView
 from flgpr.chain.stages.clusters import subset
 from flgpr.chain.too_few import Tally, TooFewExamplesError, clear_change, kinds_change
+from flgpr.detect.scorers.checks import Checked
 from flgpr.kernels.moments import ledoit_wolf_moments
 from flgpr.screen import select
 
@@ -80,7 +81,7 @@ class Rx(FeatureStage):
 
     @classmethod
     def margin(cls, settings: Any) -> float:
-        """Tell how far the ring reaches."""
+        """Return how far the ring reaches."""
         return float(settings.outer[1])
 
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
@@ -148,13 +149,26 @@ class Matched(FeatureStage):
     Settings: ClassVar[type[Table]] = MatchedSettings
 
     @classmethod
+    def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:  # noqa: ARG003
+        """Take the mines' signature, and mean and covariance of the clutter, of all images."""
+        images = len(learnt.array("mean", (None,)))
+        learnt.array("signature", (images,))
+        learnt.array("covariance", (images, images))
+
+    @classmethod
     def margin(cls, settings: Any) -> float:
-        """Tell how far from an alarm its pixel may lie."""
+        """Return how far from an alarm its pixel may lie."""
         return float(settings.reach)
 
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Filter the brightest pixels of the alarms."""
-        off = _brightest(view, points, self.settings.reach) - self.learnt["mean"]
+        mean = self.learnt["mean"]
+        if math.prod(view.shape[:-2]) != len(mean):
+            raise ValueError(
+                f"model must have been trained on run-views of {math.prod(view.shape[:-2])} images, as this one, "
+                f"got {len(mean)}"
+            )
+        off = _brightest(view, points, self.settings.reach) - mean
         inverse = _inverse(self.learnt["covariance"])
         signature = self.learnt["signature"]
         with np.errstate(invalid="ignore"):
@@ -164,7 +178,7 @@ class Matched(FeatureStage):
     @classmethod
     def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, dict[str, Any]]:
         """Take the mean of the mines' brightest pixels, and mean and covariance of the clutter."""
-        pairs = zip(examples, cls.spent(settings, examples), strict=True)
+        pairs = zip(examples, cls.targets_used_for_training(settings, examples), strict=True)
         bright = np.concatenate(
             [_brightest(e.view, m[["x", "y"]].to_numpy(), settings.reach) for e, m in pairs]
         )
@@ -185,8 +199,10 @@ class Matched(FeatureStage):
         return learnt, {"mines_for_signature": len(bright), "clutter_pixels": len(clutter)}
 
     @classmethod
-    def spent(cls, settings: Any, examples: list[TrainingView]) -> list[pd.DataFrame]:
-        """Give the mines that make the signature."""
+    def targets_used_for_training(
+        cls, settings: Any, examples: list[TrainingView]
+    ) -> list[pd.DataFrame]:
+        """Return the mines that make the signature."""
         return [
             some[some["kind"].isin(settings.kinds)]
             for some in subset(examples, settings.share, settings.kinds)

@@ -11,8 +11,17 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field
 
-from flgpr.chain.passes import Arrays
-from flgpr.chain.stages import FeatureStage, FloatArray, Positive, ScreenStage, Table, TrainingView
+from flgpr.chain.engine import Arrays
+from flgpr.chain.stages import (
+    FeatureStage,
+    FloatArray,
+    Positive,
+    ScreenStage,
+    Setup,
+    Table,
+    TrainingView,
+)
+from flgpr.detect.scorers.checks import Checked
 from flgpr.features import cut_regions, mean_template, template_features
 from flgpr.screen import (
     ClusterThresholds,
@@ -81,24 +90,51 @@ def templates_of(lanes: list[TrainingView], settings: TemplateSettings) -> NDArr
     return mean_template(np.concatenate(chips))
 
 
+def check_channels(learnt: NDArray[Any], view: xr.DataArray) -> None:
+    """Refuse what was learnt of other images (polarization, range) than a run-view has."""
+    if learnt.shape[:2] != view.shape[:2]:
+        raise ValueError(
+            f"model must have been trained on {view.shape[0]} polarizations of {view.shape[1]} ranges, as the "
+            f"run-view has them, got {learnt.shape[0]} of {learnt.shape[1]}"
+        )
+
+
 class ClusterScreen(ScreenStage):
     """Amplitude with clustering, standard deviation and energy in an ellipse, one after the other (Sec. 3.1)."""
 
     learns = True
-    waits = "a region is looked at from all ranges before it is judged"
+    not_live_because = "a region is looked at from all ranges before it is judged"
     looser: ClassVar[Mapping[str, Any]] = {"rule": "or", "pass_share": 1.0}
     Settings: ClassVar[type[Table]] = ClusterSettings
 
     @classmethod
     def margin(cls, settings: Any) -> float:
-        """Tell how far regions and what decides on them reach, at most.
+        """Return how far regions and what decides on them reach, at most.
 
         An ellipse is no larger than a template, its rectangle twice as large, and it lies off by less than a template.
         """
         return 3 * max(*settings.region, *settings.template) + 10 * settings.radius
 
+    @classmethod
+    def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:  # noqa: ARG003
+        """Take an ellipse about the size of a template, and thresholds, for every image."""
+        channels: tuple[int | None, ...] = (None, None)
+        most = 2 * max(settings.template)
+        for name in _ELLIPSE:
+            values = learnt.array(name, channels)
+            channels = values.shape
+            least = 0.0 if name.startswith("half") else -most
+            if values.size and not (least <= values.min() and values.max() <= most):
+                raise ValueError(
+                    f"array {name!r} must lie between {least:g} and {most:g} m, got {values.min():g} to "
+                    f"{values.max():g}"
+                )
+        for name in _THRESHOLDS:
+            learnt.array(name, channels, finite=False)
+
     def alarms(self, view: xr.DataArray) -> pd.DataFrame:
         """Regions that pass; their magnitude is the peak over the amplitude threshold of its image."""
+        check_channels(self.learnt["amplitude"], view)
         tables = {}
         levels = {}
         for channel, (ellipse, limits) in self.channels(view):
@@ -111,7 +147,7 @@ class ClusterScreen(ScreenStage):
     def channels(
         self, view: xr.DataArray
     ) -> list[tuple[xr.DataArray, tuple[Ellipse, ClusterThresholds]]]:
-        """Give every image (y, x) of the polarizations that are asked for, with its ellipse and thresholds."""
+        """Return every image (y, x) of the polarizations that are asked for, with its ellipse and thresholds."""
         wanted = self.settings.polarizations or tuple(view["polarization"].values)
         return [
             (view.isel(polarization=p, subband=r), self._limits(p, r))
@@ -146,8 +182,10 @@ class ClusterScreen(ScreenStage):
         return learnt, {"mines_for_thresholds": sum(len(one) for one in mines)}
 
     @classmethod
-    def spent(cls, settings: Any, examples: list[TrainingView]) -> list[pd.DataFrame]:
-        """Give the subset's mines."""
+    def targets_used_for_training(
+        cls, settings: Any, examples: list[TrainingView]
+    ) -> list[pd.DataFrame]:
+        """Return the subset's mines."""
         return subset(examples, settings.share)
 
 
@@ -155,12 +193,23 @@ class TemplateFeatures(FeatureStage):
     """The largest correlation with the template of every polarization and range (par. 22)."""
 
     learns = True
-    waits = ClusterScreen.waits
+    not_live_because = ClusterScreen.not_live_because
     Settings: ClassVar[type[Table]] = TemplateSettings
+
+    @classmethod
+    def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:
+        """Take a template of the size that the recipe asks for, for every image."""
+        width, length = (
+            2 * (round(size / spacing) // 2) + 1
+            for size, spacing in zip(settings.template, (setup.view.dx, setup.view.dy), strict=True)
+        )
+        shape = (None, None, length, width)
+        learnt.array("templates", shape, np.float64, np.float32, np.complex128, np.complex64)
 
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Correlations, named T_POLARIZATION_RANGE."""
         regions = cut_regions(view.values, grid_of(view), points, self.settings.region)
+        check_channels(self.learnt["templates"], view)
         values = (
             template_features(regions, self.learnt["templates"])
             if len(points)
@@ -178,6 +227,8 @@ class TemplateFeatures(FeatureStage):
         }
 
     @classmethod
-    def spent(cls, settings: Any, examples: list[TrainingView]) -> list[pd.DataFrame]:
-        """Give the subset's mines."""
+    def targets_used_for_training(
+        cls, settings: Any, examples: list[TrainingView]
+    ) -> list[pd.DataFrame]:
+        """Return the subset's mines."""
         return subset(examples, settings.share)

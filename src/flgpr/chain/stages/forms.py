@@ -11,8 +11,8 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from flgpr.chain.passes import Accumulator, Arrays, gathered
-from flgpr.chain.stages import FloatArray, MapStage, Positive, Table
+from flgpr.chain.engine import Accumulator, Arrays, append_accumulator
+from flgpr.chain.stages import FloatArray, MapStage, Positive, Setup, Table
 from flgpr.chain.too_few import Change, Tally, TooFewExamplesError, clear_change
 from flgpr.clutter import ClutterWhitener
 from flgpr.detect import (
@@ -22,11 +22,15 @@ from flgpr.detect import (
     PolarimetricWhiteningFilter,
     magnitude_form,
 )
+from flgpr.detect.scorers.checks import Checked
 from flgpr.features import clean_pixels, clutter_cuts, range_cuts, stack_channels
 from flgpr.kernels.moments import ESTIMATORS
 from flgpr.model import ground_points, lane_to_scan
 
 _FORM = ("strength", "vectors", "linear", "offset")
+_MOST_FORMS = 64
+_REAL = (np.float64, np.float32)
+_NUMBERS = (*_REAL, np.complex128, np.complex64)
 _SHRUNK = (
     "ledoit-wolf",
     "oas",
@@ -60,7 +64,7 @@ class CutSettings(Table):
 
 
 def learnt_of(forms: Sequence[LinearQuadraticForm], clutter: NDArray[Any]) -> Arrays:
-    """Give what a map by forms has learnt: the forms, and mean and deviation of their largest on clutter samples."""
+    """Return what a map by forms has learnt: the forms, and mean and deviation of their largest on clutter samples."""
     value = np.max([form(clutter) for form in forms], axis=0)
     learnt = {f"{name}-{k}": getattr(form, name) for k, form in enumerate(forms) for name in _FORM}
     learnt["constant"] = np.array([form.constant for form in forms])
@@ -95,8 +99,29 @@ class FormMap(MapStage):
     """
 
     learns = True
-    waits = "its self-signature is that of the whole run"
+    not_live_because = "its self-signature is that of the whole run"
     Settings: ClassVar[type[Table]] = CutSettings
+
+    @classmethod
+    def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:  # noqa: ARG003
+        """Take forms of as many features as a chip has values, and the clutter's level and spread."""
+        features = cls._features(settings)
+        count = len(learnt.array("constant", (None,)))
+        if not 1 <= count <= _MOST_FORMS:
+            raise ValueError(f"array 'constant' must be of 1 to {_MOST_FORMS} forms, got {count}")
+        for k in range(count):
+            rank = len(learnt.array(f"strength-{k}", (None,), *_REAL))
+            if rank > features:
+                raise ValueError(f"array 'strength-{k}' must have at most {features}, got {rank}")
+            learnt.array(f"vectors-{k}", (rank, features), *_NUMBERS)
+            learnt.array(f"linear-{k}", (features,), *_NUMBERS)
+            learnt.array(f"offset-{k}", (rank,), *_NUMBERS)
+        learnt.array("clutter", (2,))
+
+    @classmethod
+    def _features(cls, settings: Any) -> int:
+        """Count the values of a chip."""
+        return len(settings.polarizations) * int(settings.length)
 
     @property
     def _cut(self) -> tuple[int, int]:
@@ -133,7 +158,7 @@ class FormMap(MapStage):
                 samples_at(image(index).isel(subband=0, drop=True), mines, self.settings)._asdict()
             )
 
-        return gathered(parts, add)
+        return append_accumulator(parts, add)
 
     @classmethod
     def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
@@ -212,6 +237,10 @@ class NeymanPearsonMap(FormMap):
 
 class WhiteningMap(FormMap):
     """The polarimetric whitening filter (Novak et al. 1993), trained on clutter alone."""
+
+    @classmethod
+    def _features(cls, settings: Any) -> int:
+        return len(settings.polarizations)
 
     @property
     def _chip(self) -> tuple[int, int]:

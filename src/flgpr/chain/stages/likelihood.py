@@ -15,9 +15,10 @@ from pydantic import Field, model_validator
 from scipy.ndimage import gaussian_filter, uniform_filter
 from scipy.special import logsumexp
 
-from flgpr.chain.passes import Accumulator, Arrays, added
+from flgpr.chain.engine import Accumulator, Arrays, sum_accumulator
 from flgpr.chain.stages import ComplexArray, FloatArray, MapStage, Positive, Setup, Table
 from flgpr.chain.too_few import Tally, TooFewExamplesError, clear_change
+from flgpr.detect.scorers.checks import Checked
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, Sensor, lane_to_scan, load_sensor, scan_to_lane
 from flgpr.model.bounds import Spacing
@@ -99,7 +100,7 @@ class LikelihoodMap(MapStage):
     def __init__(self, settings: Any, setup: Setup, learnt: Arrays | None = None) -> None:
         super().__init__(settings, setup, learnt)
         grid = setup.images
-        self._metres = max(1, math.ceil(grid.extent()[3] - grid.y_min))
+        self._metres = _metres_of(grid)
         down, across = (max(1, round(settings.step / each)) for each in (grid.dy, grid.dx))
         self._rows, self._columns = (
             np.arange(each, count - each, each)
@@ -117,8 +118,22 @@ class LikelihoodMap(MapStage):
             tuple[int, int], tuple[NDArray[np.intp], ComplexArray, ComplexArray, FloatArray]
         ] = {}
 
+    @classmethod
+    def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:
+        """Take, by metre ahead, what whitens a chip, and directions and shares of the signatures."""
+        metres = _metres_of(setup.images)
+        size = 9 * len(setup.imaged) * len(setup.imager.subbands)
+        learnt.array("whitener", (metres, size, size), np.complex64)
+        for signature, share in (("signature", "share"), ("stone", "stone_share")):
+            if signature == "stone" and not learnt.has(signature):
+                continue
+            rank = learnt.array(share, (metres, None)).shape[1]
+            if rank > settings.rank:
+                raise ValueError(f"array {share!r} must have at most {settings.rank}, got {rank}")
+            learnt.array(signature, (metres, rank, size), np.complex64)
+
     def map(self, image: xr.DataArray) -> NDArray[np.float32]:
-        """Give the log-likelihood ratio with the contrast and ``offset`` added."""
+        """Return the log-likelihood ratio with the contrast and ``offset`` added."""
         table = self.settings
         learnt = self.learnt
         chips = self._chips(image.values)
@@ -139,7 +154,7 @@ class LikelihoodMap(MapStage):
         return np.asarray(np.maximum(total, _LEAST), dtype=np.float32)
 
     def parts(self, image: xr.DataArray) -> tuple[Arrays, Arrays]:
-        """Give what the likelihood and each polarization's contrast add; alone, what sub-bands and a stone would say.
+        """Return what the likelihood and each polarization's contrast add; alone, what sub-bands and a stone would say.
 
         That is each sub-band's log-likelihood ratio, and the log odds of a mine over a stone, were both as frequent.
         Parts add up to the map without ``offset``, but where that was cut off at the least value.
@@ -187,7 +202,7 @@ class LikelihoodMap(MapStage):
     def _band(
         self, metre: int, number: int, bands: int
     ) -> tuple[NDArray[np.intp], ComplexArray, ComplexArray, FloatArray]:
-        """Give a sub-band's places in a chip, what whitens it there, and its signatures' vectors and shares."""
+        """Return a sub-band's places in a chip, what whitens it there, and its signatures' vectors and shares."""
         if (metre, number) not in self._bands:
             whitener = self.learnt["whitener"][metre]
             vectors = self.learnt["signature"][metre]
@@ -233,7 +248,7 @@ class LikelihoodMap(MapStage):
                 sums["covariance"][m] += some.T @ some.conj()
                 sums["count"][m] += len(some)
 
-        return added(sums, add, lambda: sums | self._bodies(sensor))
+        return sum_accumulator(sums, add, lambda: sums | self._bodies(sensor))
 
     @classmethod
     def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
@@ -299,9 +314,9 @@ class LikelihoodMap(MapStage):
         return cut.reshape(*cut.shape[:2], -1)
 
     def _bodies(self, sensor: Sensor) -> Arrays:
-        """Give chips (body, value) of simulated bodies over this lane's background, and their metres into the image."""
+        """Return chips (body, value) of simulated bodies over this lane's background, and how far ahead each lies."""
         setup = self.setup
-        known = self.setup.known["gain"]
+        known = self.setup.results["gain"]
         grid = self.setup.images
         table = self.settings
         bands = tuple(setup.imager.subbands.items())
@@ -461,6 +476,11 @@ def contrasts(image: xr.DataArray, table: LikelihoodSettings) -> NDArray[np.floa
 
 def _single(values: NDArray[Any]) -> ComplexArray:
     return np.asarray(values, dtype=np.complex64)
+
+
+def _metres_of(images: Grid) -> int:
+    """Count the metres ahead that scan images reach over, begun ones too."""
+    return max(1, math.ceil(images.extent()[3] - images.y_min))
 
 
 def _between(pixels: NDArray[np.int64], count: int) -> FloatArray:

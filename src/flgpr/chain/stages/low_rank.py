@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from flgpr.chain.passes import Pass
+from flgpr.chain.engine import PlannedPass
 from flgpr.chain.stages import ComplexArray, Table
 from flgpr.chain.stages.standing import StandingField, StandingSettings, standing_pass
 
@@ -35,7 +35,7 @@ class LowRank(StandingField):
 
     Settings: ClassVar[type[Table]] = LowRankSettings
 
-    def passes(self) -> list[Pass]:
+    def passes(self) -> list[PlannedPass]:
         """Find the subspaces."""
         scans = len(self.setup.imager)
         most = self.settings.most
@@ -47,7 +47,7 @@ class LowRank(StandingField):
 
     def clean(self, index: int, data: ComplexArray) -> NDArray[np.complex64]:  # noqa: ARG002
         """Subtract the projection."""
-        basis = self.setup.known["low-rank"]["field"]
+        basis = self.setup.results["low-rank"]["field"]
         gain = np.einsum("pkf,pkrf->pkr", data, basis.conj())
         return np.asarray(data - np.einsum("pkr,pkrf->pkf", gain, basis), dtype=np.complex64)
 

@@ -11,7 +11,15 @@ import pandas as pd
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from flgpr.chain.passes import BLOCK, Accumulator, Arrays, Pass, blocks_of, gathered, part_name
+from flgpr.chain.engine import (
+    BLOCK,
+    Accumulator,
+    Arrays,
+    PlannedPass,
+    append_accumulator,
+    block_name,
+    blocks_of,
+)
 from flgpr.chain.stages import ClutterStage, ComplexArray, FloatArray, Positive, Table
 from flgpr.chain.stages.standing import standing_pass
 from flgpr.chain.too_few import Change, Tally, TooFewExamplesError
@@ -35,6 +43,7 @@ from flgpr.clutter import (
     subtract_standing,
     suppress_by_model,
 )
+from flgpr.detect.scorers.checks import Checked
 from flgpr.imaging import ImagingOperator, ScanImager
 from flgpr.model import (
     Grid,
@@ -123,7 +132,7 @@ class MaskedSuppression(ClutterStage):
     """Forms mixed masks ahead of every scan and suppresses what lies under them in the data of its aperture."""
 
     learns = True
-    waits = "it keeps the cleaned data of blocks of scans"
+    not_live_because = "it keeps the cleaned data of blocks of scans"
     Settings: ClassVar[type[Table]] = MaskSettings
 
     def __init__(self, settings: Any, setup: Any, learnt: Arrays | None = None) -> None:
@@ -154,6 +163,16 @@ class MaskedSuppression(ClutterStage):
             raise ValueError(
                 f"model {word} a second band: give the runs as in training (--with {settings.second or 'NAME'}=RUN)"
             )
+
+    @classmethod
+    def check_learnt(cls, settings: Any, setup: Any, learnt: Checked) -> None:  # noqa: ARG003
+        """Take a threshold for each sub-region, and how many looks at targets it comes from."""
+        regions = len(settings.edges) - 1
+        for name in ("vv", "vh", "low_vh"):
+            learnt.array(name, (regions,), finite=False)
+        learnt.array("looks", (regions,), np.int64)
+        if learnt.has("second"):
+            learnt.array("second", (regions,), finite=False)
 
     def _other(self, name: str) -> ScanImager | None:
         """Imager of the second band, where its run was given."""
@@ -197,7 +216,7 @@ class MaskedSuppression(ClutterStage):
         vv, vh = looks.sum(axis=0)
         second = None
         if self._second is not None:
-            field = self.setup.known[f"{BLOCKS}.second"]["field"]
+            field = self.setup.results[f"{BLOCKS}.second"]["field"]
             strengths = []
             for scan in scans:
                 where = lane_to_scan(lane, self.setup.run["pose"].values[scan])
@@ -215,7 +234,7 @@ class MaskedSuppression(ClutterStage):
             scan, lane_to_scan(scan_to_lane(points, latest), pose)
         )
 
-    def passes(self) -> list[Pass]:
+    def passes(self) -> list[PlannedPass]:
         """Second band's standing field; then, once trained, the suppression itself, kept block by block."""
         passes = []
         if self._second is not None:
@@ -227,7 +246,13 @@ class MaskedSuppression(ClutterStage):
             )
         if self.learnt:
             passes.append(
-                Pass(BLOCKS, "suppression under masks", self._suppression, whole=True, stored=True)
+                PlannedPass(
+                    BLOCKS,
+                    "suppression under masks",
+                    self._suppression,
+                    all_scans=True,
+                    keep_blocks=True,
+                )
             )
         return passes
 
@@ -242,7 +267,7 @@ class MaskedSuppression(ClutterStage):
                 {"data": kept[None], "index": np.array([index]), "fallen": np.array([fallen])}
             )
 
-        return gathered(parts, add)
+        return append_accumulator(parts, add)
 
     @property
     def _count(self) -> int:
@@ -296,10 +321,11 @@ class MaskedSuppression(ClutterStage):
         ).data
 
     def notes(self) -> dict[str, Any]:
-        """Tell in how many apertures the best iteration stood in for the average; nothing if in none."""
+        """Return in how many apertures the best iteration stood in for the average; nothing if in none."""
         numbers = range(len(list(blocks_of(len(self.setup.imager)))))
         fallen = sum(
-            int(self.setup.known[part_name(BLOCKS, number)]["fallen"].sum()) for number in numbers
+            int(self.setup.results[block_name(BLOCKS, number)]["fallen"].sum())
+            for number in numbers
         )
         return {"suppressions_fallen_back": fallen} if fallen else {}
 
@@ -331,7 +357,7 @@ class MaskedSuppression(ClutterStage):
         return np.asarray((away >= self.settings.roadside[0]) & (away <= self.settings.roadside[1]))
 
     def data(self, index: int, count: int) -> ComplexArray:
-        """Give data of the last scans up to an index, cleaned together, but not before the first aperture is whole."""
+        """Return the last scans' data up to an index, cleaned together, but not before the first aperture is whole."""
         kept = self._block(index)
         row = int(np.flatnonzero(kept["index"] == index)[0])
         full = self.before(index, count).copy()
@@ -339,12 +365,12 @@ class MaskedSuppression(ClutterStage):
         return full
 
     def _block(self, index: int) -> Arrays:
-        """Give what was kept of the block that holds an index; the one asked for last is held."""
+        """Return what was kept of the block that holds an index; the one asked for last is held."""
         number = next(
             k for k, block in enumerate(blocks_of(len(self.setup.imager))) if index in block
         )
         if self._held[0] != number:
-            kept = self.setup.known[part_name(BLOCKS, number)]
+            kept = self.setup.results[block_name(BLOCKS, number)]
             self._held = number, {name: kept[name] for name in ("index", "data")}
         return self._held[1]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar
@@ -12,9 +13,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pydantic import Field
 
-from flgpr.chain.passes import Arrays
-from flgpr.chain.stages import FeatureStage, FloatArray, Positive, Table, TrainingView
+from flgpr.chain.engine import Arrays
+from flgpr.chain.stages import FeatureStage, FloatArray, Positive, Setup, Table, TrainingView
 from flgpr.chain.too_few import Tally, TooFewExamplesError, clear_change, kinds_change
+from flgpr.detect.scorers.checks import Checked
 from flgpr.features import cut_regions
 from flgpr.screen import local_maxima
 from flgpr.screen.views import grid_of
@@ -62,11 +64,34 @@ class ChipNetwork(FeatureStage):
 
     @classmethod
     def margin(cls, settings: Any) -> float:
-        """Tell how far a chip reaches."""
+        """Return how far a chip reaches."""
         return float(settings.size[1])
+
+    @classmethod
+    def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:  # noqa: ARG003
+        """Take the scale of the chips, and the weights of as many networks as the recipe has."""
+        images = learnt.array("mean", (None, 1, 1)).shape[0]
+        deviation = learnt.array("deviation", (images, 1, 1))
+        if not (deviation > 0).all():
+            raise ValueError(f"array 'deviation' must be positive, got {deviation.min():g}")
+        for number in range(settings.networks):
+            given = images
+            for layer, channels in enumerate(settings.channels):
+                kernel = (channels, given, 3, 3)
+                learnt.array(f"{number}-kernel{layer}", kernel, np.float32)
+                learnt.array(f"{number}-bias{layer}", (channels,), np.float32)
+                given = channels
+            learnt.array(f"{number}-last", (given,), np.float32)
+            learnt.array(f"{number}-bias", (1,), np.float32)
 
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Cut the chips of the alarms and run the networks."""
+        images = len(self.learnt["mean"])
+        if math.prod(view.shape[:-2]) != images:
+            raise ValueError(
+                f"model must have been trained on run-views of {math.prod(view.shape[:-2])} images, as this one, "
+                f"got {images}"
+            )
         scores = np.zeros(len(points))
         for begin in range(0, len(points), _BATCH):
             some = slice(begin, begin + _BATCH)

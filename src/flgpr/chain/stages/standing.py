@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from flgpr.chain.passes import Accumulator, Arrays, Pass, gathered
+from flgpr.chain.engine import Accumulator, Arrays, PlannedPass, append_accumulator
 from flgpr.chain.stages import ClutterStage, ComplexArray, Table
 from flgpr.clutter import standing_field, subtract_standing
 from flgpr.model import Grid
@@ -27,7 +27,7 @@ def standing_pass(
     most: int,
     read: Callable[[int], ComplexArray],
     estimate: Callable[[ComplexArray], ComplexArray] = standing_field,
-) -> Pass:
+) -> PlannedPass:
     """Make the pass that estimates the standing field from at most so many scans; ``read`` gives a scan's data."""
     chosen = set(
         np.unique(np.rint(np.linspace(0, scans - 1, min(scans, most))).astype(int)).tolist()
@@ -40,18 +40,18 @@ def standing_pass(
             if index in chosen:
                 parts.append({"signal": read(index)[None]})
 
-        sums = gathered(parts, add)
+        sums = append_accumulator(parts, add)
         return Accumulator(
             add, sums.state, sums.merge, lambda: {"field": estimate(sums.result()["signal"])}
         )
 
-    return Pass(name, "standing field", start, whole=True)
+    return PlannedPass(name, "standing field", start, all_scans=True)
 
 
 class StandingField(ClutterStage):
     """Subtracts the median of the data over the run, fitted to every scan's gain."""
 
-    waits = "what stands still is told by the whole run"
+    not_live_because = "what stands still is told by the whole run"
     Settings: ClassVar[type[Table]] = StandingSettings
 
     @classmethod
@@ -66,7 +66,7 @@ class StandingField(ClutterStage):
             * sizes["frequency"]
         )
 
-    def passes(self) -> list[Pass]:
+    def passes(self) -> list[PlannedPass]:
         """Estimate the field."""
         scans = len(self.setup.imager)
         return [
@@ -77,4 +77,4 @@ class StandingField(ClutterStage):
 
     def clean(self, index: int, data: ComplexArray) -> NDArray[np.complex64]:  # noqa: ARG002
         """Subtract it."""
-        return subtract_standing(data, self.setup.known["standing"]["field"])
+        return subtract_standing(data, self.setup.results["standing"]["field"])

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 import xarray as xr
 
-from flgpr.chain.passes import Arrays
+from flgpr.chain.engine import Arrays
 from flgpr.chain.stages import FeatureStage, FloatArray, Positive, Setup, Table
 
 
@@ -69,7 +69,7 @@ def _number(name: str, wanted: str | None, known: list[str]) -> int:
 def _stands_out(
     level: Any, x: FloatArray, y: FloatArray, place: FloatArray, reach: float, least: float
 ) -> bool:
-    """Tell whether the largest pixel within reach of a place is no flank of something brighter within reach of it."""
+    """Return whether the largest pixel within reach of a place is no flank of something brighter within reach of it."""
     columns = slice(*np.searchsorted(x, [place[0] - 2 * reach, place[0] + 2 * reach]))
     rows = slice(*np.searchsorted(y, [place[1] - 2 * reach, place[1] + 2 * reach]))
     part = level[rows, columns]

@@ -1,8 +1,9 @@
-"""What trained estimators score with: named arrays, a few settings, and their arithmetic.
+"""Scores of trained estimators from named arrays, a few settings, and plain arithmetic.
 
-An estimator is trained by the library that it comes from. What its scores depend on is then taken out of it and kept:
-arrays of numbers, and settings that JSON can hold. Scores are worked out from these alone. So a model file needs no
-library to be read, holds nothing that could run, and scores the same whichever version of a library trained it.
+An estimator is trained by the library that it comes from. What its scores depend on is then
+extracted: arrays of numbers, and settings that JSON can hold. Scores are computed from these alone.
+So a model file needs no library to be read, holds nothing that could run, and scores the same
+whichever version of a library trained it.
 """
 
 from __future__ import annotations
@@ -28,25 +29,31 @@ _SCORERS = {
     "copod": "densities:CopulaScorer",
     "knn": "densities:NeighbourScorer",
 }
-"""Scorers by the name of the estimator that they are taken from."""
+"""Scorers by the name of their estimator in recipes."""
 
 
 def scorer_class(name: str) -> type[Scorer]:
-    """Return the class that scores for an estimator, by its name in recipes; another name is a ValueError."""
+    """Return the scorer's class of an estimator, by its name in recipes.
+
+    Another name is a ValueError.
+    """
     if name not in _SCORERS:
         raise ValueError(f"estimator must be one of {', '.join(_SCORERS)}, got {str(name)[:60]!r}")
-    module, _, kind = _SCORERS[name].partition(":")
-    found: type[Scorer] = getattr(import_module(f"flgpr.detect.scorers.{module}"), kind)
-    return found
+    module, _, class_name = _SCORERS[name].partition(":")
+    scorer: type[Scorer] = getattr(import_module(f"flgpr.detect.scorers.{module}"), class_name)
+    return scorer
 
 
 def scorer_of(name: str, estimator: Any) -> Scorer:
-    """Take a scorer out of a fitted estimator; one that it cannot stand in for is a ValueError."""
+    """Return the scorer of a fitted estimator; one that it cannot represent is a ValueError."""
     return scorer_class(name).of(estimator)
 
 
 def restored_scorer(
     name: str, settings: Mapping[str, Any], arrays: Arrays, features: int
 ) -> Scorer:
-    """Make a scorer of what a file holds; whatever breaks a rule of its estimator is a ValueError that names it."""
+    """Return the scorer that a file holds.
+
+    What breaks a rule of its estimator is a ValueError.
+    """
     return scorer_class(name).restored(settings, arrays, features)

@@ -1,4 +1,4 @@
-"""What scorers share: how they are asked, and how arrays and settings of a file from anywhere are checked."""
+"""Interface of scorers, and checks of arrays and settings from an untrusted file."""
 
 from __future__ import annotations
 
@@ -36,50 +36,68 @@ class Scorer(Protocol):
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
-        """Take the scorer out of a fitted estimator."""
+        """Return the scorer of a fitted estimator."""
         ...
 
     @classmethod
     def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
-        """Make the scorer of checked settings and arrays for so many features."""
+        """Return the scorer of checked settings and arrays for so many features."""
         ...
 
 
 class Checked:
-    """Arrays and settings of a file: each is taken once, by name, type, size and values; nothing may be left."""
+    """Check the arrays and settings of a file by name, type, size and values.
+
+    Each is taken once; nothing may be left.
+    """
 
     def __init__(self, settings: Mapping[str, Any], arrays: Arrays) -> None:
         self._settings = dict(settings)
         self._arrays = dict(arrays)
 
-    def array(self, name: str, shape: Sequence[int | None], integer: bool = False) -> NDArray[Any]:
-        """Take an array of finite float64, or of int64 numbers; None in ``shape`` lets an axis be of any length."""
+    def array(
+        self,
+        name: str,
+        shape: Sequence[int | None],
+        *types: type[np.generic],
+        finite: bool = True,
+    ) -> NDArray[Any]:
+        """Return an array of one of some ``types``, by default of float64, whose numbers are finite.
+
+        None in ``shape`` allows any length of an axis. Without ``finite``, infinity may be among
+        the numbers, but NaN may not.
+        """
         if name not in self._arrays:
             raise ValueError(f"array {name!r} is missing")
         value = self._arrays.pop(name)
-        wanted = np.dtype(np.int64 if integer else np.float64)
-        if value.dtype != wanted:
-            raise ValueError(f"array {name!r} must hold {wanted}, got {value.dtype}")
-        fits = len(value.shape) == len(shape) and all(
-            want in (None, have) for want, have in zip(shape, value.shape, strict=True)
-        )
-        if not fits:
+        allowed = [np.dtype(kind) for kind in types or (np.float64,)]
+        if value.dtype not in allowed:
+            names = " or ".join(map(str, allowed))
+            raise ValueError(f"array {name!r} must hold {names}, got {value.dtype}")
+        if not _shape_fits(value.shape, shape):
             described = ", ".join("any" if length is None else str(length) for length in shape)
             raise ValueError(f"array {name!r} must have the shape ({described}), got {value.shape}")
-        if not integer and not np.isfinite(value).all():
+        bad = ~np.isfinite(value) if finite else np.isnan(value)
+        if bad.any():
+            rule = "be finite" if finite else "be numbers"
             raise ValueError(
-                f"array {name!r} must be finite, got {np.count_nonzero(~np.isfinite(value))} that are not"
+                f"array {name!r} must {rule}, got {np.count_nonzero(bad)} that are not"
             )
         return value
 
+    def take_all(self) -> None:
+        """Take all arrays that are left, whatever they are."""
+        self._arrays = {}
+
+    def has(self, name: str) -> bool:
+        """Tell whether an array of this name is there and was not taken yet."""
+        return name in self._arrays
+
     def number(self, name: str, low: float = -math.inf, high: float = math.inf) -> float:
-        """Take a finite number from ``low`` to ``high``."""
+        """Return a finite number from ``low`` to ``high``."""
         value = self._setting(name)
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not math.isfinite(value)
-        ):
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not is_number or not math.isfinite(value):
             raise ValueError(f"setting {name!r} must be a finite number, got {_short(value)}")
         if not low <= value <= high:
             raise ValueError(
@@ -88,7 +106,7 @@ class Checked:
         return float(value)
 
     def whole(self, name: str, low: int, high: int) -> int:
-        """Take a whole number from ``low`` to ``high``."""
+        """Return a whole number from ``low`` to ``high``."""
         value = self._setting(name)
         if type(value) is not int or not low <= value <= high:
             raise ValueError(
@@ -97,14 +115,14 @@ class Checked:
         return value
 
     def flag(self, name: str) -> bool:
-        """Take true or false."""
+        """Return true or false."""
         value = self._setting(name)
         if type(value) is not bool:
             raise ValueError(f"setting {name!r} must be true or false, got {_short(value)}")
         return value
 
     def choice(self, name: str, options: Sequence[str]) -> str:
-        """Take one of some words."""
+        """Return one of some words."""
         value = self._setting(name)
         if not isinstance(value, str) or value not in options:
             raise ValueError(
@@ -113,25 +131,34 @@ class Checked:
         return value
 
     def done(self) -> None:
-        """Refuse what was not taken: nothing that is not asked for belongs into a model."""
-        for kind, left in (("array", self._arrays), ("setting", self._settings)):
-            if left:
-                raise ValueError(
-                    f"{kind} {_short(sorted(map(str, left))[0])} does not belong to it"
-                )
+        """Refuse what was not taken: a model holds nothing that its scorer does not use."""
+        for kind, remaining in (("array", self._arrays), ("setting", self._settings)):
+            if remaining:
+                first = sorted(map(str, remaining))[0]
+                raise ValueError(f"{kind} {_short(first)} does not belong to it")
 
     def _setting(self, name: str) -> Any:
+        """Take a setting out."""
         if name not in self._settings:
             raise ValueError(f"setting {name!r} is missing")
         return self._settings.pop(name)
 
 
 def refuse_unless(fits: bool, rule: str, got: Any) -> None:
-    """Refuse an estimator that is to be kept, with the rule that it breaks."""
+    """Refuse a value that does not fit, with the rule that it breaks."""
     if not fits:
         raise ValueError(f"{rule}, got {_short(got)}")
 
 
+def _shape_fits(shape: tuple[int, ...], expected: Sequence[int | None]) -> bool:
+    """Compare a shape with the one expected, in which None allows any length."""
+    if len(shape) != len(expected):
+        return False
+    lengths = zip(shape, expected, strict=True)
+    return all(allowed in (None, length) for length, allowed in lengths)
+
+
 def _short(value: Any) -> str:
+    """Return a value as text of at most 60 characters."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

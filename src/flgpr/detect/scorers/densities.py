@@ -1,4 +1,4 @@
-"""Scores by how common samples like one are among the training examples: mixtures, tails, copulas and neighbours."""
+"""Scores by the density of training examples: mixtures, tails, copulas and neighbours."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from flgpr.detect.scorers.checks import Arrays, Checked, FloatArray, refuse_unle
 
 METRICS = ("minkowski", "euclidean", "manhattan", "chebyshev")
 METHODS = ("largest", "mean", "median")
-_AT_ONCE = 2**22  # distances that are held at a time
+_DISTANCES_AT_ONCE = 2**22  # in memory
 
 
 @dataclass(frozen=True)
 class MixtureScorer:
-    """The log density of a mixture of Gaussians, less the least that is called a mine."""
+    """Compute the log density of a mixture of Gaussians, less the least that is called a mine."""
 
     own_centre: FloatArray  #: (n_features,) subtracted from the features first
     own_scale: FloatArray  #: (n_features,) by which they are then divided
     share: FloatArray  #: (n_components,) of the components, with the sum 1
     mean: FloatArray  #: (n_components, n_features)
-    # : (n_components, n_features, n_features) R with R·Rᵀ the inverse covariance, triangular
+    #: (n_components, n_features, n_features) R with R·Rᵀ the inverse covariance, triangular
     root: FloatArray
     offset: float
     threshold: float = 0.0
@@ -57,16 +57,16 @@ class MixtureScorer:
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
-        """Take it out of a fitted mixture of any shape of covariance."""
+        """Return the scorer of a fitted mixture of any shape of covariance."""
         mixture = estimator.mixture_
         count, features = mixture.means_.shape
-        given = np.asarray(mixture.precisions_cholesky_, dtype=np.float64)
-        roots = {
-            "full": lambda: given,
-            "tied": lambda: np.broadcast_to(given, (count, features, features)),
-            "diag": lambda: given[:, :, None] * np.eye(features),
-            "spherical": lambda: given[:, None, None] * np.eye(features),
-        }[mixture.covariance_type]()
+        roots = np.asarray(mixture.precisions_cholesky_, dtype=np.float64)
+        if mixture.covariance_type == "tied":
+            roots = np.broadcast_to(roots, (count, features, features))
+        elif mixture.covariance_type == "diag":
+            roots = roots[:, :, None] * np.eye(features)
+        elif mixture.covariance_type == "spherical":
+            roots = roots[:, None, None] * np.eye(features)
         return cls(
             np.array(estimator.center_, dtype=np.float64),
             np.array(estimator.scale_, dtype=np.float64),
@@ -78,7 +78,10 @@ class MixtureScorer:
 
     @classmethod
     def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
-        """Make it of a file's settings and arrays; shares, scales and the roots' diagonals are positive."""
+        """Return the scorer of a file's settings and arrays.
+
+        Shares, scales and the roots' diagonals must be positive.
+        """
         checked = Checked(settings, arrays)
         share = checked.array("share", (None,))
         scorer = cls(
@@ -93,18 +96,17 @@ class MixtureScorer:
         refuse_unless(len(share) > 0, "array 'share' must hold a component", len(share))
         diagonal = np.diagonal(scorer.root, axis1=1, axis2=2)
         for name, values in (("share", share), ("own_scale", scorer.own_scale), ("root", diagonal)):
-            refuse_unless(
-                bool((values > 0).all()), f"array {name!r} must be positive", float(values.min())
-            )
+            positive = bool((values > 0).all())
+            refuse_unless(positive, f"array {name!r} must be positive", float(values.min()))
         return scorer
 
 
 @dataclass(frozen=True)
 class TailScorer:
-    """How far out a sample lies in the tails of every feature (ECOD, Li et al. 2022): more is more unlike.
+    """Compute how far a sample lies in the tails of every feature (ECOD, Li et al. 2022).
 
-    The tails are those of the training examples and the samples together, as in PyOD: a score depends on what else is
-    scored with it.
+    A larger score is less like the examples. The tails are those of the training examples and the
+    samples together, as in PyOD: a score depends on what else is scored with it.
     """
 
     examples: FloatArray  #: (n_examples, n_features)
@@ -119,6 +121,7 @@ class TailScorer:
 
     @staticmethod
     def _joined(left: FloatArray, right: FloatArray, skewed: FloatArray) -> FloatArray:
+        """Combine the tails of every feature."""
         return np.maximum(skewed, np.maximum(left, right))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -131,12 +134,12 @@ class TailScorer:
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
-        """Take it out of a fitted estimator of PyOD."""
+        """Return the scorer of a fitted estimator of PyOD."""
         return cls(np.array(estimator.X_train, dtype=np.float64), float(estimator.threshold_))
 
     @classmethod
     def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
-        """Make it of a file's settings and arrays."""
+        """Return the scorer of a file's settings and arrays."""
         checked = Checked(settings, arrays)
         scorer = cls(checked.array("examples", (None, features)), checked.number("threshold"))
         checked.done()
@@ -144,7 +147,7 @@ class TailScorer:
 
 
 class CopulaScorer(TailScorer):
-    """The same by the empirical copula (COPOD, Li et al. 2020)."""
+    """Compute how far a sample lies in the tails of the copula (COPOD, Li et al. 2020)."""
 
     @staticmethod
     def _joined(left: FloatArray, right: FloatArray, skewed: FloatArray) -> FloatArray:
@@ -152,11 +155,14 @@ class CopulaScorer(TailScorer):
 
 
 def tail_logs(X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return -log of the shares of samples at most and at least as large, and of the tail that the skewness picks."""
+    """Return -log of the shares in the left tail, the right tail, and the one on the skewed side.
+
+    The shares are of samples that are at most, and at least, as large, feature by feature.
+    """
     left = -np.log(_share_up_to(X))
     right = -np.log(_share_up_to(-X))
-    off = X - X.mean(axis=0)
-    side = np.sign(np.mean(off**3, axis=0))
+    centred = X - X.mean(axis=0)
+    side = np.sign(np.mean(centred**3, axis=0))
     # A symmetric feature counts both tails.
     skewed = -left * np.sign(side - 1) + right * np.sign(side + 1)
     return left, right, skewed
@@ -173,42 +179,48 @@ def _share_up_to(X: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class NeighbourScorer:
-    """The distance from the nearest training examples: more is more unlike."""
+    """Compute the distance from the nearest training examples."""
 
     examples: FloatArray  #: (n_examples, n_features)
-    neighbours: int  #: how many of them count
+    neighbours: int  #: number of nearest examples that count
     method: str  #: "largest" of their distances, "mean" or "median"
     power: float  #: p of the Minkowski distance; infinity is written as 0
     threshold: float
 
     def __call__(self, X: FloatArray) -> FloatArray:
         """Score samples (n_samples, n_features)."""
-        step = max(1, _AT_ONCE // max(len(self.examples), 1))
-        parts = [self._score(X[begin : begin + step]) for begin in range(0, len(X), step)]
-        return np.concatenate(parts) if parts else np.zeros(0)
+        step = max(1, _DISTANCES_AT_ONCE // max(len(self.examples), 1))
+        scores = [self._score(X[begin : begin + step]) for begin in range(0, len(X), step)]
+        return np.concatenate(scores) if scores else np.zeros(0)
 
     def _score(self, X: FloatArray) -> FloatArray:
+        """Score samples that are few enough for all their distances to be in memory."""
         nearest = np.sort(self._distances(X), axis=1)[:, : self.neighbours]
         if self.method == "largest":
             return np.asarray(nearest[:, -1])
-        return np.asarray(
-            nearest.mean(axis=1) if self.method == "mean" else np.median(nearest, axis=1)
-        )
+        if self.method == "mean":
+            return np.asarray(nearest.mean(axis=1))
+        return np.asarray(np.median(nearest, axis=1))
 
     def _distances(self, X: FloatArray) -> FloatArray:
         """Return the distances (n_samples, n_examples)."""
         total = np.zeros((len(X), len(self.examples)))
         for feature in range(X.shape[1]):
-            off = np.abs(X[:, feature, None] - self.examples[:, feature])
-            total = np.maximum(total, off) if self.power == 0 else total + off**self.power
-        return total if self.power == 0 else np.asarray(total ** (1 / self.power))
+            difference = np.abs(X[:, feature, None] - self.examples[:, feature])
+            if self.power == 0:
+                total = np.maximum(total, difference)
+                continue
+            total = total + difference**self.power
+        if self.power == 0:
+            return total
+        return np.asarray(total ** (1 / self.power))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the training examples."""
         return {"examples": self.examples}
 
     def settings(self) -> dict[str, Any]:
-        """Return how distances are taken and count, and the score at which the estimator decides."""
+        """Return the kind of distance, and the score at which the estimator decides."""
         return {
             "neighbours": self.neighbours,
             "method": self.method,
@@ -218,7 +230,7 @@ class NeighbourScorer:
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
-        """Take it out of a fitted estimator of PyOD, whose metric must be one of ``METRICS``."""
+        """Return the scorer of a fitted estimator of PyOD, with one of the ``METRICS``."""
         metric = estimator.metric
         known = isinstance(metric, str) and metric in METRICS and not estimator.metric_params
         refuse_unless(known, f"metric must be one of {', '.join(METRICS)} for a detector", metric)
@@ -234,7 +246,7 @@ class NeighbourScorer:
 
     @classmethod
     def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
-        """Make it of a file's settings and arrays."""
+        """Return the scorer of a file's settings and arrays."""
         checked = Checked(settings, arrays)
         examples = checked.array("examples", (None, features))
         scorer = cls(

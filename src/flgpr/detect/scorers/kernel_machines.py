@@ -1,4 +1,4 @@
-"""Scores that are sums of kernels on some of the training examples: support and relevance vector machines."""
+"""Scores that are sums of kernels on training examples: support and relevance vector machines."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from flgpr.detect.scorers.checks import Arrays, Checked, FloatArray, refuse_unless
 
 KERNELS = ("linear", "rbf", "laplacian", "poly", "sigmoid")
-_AT_ONCE = 2**22  # values of a kernel matrix that are held at a time
+_VALUES_AT_ONCE = 2**22  # of a kernel matrix, in memory
 
 
 @dataclass(frozen=True)
 class KernelSum:
-    """``Σ a_n K(x, x_n) + b`` over vectors x_n."""
+    """Terms of ``Σ a_n K(x, x_n) + b`` over vectors x_n."""
 
     vectors: FloatArray  #: (n_vectors, n_features) x_n
     weight: FloatArray  #: (n_vectors,) a_n
@@ -32,14 +32,16 @@ class KernelSum:
         if self.kernel in ("rbf", "laplacian"):
             distance = np.zeros((len(X), len(self.vectors)))
             for feature in range(X.shape[1]):
-                off = X[:, feature, None] - self.vectors[:, feature]
-                distance += off**2 if self.kernel == "rbf" else np.abs(off)
+                difference = X[:, feature, None] - self.vectors[:, feature]
+                distance += difference**2 if self.kernel == "rbf" else np.abs(difference)
             return np.asarray(np.exp(-self.gamma * distance))
         product = X @ self.vectors.T
         if self.kernel == "linear":
             return np.asarray(product)
         shifted = self.gamma * product + self.coef0
-        return np.asarray(np.tanh(shifted) if self.kernel == "sigmoid" else shifted**self.degree)
+        if self.kernel == "sigmoid":
+            return np.asarray(np.tanh(shifted))
+        return np.asarray(shifted**self.degree)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the vectors and their weights."""
@@ -57,7 +59,7 @@ class KernelSum:
 
     @classmethod
     def of(cls, estimator: Any, vectors: Any, weight: Any, intercept: float, gamma: float) -> Self:
-        """Take it out of a fitted machine, whose kernel must be one of ``KERNELS``."""
+        """Return the terms of a fitted machine with one of the ``KERNELS``."""
         kernel = estimator.kernel
         known = isinstance(kernel, str) and kernel in KERNELS
         refuse_unless(known, f"kernel must be one of {', '.join(KERNELS)} for a detector", kernel)
@@ -73,7 +75,7 @@ class KernelSum:
 
     @classmethod
     def taken(cls, checked: Checked, features: int) -> Self:
-        """Take it out of a file's settings and arrays."""
+        """Return the terms of a file's settings and arrays."""
         weight = checked.array("weight", (None,))
         return cls(
             checked.array("vectors", (len(weight), features)),
@@ -86,25 +88,26 @@ class KernelSum:
         )
 
 
-def _in_parts(score: Any, X: FloatArray, vectors: int) -> FloatArray:
-    """Score samples some at a time, so that no kernel matrix grows with their number."""
-    step = max(1, _AT_ONCE // max(vectors, 1))
-    parts = [score(X[begin : begin + step]) for begin in range(0, len(X), step)]
-    return np.concatenate(parts) if parts else np.zeros(0)
+def _score_in_blocks(score: Any, X: FloatArray, vectors: int) -> FloatArray:
+    """Score samples in blocks, so that no kernel matrix grows with their number."""
+    step = max(1, _VALUES_AT_ONCE // max(vectors, 1))
+    scores = [score(X[begin : begin + step]) for begin in range(0, len(X), step)]
+    return np.concatenate(scores) if scores else np.zeros(0)
 
 
 @dataclass(frozen=True)
 class VectorScorer:
-    """The decision function of a support vector machine, of two classes or of one."""
+    """Compute the decision function of a support vector machine, of two classes or of one."""
 
     terms: KernelSum
     threshold: float = 0.0
 
     def __call__(self, X: FloatArray) -> FloatArray:
         """Score samples (n_samples, n_features)."""
-        return _in_parts(self._score, X, len(self.terms.weight))
+        return _score_in_blocks(self._score, X, len(self.terms.weight))
 
     def _score(self, X: FloatArray) -> FloatArray:
+        """Score samples that are few enough for their kernel matrix to be in memory."""
         return np.asarray(self.terms.matrix(X) @ self.terms.weight + self.terms.intercept)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -117,17 +120,16 @@ class VectorScorer:
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
-        """Take it out of a fitted machine."""
+        """Return the scorer of a fitted machine."""
         weight = estimator.dual_coef_
         refuse_unless(weight.shape[0] == 1, "estimator must part two classes", weight.shape)
         intercept = float(np.ravel(estimator.intercept_)[0])
-        return cls(
-            KernelSum.of(estimator, estimator.support_vectors_, weight, intercept, estimator._gamma)
-        )
+        vectors = estimator.support_vectors_
+        return cls(KernelSum.of(estimator, vectors, weight, intercept, estimator._gamma))
 
     @classmethod
     def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
-        """Make it of a file's settings and arrays."""
+        """Return the scorer of a file's settings and arrays."""
         checked = Checked(settings, arrays)
         scorer = cls(KernelSum.taken(checked, features))
         checked.done()
@@ -136,20 +138,22 @@ class VectorScorer:
 
 @dataclass(frozen=True)
 class RelevanceScorer:
-    """The log odds of a relevance vector machine, averaged over the weights' posterior if it is moderated."""
+    """Compute the log odds of a relevance vector machine.
+
+    They are averaged over the weights' posterior if the machine is moderated.
+    """
 
     terms: KernelSum
-    # : (n_weights, n_weights) posterior covariance of the weights, the bias last if it has one
+    #: (n_weights, n_weights) posterior covariance of the weights, the bias last if it has one
     covariance: FloatArray
-    moderated: (
-        bool  #: whether log odds m become m / sqrt(1 + π s²/8) with their variance s² (MacKay 1992)
-    )
+    #: whether log odds m become m / sqrt(1 + π s²/8) with their variance s² (MacKay 1992)
+    moderated: bool
     bias: bool  #: whether the intercept is a weight with a variance
     threshold: float = 0.0
 
     def __call__(self, X: FloatArray) -> FloatArray:
         """Score samples (n_samples, n_features)."""
-        return _in_parts(self.log_odds, X, len(self.terms.weight))
+        return _score_in_blocks(self.log_odds, X, len(self.terms.weight))
 
     def log_odds(self, X: FloatArray) -> FloatArray:
         """Return the log odds of a mine (n_samples,)."""
@@ -172,7 +176,7 @@ class RelevanceScorer:
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
-        """Take it out of a fitted machine."""
+        """Return the scorer of a fitted machine."""
         terms = KernelSum.of(
             estimator,
             estimator.relevance_vectors_,
@@ -185,7 +189,7 @@ class RelevanceScorer:
 
     @classmethod
     def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
-        """Make it of a file's settings and arrays."""
+        """Return the scorer of a file's settings and arrays."""
         checked = Checked(settings, arrays)
         scorer = cls.taken(checked, features)
         checked.done()
@@ -193,7 +197,7 @@ class RelevanceScorer:
 
     @classmethod
     def taken(cls, checked: Checked, features: int) -> Self:
-        """Take it out of a file's settings and arrays."""
+        """Return the scorer of settings and arrays that may hold more."""
         terms = KernelSum.taken(checked, features)
         moderated = checked.flag("moderated")
         bias = checked.flag("bias")
@@ -203,7 +207,10 @@ class RelevanceScorer:
 
 @dataclass(frozen=True)
 class OneClassRelevanceScorer:
-    """The probability of a mine by a one-class relevance vector machine, less the least that it calls a mine."""
+    """Compute the probability of a mine by a one-class relevance vector machine.
+
+    The least probability that it calls a mine is subtracted.
+    """
 
     machine: RelevanceScorer
     own_centre: FloatArray  #: (n_features,) subtracted from the features before the kernel
@@ -217,32 +224,29 @@ class OneClassRelevanceScorer:
         return np.asarray(logistic(log_odds) - self.offset)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return those of the machine, and its standardisation."""
+        """Return the arrays of the machine, and its standardisation."""
         return {**self.machine.arrays(), "own_centre": self.own_centre, "own_scale": self.own_scale}
 
     def settings(self) -> dict[str, Any]:
-        """Return those of the machine, and the offset."""
+        """Return the settings of the machine, and the offset."""
         return {**self.machine.settings(), "offset": self.offset}
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
-        """Take it out of a fitted machine."""
+        """Return the scorer of a fitted machine."""
         centre = np.array(estimator.center_, dtype=np.float64)
         scale = np.array(estimator.scale_, dtype=np.float64)
         return cls(RelevanceScorer.of(estimator), centre, scale, float(estimator.offset_))
 
     @classmethod
     def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
-        """Make it of a file's settings and arrays."""
+        """Return the scorer of a file's settings and arrays."""
         checked = Checked(settings, arrays)
         machine = RelevanceScorer.taken(checked, features)
         centre = checked.array("own_centre", (features,))
         scale = checked.array("own_scale", (features,))
-        refuse_unless(
-            bool((scale > 0).all()),
-            "array 'own_scale' must be positive",
-            float(scale.min(initial=1.0)),
-        )
+        smallest = float(scale.min(initial=1.0))
+        refuse_unless(bool((scale > 0).all()), "array 'own_scale' must be positive", smallest)
         scorer = cls(machine, centre, scale, checked.number("offset"))
         checked.done()
         return scorer

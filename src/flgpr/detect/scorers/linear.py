@@ -14,11 +14,11 @@ from flgpr.detect.scorers.checks import Arrays, Checked, FloatArray, refuse_unle
 
 @dataclass(frozen=True)
 class LinearScorer:
-    """``w · x + b``: of a logistic regression the log odds of a mine."""
+    """Compute ``w · x + b``: for a logistic regression the log odds of a mine."""
 
     weight: FloatArray  #: (n_features,) w
     intercept: float  #: b
-    # : whether examples weighed alike, so that the log odds are those of the examples' frequencies
+    #: whether examples weighed alike, so that the log odds are those of the examples' frequencies
     plain: bool
     threshold: float = 0.0
 
@@ -36,20 +36,22 @@ class LinearScorer:
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
-        """Take it out of a fitted estimator of two classes."""
-        refuse_unless(
-            estimator.coef_.shape[0] == 1, "estimator must part two classes", estimator.coef_.shape
-        )
+        """Return the scorer of a fitted estimator of two classes."""
+        shape = estimator.coef_.shape
+        refuse_unless(shape[0] == 1, "estimator must part two classes", shape)
         weight = np.array(estimator.coef_[0], dtype=np.float64)
-        plain = getattr(estimator, "class_weight", None) is None
-        return cls(weight, float(np.ravel(estimator.intercept_)[0]), plain)
+        intercept = float(np.ravel(estimator.intercept_)[0])
+        unweighted = getattr(estimator, "class_weight", None) is None
+        return cls(weight, intercept, unweighted)
 
     @classmethod
     def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
-        """Make it of a file's settings and arrays."""
+        """Return the scorer of a file's settings and arrays."""
         checked = Checked(settings, arrays)
         scorer = cls(
-            checked.array("weight", (features,)), checked.number("intercept"), checked.flag("plain")
+            checked.array("weight", (features,)),
+            checked.number("intercept"),
+            checked.flag("plain"),
         )
         checked.done()
         return scorer

@@ -12,35 +12,36 @@ from numpy.typing import NDArray
 from flgpr.detect.scorers.checks import Arrays, Checked, FloatArray, IntArray, refuse_unless
 
 _LEAF = -1
-_DEEPEST = 4096  # nodes on the way to a leaf: no forest of alarms comes near
+_LARGEST_DEPTH = 4096  # nodes on the way to a leaf, more than any forest of alarms has
 
 
 @dataclass(frozen=True)
 class Trees:
     """Binary trees, one after the other in one table of nodes.
 
-    A sample goes from a tree's first node to the left child where its feature is at most the threshold, else to the
-    right one, until it is in a leaf. Children stand behind their parents, so that every way ends.
+    A sample goes from a tree's first node to the left child where its feature is at most the
+    threshold, else to the right one, until it is in a leaf. Children have larger numbers than their
+    parents, so that every path ends.
     """
 
     first: IntArray  #: (n_trees,) first node of every tree
     left: IntArray  #: (n_nodes,) left child, -1 in a leaf
     right: IntArray  #: (n_nodes,) right child, -1 in a leaf
-    feature: IntArray  #: (n_nodes,) feature that is looked at, 0 in a leaf
+    feature: IntArray  #: (n_nodes,) feature that is compared, 0 in a leaf
     split: FloatArray  #: (n_nodes,) threshold, 0 in a leaf
     value: FloatArray  #: (n_nodes,) what a leaf adds
 
     def total(self, X: NDArray[Any]) -> FloatArray:
-        """Sum what the trees' leaves add for samples (n_samples, n_features): (n_samples,)."""
+        """Return the sums (n_samples,) of the leaves that samples (n_samples, n_features) reach."""
         total = np.zeros(len(X))
         for root in self.first:
             node = np.full(len(X), root)
-            walking = np.flatnonzero(self.left[node] != _LEAF)
-            while walking.size:
-                here = node[walking]
-                goes_left = X[walking, self.feature[here]] <= self.split[here]
-                node[walking] = np.where(goes_left, self.left[here], self.right[here])
-                walking = walking[self.left[node[walking]] != _LEAF]
+            sample = np.flatnonzero(self.left[node] != _LEAF)  # samples that are not in a leaf yet
+            while sample.size:
+                parent = node[sample]
+                goes_left = X[sample, self.feature[parent]] <= self.split[parent]
+                node[sample] = np.where(goes_left, self.left[parent], self.right[parent])
+                sample = sample[self.left[node[sample]] != _LEAF]
             total += self.value[node]
         return total
 
@@ -57,10 +58,9 @@ class Trees:
 
     @classmethod
     def joined(cls, trees: Sequence[Mapping[str, Any]]) -> Self:
-        """Put trees together, each with ``left``, ``right``, ``feature``, ``split`` and ``value`` of its own nodes."""
-        columns: dict[str, list[NDArray[Any]]] = {
-            name: [] for name in ("left", "right", "feature", "split", "value")
-        }
+        """Join trees, each with ``left``, ``right``, ``feature``, ``split`` and ``value``."""
+        names = ("left", "right", "feature", "split", "value")
+        columns: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
         first = []
         count = 0
         for tree in trees:
@@ -72,56 +72,52 @@ class Trees:
             columns["split"].append(np.where(leaf, 0.0, tree["split"]))
             columns["value"].append(np.asarray(tree["value"], dtype=np.float64))
             count += len(leaf)
-        whole = {name: np.concatenate(parts) for name, parts in columns.items()}
         return cls(
             np.array(first, dtype=np.int64),
-            whole["left"].astype(np.int64),
-            whole["right"].astype(np.int64),
-            whole["feature"].astype(np.int64),
-            whole["split"].astype(np.float64),
-            whole["value"].astype(np.float64),
+            np.concatenate(columns["left"]).astype(np.int64),
+            np.concatenate(columns["right"]).astype(np.int64),
+            np.concatenate(columns["feature"]).astype(np.int64),
+            np.concatenate(columns["split"]).astype(np.float64),
+            np.concatenate(columns["value"]).astype(np.float64),
         )
 
     @classmethod
     def taken(cls, checked: Checked, features: int) -> Self:
-        """Take the table out of a file's arrays; a way that could leave its tree, or not end, is a ValueError."""
+        """Return the table of a file's arrays.
+
+        A path that could leave its tree, or not end, is a ValueError.
+        """
         value = checked.array("value", (None,))
         count = len(value)
         trees = cls(
-            checked.array("first", (None,), integer=True),
-            checked.array("left", (count,), integer=True),
-            checked.array("right", (count,), integer=True),
-            checked.array("feature", (count,), integer=True),
+            checked.array("first", (None,), np.int64),
+            checked.array("left", (count,), np.int64),
+            checked.array("right", (count,), np.int64),
+            checked.array("feature", (count,), np.int64),
             checked.array("split", (count,)),
             value,
         )
-        _check_ways(trees, features)
+        _check_paths(trees, features)
         return trees
 
 
-def _check_ways(trees: Trees, features: int) -> None:
-    """Refuse nodes whose children do not stand behind them within their tree, and features that are not there."""
+def _check_paths(trees: Trees, features: int) -> None:
+    """Refuse children that are no later nodes of their tree, unknown features, and deep trees."""
     count = len(trees.value)
     first = trees.first
-    rising = (
-        first.size > 0 and first[0] == 0 and bool((np.diff(first) > 0).all()) and first[-1] < count
-    )
+    in_range = first.size > 0 and first[0] == 0 and first[-1] < count
+    rising = in_range and bool((np.diff(first) > 0).all())
     refuse_unless(rising, "array 'first' must rise from 0 within the nodes", first[:5].tolist())
     node = np.arange(count)
-    last = np.append(first[1:], count)[
-        np.searchsorted(first, node, side="right") - 1
-    ]  # of the node's own tree
+    tree = np.searchsorted(first, node, side="right") - 1
+    end = np.append(first[1:], count)[tree]  # of the node's own tree
     leaf = trees.left == _LEAF
-    refuse_unless(
-        bool((leaf == (trees.right == _LEAF)).all()), "a node must have two children or none", "one"
-    )
+    no_single_child = bool((leaf == (trees.right == _LEAF)).all())
+    refuse_unless(no_single_child, "a node must have two children or none", "one")
     for name, child in (("left", trees.left), ("right", trees.right)):
-        behind = leaf | ((child > node) & (child < last))
-        refuse_unless(
-            bool(behind.all()),
-            f"array {name!r} must lead to later nodes of the tree",
-            child[~behind][:1],
-        )
+        later = leaf | ((child > node) & (child < end))
+        rule = f"array {name!r} must lead to later nodes of the tree"
+        refuse_unless(bool(later.all()), rule, child[~later][:1])
     known = (trees.feature >= 0) & (trees.feature < features)
     refuse_unless(
         bool(known.all()),
@@ -129,12 +125,12 @@ def _check_ways(trees: Trees, features: int) -> None:
         trees.feature[~known][:1],
     )
     level = first
-    for _ in range(_DEEPEST):
+    for _ in range(_LARGEST_DEPTH):
         parents = level[~leaf[level]]
         if not parents.size:
             return
         level = np.unique(np.concatenate([trees.left[parents], trees.right[parents]]))
-    raise ValueError(f"trees must be at most {_DEEPEST} nodes deep, got one that is deeper")
+    raise ValueError(f"trees must be at most {_LARGEST_DEPTH} nodes deep, got one that is deeper")
 
 
 def _table_of(tree: Any) -> dict[str, Any]:
@@ -149,13 +145,16 @@ def _table_of(tree: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class ForestScorer:
-    """The log odds of a random forest: of the mean over trees of the share of mines in a sample's leaf."""
+    """Compute the log odds of a random forest.
+
+    They are those of the mean over trees of the share of mines in a sample's leaf.
+    """
 
     trees: Trees
     threshold: float = 0.0
 
     def __call__(self, X: FloatArray) -> FloatArray:
-        """Score samples (n_samples, n_features), which the trees look at in single precision."""
+        """Score samples (n_samples, n_features), which the trees take in single precision."""
         p = self.trees.total(X.astype(np.float32)) / len(self.trees.first)
         return np.asarray(np.log(np.maximum(p, 1e-12)) - np.log(np.maximum(1 - p, 1e-12)))
 
@@ -169,17 +168,18 @@ class ForestScorer:
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
-        """Take it out of a fitted forest of two classes."""
+        """Return the scorer of a fitted forest of two classes."""
         tables = []
-        for one in estimator.estimators_:
-            share = one.tree_.value[:, 0, :]
+        for tree_estimator in estimator.estimators_:
+            tree = tree_estimator.tree_
+            share = tree.value[:, 0, :]
             refuse_unless(share.shape[1] == 2, "estimator must part two classes", share.shape)
-            tables.append({**_table_of(one.tree_), "value": share[:, 1] / share.sum(axis=1)})
+            tables.append({**_table_of(tree), "value": share[:, 1] / share.sum(axis=1)})
         return cls(Trees.joined(tables))
 
     @classmethod
     def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
-        """Make it of a file's arrays; shares lie between 0 and 1."""
+        """Return the scorer of a file's arrays; shares must lie between 0 and 1."""
         checked = Checked(settings, arrays)
         trees = Trees.taken(checked, features)
         checked.done()
@@ -192,7 +192,7 @@ class ForestScorer:
 
 @dataclass(frozen=True)
 class BoostedScorer:
-    """The log odds of boosted trees: a constant and what a sample's leaves add to it."""
+    """Compute the log odds of boosted trees: a constant and the sum of a sample's leaves."""
 
     trees: Trees
     baseline: float
@@ -212,21 +212,15 @@ class BoostedScorer:
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
-        """Take it out of a fitted estimator of two classes and numbers; categories are refused."""
-        refuse_unless(
-            estimator.n_trees_per_iteration_ == 1,
-            "estimator must part two classes",
-            len(estimator.classes_),
-        )
+        """Return the scorer of a fitted estimator of two classes; categories are refused."""
+        two_classes = estimator.n_trees_per_iteration_ == 1
+        refuse_unless(two_classes, "estimator must part two classes", len(estimator.classes_))
         tables = []
         for (predictor,) in estimator._predictors:
             nodes = predictor.nodes
             categories = int(nodes["is_categorical"].sum())
-            refuse_unless(
-                categories == 0,
-                "features must be numbers without categories for a detector",
-                categories,
-            )
+            rule = "features must be numbers without categories for a detector"
+            refuse_unless(categories == 0, rule, categories)
             leaf = nodes["is_leaf"].astype(bool)
             tables.append(
                 {
@@ -241,7 +235,7 @@ class BoostedScorer:
 
     @classmethod
     def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
-        """Make it of a file's settings and arrays."""
+        """Return the scorer of a file's settings and arrays."""
         checked = Checked(settings, arrays)
         scorer = cls(Trees.taken(checked, features), checked.number("baseline"))
         checked.done()
@@ -250,9 +244,10 @@ class BoostedScorer:
 
 @dataclass(frozen=True)
 class IsolationScorer:
-    """The decision function of an isolation forest (Liu, Ting & Zhou 2008): samples that are soon alone score low.
+    """Compute the decision function of an isolation forest (Liu, Ting & Zhou 2008).
 
-    It is ``-2^(-d / (n c)) - offset`` of the summed path lengths d in n trees, c being the mean length of one tree.
+    It is ``-2^(-d / (n c)) - offset`` of the summed path lengths d in n trees, c being the mean
+    length of one tree: samples that few splits isolate score low.
     """
 
     trees: Trees
@@ -261,7 +256,7 @@ class IsolationScorer:
     threshold: float = 0.0
 
     def __call__(self, X: FloatArray) -> FloatArray:
-        """Score samples (n_samples, n_features), which the trees look at in single precision."""
+        """Score samples (n_samples, n_features), which the trees take in single precision."""
         lengths = self.trees.total(X.astype(np.float32))
         scale = len(self.trees.first) * self.mean_length
         relative = lengths / scale if scale > 0 else np.ones_like(lengths)
@@ -277,21 +272,21 @@ class IsolationScorer:
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
-        """Take it out of a fitted forest."""
+        """Return the scorer of a fitted forest."""
         tables = []
-        for one, features in zip(
-            estimator.estimators_, estimator.estimators_features_, strict=True
-        ):
-            table = _table_of(one.tree_)
-            table["feature"] = np.asarray(features)[np.maximum(one.tree_.feature, 0)]
-            table["value"] = _path_lengths(one.tree_)
+        trees = zip(estimator.estimators_, estimator.estimators_features_, strict=True)
+        for tree_estimator, features in trees:
+            tree = tree_estimator.tree_
+            table = _table_of(tree)
+            table["feature"] = np.asarray(features)[np.maximum(tree.feature, 0)]
+            table["value"] = _path_lengths(tree)
             tables.append(table)
         lengths = _mean_path_length(np.array([estimator._max_samples]))
         return cls(Trees.joined(tables), float(lengths[0]), float(estimator.offset_))
 
     @classmethod
     def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
-        """Make it of a file's settings and arrays."""
+        """Return the scorer of a file's settings and arrays."""
         checked = Checked(settings, arrays)
         scorer = cls(
             Trees.taken(checked, features),
@@ -303,9 +298,9 @@ class IsolationScorer:
 
 
 def _path_lengths(tree: Any) -> FloatArray:
-    """Return each node's depth, and the mean length of a tree grown from the examples that are left there."""
+    """Return each node's depth plus the mean length of a tree grown from its examples."""
     depth = np.zeros(tree.node_count)
-    for node in range(tree.node_count):  # children stand behind their parents
+    for node in range(tree.node_count):  # children have larger numbers than their parents
         if tree.children_left[node] >= 0:
             depth[tree.children_left[node]] = depth[node] + 1
             depth[tree.children_right[node]] = depth[node] + 1
@@ -313,7 +308,10 @@ def _path_lengths(tree: Any) -> FloatArray:
 
 
 def _mean_path_length(count: NDArray[Any]) -> FloatArray:
-    """Return the mean depth of an unsuccessful search among ``count`` examples (Liu, Ting & Zhou 2008, Eq. 1)."""
+    """Return the mean depth of an unsuccessful search among ``count`` examples.
+
+    This is Eq. 1 of Liu, Ting & Zhou 2008.
+    """
     n = np.asarray(count, dtype=np.float64)
     several = np.maximum(n, 3.0)
     length = 2 * (np.log(several - 1) + np.euler_gamma) - 2 * (several - 1) / several

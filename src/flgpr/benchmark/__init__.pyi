@@ -1,9 +1,0 @@
-from flgpr.benchmark.ground import Ground as Ground
-from flgpr.benchmark.ground import load_ground as load_ground
-from flgpr.benchmark.oracle import run_oracle as run_oracle
-from flgpr.benchmark.running import find_entry as find_entry
-from flgpr.benchmark.running import packaged_entries as packaged_entries
-from flgpr.benchmark.running import run_benchmark as run_benchmark
-from flgpr.benchmark.table import listing as listing
-from flgpr.benchmark.table import score_entries as score_entries
-from flgpr.benchmark.table import write_table as write_table

@@ -1,0 +1,18 @@
+"""The classes of estimators that a recipe may name as its detector, by name: none of them is loaded here."""
+
+ALLOWED = {
+    "rvm": "flgpr.detect.rvm.RelevanceVectorClassifier",
+    "one-class-rvm": "flgpr.detect.one_class.OneClassRelevanceVectorMachine",
+    "mixture": "flgpr.detect.one_class_mixture.GaussianMixtureNovelty",
+    "svm": "sklearn.svm.SVC",
+    "one-class-svm": "sklearn.svm.OneClassSVM",
+    "logistic": "sklearn.linear_model.LogisticRegression",
+    "lda": "sklearn.discriminant_analysis.LinearDiscriminantAnalysis",
+    "random-forest": "sklearn.ensemble.RandomForestClassifier",
+    "gradient-boosting": "sklearn.ensemble.HistGradientBoostingClassifier",
+    "isolation-forest": "sklearn.ensemble.IsolationForest",
+    "ecod": "pyod.models.ecod.ECOD",
+    "copod": "pyod.models.copod.COPOD",
+    "knn": "pyod.models.knn.KNN",
+}
+"""Classes that are trained, by the name that recipes use. Only training looks here: a model holds none of them."""

@@ -1,0 +1,80 @@
+"""One scan of a lane, as the passes see it."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.chain.lane_setup import LaneSetup
+from flgpr.chain.stages import ComplexArray, FloatArray
+from flgpr.chain.steps import CleanedScan
+
+
+class LaneScan:
+    """One scan of a lane, as passes see it: its images, made when a pass asks, and shared by passes that go together.
+
+    ``index`` counts among the complete scans. What is cleaned needs the result of the pass "gain".
+    """
+
+    def __init__(self, lane: LaneSetup, index: int) -> None:
+        self._lane = lane
+        self.index = index
+
+    def raw_image(self, rows: int | None = None) -> NDArray[np.complex64]:
+        """Return the image (polarization, subband, y, x) before its background is removed, at least ``rows`` of it."""
+        values: NDArray[np.complex64] = self._lane.image(self.index, rows).values
+        return values
+
+    @cached_property
+    def data(self) -> ComplexArray | None:
+        """The scan's data (polarization, pair, frequency), where the image and what explains alarms share them."""
+        lane = self._lane
+        if lane.reads_data_once:
+            return lane.imager.signal(int(lane.imager.scans[self.index]))
+        return None
+
+    @cached_property
+    def image(self) -> xr.DataArray:
+        """The image as far ahead as counts, before its background is removed, with its number and pose."""
+        cleaned = self._lane.cleaned
+        return cleaned.scan(self.index, self.data if cleaned.reads_data else None)
+
+    @property
+    def gain(self) -> FloatArray:
+        """The scan's gain (polarization, subband)."""
+        return self._lane.cleaned.gains[self.index]
+
+    @property
+    def number(self) -> int:
+        """The scan's number in the run."""
+        return int(self.image.attrs["scan"])
+
+    @property
+    def pose(self) -> FloatArray:
+        """The scan's pose (6,) in the lane frame."""
+        return np.asarray(self.image.attrs["pose"], dtype=np.float64)
+
+    def magnitude(self) -> NDArray[np.float32]:
+        """Return the magnitude (polarization, subband, y, x) in units of the background, or the recipe's map of it."""
+        lane = self._lane
+        background = lane.cleaned.background
+        if lane.mapper is None:
+            return background.magnitude(self.image.values, self.gain)
+        coherent = background.own_coherent(self.image.values, self.gain)
+        return lane.mapper.map(self.image.copy(data=coherent))[None, None]
+
+    @cached_property
+    def cleaned(self) -> CleanedScan:
+        """The images in units of their background, as far as features and explanations read them."""
+        lane = self._lane
+        return lane.steps.clean(
+            self.number,
+            self.pose,
+            self.image.values,
+            self.gain,
+            lane.cleaned.background,
+            own=lane.explains,
+        )

@@ -1,0 +1,57 @@
+"""What explains the alarms to the viewer: patches, cuts and A-scans of the nearest looks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.chain.cache_key import features_key
+from flgpr.chain.engine import Arrays
+from flgpr.chain.lane_scan import LaneScan
+from flgpr.chain.lane_setup import LaneSetup
+from flgpr.chain.passes.traversal import Pass
+from flgpr.chain.stages import FloatArray
+
+
+class Explain(Pass):
+    """The nearest looks at the strongest alarms, see :class:`flgpr.chain.evidence.EvidenceSums`."""
+
+    name = "explain"
+    title = "what explains the alarms"
+    needs = ("gain", "alarms")
+    cache_key = staticmethod(features_key)
+
+    def __init__(self, lane: LaneSetup, block: range | None) -> None:
+        super().__init__(lane, block)
+        self._sums = lane.evidence_sums(None if block is None else poses_near(lane, block))
+
+    def add(self, scan: LaneScan) -> None:
+        """Cut a scan's images up about the alarms that it sees from near."""
+        self._sums.add(self.lane.steps.labelled(scan.cleaned), scan.data)
+
+    def state(self, exact: bool) -> Arrays:  # noqa: ARG002
+        """Return the looks so far."""
+        return self._sums.state()
+
+    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Merge the looks of the block that follows."""
+        self._sums.merge(dict(state))
+
+    def result(self) -> Arrays:
+        """Return the looks that are left, for :meth:`flgpr.chain.evidence.EvidenceSums.merge`."""
+        return self._sums.state()
+
+
+def poses_near(lane: LaneSetup, block: range) -> dict[int, FloatArray]:
+    """Return the poses of all scans, by number, that may see what a scan of the block sees."""
+    scans = lane.imager.scans
+    poses = lane.setup.run["pose"].values
+    farthest = float(np.abs(lane.images.grid.extent()).max()) * np.sqrt(2)
+    y = poses[scans[block.start : block.stop], 1]
+    first = y.min() - 2 * farthest
+    last = y.max() + 2 * farthest
+    near = (poses[scans, 1] >= first) & (poses[scans, 1] <= last)
+    return {int(scan): poses[scan] for scan in scans[near]}

@@ -1,0 +1,54 @@
+"""The self-signature, and the gain of every scan (Wang et al. 2007, Eq. 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from numpy.typing import NDArray
+
+from flgpr.chain.cache_key import background_key
+from flgpr.chain.engine import Arrays
+from flgpr.chain.lane_scan import LaneScan
+from flgpr.chain.lane_setup import LaneSetup
+from flgpr.chain.passes.traversal import Pass
+from flgpr.clutter import BackgroundEstimator
+
+
+class SelfSignature(Pass):
+    """What stands still on the vehicle: the clipped mean, or the median, of all images over their gains.
+
+    The result holds ``gains`` (scan, polarization, subband), and ``signature`` and ``shared`` (polarization,
+    subband, y, x), the latter with gains that the polarizations share.
+    """
+
+    name = "signature"
+    title = "self-signature"
+    all_scans = True
+    cache_key = staticmethod(background_key)
+
+    def __init__(self, lane: LaneSetup, block: range | None) -> None:
+        super().__init__(lane, block)
+        self._estimator = background_estimator(lane)
+
+    def add(self, scan: LaneScan) -> None:
+        """Add a scan's whole image: its gain is that of all of it."""
+        self._estimator.add_signature(scan.raw_image())
+
+    def state(self, exact: bool) -> Arrays:
+        """Return the totals of Eq. 2 and the gains of the scans so far."""
+        return self._estimator.first_sums(exact)
+
+    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Merge the totals and gains of the block that follows."""
+        self._estimator.take_first(dict(state))
+
+    def result(self) -> Arrays:
+        """Return the signature and all gains."""
+        return self._estimator.first_result()
+
+
+def background_estimator(lane: LaneSetup) -> BackgroundEstimator:
+    """Make the estimator of a recipe's background, as far ahead as counts."""
+    method = lane.recipe.background.self_signature
+    return BackgroundEstimator(*lane.recipe.smoothing, method, lane.background_rows)

@@ -1,0 +1,87 @@
+"""``flgpr anchor``: fit a lane to surveyed points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+from typer import Argument, Option
+
+from flgpr.commands.calibrate import NewRun
+from flgpr.commands.options import PathLike
+from flgpr.commands.shell import Arguments, command
+
+
+def _lines(fit: dict[str, Any], call: Arguments) -> Iterator[str | Path]:
+    yield (
+        f"lane origin at {fit['latitude']:.8f} N {fit['longitude']:.8f} E, "
+        f"+y points {fit['azimuth']:.3f} degrees from true north"
+    )
+    misfits = ", ".join(f"{1000 * misfit:.0f}" for misfit in fit["residuals_m"])
+    yield (
+        f"{fit['points']} points in {fit['crs']}, misfits {misfits} mm, "
+        f"one coordinate good to {1000 * fit['sigma_m']:.0f} mm"
+    )
+    at_points = 1000 * fit["sigma_at_points_m"]
+    yield f"uncertainty at their mean {at_points:.0f} mm (one standard deviation)"
+    for corner in fit.get("corners", []):
+        yield (
+            f"corner ({corner['x']:g}, {corner['y']:g}) m at {corner['latitude']:.8f} N "
+            f"{corner['longitude']:.8f} E, {1000 * corner['sigma_m']:.0f} mm"
+        )
+    accuracy = fit["crs_accuracy_m"]
+    if accuracy is None or accuracy > fit["sigma_m"]:
+        stated = "not stated" if accuracy is None else f"{accuracy:g} m"
+        yield (
+            f"the step from {fit['crs']} to WGS 84 is not in these figures: its accuracy is {stated}"
+        )
+    if not fit["heights_known"]:
+        yield "the points have no heights: the ground is put on the ellipsoid"
+    for path in (call.write, call.outline, call.output):
+        if path is not None:
+            yield path
+
+
+@command(lines=_lines, as_json=lambda fit, _: fit, quiet=False)
+def anchor(
+    points: Annotated[PathLike, Argument(help="Anchor (TOML), or CSV of surveyed points.")],
+    crs: Annotated[
+        str | None, Option(help="CSV: reference system of the points, such as EPSG:32633.")
+    ] = None,
+    accuracy: Annotated[
+        float | None, Option(help="CSV: standard deviation of a surveyed coordinate, m.")
+    ] = None,
+    write: Annotated[PathLike | None, Option(help="CSV: anchor (TOML) to write.")] = None,
+    lane: Annotated[PathLike | None, Option(help="Lane (TOML) whose corners are told.")] = None,
+    outline: Annotated[
+        PathLike | None, Option(help="GeoJSON of the lane's outline to write.")
+    ] = None,
+    run: Annotated[PathLike | None, Option(help="Run store to tie to the Earth.")] = None,
+    output: NewRun = None,
+) -> dict[str, Any]:
+    """Fit a lane to surveyed points: where it lies on Earth, and how well that is known.
+
+    Returns
+    -------
+    dict
+        Place and direction, the misfit of every point, and the uncertainty at the points' mean and
+        at the lane's corners; m, degrees.
+
+    Raises
+    ------
+    ValueError
+        If the points do not fix a lane, or options that go together are not given together.
+    FileExistsError
+        If another file or run is at an output.
+    """
+    from flgpr.commands.anchoring import anchor_from_points, tie_lane, write_anchor
+
+    if (outline is not None and lane is None) or (output is None) != (run is None):
+        raise ValueError("an outline needs a lane, and a run and its output go together")
+    path = Path(points)
+    if path.suffix.lower() == ".csv":
+        if crs is None or accuracy is None or write is None:
+            raise ValueError("a CSV of surveyed points needs --crs, --accuracy and --write")
+        path = write_anchor(anchor_from_points(path, crs, accuracy), write)
+    return tie_lane(path, lane, outline, run, output)

@@ -1,0 +1,326 @@
+"""``flgpr calibrate``: calibrate a run against positions and reflectors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Option
+
+from flgpr.commands.options import Limits, PathLike, Progress, RunArgument
+from flgpr.commands.shell import Arguments, command
+
+if TYPE_CHECKING:
+    from flgpr.calibrate import BiasFit, ClockFit
+    from flgpr.calibrate.permittivity import GroundFit
+
+NewRun = Annotated[
+    PathLike | None, Option("-o", "--output", help="Run store to make with what was found.")
+]
+Reflectors = Annotated[PathLike, Option(help="CSV of reflectors: x_m, y_m, z_m in the lane frame.")]
+Tolerance = Annotated[
+    float,
+    Option(
+        help="How far from its place an echo may come, and how far apart reflectors' biases may lie, m."
+    ),
+]
+Offsets = Annotated[Limits, Option(help="Least and greatest offset of the track's clock, s.")]
+TrackFile = Annotated[
+    PathLike | None, Option("--track", help="CSV track or NMEA log; NAME-track.csv by default.")
+]
+TrackAnchor = Annotated[PathLike | None, Option("--anchor", help="Anchor, to read an NMEA log.")]
+Step = Annotated[
+    float, Option(help="First step of the offsets, s; halved four times around the best.")
+]
+KeepStanding = Annotated[
+    bool,
+    Option(
+        "--keep-standing",
+        help="Search with what is the same in all scans; it is left out by default.",
+    ),
+]
+
+
+def _clock_lines(fit: ClockFit, call: Arguments) -> Iterator[str | Path]:
+    best = float(fit.trials["sharpness"].max())
+    yield f"clock offset {fit.offset:.4f} s, rate {fit.rate:g}, from {len(fit.trials)} trials"
+    yield f"sharpness there is {best / fit.lowest:.2f} times the least of the offsets asked for"
+    yield _standing_line(call)
+    if call.output is not None:
+        yield call.output
+
+
+def _clock_json(fit: ClockFit, call: Arguments) -> dict[str, Any]:
+    return {
+        "clock_offset_s": fit.offset,
+        "clock_rate": fit.rate,
+        "sharpness": float(fit.trials["sharpness"].max()),
+        "least_sharpness": fit.lowest,
+        "trials": len(fit.trials),
+        "standing_part_removed": not call.keep_standing,
+    }
+
+
+def _bias_lines(fit: BiasFit, call: Arguments) -> Iterator[str | Path]:
+    if fit.offset is not None:
+        yield f"clock offset {fit.offset:.4f} s, one standard deviation {fit.offset_sigma:.4f} s"
+    low, high = fit.searched
+    yield (
+        f"range bias {fit.bias:.4f} m, one standard deviation {fit.bias_sigma:.4f} m, "
+        f"looked for from {low:g} to {high:g} m"
+    )
+    yield (
+        f"the peak stands {fit.over_runner_up:.1f} dB over the next best bias "
+        f"({fit.runner_up:.2f} m), {fit.over_moved:.1f} dB over reflectors moved sideways, "
+        f"{fit.over_median:.1f} dB over the median"
+    )
+    for row in fit.points.to_dict("records"):
+        yield (
+            f"reflector at ({row['x']:.3f}, {row['y']:.3f}) m: its echo peaks at "
+            f"({row['x_peak']:.3f}, {row['y_peak']:.3f}) m and tells {row['bias']:.4f} m"
+        )
+    if len(fit.points) == 1:
+        yield "one reflector alone does not tell whether its place is wrong along the line of sight"
+    yield _standing_line(call)
+    if call.output is not None:
+        yield call.output
+
+
+def _bias_json(fit: BiasFit, call: Arguments) -> dict[str, Any]:
+    figures: dict[str, Any] = {}
+    if fit.offset is not None:
+        figures |= {"clock_offset_s": fit.offset, "clock_offset_sigma_s": fit.offset_sigma}
+    return figures | {
+        "range_bias_m": fit.bias,
+        "range_bias_sigma_m": fit.bias_sigma,
+        "over_runner_up_db": fit.over_runner_up,
+        "runner_up_m": fit.runner_up,
+        "over_moved_db": fit.over_moved,
+        "over_median_db": fit.over_median,
+        "spread_m": fit.spread,
+        "searched_m": fit.searched,
+        "standing_part_removed": not call.keep_standing,
+        "reflectors": fit.points.to_dict("records"),
+    }
+
+
+def _standing_line(call: Arguments) -> str:
+    outcome = "kept" if call.keep_standing else "left out of the search"
+    return f"what stands still in the scans (coupling, the vehicle's own echoes) was {outcome}"
+
+
+@command(lines=_clock_lines, as_json=_clock_json, quiet=False)
+def calibrate_clock(
+    run: RunArgument,
+    area: Annotated[
+        tuple[float, float, float, float], Option(help="Ground to focus: x and y limits, m.")
+    ],
+    offsets: Offsets,
+    output: NewRun = None,
+    track: TrackFile = None,
+    anchor: TrackAnchor = None,
+    step: Step = 0.05,
+    height: Annotated[float, Option(help="z of the area, m.")] = 0.0,
+    spacing: Annotated[
+        float | None, Option(help="Pixel spacing, m; a quarter wavelength by default.")
+    ] = None,
+    rate: Annotated[
+        Sequence[float] | None, Option(help="Clock rate to try; may repeat, 1 by default.")
+    ] = None,
+    keep_standing: KeepStanding = False,
+) -> ClockFit:
+    """Find the offset between the radar's clock and the track's by focus alone; no reflector need be known.
+
+    Ranges must be right to about their resolution: where they may be biased and reflectors are known, take joint. An
+    answer at the edge of the offsets, or one that does not stand out, is refused.
+
+    Returns
+    -------
+    ClockFit
+        Offset (s), rate, and the sharpness of every trial. What stands still in the run is left out
+        of the search alone; it is in the run that is stored.
+
+    Raises
+    ------
+    ValueError
+        If the answer cannot be trusted; the message says why.
+    """
+    from flgpr.calibrate import estimate_clock, with_track
+    from flgpr.commands import calibration
+    from flgpr.imaging import ImagingOperator
+    from flgpr.store import open_run
+
+    dataset = open_run(run)
+    course = calibration.track_of_run(run, track, anchor)
+    pixels = calibration.pixels_of_area(dataset, area, height, spacing)
+    fit = estimate_clock(
+        calibration.searched_run(dataset, keep_standing),
+        course,
+        pixels,
+        calibration.offsets_to_try(offsets, step),
+        ImagingOperator,
+        tuple(rate or [1.0]),
+    )
+    calibration.refuse_doubt(fit, run, keep_standing)
+    if output is not None:
+        moved = with_track(dataset, course, fit.offset, fit.rate)
+        figures = {"clock_offset_s": fit.offset, "clock_rate": fit.rate}
+        calibration.save_calibrated(moved, output, figures)
+    return fit
+
+
+@command(lines=_bias_lines, as_json=_bias_json, quiet=False)
+def calibrate_range_bias(
+    run: RunArgument,
+    reflectors: Reflectors,
+    output: NewRun = None,
+    search: Annotated[
+        float | None,
+        Option(
+            help="How far to either side of zero the bias is looked for, m; 3, or what unambiguous ranges allow."
+        ),
+    ] = None,
+    tolerance: Tolerance = 0.15,
+    keep_standing: KeepStanding = False,
+) -> BiasFit:
+    """Find by how much ranges are measured too long, from reflectors at known places; the clock must be right.
+
+    An answer that does not stand out, lies at the edge of the search, or that reflectors disagree on is refused.
+
+    Returns
+    -------
+    BiasFit
+        The bias (m) with its standard deviation, and how far it stands out.
+
+    Raises
+    ------
+    ValueError
+        If the answer cannot be trusted; the message says why.
+    """
+    from flgpr.calibrate import estimate_range_bias, remove_range_bias
+    from flgpr.commands import calibration
+    from flgpr.imaging import ImagingOperator
+    from flgpr.store import open_run
+
+    dataset = open_run(run).compute()
+    places = calibration.read_reflectors(reflectors)
+    if search is not None and not search > 0:
+        raise ValueError(f"search must be positive, got {search:g}")
+    searched = calibration.searched_run(dataset, keep_standing)
+    fit = estimate_range_bias(searched, places, ImagingOperator, search, tolerance)
+    calibration.refuse_doubt(fit, run, keep_standing)
+    if output is not None:
+        corrected = remove_range_bias(dataset, fit.bias)
+        calibration.save_calibrated(corrected, output, {"range_bias_m": fit.bias})
+    return fit
+
+
+@command(lines=_bias_lines, as_json=_bias_json, quiet=False)
+def calibrate_joint(
+    run: RunArgument,
+    reflectors: Reflectors,
+    offsets: Offsets,
+    biases: Annotated[tuple[float, float], Option(help="Least and greatest range bias, m.")] = (
+        -3.0,
+        3.0,
+    ),
+    output: NewRun = None,
+    track: TrackFile = None,
+    anchor: TrackAnchor = None,
+    step: Step = 0.05,
+    tolerance: Tolerance = 0.15,
+    keep_standing: KeepStanding = False,
+) -> BiasFit:
+    """Find clock offset and range bias together, from reflectors at known places, when neither is known.
+
+    An answer that does not stand out, lies at the edge of the search, or that reflectors disagree on is refused.
+
+    Returns
+    -------
+    BiasFit
+        Offset (s) and bias (m) with their standard deviations, and how far they stand out.
+
+    Raises
+    ------
+    ValueError
+        If the answer cannot be trusted; the message says why.
+    """
+    from flgpr.calibrate import estimate_joint, remove_range_bias, with_track
+    from flgpr.commands import calibration
+    from flgpr.imaging import ImagingOperator
+    from flgpr.store import open_run
+
+    dataset = open_run(run).compute()
+    places = calibration.read_reflectors(reflectors)
+    course = calibration.track_of_run(run, track, anchor)
+    fit = estimate_joint(
+        calibration.searched_run(dataset, keep_standing),
+        places,
+        ImagingOperator,
+        biases,
+        course,
+        calibration.offsets_to_try(offsets, step),
+        tolerance,
+    )
+    calibration.refuse_doubt(fit, run, keep_standing)
+    if output is not None and fit.offset is not None:
+        corrected = remove_range_bias(with_track(dataset, course, fit.offset), fit.bias)
+        figures = {"clock_offset_s": fit.offset, "clock_rate": 1.0, "range_bias_m": fit.bias}
+        calibration.save_calibrated(corrected, output, figures)
+    return fit
+
+
+def _permittivity_lines(fit: GroundFit, _: Arguments) -> Iterator[str]:
+    yield f"permittivity {fit.permittivity:.2f}: {_speed(fit):.4f} m/ns"
+    yield f"sharpness there is {fit.contrast:.2f} times the median of all trials"
+
+
+def _permittivity_json(fit: GroundFit, _: Arguments) -> dict[str, float]:
+    return {
+        "permittivity": fit.permittivity,
+        "speed_m_per_ns": _speed(fit),
+        "sharpness_over_median": fit.contrast,
+    }
+
+
+def _speed(fit: GroundFit) -> float:
+    """Return the speed of waves in the ground, m/ns."""
+    return float(0.299792458 / fit.permittivity**0.5)
+
+
+@command(lines=_permittivity_lines, as_json=_permittivity_json, answers=True)
+def calibrate_permittivity(
+    run: RunArgument,
+    along: Annotated[
+        Limits | None, Option(help="Stretch of the line that holds hyperbolas, m; all by default.")
+    ] = None,
+    delays: Annotated[Limits, Option(help="Delays that hold them, ns.")] = (1.0, 30.0),
+    limits: Annotated[Limits, Option(help="Least and greatest permittivity to try.")] = (2.0, 36.0),
+    *,
+    trials: Annotated[int, "Number of permittivities that are tried."] = 41,
+    track: Progress = None,
+) -> GroundFit:
+    """Find the ground's permittivity by the focus of hyperbolas, for antennas that are coupled to the ground.
+
+    Returns
+    -------
+    GroundFit
+        The permittivity, how far its sharpness stands out, and all trials.
+
+    Raises
+    ------
+    ValueError
+        If no permittivity stands out, or the best lies at the edge of the limits.
+    """
+    from flgpr.calibrate.permittivity import estimate_permittivity
+    from flgpr.chain.progress import silent
+    from flgpr.imaging.section import LineSection
+    from flgpr.store import open_run
+
+    low, high = limits
+    if not 1 <= low < high:
+        raise ValueError(f"limits must increase from 1 or more, got {low:g}, {high:g}")
+    values = [low * (high / low) ** (k / (trials - 1)) for k in range(trials)]
+    section = LineSection(open_run(run), along, (delays[0] * 1e-9, delays[1] * 1e-9))
+    return estimate_permittivity(section.image, values, track or silent)

@@ -1,0 +1,115 @@
+"""What the calibrations of stored runs share: what is searched, and what is refused and stored."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from flgpr.calibrate import BiasFit, ClockFit
+from flgpr.clutter import subtract_mean_scan
+from flgpr.commands.positions import track_of
+from flgpr.model import SPEED_OF_LIGHT
+from flgpr.model.arrays import FloatArray
+from flgpr.store import save_run
+from flgpr.store.files import existing
+from flgpr.store.tables import read_text_table
+
+PathLike = str | Path
+_LARGEST = 2_000_000  # pixels of the area that is focused for every trial
+_MOST_OFFSETS = 10_000
+
+
+def pixels_of_area(
+    run: xr.Dataset,
+    area: tuple[float, float, float, float],
+    height: float,
+    spacing: float | None,
+) -> FloatArray:
+    """Return the pixels (y, x, 3) of a level area that is focused for every trial, m.
+
+    ``area`` is x_min, x_max, y_min, y_max in the lane frame; ``spacing`` is by default a quarter of
+    the shortest wavelength. An area of too many pixels is a ValueError.
+    """
+    x_min, x_max, y_min, y_max = area
+    spacing = spacing or SPEED_OF_LIGHT / float(run["frequency"].values[-1]) / 4
+    if not (x_max > x_min and y_max > y_min and spacing > 0):
+        raise ValueError(f"area must have x_max > x_min and y_max > y_min, got {area}")
+    x = np.arange(x_min, x_max + spacing / 2, spacing)
+    y = np.arange(y_min, y_max + spacing / 2, spacing)
+    if x.size * y.size > _LARGEST:
+        raise ValueError(
+            f"area must hold at most {_LARGEST:,} pixels, got {x.size} x {y.size} of "
+            f"{spacing:.3g} m: take a smaller one or a wider spacing"
+        )
+    return np.stack([*np.meshgrid(x, y), np.full((y.size, x.size), height)], axis=-1)
+
+
+def offsets_to_try(limits: tuple[float, float], step: float) -> FloatArray:
+    """Return the offsets to try, s; a single one for equal limits."""
+    low, high = limits
+    if not (np.isfinite(limits).all() and high >= low and step > 0):
+        raise ValueError(f"offsets must increase and step be positive, got {limits} and {step:g}")
+    if (high - low) / step > _MOST_OFFSETS:
+        raise ValueError(
+            f"offsets must be at most {_MOST_OFFSETS:,}, got {low:g} to {high:g} s by {step:g} s"
+        )
+    return np.arange(low, high + step / 2, step)
+
+
+def searched_run(run: xr.Dataset, keep_standing: bool) -> xr.Dataset:
+    """Return the run that is searched: without what stands still in it, unless that is kept."""
+    if keep_standing:
+        return run
+    try:
+        return subtract_mean_scan(run.compute())
+    except ValueError as error:
+        raise ValueError(f"{error}: search with it, --keep-standing") from None
+
+
+def refuse_doubt(fit: ClockFit | BiasFit, run: PathLike, keep_standing: bool) -> None:
+    """Refuse an answer that cannot be trusted."""
+    if fit.doubt:
+        hint = (
+            ""
+            if keep_standing
+            else " (what stands still in the scans was left out; --keep-standing leaves it in)"
+        )
+        raise ValueError(f"{run}: {fit.doubt}{hint}")
+
+
+def read_reflectors(path: PathLike) -> FloatArray:
+    """Read the places (reflector, 3) in the lane frame, m, of a CSV."""
+    file = existing(path, "file of reflectors")
+    try:
+        columns = read_text_table(file)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
+    missing = [name for name in ("x_m", "y_m", "z_m") if name not in columns]
+    if missing:
+        raise ValueError(
+            f"{file}: must have the columns x_m, y_m, z_m; missing: {', '.join(missing)}"
+        )
+    places = np.stack([np.asarray(columns[name]) for name in ("x_m", "y_m", "z_m")], axis=1)
+    if np.iscomplexobj(places) or not np.isfinite(places).all():
+        bad = int(np.argmax(~np.isfinite(places).all(axis=1) | (places.imag != 0).any(axis=1)))
+        raise ValueError(
+            f"{file}: places must be finite, got {places[bad].tolist()} for reflector {bad + 1}"
+        )
+    return places
+
+
+def track_of_run(run: PathLike, track: PathLike | None, anchor: PathLike | None) -> pd.DataFrame:
+    """Read the track of a run: the one that is given, or NAME-track.csv beside the run."""
+    store = Path(run)
+    path = Path(track) if track else store.with_name(f"{store.stem}-track.csv")
+    return track_of(path, anchor)
+
+
+def save_calibrated(run: xr.Dataset, output: PathLike, figures: dict[str, Any]) -> None:
+    """Store a run with the figures of its calibration in its attributes."""
+    before = run.attrs.get("calibration", {})
+    save_run(run.assign_attrs(calibration={**before, **figures}), output, resume=True)

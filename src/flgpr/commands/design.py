@@ -1,0 +1,236 @@
+"""``flgpr design``: what an array will see before it is built."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Argument, Option
+
+from flgpr.commands.options import Output, PathLike, Progress
+from flgpr.commands.shell import Arguments, command
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_DEPTH = 0.05  # m, of the mines of the page
+
+
+def _lines(returned: Any, call: Arguments) -> Iterator[Any]:
+    if call.signal_to_clutter:
+        yield from _table_lines(returned)
+        return
+    from flgpr.design.array import expected_in_words
+
+    for design in returned:
+        yield expected_in_words(design)
+    yield f"report: {Path(call.output).resolve()}"
+
+
+def _as_json(tables: list[pd.DataFrame], _: Arguments) -> dict[str, Any]:
+    rows = []
+    for table in tables:
+        rows += json.loads(table.to_json(orient="records", double_precision=6))
+    return {"signal_to_clutter": rows}
+
+
+def _check_json(call: Arguments) -> dict[str, Any]:
+    """Refuse --json for the page."""
+    if call.as_json and not call.signal_to_clutter:
+        raise ValueError("--json goes with --signal-to-clutter, got it without")
+    return {}
+
+
+@command(lines=_lines, as_json=_as_json, passes=_check_json)
+def design(
+    sensor: Annotated[str, Argument(help="Sensor preset or TOML file.")],
+    compare: Annotated[
+        Sequence[str] | None, Option(help="Another one to set beside it; may repeat.")
+    ] = None,
+    output: Output = "design.html",
+    band: Annotated[
+        tuple[float, float] | None, Option(help="First and last tone, Hz; all by default.")
+    ] = None,
+    window: Annotated[
+        str, Option(help="Window over the tones: boxcar, hann, hamming, taylor.")
+    ] = "hann",
+    site: Annotated[
+        str, Option(help="Site whose soil and surface the mines lie in.")
+    ] = "arid-sand",
+    rms: Annotated[
+        float | None, Option(help="Rms height of the surface, m; the site's by default.")
+    ] = None,
+    depth: Annotated[
+        Sequence[float] | None,
+        Option(help="Depth of the mines' top, m; may repeat with --signal-to-clutter."),
+    ] = None,
+    signal_to_clutter: Annotated[
+        bool,
+        Option(
+            "--signal-to-clutter",
+            help="Print the expected signal to clutter of bodies; write no page.",
+        ),
+    ] = False,
+    body: Annotated[
+        Sequence[str] | None,
+        Option(help="Signal to clutter: packaged body or table; may repeat; all by default."),
+    ] = None,
+    distance: Annotated[
+        float | None, Option(help="Signal to clutter: ground range to the body, m; 12.")
+    ] = None,
+    height: Annotated[
+        float | None, Option(help="Signal to clutter: of the array, m; the sensor's by default.")
+    ] = None,
+    permittivity: Annotated[
+        float | None,
+        Option(help="Signal to clutter: of the soil, with --loss-tangent; the site's by default."),
+    ] = None,
+    loss_tangent: Annotated[
+        float | None, Option(help="Signal to clutter: of the soil; the site's by default.")
+    ] = None,
+    correlation_length: Annotated[
+        float | None, Option(help="Signal to clutter: of the surface, m; the site's by default.")
+    ] = None,
+    unevenness: Annotated[
+        float | None,
+        Option(help="Signal to clutter: of the ground, m³ (ISO 8608); the site's by default."),
+    ] = None,
+    measure: Annotated[
+        int | None,
+        Option(help="Signal to clutter: measure it too, on simulated images of so many grounds."),
+    ] = None,
+    *,
+    track: Progress = None,
+) -> Any:
+    """Tell what an array will see before it is built: point spread, resolution, lobes, signal to clutter.
+
+    With --signal-to-clutter print a table for bodies at depths by formula, and measured if wanted.
+
+    Returns
+    -------
+    list of Design or list of pandas.DataFrame
+        For each sensor what it will see, or with ``signal_to_clutter`` its table.
+
+    Raises
+    ------
+    ValueError
+        If a sensor, a site or a body is not known, or an option does not go with the others.
+    FileExistsError
+        If another page is at the output.
+    """
+    sensors = [sensor, *(compare or [])]
+    if not signal_to_clutter:
+        _check_page_options(
+            {
+                "--body": body,
+                "--distance": distance,
+                "--height": height,
+                "--permittivity": permittivity,
+                "--loss-tangent": loss_tangent,
+                "--correlation-length": correlation_length,
+                "--unevenness": unevenness,
+                "--measure": measure,
+            },
+            depth,
+        )
+        return _pages(sensors, output, (band, window, site, (depth or [_DEPTH])[0], rms), track)
+    from flgpr.chain.progress import silent
+    from flgpr.commands.designing import signal_to_clutter_tables
+    from flgpr.design.signal_to_clutter import Viewing, ground_model
+
+    ground = ground_model(
+        site,
+        permittivity=permittivity,
+        loss_tangent=loss_tangent,
+        rms_height=rms,
+        correlation_length=correlation_length,
+        unevenness=unevenness,
+    )
+    viewing = Viewing(
+        distance=Viewing.distance if distance is None else distance,
+        height=height,
+        subbands=None if band is None else {"band": band},
+        window=window,
+    )
+    return signal_to_clutter_tables(
+        sensors, ground, viewing, bodies=body, depths=depth, seeds=measure, track=track or silent
+    )
+
+
+def _pages(
+    sensors: Sequence[PathLike], output: PathLike, asked: tuple[Any, ...], track: Any
+) -> list[Any]:
+    """Study arrays side by side and write the page."""
+    from flgpr.chain.progress import silent
+    from flgpr.design.array import Question
+    from flgpr.report import design_report
+
+    return design_report(sensors, output, Question(*asked), track or silent)
+
+
+def _check_page_options(only_for_table: dict[str, Any], depth: Sequence[float] | None) -> None:
+    """Refuse what the page does not take."""
+    for name, value in only_for_table.items():
+        if value is not None:
+            raise ValueError(f"{name} goes with --signal-to-clutter, got it without")
+    if depth is not None and len(depth) > 1:
+        raise ValueError(
+            f"--depth must be given once without --signal-to-clutter, got it {len(depth)} times"
+        )
+
+
+def _table_lines(tables: list[pd.DataFrame]) -> Iterator[Any]:
+    """Return tables of signal to clutter, a row for each body and depth and a column for each polarization."""
+    from rich.table import Table
+
+    for found in tables:
+        first = found.iloc[0]
+        measured = "measured_db" in found
+        table = Table(
+            title=f"Signal to clutter (dB): {first['sensor']}, {first['distance']:.3g} m ahead, {first['ground']}",
+            caption=_caption(found),
+        )
+        table.add_column("body", no_wrap=True)
+        table.add_column("depth (cm)", justify="right")
+        for polarization in found["polarization"].unique():
+            table.add_column(polarization, justify="right", no_wrap=True)
+            if measured:
+                table.add_column(f"{polarization} measured", justify="right", no_wrap=True)
+        for body in found["body"].unique():
+            for depth in found["depth"].unique():
+                rows = found[(found["body"] == body) & (found["depth"] == depth)]
+                table.add_row(body, f"{100 * depth:.3g}", *_cells(rows, measured))
+        yield table
+
+
+def _cells(rows: pd.DataFrame, measured: bool) -> list[str]:
+    """Write the figures of a body at a depth, polarization by polarization."""
+    cells = []
+    for row in rows.to_dict("records"):
+        cells.append(_decibels(row["signal_to_clutter_db"]))
+        if measured:
+            cells.append(
+                f"{_decibels(row['measured_db'])} ± {row['high_db'] - row['measured_db']:.1f}"
+            )
+    return cells
+
+
+def _decibels(value: float) -> str:
+    """Write a level to a tenth of a decibel; what rounds to zero has no sign."""
+    return f"{round(value, 1) + 0.0:.1f}"
+
+
+def _caption(found: pd.DataFrame) -> str:
+    """Tell the ground's roughness and backscatter and the resolution cell of a table of one band."""
+    surface = [
+        f"{row.polarization} {row.sigma0_db:.1f} dB"
+        for row in found.drop_duplicates("polarization").itertuples()
+    ]
+    first = found.iloc[0]
+    return (
+        f"Peak of a level body alone over the mean clutter of the bare surface, by formula. Rms height "
+        f"{1000 * first['rms_height']:.3g} mm, backscatter {', '.join(surface)}, resolution cell "
+        f"{first['cell_m2']:.2g} m². Factors of each figure: --json."
+    )

@@ -1,0 +1,73 @@
+"""``flgpr export``: write alarms, truth, run-views or runs for other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from flgpr.commands.options import Output, PathLike
+from flgpr.commands.shell import Arguments, command
+
+FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "geotiff", "qgis", "cphd")
+
+
+def _lines(written: Path, _: Arguments) -> Iterator[Path]:
+    yield written
+
+
+@command(lines=_lines)
+def export(
+    source: Annotated[
+        PathLike,
+        Argument(help="Result folder, truth or alarm table (CSV), or run store (for cphd)."),
+    ],
+    output: Output,
+    to: Annotated[str, Option(help=f"One of {', '.join(FORMATS)}.")],
+    anchor: Annotated[
+        PathLike | None,
+        Option(
+            help="TOML that ties the lane to the Earth; needed where the data do not tell their place."
+        ),
+    ] = None,
+    kind: Annotated[str, Option(help="What a table holds: alarms, truth or objects.")] = "truth",
+    time: Annotated[
+        str | None, Option(help="Time of the observation (ISO 8601), kept with every point.")
+    ] = None,
+    detection: Annotated[str, Option(help="Detection of a result: main or a variant.")] = "main",
+    score: Annotated[
+        PathLike | None,
+        Option(help="Folder of the result's score, whose truth goes on qgis's map."),
+    ] = None,
+    columns: Annotated[
+        str | None, Option(help="Columns of a table that have other names: x=Rechts,y=Hoch.")
+    ] = None,
+) -> Path:
+    """Write alarms, truth, run-views or runs for other programs, on the Earth.
+
+    Returns
+    -------
+    pathlib.Path
+        The file that was written.
+
+    Raises
+    ------
+    ValueError
+        If the format is not known, an option does not go with it, or nothing tells where the lane
+        lies.
+    FileExistsError
+        If another file is at the output.
+    """
+    from flgpr.commands import exporting
+
+    if score is not None and to != "qgis":
+        raise ValueError(f"score goes with qgis, got to {to!r}")
+    if to == "cphd":
+        return exporting.export_run(source, output, anchor)
+    if to == "qgis":
+        return exporting.export_qgis(source, output, anchor, detection, time, score)
+    if Path(source).suffix == ".csv":
+        return exporting.export_table(source, output, to, anchor, kind, time, columns)
+    return exporting.export_result(source, output, to, anchor, detection, time)

@@ -1,0 +1,231 @@
+"""``flgpr live``: raise alarms while scans come in; ``flgpr feed``: play a stored run as a radar would."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer import Argument, Option
+
+from flgpr.commands.options import PathLike
+from flgpr.commands.shell import Arguments, OnErrors, command
+
+if TYPE_CHECKING:
+    from flgpr.live.session import LiveReport, LiveRun
+
+Lane = Annotated[PathLike | None, Option(help="TOML with x_min, x_max, y_min, y_max in metres.")]
+Socket = Annotated[PathLike | None, Option(help="Unix socket on which scans come.")]
+VIEW = Annotated[bool, Option("--view", help="Show it in the browser.")]
+NO_BROWSER = Annotated[bool, Option("--no-browser", help="With --view: print the address only.")]
+
+
+def _summary_lines(report: LiveReport, call: Arguments) -> Iterator[OnErrors]:
+    from flgpr.live.intake import COUNTS
+
+    latency = asdict(report)["latency_ms"]
+    if latency["scans"]:
+        yield OnErrors(
+            f"{report.alarms} alarms; {latency['median']:g} ms from scan to alarms (median), "
+            f"{latency['p95']:g} ms at the 95th percentile, {latency['largest']:g} ms at most; "
+            f"{report.rate:.2f} scans/s"
+        )
+    for name, count in report.counts.items():
+        if count:
+            yield OnErrors(f"  {count:6d} {COUNTS[name]}")
+    yield OnErrors(f"wrote {call.output}")
+
+
+@contextlib.contextmanager
+def _page(call: Arguments) -> Iterator[None]:
+    """Show the detection in the browser while it runs, and until the page is closed.
+
+    The viewer is a process of its own: all it shares with the detection is the file of events.
+    """
+    if not call.view:
+        yield
+        return
+    command = [sys.executable, "-m", "flgpr", "view", "--live", str(call.output)]
+    if call.no_browser:
+        command.append("--no-browser")
+    with subprocess.Popen(command, stdout=sys.stderr.fileno(), start_new_session=True) as page:  # noqa: S603
+        before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+        try:
+            yield
+            typer.echo("the page stays open until interrupted", err=True)
+            with contextlib.suppress(KeyboardInterrupt):
+                page.wait()
+        finally:
+            signal.signal(signal.SIGTERM, before)
+            page.terminate()
+
+
+@contextlib.contextmanager
+def _stopped_by_signals(run: LiveRun) -> Iterator[None]:
+    """On an interrupt let the scan in hand be finished and the last snapshot be written."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may take signals
+        return
+    before = {}
+    for number in (signal.SIGINT, signal.SIGTERM):
+        before[number] = signal.signal(number, lambda *_: run.stop())
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _print_event(line: str) -> None:
+    sys.stdout.write(line)
+    sys.stdout.flush()
+
+
+def _events(call: Arguments) -> dict[str, Any]:
+    return {} if call.quiet else {"emit": _print_event}
+
+
+def _no_event(_: str) -> None:
+    """Print nothing."""
+
+
+@command(
+    lines=_summary_lines,
+    around=_page,
+    extra={"view": (VIEW, False), "no_browser": (NO_BROWSER, False)},
+    passes=_events,
+    compiles=True,
+)
+def live(
+    incoming: Annotated[
+        PathLike | None, Argument(help="Folder that the radar writes scans into.")
+    ] = None,
+    recipe: Annotated[str, Option(help="Packaged recipe or TOML file.")] = "wang2007",
+    model: Annotated[PathLike | None, Option(help="Trained classifier.")] = None,
+    output: Annotated[
+        PathLike, Option("-o", "--output", help="Folder for events, snapshot and alarms.")
+    ] = "live-result",
+    socket: Socket = None,
+    lane: Lane = None,
+    anchor: Annotated[PathLike | None, Option(help="TOML that ties the lane to the Earth.")] = None,
+    speed: Annotated[
+        float | None, Option(help="Speed of the vehicle, km/h: tells what it can stop for.")
+    ] = None,
+    reaction: Annotated[float, Option(help="Time until the brakes hold, s.")] = 1.5,
+    deceleration: Annotated[float, Option(help="Deceleration of the braking vehicle, m/s².")] = 3.0,
+    front: Annotated[float, Option(help="Vehicle's foremost point ahead of the array, m.")] = 0.0,
+    looks: Annotated[int, Option(help="Scans that must have seen a place before an alarm.")] = 3,
+    warm_up: Annotated[
+        int, Option(min=3, help="The first scan to be cleaned; those before only teach.")
+    ] = 5,
+    span: Annotated[
+        int | None, Option(help="Scans that the background remembers; default all.")
+    ] = None,
+    snapshot: Annotated[int, Option(help="Scans between snapshots; 0 writes only the last.")] = 20,
+    idle: Annotated[float | None, Option(help="End after so many seconds without a scan.")] = None,
+    threshold: Annotated[
+        float | None, Option(help="Confidence from which the page shows alarms; default all.")
+    ] = None,
+    worth: Annotated[
+        float,
+        Option(
+            help="Probability of another decision from which an alarm tells to wait for one more look."
+        ),
+    ] = 0.1,
+    fresh: Annotated[
+        bool, Option("--fresh", help="Begin anew, whatever the output folder holds.")
+    ] = False,
+    *,
+    emit: Annotated[
+        Callable[[str], Any] | None, "Takes every event, a line of JSON; none by default."
+    ] = None,
+) -> LiveReport:
+    """Raise alarms while scans come in: JSON lines on the output, a summary on the error stream.
+
+    Returns
+    -------
+    LiveReport
+        Counts of scans and of what became of them, latency and rate.
+
+    Raises
+    ------
+    ValueError
+        If the recipe has a stage that cannot work scan by scan, or an option breaks its rule.
+    """
+    from flgpr.live.detector import LiveSettings
+    from flgpr.live.session import LiveOptions, LiveRun
+    from flgpr.live.vehicle import Vehicle
+
+    metres_per_second = None if speed is None else speed / 3.6
+    options = LiveOptions(
+        recipe=recipe,
+        output=output,
+        incoming=incoming,
+        socket=socket,
+        model=model,
+        lane=lane,
+        anchor=anchor,
+        settings=LiveSettings(looks, warm_up, span),
+        vehicle=Vehicle(metres_per_second, reaction, deceleration, front),
+        snapshot=snapshot,
+        idle=idle,
+        threshold=threshold,
+        fresh=fresh,
+        worth=worth,
+    )
+    run = LiveRun(options, emit or _no_event)
+    with _stopped_by_signals(run):
+        return run.run()
+
+
+def _played_lines(count: int, _: Arguments) -> Iterator[str]:
+    yield f"played {count} scans"
+
+
+@command(lines=_played_lines)
+def feed(
+    run: Annotated[PathLike, Argument(help="Run store.")],
+    incoming: Annotated[PathLike | None, Argument(help="Folder to write scans into.")] = None,
+    rate: Annotated[float, Option(help="Scans per second; 0 plays as fast as it can.")] = 4.2,
+    socket: Socket = None,
+    first: Annotated[int, Option(help="First scan.")] = 0,
+    count: Annotated[int | None, Option(help="Number of scans; default all.")] = None,
+    lead: Annotated[
+        float, Option(help="Time between the run's description and its first scan, s.")
+    ] = 2.0,
+    fault: Annotated[
+        Sequence[str] | None,
+        Option(help="Rehearse a fault: lost, late, twice, nan or jump, as lost:40:13; may repeat."),
+    ] = None,
+) -> int:
+    """Play a stored run as the radar would write it.
+
+    Returns
+    -------
+    int
+        Number of scans that were played.
+
+    Raises
+    ------
+    ValueError
+        If neither or both of folder and socket are given, or an option breaks its rule.
+    """
+    from flgpr.live import feeding
+
+    return feeding.feed(
+        run,
+        incoming,
+        math.inf if rate == 0 else rate,
+        socket,
+        first,
+        count,
+        lead,
+        faults=fault or (),
+    )

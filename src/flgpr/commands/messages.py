@@ -1,0 +1,90 @@
+"""What a command prints beside its result: one line for an error, a warning or a note."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from flgpr.commands.errors import MENDED, in_words
+
+_unchanged_outputs: set[str] = set()
+"""Outputs that the running command left as they were, because they were made of the same inputs."""
+
+
+@contextmanager
+def plain_errors(quiet: bool = False) -> Iterator[None]:
+    """Turn what the user can mend into one line and exit status 2, and warnings into one line each.
+
+    An output that was left as it was is reported in a line unless ``quiet``, and is no error.
+    """
+    _unchanged_outputs.clear()
+    unchanged = _attached("flgpr.outputs", _UnchangedOutputs(quiet))
+    notes = _attached("flgpr.notes", _Notes(quiet))
+    try:
+        with warnings.catch_warnings(), unchanged, notes:
+            warnings.showwarning = _show_warning
+            yield
+    except BrokenPipeError:  # the program that read the output has ended
+        raise
+    except MENDED as error:
+        typer.echo(f"error: {in_words(error)}", err=True)
+        raise typer.Exit(2) from None
+
+
+def is_unchanged(output: Path) -> bool:
+    """Return whether the running command left an output as it was."""
+    return str(output) in _unchanged_outputs
+
+
+class _Notes(logging.Handler):
+    """Prints what was found, replaced or assumed on reading, each line once."""
+
+    def __init__(self, quiet: bool) -> None:
+        super().__init__()
+        self._quiet = quiet
+        self._printed: set[str] = set()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print a message of ``flgpr.store.notes.tell_note``."""
+        text = record.getMessage()
+        if not self._quiet and text not in self._printed:
+            typer.echo(f"note: {text}", err=True)
+        self._printed.add(text)
+
+
+class _UnchangedOutputs(logging.Handler):
+    """Prints and remembers outputs that are left as they were."""
+
+    def __init__(self, quiet: bool) -> None:
+        super().__init__()
+        self._quiet = quiet
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print a message of :func:`flgpr.store.outputs.tell_finished`."""
+        _unchanged_outputs.add(str(vars(record).get("output")))
+        if not self._quiet:
+            typer.echo(record.getMessage(), err=True)
+
+
+@contextmanager
+def _attached(name: str, handler: logging.Handler) -> Iterator[None]:
+    """Let a handler take the messages of a logger for as long as a command runs."""
+    logger = logging.getLogger(name)
+    level = logger.level
+    logger.setLevel(logging.INFO)
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+
+
+def _show_warning(message: Warning | str, *where: Any, **more: Any) -> None:  # noqa: ARG001
+    typer.echo(f"warning: {message}", err=True)

@@ -1,0 +1,109 @@
+"""Options that several commands have, and the types that their functions take.
+
+A command's function says everything about its parameters once, in its signature. An ``Argument``
+or ``Option`` with its help makes a parameter one of the command line; a plain sentence in its place
+makes it a parameter for Python alone. What the command line takes for each type is in
+:func:`flgpr.commands.shell.shell_type`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Optional, Union
+
+from typer import Argument, Option
+
+if TYPE_CHECKING:
+    import xarray
+
+    from flgpr.chain.progress import Track
+
+PathLike = str | Path
+Paths = Sequence[str | Path]
+OneOrMorePaths = str | Path | Sequence[str | Path]
+RunLike = Union[str, Path, "xarray.Dataset"]
+"""A run store, or a run in memory."""
+RunsLike = Union[str, Path, "xarray.Dataset", Sequence[Union[str, Path, "xarray.Dataset"]]]
+Limits = tuple[float, float]
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ShellDefault:
+    """Default of an option on the command line, where that of the function is another one."""
+
+    value: Any
+
+
+@dataclass(frozen=True)
+class ShellType:
+    """Type that the command line parses, where it does not follow from that of the parameter."""
+
+    type: Any
+
+
+REQUIRED = ShellDefault(...)
+"""Marks an option that must be given on the command line and may be left out in Python."""
+
+Output = Annotated[PathLike, Option("-o", "--output", help="What to write.")]
+Overwrite = Annotated[
+    bool,
+    Option("--overwrite", help="Make it anew, whatever the output holds of an earlier one."),
+    ShellDefault(False),  # a command that is typed again must not destroy what it made before
+]
+Scheduler = Annotated[
+    str | None, Option(help="Dask scheduler (tcp://host:8786) whose workers do the work.")
+]
+With = Annotated[
+    Sequence[str] | Sequence[Mapping[str, RunLike]] | Mapping[str, RunLike],
+    Option(
+        "--with",
+        help="NAME=RUN: a run taken together with it, such as a second band; once per name and run.",
+    ),
+]
+RunArgument = Annotated[PathLike, Argument(help="Run store.")]
+AnchorOption = Annotated[PathLike | None, Option(help="TOML that ties the lane to the Earth.")]
+Progress = Annotated[Optional["Track"], "Shows progress; silent by default."]
+
+
+def one_or_more(value: Any) -> list[Any]:
+    """Return the members of a sequence, or a list of the one value; of None an empty list."""
+    if value is None:
+        return []
+    if isinstance(value, str | Path) or not isinstance(value, Sequence):
+        return [value]
+    return list(value)
+
+
+def size_in_bytes(size: str | int) -> int:
+    """Return a size in bytes of a text such as "2GB", or of a number of bytes."""
+    if isinstance(size, int):
+        return size
+    from flgpr.chain.memory import parse_size
+
+    return parse_size(size)
+
+
+def runs_by_name(others: Any, count: int) -> list[dict[str, Any]]:
+    """Return by run the runs that are taken together with it, by name.
+
+    ``others`` are texts NAME=RUN, of which the first of a name belongs to the first run, and so on;
+    or a mapping of names to runs, or one per run.
+    """
+    listed: list[Any] = [others] if isinstance(others, Mapping) else list(others or ())
+    if not any(isinstance(one, str) for one in listed):
+        return [dict(one) for one in listed] or [{} for _ in range(count)]
+    runs: dict[str, list[Path]] = {}
+    for text in listed:
+        name, equals, path = text.partition("=")
+        if not (name and equals and path):
+            raise ValueError(f"with must be NAME=RUN, got {text!r}")
+        runs.setdefault(name, []).append(Path(path))
+    for name, paths in runs.items():
+        if len(paths) != count:
+            raise ValueError(
+                f"with must give {name} once per run, got {len(paths)} for {count} runs"
+            )
+    return [{name: paths[number] for name, paths in runs.items()} for number in range(count)]

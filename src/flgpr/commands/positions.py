@@ -1,0 +1,68 @@
+"""Where lanes lie: anchors, tracks and the columns of tables, as options name them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import xarray as xr
+
+from flgpr.formats.tracks import read_nmea, read_track
+from flgpr.geo.anchor import Anchor, own_anchor, read_anchor
+from flgpr.store.dialects import TableReading, parse_columns_option
+from flgpr.store.files import existing
+
+PathLike = str | Path
+
+
+def read_optional_anchor(anchor: PathLike | Anchor | None) -> Anchor | None:
+    """Read the file of an anchor; an anchor, or none, is returned as it is."""
+    if anchor is None or isinstance(anchor, Anchor):
+        return anchor
+    return read_anchor(anchor)
+
+
+def needed_anchor(
+    anchor: PathLike | None, reference: Mapping[str, Any] | None, source: PathLike
+) -> Anchor:
+    """Read an anchor, or make it of the place on the Earth that a run knows; neither is a ValueError."""
+    if anchor is not None:
+        return read_anchor(anchor)
+    if reference is None:
+        raise ValueError(f"{source}: it does not tell where its lane lies; an anchor is needed")
+    return own_anchor(reference)
+
+
+def tied_run(run: xr.Dataset, anchor: Anchor | None) -> xr.Dataset:
+    """Return a run that knows where its lane lies, so that results and the viewer know it too."""
+    return run if anchor is None else run.assign_attrs(georeference=anchor.georeference())
+
+
+def table_reading(
+    columns: str | None = None, anchor: PathLike | None = None
+) -> TableReading | None:
+    """Return how a table is read: columns such as ``x=Rechts,y=Hoch``, and the anchor (TOML) of its places."""
+    if columns is None and anchor is None:
+        return None
+    names = {} if columns is None else parse_columns_option(columns)
+    return TableReading(names, read_optional_anchor(anchor))
+
+
+def track_of(
+    path: Path,
+    anchor: PathLike | Anchor | None,
+    body: str | None = None,
+    axes: Sequence[str] | None = None,
+    max_gap: float = 1.0,
+) -> pd.DataFrame:
+    """Read a track from CSV (:func:`flgpr.formats.read_track`), or from an NMEA log with its anchor."""
+    if existing(path, "track").suffix.lower() == ".csv":
+        return read_track(path, "column", body, axes, max_gap)
+    tie = read_optional_anchor(anchor)
+    if tie is None:
+        raise ValueError(
+            f"{path}: a track of a satellite receiver needs an anchor to lie in the lane"
+        )
+    return read_nmea(path, tie)

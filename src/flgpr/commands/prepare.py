@@ -1,0 +1,103 @@
+"""``flgpr prepare``: prepare raw data step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Option
+
+from flgpr.commands.options import Limits, Output, PathLike, RunArgument, ShellType, size_in_bytes
+from flgpr.commands.shell import Arguments, command
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def _lines(_: xr.Dataset, call: Arguments) -> Iterator[Path]:
+    yield call.output
+
+
+@command(lines=_lines)
+def prepare(
+    run: RunArgument,
+    output: Output,
+    subtract: Annotated[
+        PathLike | None, Option(help="Run to subtract, such as one without the target.")
+    ] = None,
+    time_zero: Annotated[float | None, Option(help="How much later time zero is put, ns.")] = None,
+    dewow: Annotated[
+        float | None, Option(help="Take a running mean of so many ns off each trace.")
+    ] = None,
+    gate: Annotated[
+        Limits | None, Option(help="Silence what comes before and after, ns: the direct wave.")
+    ] = None,
+    background: Annotated[
+        bool, Option("--background", help="Take off what stands still over all scans.")
+    ] = False,
+    background_scans: Annotated[
+        int | None, Option(help="The same, over so many scans around each.")
+    ] = None,
+    band: Annotated[Limits | None, Option(help="Band to keep, GHz.")] = None,
+    power: Annotated[float | None, Option(help="Amplify by this power of time.")] = None,
+    agc: Annotated[
+        float | None, Option(help="Bring all times to one level, over a window of so many ns.")
+    ] = None,
+    steps: Annotated[
+        PathLike | Sequence[Mapping[str, Any]] | None,
+        Option(help="TOML of steps in an order of your own, in place of all these."),
+        ShellType(Path),
+    ] = None,
+    max_memory: Annotated[str | int, Option(help="Memory that it may take.")] = "2GB",
+) -> xr.Dataset:
+    """Prepare raw data, in the order of the options; what was done stands in the new run's history.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run that was stored, with the steps in its attribute ``history``.
+
+    Raises
+    ------
+    ValueError
+        If there is no step, a step does not fit the run, or the run takes more memory than allowed.
+    FileExistsError
+        If another run is at the output.
+    """
+    from flgpr.commands.preparing import check_steps, prepare_run, read_steps
+
+    in_order: dict[str, dict[str, Any] | None] = {
+        "subtract": _entry(subtract, run=str(subtract)),
+        "time-zero": _entry(time_zero, delay_ns=time_zero),
+        "dewow": _entry(dewow, length_ns=dewow),
+        "gate": _limits_entry(gate, "start_ns", "stop_ns"),
+        "background": _entry(background or background_scans, scans=background_scans),
+        "band": _limits_entry(band, "low_ghz", "high_ghz"),
+        "power": _entry(power, exponent=power),
+        "agc": _entry(agc, window_ns=agc),
+    }
+    entries = []
+    for name, values in in_order.items():
+        if values is not None:
+            entries.append({"do": name, **values})
+    if steps is None:
+        listed = check_steps(entries)
+    elif not isinstance(steps, str | Path):
+        listed = check_steps(steps)
+    elif entries:
+        names = ", ".join(entry["do"] for entry in entries)
+        raise ValueError(f"steps must stand alone, got {steps} and {names}")
+    else:
+        listed = read_steps(steps)
+    return prepare_run(run, listed, output, size_in_bytes(max_memory))
+
+
+def _entry(option: Any, **values: Any) -> dict[str, Any] | None:
+    """Return the entries of a step, or none where its option was not given."""
+    return None if option is None or option is False else values
+
+
+def _limits_entry(option: Limits | None, first: str, second: str) -> dict[str, Any] | None:
+    """Return the entries of a step that has two limits."""
+    return None if option is None else {first: option[0], second: option[1]}

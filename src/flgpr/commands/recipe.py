@@ -1,0 +1,112 @@
+"""``flgpr recipe``: make, show and check recipes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Argument, Option
+
+from flgpr.commands.options import PathLike, RunArgument, ShellType
+from flgpr.commands.shell import Arguments, Unfinished, command
+
+if TYPE_CHECKING:
+    from flgpr.chain.recipe import Recipe
+
+RecipeArgument = Annotated[PathLike, Argument(help="Packaged recipe or TOML file."), ShellType(str)]
+
+
+def _list_lines(descriptions: dict[str, str], _: Arguments) -> Iterator[str]:
+    for name, description in descriptions.items():
+        yield f"{name:18} {description}"
+
+
+@command(lines=_list_lines, quiet=False)
+def list_recipes() -> dict[str, str]:
+    """Name the packaged recipes.
+
+    Returns
+    -------
+    dict
+        Description of each recipe by its name.
+    """
+    import tomllib
+
+    from flgpr.chain.recipe import recipe_names, recipe_text
+
+    return {name: tomllib.loads(recipe_text(name))["description"] for name in recipe_names()}
+
+
+def _text_lines(text: str, _: Arguments) -> Iterator[str]:
+    yield Unfinished(text)
+
+
+@command(lines=_text_lines, quiet=False)
+def show_recipe(name: RecipeArgument) -> str:
+    """Print a recipe.
+
+    Returns
+    -------
+    str
+        Its TOML.
+    """
+    from flgpr.chain.recipe import recipe_text
+
+    return recipe_text(name)
+
+
+def _made_lines(text: str, call: Arguments) -> Iterator[str | Path]:
+    if call.output is None:
+        yield Unfinished(text)
+    else:
+        yield call.output
+
+
+@command(lines=_made_lines)
+def recipe_for(
+    run: RunArgument,
+    output: Annotated[
+        PathLike | None, Option("-o", "--output", help="TOML file to write; else it is printed.")
+    ] = None,
+) -> str:
+    """Make a recipe for a run's band, polarizations and array; comments say where each figure comes from.
+
+    Returns
+    -------
+    str
+        TOML of the recipe, see :func:`flgpr.chain.recipe_for_run.fit_recipe`.
+
+    Raises
+    ------
+    ValueError
+        If no recipe can be made for the run.
+    FileExistsError
+        If another file is at the output.
+    """
+    from flgpr.chain.recipe_for_run import recipe_for as write_recipe
+
+    return write_recipe(run, output)
+
+
+def _good_lines(recipe: Recipe, call: Arguments) -> Iterator[str]:
+    yield f"{call.name}: good ({recipe.description})"
+
+
+@command(lines=_good_lines, quiet=False)
+def check_recipe(name: RecipeArgument) -> Recipe:
+    """Check a recipe; a fault is told with its line and rule.
+
+    Returns
+    -------
+    Recipe
+        The recipe.
+
+    Raises
+    ------
+    ValueError
+        If the recipe breaks a rule; the message has the line and the rule.
+    """
+    from flgpr.chain.recipe import load_recipe
+
+    return load_recipe(name)

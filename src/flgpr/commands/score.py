@@ -1,0 +1,334 @@
+"""``flgpr score``: one list of alarms or several, against truth that is open or sealed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer import Argument, Option
+
+from flgpr.commands.options import (
+    OneOrMorePaths,
+    Overwrite,
+    PathLike,
+    Progress,
+    ShellType,
+    one_or_more,
+)
+from flgpr.commands.score_words import (
+    agreement_json,
+    agreement_lines,
+    blind_lines,
+    comparison_lines,
+    score_lines,
+    score_summary,
+)
+from flgpr.commands.shell import Arguments, command
+from flgpr.door import MOST_JSON, Folder, parse_json
+
+if TYPE_CHECKING:
+    from flgpr.commands.scoring import Scored
+
+
+class Show(StrEnum):
+    """What the scores of a sealed truth may tell."""
+
+    curve = "curve"
+    targets = "targets"
+
+
+def _lines(returned: Any, call: Arguments) -> Iterator[Any]:
+    from flgpr.commands.scoring import Scored
+    from flgpr.scoring import SideBySide
+    from flgpr.trials import BlindScore
+
+    if isinstance(returned, Path):  # a truth was sealed
+        yield returned
+    elif isinstance(returned, Scored):
+        yield from score_lines(returned.scores)
+        yield f"report: {(returned.folder / 'report.html').resolve()}"
+    elif isinstance(returned, SideBySide):
+        yield from comparison_lines(returned)
+        yield f"page: {(_home(call) / 'comparison.html').resolve()}"
+    elif isinstance(returned, BlindScore):
+        yield from blind_lines(returned)
+        yield f"report: {(_home(call) / 'report.html').resolve()}"
+    elif returned is not None:
+        yield from agreement_lines(returned)
+
+
+def _as_json(returned: Any, call: Arguments) -> Any:
+    from flgpr.commands.scoring import Scored
+
+    if isinstance(returned, Scored):
+        return score_summary(returned.folder, returned.scores)
+    if call.agreement:
+        return agreement_json(returned)
+    name = "comparison.json" if len(call.alarms) > 1 else "roc.json"
+    return parse_json(Folder(_home(call)).read(name, MOST_JSON))
+
+
+def _home(call: Arguments) -> Path:
+    return Path(call.output or "score")
+
+
+def _ask_passphrase() -> str:
+    return str(typer.prompt("passphrase", hide_input=True, err=True))
+
+
+def _ask_new_passphrase() -> str:
+    """Ask for a passphrase twice; one that is easy to guess is refused before it is typed again."""
+    from flgpr.trials import PASSPHRASE_RULE, check_passphrase
+
+    phrase = str(typer.prompt(f"passphrase ({PASSPHRASE_RULE})", hide_input=True, err=True))
+    check_passphrase(phrase)
+    if phrase != typer.prompt("Repeat for confirmation", hide_input=True, err=True):
+        raise ValueError(
+            "passphrase must be typed twice alike, got two different ones: nothing was sealed"
+        )
+    return phrase
+
+
+def _passphrase(call: Arguments) -> dict[str, Any]:
+    return {"passphrase": _ask_new_passphrase if call.seal else _ask_passphrase}
+
+
+@command(lines=_lines, as_json=_as_json, passes=_passphrase)
+def score(
+    alarms: Annotated[
+        OneOrMorePaths,
+        Argument(
+            help="Result folder, or an alarm list (CSV) of any detector; several are compared; see --agreement."
+        ),
+    ],
+    truth: Annotated[PathLike | None, Option(help="CSV of the targets.")] = None,
+    objects: Annotated[
+        PathLike | None, Option(help="CSV of rocks, posts and the like, for a result's pictures.")
+    ] = None,
+    lane: Annotated[
+        PathLike | None,
+        Option(help="TOML or CSV of the lane or lanes; a result folder has its own."),
+    ] = None,
+    output: Annotated[
+        PathLike | None,
+        Option("-o", "--output", help="Folder for report and JSON; or the sealed file."),
+    ] = None,
+    halo: Annotated[
+        float | None,
+        Option(
+            help="Halo radius in metres, for alarm lists (1 m by default); a result has its recipe's."
+        ),
+    ] = None,
+    far: Annotated[
+        float | None,
+        Option(help="Operating point at which targets count as found, false alarms per m² (0.05)."),
+    ] = None,
+    seal: Annotated[
+        bool, Option("--seal", help="Encrypt the truth given as the argument for blind scoring.")
+    ] = False,
+    show: Annotated[
+        str | None,
+        Option(
+            help="With --seal: scores may tell the curve and counts (default), or also which targets."
+        ),
+        ShellType(Show),
+    ] = None,
+    sealed: Annotated[
+        PathLike | None,
+        Option(help="Sealed truth to score against, by the rules it was sealed with."),
+    ] = None,
+    recipe: Annotated[
+        OneOrMorePaths | None,
+        Option(help="Recipe that must stand in the register; once per alarm list."),
+        ShellType(list[str]),
+    ] = None,
+    book: Annotated[
+        PathLike | None,
+        Option(help="Register of recipes and openings; a planned truth names its own."),
+    ] = None,
+    witness: Annotated[
+        PathLike | None,
+        Option(
+            help="A file elsewhere that must know the lines of the register (--book), or else of the log of looks "
+            "(--sealed); told of new ones."
+        ),
+    ] = None,
+    agreement: Annotated[
+        bool,
+        Option(
+            "--agreement",
+            help="Compare verdicts of analysts (JSON of flgpr view) with one another.",
+        ),
+    ] = False,
+    columns: Annotated[
+        str | None,
+        Option(
+            help="Columns of the alarm lists that have other names: x=Rechts,y=Hoch,confidence=Score."
+        ),
+    ] = None,
+    truth_columns: Annotated[str | None, Option(help="The same of the truth.")] = None,
+    anchor: Annotated[
+        PathLike | None,
+        Option(
+            help="TOML that ties the lane to the Earth, for lists and truth by longitude and latitude."
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+    *,
+    passphrase: Annotated[Any, "Of a sealed truth: a text, or a function that asks for it."] = None,
+    track: Progress = None,
+) -> Any:
+    """Score a result or an alarm list against truth, open or sealed, or set several side by side.
+
+    Returns
+    -------
+    Scored, SideBySide, BlindScore, pathlib.Path, dict or None
+        The scores of a result or a list and where their report is; of several lists their
+        comparison; of a sealed truth what it lets be known, or None where this very score is there;
+        with ``seal`` the sealed file; with ``agreement`` how far every two analysts agree.
+
+    Raises
+    ------
+    ValueError
+        If options do not go together, an input is not valid, or a register does not hold a recipe.
+    FileExistsError
+        If another score is at the output and is not to be overwritten.
+    """
+    from flgpr.commands import scoring
+    from flgpr.commands.positions import table_reading
+    from flgpr.commands.registering import with_witness
+
+    lists = [Path(path) for path in one_or_more(alarms)]
+    recipes = one_or_more(recipe)
+    given: dict[str, Any] = {
+        "truth": truth,
+        "objects": objects,
+        "lane": lane,
+        "sealed": sealed,
+        "halo": halo,
+        "far": far,
+        "show": show,
+        "recipe": recipes or None,
+        "columns": columns,
+        "truth-columns": truth_columns,
+        "anchor": anchor,
+    }
+    if witness is not None and book is None and sealed is None:
+        raise ValueError(f"--witness goes with --book or --sealed, got --witness {witness} alone")
+    looks_witness = witness if book is None else None
+    register = None if book is None else with_witness(book, witness)
+    if agreement:
+        given |= {"output": output, "book": book, "seal": seal or None}
+        _refuse(given, (), "--agreement compares verdicts with one another and prints the table")
+        return scoring.analyst_agreement(lists)
+    if seal:
+        _refuse(given, ("lane", "halo", "show"), "--seal seals a truth with its lane and halo")
+        rules = _given({"halo": halo, "show": show and str(show), "book": register})
+        return _seal(lists, lane, output, passphrase, rules)
+    if len(lists) == 1 and len(recipes) > 1:
+        raise ValueError(f"recipe must be given once per alarm list, got {len(recipes)} for 1 list")
+    home = Path(output or "score")
+    if sealed is not None:
+        why = "--sealed scores by the rules that the truth was sealed with"
+        _refuse(given, ("sealed", "recipe"), why)
+        scoring.require_seal()
+        if not overwrite and scoring.holds_sealed_score(lists, sealed, home, recipes, register):
+            return None
+        if len(lists) > 1:
+            return scoring.compare_sealed(
+                lists,
+                sealed,
+                passphrase,
+                home,
+                recipes=recipes,
+                book=register,
+                witness=looks_witness,
+            )
+        own = recipes[0] if recipes else None
+        return scoring.score_sealed(
+            lists[0],
+            sealed,
+            passphrase,
+            home,
+            recipe=own,
+            book=register,
+            witness=looks_witness,
+        )
+    _refuse({"show": show}, (), "--show goes with --seal")
+    if truth is None:
+        raise ValueError("score needs --truth or --sealed, got neither")
+    options = _given({"halo": halo, "far": far, "reading": table_reading(columns, anchor)})
+    options["truth_reading"] = table_reading(truth_columns, anchor)
+    options |= {"book": register, "overwrite": overwrite}
+    if len(lists) > 1:
+        _refuse({"objects": objects}, (), "several lists are compared without pictures")
+        return scoring.compare_alarms(lists, truth, home, lane, recipes=recipes, **options)
+    options["recipe"] = recipes[0] if recipes else None
+    return _score_one(lists[0], truth, objects, lane, output, options, track)
+
+
+def _given(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options that were given."""
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _refuse(given: Mapping[str, Any], allowed: tuple[str, ...], why: str) -> None:
+    """Refuse options that would be dropped."""
+    strange = [f"--{name}" for name in _given(given) if name not in allowed]
+    if strange:
+        raise ValueError(f"{why}, got {' and '.join(strange)}")
+
+
+def _score_one(
+    alarms: Path,
+    truth: PathLike,
+    objects: PathLike | None,
+    lane: PathLike | None,
+    output: PathLike | None,
+    options: dict[str, Any],
+    track: Any,
+) -> Scored:
+    """Score a result by its recipe's rules, or an alarm list by those that are given."""
+    from flgpr.chain.progress import silent
+    from flgpr.commands import scoring
+
+    is_list = alarms.suffix == ".csv" and not (alarms.parent / "manifest.json").is_file()
+    if lane is None and is_list:
+        raise ValueError(
+            f"an alarm list needs --lane (x_min, x_max, y_min, y_max), got {alarms} without it"
+        )
+    if lane is not None:
+        _refuse({"objects": objects}, (), "an alarm list is scored without pictures")
+        home = Path(output or "score")
+        scores = scoring.score_alarms(alarms, truth, lane, home, **options)
+        return scoring.Scored(home, scores)
+    _refuse({"halo": options.get("halo")}, (), "a result is scored by the halo of its recipe")
+    reading = options.pop("reading", None)
+    if reading is not None and reading.columns:
+        raise ValueError(
+            "columns are of alarm lists: a result's list has its own; see --truth-columns"
+        )
+    folder = alarms.parent if alarms.name == "alarms.csv" else alarms
+    home = Path(output) if output is not None else scoring.score_home(folder)
+    result, scores = scoring.score_result(folder, truth, objects, home, track or silent, **options)
+    return scoring.Scored(home, scores, result)
+
+
+def _seal(
+    truths: list[Path],
+    lane: PathLike | None,
+    output: PathLike | None,
+    passphrase: Any,
+    rules: dict[str, Any],
+) -> Path:
+    from flgpr.commands import scoring
+
+    if lane is None or output is None or len(truths) > 1:
+        raise ValueError(
+            "--seal needs one truth, --lane and --output, got none or several of one of them"
+        )
+    scoring.require_seal()
+    return scoring.seal(truths[0], lane, output, passphrase, **rules)

@@ -1,0 +1,209 @@
+"""The layer between the command line and the functions of the commands.
+
+A command is a function with a typed signature. :func:`command` says how the command line shows what
+it returns; :func:`shell_function` makes of both what Typer runs: it parses, calls the function,
+shows progress, prints words or JSON, and turns errors that the user can mend into one line.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import typer
+from typer import Option
+from typer.models import ArgumentInfo
+
+from flgpr.commands.messages import is_unchanged, plain_errors
+from flgpr.commands.signatures import (
+    Parameter,
+    help_of,
+    parameters_of,
+    python_documentation,
+    python_signature,
+)
+
+if TYPE_CHECKING:
+    from flgpr.chain.progress import Track
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+QUIET = Annotated[bool, Option("--quiet", help="Print nothing but errors.")]
+JSON = Annotated[bool, Option("--json", help="Print one JSON object instead of words.")]
+Arguments = SimpleNamespace
+"""The arguments that a command was called with, by name."""
+
+
+class OnErrors(str):
+    """A line that is printed on the error stream."""
+
+    __slots__ = ()
+
+
+class Unfinished(str):
+    """A text that is printed without a line break behind it."""
+
+    __slots__ = ()
+
+
+@dataclass
+class Command:
+    """A function, and how the command line shows what it returns.
+
+    ``lines`` yields what is printed unless ``--quiet`` or ``--json`` is given: text, a path for
+    "wrote PATH" where something was written, or an object that rich prints.
+    """
+
+    function: Callable[..., Any]
+    lines: Callable[[Any, Arguments], Iterable[Any]] | None = None
+    as_json: Callable[[Any, Arguments], Any] | None = None  #: object that --json prints
+    before: Callable[[Arguments], Iterable[str]] | None = None  #: lines before the work begins
+    #: checks options, and returns what the command line passes for parameters of Python alone
+    passes: Callable[[Arguments], Mapping[str, Any]] | None = None
+    status: Callable[[Any], int] | None = None  #: exit status for what was returned
+    #: context of call and output, such as a page that stays open
+    around: Callable[[Arguments], AbstractContextManager[Any]] | None = None
+    #: options of the command line alone, by name: annotation and default
+    extra: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)
+    quiet: bool = True  #: whether there is --quiet
+    answers: bool = False  #: whether its lines are the answer, which is printed even when quiet
+    compiles: bool = False  #: whether kernels are compiled while the first data are read
+
+    @cached_property
+    def parameters(self) -> list[Parameter]:
+        """Parameters of the function with their annotations."""
+        return parameters_of(self.function)
+
+
+def command(**shown: Any) -> Callable[[F], F]:
+    """Make a function a command; the keywords are the fields of :class:`Command`.
+
+    Called from Python the function prints nothing and raises its errors. ``help()`` shows its
+    signature with plain types and the parameters with the help of the command line.
+    """
+
+    def decorate(function: F) -> F:
+        made = Command(function, **shown)
+        function.__dict__["command"] = made
+        function.__doc__ = python_documentation(function.__doc__ or "", made.parameters)
+        function.__dict__["__signature__"] = python_signature(function, made.parameters)
+        return function
+
+    return decorate
+
+
+def shell_function(function: Callable[..., Any]) -> Callable[..., None]:
+    """Return the function that Typer runs for a command."""
+    shown: Command = function.__dict__["command"]
+
+    def run(**given: Any) -> None:
+        _run(shown, given)
+
+    run.__name__ = function.__name__
+    run.__doc__ = help_of(function)
+    run.__dict__["__signature__"] = inspect.Signature(_shell_parameters(shown))
+    return run
+
+
+def _shell_parameters(shown: Command) -> list[inspect.Parameter]:
+    """Return arguments, options that must be given, then all other options in their order."""
+    arguments = []
+    required = []
+    options = []
+    for one in shown.parameters:
+        if one.shell is None:
+            continue
+        default = one.shell_default
+        made = _keyword(one.name, Annotated[one.shell_type, one.shell], default)
+        if isinstance(one.shell, ArgumentInfo):
+            arguments.append(made)
+        elif default is inspect.Parameter.empty:
+            required.append(made)
+        else:
+            options.append(made)
+    for name, (annotation, default) in shown.extra.items():
+        options.append(_keyword(name, annotation, default))
+    if shown.quiet:
+        options.append(_keyword("quiet", QUIET, False))
+    if shown.as_json is not None:
+        options.append(_keyword("as_json", JSON, False))
+    return [*arguments, *required, *options]
+
+
+def _keyword(name: str, annotation: Any, default: Any) -> inspect.Parameter:
+    kind = inspect.Parameter.KEYWORD_ONLY
+    return inspect.Parameter(name, kind, default=default, annotation=annotation)
+
+
+def _run(shown: Command, given: dict[str, Any]) -> None:
+    """Call a command's function with the options of the command line, and print what it returns."""
+    quiet = given.pop("quiet", False)
+    as_json = given.pop("as_json", False)
+    silent = quiet or as_json
+    call = SimpleNamespace(**given, quiet=quiet, as_json=as_json)
+    with plain_errors(quiet), ExitStack() as stack:
+        if shown.before is not None and not silent:
+            print_lines(shown.before(call))
+        if shown.around is not None:
+            stack.enter_context(shown.around(call))
+        more = {} if shown.passes is None else shown.passes(call)
+        returned = _call(shown, {**given, **more}, silent)
+        if as_json and shown.as_json is not None:
+            typer.echo(json.dumps(shown.as_json(returned, call)))
+        elif shown.lines is not None and (shown.answers or not quiet):
+            print_lines(shown.lines(returned, call))
+    if shown.status is not None and shown.status(returned):
+        raise typer.Exit(shown.status(returned))
+
+
+def _call(shown: Command, given: Mapping[str, Any], silent: bool) -> Any:
+    """Call the function; options that were not given keep the function's own defaults."""
+    values = {
+        name: value
+        for name, value in given.items()
+        if value is not None and value != [] and name not in shown.extra
+    }
+    with ExitStack() as stack:
+        if shown.compiles:
+            from flgpr.kernels.ahead import compiled_beside
+
+            stack.enter_context(compiled_beside())
+        # Where the command line itself has an option of that name it is the file of a track.
+        if any(one.name == "track" and one.shell is None for one in shown.parameters):
+            values["track"] = stack.enter_context(progress_bars(silent))
+        return shown.function(**values)
+
+
+@contextmanager
+def progress_bars(silent: bool) -> Iterator[Track]:
+    """Show bars on the error stream, or nothing."""
+    if silent:
+        from flgpr.chain.progress import silent as no_bars
+
+        yield no_bars
+        return
+    from flgpr.commands.bars import Bars
+
+    with Bars() as bars:
+        yield bars
+
+
+def print_lines(lines: Iterable[Any]) -> None:
+    """Print text, "wrote PATH" for paths that were written, and what rich draws."""
+    for line in lines:
+        if isinstance(line, Path):
+            if not is_unchanged(line):
+                typer.echo(f"wrote {line}")
+        elif isinstance(line, str):
+            typer.echo(line, err=isinstance(line, OnErrors), nl=not isinstance(line, Unfinished))
+        else:
+            from rich.console import Console
+
+            Console().print(line)

@@ -1,0 +1,135 @@
+"""``flgpr simulate``: lanes by our own physics or as decks for a full-wave solver, and bodies' tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Argument, Option
+
+from flgpr.commands.options import PathLike, Progress
+from flgpr.commands.shell import Arguments, command
+
+if TYPE_CHECKING:
+    from flgpr.chain.progress import Track
+
+ENGINES = ("flgpr", "gprmax")
+
+
+@dataclass(frozen=True)
+class Written:
+    """What a simulation wrote, and what there is to say of it."""
+
+    paths: list[Path]
+    words: list[str]
+
+
+def _lines(written: Written, _: Arguments) -> Iterator[str]:
+    yield from written.words
+    for path in written.paths:
+        yield f"wrote {path}"
+
+
+@command(lines=_lines)
+def simulate_lane(
+    scene: Annotated[PathLike, Argument(help="Scene (TOML), or the word signature.")],
+    body: Annotated[
+        str | None,
+        Argument(help="After signature: body (TOML) whose table to make, or none to list them."),
+    ] = None,
+    output: Annotated[
+        PathLike | None,
+        Option("-o", "--output", help="Run store, folder of decks or table to make."),
+    ] = None,
+    sensor: Annotated[str, Option(help="Sensor preset or TOML file.")] = "sri-array",
+    seed: Annotated[int, Option(help="The same seed gives the same lane, bit for bit.")] = 1,
+    errors: Annotated[
+        bool, Option("--errors/--no-errors", help="Whether the sensor's errors are added.")
+    ] = True,
+    preview: Annotated[PathLike | None, Option(help="PNG of the scene to write.")] = None,
+    truth: Annotated[
+        PathLike | None, Option(help="CSV of the truth; by default NAME-truth.csv.")
+    ] = None,
+    restart: Annotated[
+        bool, Option("--restart", help="Begin again where a stopped run left scans.")
+    ] = False,
+    force: Annotated[
+        bool,
+        Option(
+            "--force",
+            help="Simulate or draw even what is estimated to take very much memory or time.",
+        ),
+    ] = False,
+    engine: Annotated[
+        str, Option(help="flgpr simulates; gprmax writes a full-wave solver's input files.")
+    ] = ("flgpr"),
+    cells: Annotated[
+        float, Option(help="gprmax: cells per wavelength at the highest tone in the soil.")
+    ] = 10.0,
+    max_cells: Annotated[float, Option(help="gprmax: largest model that is written.")] = 3e8,
+    workers: Annotated[int, Option(min=1, help="signature: processes.")] = 1,
+    *,
+    track: Progress = None,
+) -> Written:
+    """Simulate a lane with truth; a stopped simulation goes on. With --preview alone only draw the scene.
+
+    simulate signature BODY computes what a body scatters in the ground; it goes on where it was stopped, too.
+
+    Returns
+    -------
+    Written
+        Paths of what was written, and what there is to say of it.
+
+    Raises
+    ------
+    ValueError
+        If scene or sensor break a rule, or the lane would take too much memory or time.
+    FileExistsError
+        If another lane is at the output.
+    """
+    from flgpr.chain.progress import silent
+
+    if str(scene) == "signature":
+        return _signature(body, output, workers, track or silent)
+    if body is not None:
+        raise ValueError(f"only simulate signature takes a second argument, got {body!r}")
+    if engine not in ENGINES:
+        raise ValueError(f"engine must be one of {', '.join(ENGINES)}, got {engine!r}")
+    if output is None and preview is None:
+        raise ValueError("simulate needs --output or --preview, got neither")
+    from flgpr.commands.simulation import write_gprmax_decks, write_preview
+    from flgpr.execution.simulated_lane import simulate_to_store
+    from flgpr.model import load_sensor
+    from flgpr.simulate import load_scene
+    from flgpr.simulate.simulator import check_effort
+
+    world = load_scene(scene)
+    array = load_sensor(sensor)
+    simulated = output is not None and engine == "flgpr"
+    check_effort(world, array if simulated else None, force)
+    written = []
+    words: list[str] = []
+    if preview is not None:
+        written.append(write_preview(world, seed, preview, force))
+    if output is not None and engine == "gprmax":
+        decks = write_gprmax_decks(world, array, seed, output, cells, max_cells)
+        words = [*decks.summary, *(f"left out: {reason}" for reason in decks.omissions)]
+        written.append(Path(output))
+    elif output is not None:
+        written += simulate_to_store(
+            world, array, seed, output, errors, track or silent, not restart, truth, force=force
+        )
+    return Written(written, words)
+
+
+def _signature(
+    body: PathLike | None, output: PathLike | None, workers: int, track: Track
+) -> Written:
+    """Make the table of a body, or list the bodies there are."""
+    from flgpr.commands.simulation import list_bodies, make_signature
+
+    if body is None:
+        return Written([], list_bodies())
+    return Written(make_signature(body, output, workers, track), [])

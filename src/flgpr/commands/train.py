@@ -1,0 +1,102 @@
+"""``flgpr train``: train a recipe on runs with truth."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Argument, Option
+
+from flgpr.commands.options import (
+    REQUIRED,
+    Overwrite,
+    PathLike,
+    Paths,
+    Progress,
+    Scheduler,
+    ShellType,
+    With,
+    runs_by_name,
+)
+from flgpr.commands.run_options import run_options
+from flgpr.commands.shell import Arguments, command
+
+if TYPE_CHECKING:
+    from flgpr.chain.model import Model
+
+
+def _lines(_: Model, call: Arguments) -> Iterator[Path]:
+    yield call.output
+
+
+@command(lines=_lines, compiles=True)
+def train(
+    runs: Annotated[Paths, Argument(help="Run stores, one lane each.")],
+    truths: Annotated[
+        Paths, Option("--truth", help="CSV of the targets of each run, in the same order.")
+    ],
+    recipe: Annotated[
+        PathLike, Option(help="Recipe with features, or with stages that learn."), ShellType(str)
+    ] = "wang2007",
+    output: Annotated[
+        PathLike | None, Option("-o", "--output", help="What to write."), REQUIRED
+    ] = None,
+    features: Annotated[
+        tuple[str, ...] | list[str],
+        Option("--feature", help="Feature in place of the recipe's; once per feature."),
+    ] = (),
+    lanes: Annotated[
+        Paths | None, Option("--lane", help="TOML of each lane, in the same order.")
+    ] = None,
+    others: With = (),
+    workers: Annotated[int | None, Option(help="Processes; the model is the same.", min=1)] = None,
+    scheduler: Scheduler = None,
+    max_memory: Annotated[
+        str | int, Option(help="Memory of each process; a lane that takes more is refused.")
+    ] = "2GB",
+    overwrite: Overwrite = True,
+    *,
+    label_radius: Annotated[float, "Alarms this near to a target are its hits, m."] = 1.0,
+    track: Progress = None,
+    note: Annotated[Any, "Takes a report of every piece of work that was done."] = None,
+    pass_cache: Annotated[
+        PathLike | None, "Folder of backgrounds and run-views that other recipes share."
+    ] = None,
+) -> Model:
+    """Train a recipe on runs with truth; a training that was stopped resumes.
+
+    Returns
+    -------
+    Model
+        What the recipe's stages and its detector have learnt. What is found in the runs stays
+        beside the output until the model is written. Without an output it is in memory alone.
+
+    Raises
+    ------
+    ValueError
+        If an input is not valid, nothing in the recipe learns, or the examples do not suffice.
+    FileExistsError
+        If another model is there and is not to be overwritten.
+    """
+    from flgpr.chain.recipe import parse_recipe, recipe_text
+    from flgpr.execution.training import learns_detector, train_on_lanes, training_lanes
+
+    if len(runs) != len(truths) or not runs or (lanes is not None and len(lanes) != len(runs)):
+        raise ValueError(
+            f"train needs one truth per run, got {len(runs)} runs and {len(truths)} truths"
+        )
+    how = run_options(workers, scheduler, max_memory, track, note, pass_cache)
+    by_run = runs_by_name(others, len(runs))
+    text = recipe_text(recipe)
+    parsed = parse_recipe(text, str(recipe))
+    if not learns_detector(parsed, features) and not parsed.learning():
+        raise ValueError(f"recipe must have features or a stage that learns to train, got {recipe}")
+    examples = training_lanes(parsed, runs, truths, lanes, by_run, how.max_memory)
+    if output is not None:
+        target = Path(output)
+        return train_on_lanes(text, examples, target, features, label_radius, how, overwrite)
+    with tempfile.TemporaryDirectory(prefix="flgpr-") as folder:
+        target = Path(folder) / "model"
+        return train_on_lanes(text, examples, target, features, label_radius, how, overwrite)

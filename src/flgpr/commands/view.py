@@ -1,0 +1,82 @@
+"""``flgpr view``: show results in the browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer import Argument, Option
+
+from flgpr.commands.options import PathLike, Paths
+from flgpr.commands.shell import command
+
+
+@command(quiet=False)
+def view(
+    paths: Annotated[
+        Paths | None,
+        Argument(
+            help="Result, run, recording or score; two results or two scores stand side by side; none with --live."
+        ),
+    ] = None,
+    port: Annotated[int, Option(help="Port; 0 takes a free one.", min=0, max=65535)] = 0,
+    host: Annotated[str, Option(help="Address to listen on.")] = "127.0.0.1",
+    allow_remote: Annotated[
+        bool, Option("--allow-remote", help="Let other machines see it.")
+    ] = False,
+    no_browser: Annotated[bool, Option("--no-browser", help="Print the address only.")] = False,
+    live: Annotated[
+        PathLike | None, Option(help="JSON lines of a live detection to follow.")
+    ] = None,
+    anchor: Annotated[PathLike | None, Option(help="TOML that ties the lane to the Earth.")] = None,
+    backdrop: Annotated[
+        PathLike | None,
+        Option("--map", help="Map or photograph below the lane: GeoTIFF, MBTiles, GeoPackage."),
+    ] = None,
+    verdicts: Annotated[
+        PathLike | None,
+        Option(help="JSON beside the result that keeps an analyst's verdicts and notes."),
+    ] = None,
+) -> None:
+    """Show results in the browser, on this machine; nothing is written but what --verdicts asks for.
+
+    Raises
+    ------
+    ValueError
+        If the paths name nothing that can be shown, or an option breaks its rule.
+
+    Notes
+    -----
+    It serves the page until it is interrupted. In a notebook the function ``view`` of the package shows it.
+    """
+    from flgpr import viewer
+
+    viewer.serve(
+        [Path(path) for path in paths or ()],
+        host,
+        port,
+        not no_browser,
+        allow_remote,
+        live,
+        None,
+        anchor,
+        typer.echo,
+        raw=_raw_run,
+        backdrop=backdrop,
+        verdicts=verdicts,
+        make_map=_map_bytes,
+    )
+
+
+# What computes is loaded when a page asks for it.
+def _raw_run(path: Path) -> Any:
+    from flgpr.commands.raw_run import RawRun
+
+    return RawRun(path)
+
+
+def _map_bytes(*arguments: Any) -> bytes:
+    from flgpr.commands.exporting import map_bytes
+
+    return map_bytes(*arguments)

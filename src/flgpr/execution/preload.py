@@ -1,0 +1,14 @@
+"""What processes of this machine are made with: done once where they are forked from, not in each of them."""
+
+import gc
+
+from numba.core.registry import cpu_target
+
+from flgpr.execution import job
+
+# What numba would make ready at the first kernel, and what every piece of work asks for.
+cpu_target.typing_context.refresh()
+cpu_target.target_context.refresh()
+job.code_versions()
+job.processor()
+gc.freeze()  # the collector of a process would go through all that was imported, and so copy it

@@ -1,0 +1,197 @@
+"""Who does the work: this process, other processes of this machine, or a Dask cluster.
+
+All of them take a function of a module and a list of arguments and give back what the function returns, as the work
+gets done. What they return is small: arrays go through the work folder.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sys
+import threading
+from abc import abstractmethod
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager
+from multiprocessing.connection import wait
+from typing import Any
+
+import numba
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+from flgpr.chain.engine import run_pieces
+from flgpr.store.extras import optional
+
+Report = dict[str, Any]
+Work = Callable[..., Report]
+_TRIALS = 3
+_PATIENCE = "20s"  # for a scheduler that does not answer
+_SLOW = ("dask.array", "sklearn")
+"""What the work may need and takes longest to import: forked with it where this process has come to need it."""
+
+
+class LostWorkersError(ValueError):
+    """Workers were lost time and again."""
+
+
+class Executor(AbstractContextManager["Executor"]):
+    """Does pieces of work; at its exit the workers go, after an error before they have done all."""
+
+    parallel = True
+    """Whether work is done elsewhere, so that several callers may wait at once."""
+
+    @abstractmethod
+    def run(
+        self, work: Work, arguments: Sequence[tuple[Any, ...]], threads: int = 1
+    ) -> Generator[Report]:
+        """Do a piece of work for each set of arguments and yield what it returns, in any order.
+
+        A single process may do as many at once as ``threads`` says. Close it where it may not be used up.
+        """
+
+
+class InProcess(Executor):
+    """Does everything in this process."""
+
+    parallel = False
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def run(
+        self, work: Work, arguments: Sequence[tuple[Any, ...]], threads: int = 1
+    ) -> Generator[Report]:
+        """Deal the work to threads, and yield in its order."""
+        yield from run_pieces(work, arguments, threads)
+
+
+class Processes(Executor):
+    """Does the work in processes of this machine, which share its processors evenly and end when this process does.
+
+    If one is killed, its work is begun anew. Scripts use it under ``if __name__ == "__main__"``, since it imports them.
+    """
+
+    def __init__(self, count: int) -> None:
+        if count < 1:
+            raise ValueError(f"workers must be at least 1, got {count}")
+        self.count = count
+        self._lock = threading.Lock()
+        self._pool: ProcessPoolExecutor | None = None
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+            self._pool = None
+
+    def run(
+        self,
+        work: Work,
+        arguments: Sequence[tuple[Any, ...]],
+        threads: int = 1,  # noqa: ARG002
+    ) -> Generator[Report]:
+        """Hand out the work, a module's function; yield what is done first. Processes killed time and again end it."""
+        left = list(arguments)
+        for _ in range(_TRIALS):
+            pool = self._pool or self._begin(None)
+            waiting: dict[Future[Report], tuple[Any, ...]] = {}
+            try:
+                for some in left:
+                    waiting[pool.submit(work, *some)] = some
+            except BrokenProcessPool:
+                pass
+            submitted = len(waiting)
+            broken = submitted < len(left)
+            undone = left[submitted:]
+            for future in as_completed(waiting):
+                try:
+                    yield future.result()
+                except BrokenProcessPool:
+                    broken = True
+                    undone.append(waiting[future])
+            if not broken:
+                return
+            left = undone
+            self._begin(pool)
+        raise LostWorkersError(
+            f"workers must live to do their work, they were killed {_TRIALS} times: out of memory?"
+        )
+
+    def _begin(self, broken: ProcessPoolExecutor | None) -> ProcessPoolExecutor:
+        """Start processes, unless another thread has done so since ``broken``."""
+        with self._lock:
+            if self._pool is None or self._pool is broken:
+                context = multiprocessing.get_context("forkserver")
+                slow = (name for name in _SLOW if name in sys.modules)
+                context.set_forkserver_preload([*slow, "flgpr.execution.preload"])
+                threads = max(1, (os.cpu_count() or 1) // self.count)
+                self._pool = ProcessPoolExecutor(self.count, context, _begin_worker, (threads,))
+            return self._pool
+
+
+def _begin_worker(threads: int) -> None:
+    """Begin a process with its share of threads; it ends with the process that asked for it."""
+    numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+    threadpool_limits(threads)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+
+class Cluster(Executor):
+    """Hands the work to the workers of an existing Dask cluster, by the scheduler's address (``tcp://host:8786``).
+
+    Only small values go through it: arrays stay in the work folder, which all see. A lost worker costs what it was at.
+    Run, model and output must have the same path on every worker, and the workers
+    the same versions as this process.
+    """
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self._distributed = optional("distributed", "cluster")
+        self._client: Any = None
+
+    def __enter__(self) -> Cluster:
+        try:
+            self._client = self._distributed.Client(
+                self.address, timeout=_PATIENCE, set_as_default=False
+            )
+        except (OSError, ValueError) as error:
+            raise ValueError(
+                f"scheduler must be the address of a Dask scheduler, got {self.address} ({error})"
+            ) from None
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+    def run(
+        self,
+        work: Work,
+        arguments: Sequence[tuple[Any, ...]],
+        threads: int = 1,  # noqa: ARG002
+    ) -> Generator[Report]:
+        """Submit a task for each set of arguments and yield what is done first; workers lost time and again end it."""
+        futures = [self._client.submit(work, *some, pure=False) for some in arguments]
+        try:
+            done = self._distributed.as_completed(
+                futures, loop=self._client.loop, with_results=True
+            )
+            for future, report in done:
+                future.release()
+                yield report
+        except self._distributed.KilledWorker as error:
+            raise LostWorkersError(
+                f"workers must live to do their work, several died at one piece ({error})"
+            ) from None
+        finally:
+            for future in futures:
+                future.release()

@@ -1,0 +1,60 @@
+"""One draft of a mapping for all files of an own array together: scans, antennas, frequencies, positions.
+
+A file by itself does not tell what the others do: which axis has the antennas shows in the list of antennas, which has
+the tones in the list of tones, and how many scans there are in the list of positions. What follows from lengths, names
+and stated units stands as it is; what is still a guess ends in a question mark, as in a draft of one file
+(:mod:`flgpr.formats.explain`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from flgpr.formats.arrays import LIMIT
+from flgpr.formats.draft_groups import group_files
+from flgpr.formats.draft_mapping import MappingDraft
+from flgpr.formats.draft_roles import Roles
+from flgpr.formats.explain import Explanation, explain_file
+from flgpr.store.files import existing
+
+
+def explain_files(
+    paths: Sequence[str | Path], limit: int = LIMIT, beside: str | Path | None = None
+) -> Explanation:
+    """Tell what several files of one measurement hold, and draft the one mapping that imports them together.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        The files: scans, one or many, and what belongs to them, in any order.
+    limit : int
+        Bytes that a file and an array may take.
+    beside : path, optional
+        The mapping that will be written; its file names are relative to its folder. By default they
+        are relative to the folder of the first file.
+
+    Returns
+    -------
+    Explanation
+        ``lines`` tell every group of files; ``mapping`` is the draft.
+
+    Raises
+    ------
+    ValueError
+        If a file cannot be read, files of one group differ in their arrays, or no file holds a
+        signal.
+    """
+    files = [existing(path) for path in paths]
+    if not files:
+        raise ValueError("paths must name at least one file, got none")
+    groups = group_files(files, limit)
+    lines: list[str] = []
+    for group in groups:
+        count = len(group.paths)
+        head = group.paths[0].name if count == 1 else f"{count} files like {group.paths[0].name}"
+        lines.append(f"{head} ({group.opened.kind})" + (", each" if count > 1 else ""))
+        lines += [f"  {line}" for line in explain_file(group.paths[0], limit).lines]
+    home = files[0].parent if beside is None else Path(beside).parent
+    draft = MappingDraft(Roles(groups), home)
+    return Explanation(files[0], f"{len(files)} files", lines, draft.text())

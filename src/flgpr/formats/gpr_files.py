@@ -1,0 +1,136 @@
+"""Files of commercial ground-penetrating radars: one line of traces, with what its headers say of it.
+
+A reader of a format takes a path and the most bytes to use, and returns the entries of a :class:`GprSection`. What it
+finds, leaves out, replaces or assumes it says in ``history``. Each maker's layout is told in the module of its reader.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.formats.gpr_dt1 import read_dt1
+from flgpr.formats.gpr_dzt import read_dzt
+from flgpr.formats.gpr_ids import read_ids
+from flgpr.formats.gpr_mala import read_impulse, read_mala
+from flgpr.formats.gpr_ogpr import read_ogpr
+from flgpr.formats.gpr_parts import FloatArray, MissingHeaderError
+from flgpr.formats.gpr_segy import read_segy, read_su
+from flgpr.store.files import existing
+from flgpr.store.store_layout import MAX_MEMORY
+
+NOT_READ = {
+    ".gpz": (
+        "GPZ",
+        "a project of pulseEKKO is a zip of DT1 and HD files: unzip it, and give a DT1 file",
+    ),
+    ".3dra": ("3d-radar", "its layout is not published; export SEG-Y from the maker's Examiner"),
+    ".sg2": ("SEG-2", "there is no reader for it; export SEG-Y from the recorder's program"),
+    ".gsf": ("Geoscanners", "there is no reader for it; export SEG-Y from the maker's GPRSoft"),
+}
+"""Endings of recordings that are known and cannot be read: what they are, and what to do."""
+
+
+@dataclass(frozen=True)
+class GprSection:
+    """One line of a ground-penetrating radar: the traces of a file, and what its headers say."""
+
+    path: Path
+    format: str  #: what it was read as, in words
+    #: (trace, channel, sample) counts of the recorder, float; NaN where the recorder says that a trace is no data
+    traces: NDArray[np.floating[Any]]
+    # : (sample,) two-way delay, s; zero where the header puts time zero, else at the first sample
+    delay: FloatArray
+    #: (trace,) along the line, m; None if the header does not tell
+    distance: FloatArray | None = None
+    time: FloatArray | None = None  #: (trace,) s, on a clock of the recorder's own; None if unknown
+    #: (fix, 4) of a satellite receiver: trace (from 0), longitude, latitude (degrees, WGS 84), ellipsoidal height (m)
+    fixes: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
+    marks: tuple[int, ...] = ()  #: traces, from 0, at which the operator set a mark
+    frequencies: tuple[float | None, ...] = (
+        None,
+    )  #: nominal frequency of each channel's antenna, Hz
+    separation: float | None = None  #: between transmitter and receiver, m
+    title: str = ""  #: what the header calls the line, else the file's name
+    history: tuple[str, ...] = ()  #: what was found and assumed on reading, in words
+    #: (channel, sample) two-way delay, s, where channels have headers that differ; ``delay`` is that of the first
+    channel_delay: FloatArray | None = None
+    #: (fix,) when the receiver was there, s of its first day, NaN where unknown
+    fix_time: FloatArray = field(default_factory=lambda: np.empty(0))
+    max_memory: int = MAX_MEMORY  #: bytes that a run made of it may take: what it was read with
+    # : what the file calls a survey whose antennas move apart, such as "CMP/WARR"; empty for a line
+    gather: str = ""
+
+    def delay_of(self, channel: int) -> FloatArray:
+        """Return the two-way delay (sample,) of a channel, s."""
+        return self.delay if self.channel_delay is None else self.channel_delay[channel]
+
+
+def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
+    """Read a line of traces from a file of Sensors & Software, GSSI, MALÅ, ImpulseRadar or IDS, or from SEG-Y and SU.
+
+    The ending, of any case, tells the format: ``.dt1``, ``.dzt``, ``.rd3``, ``.rd7``, ``.iprb``, ``.dt``, ``.sgy``,
+    ``.segy``, ``.su``, ``.ogpr``. Headers, positions and marks (``.hd``, ``.gps``, ``.gp2``, ``.dzg``, ``.dzx``,
+    ``.rad``, ``.iprh``, ``.cor``) lie beside it under the same name. A header that is missing is a FileNotFoundError;
+    one that contradicts the file's size, holds nonsense, or asks for more than ``max_memory`` bytes is a ValueError.
+    What is left out, replaced or assumed is counted in ``history``; damage in a file of positions or marks is told
+    there, too.
+    """
+    path = existing(path)
+    suffix = path.suffix.lower()
+    if suffix in NOT_READ:
+        raise ValueError("{}: {} files cannot be read: {}".format(path, *NOT_READ[suffix]))
+    if suffix in _HEADERS:
+        raise ValueError(
+            f"{path}: this is the header of a recording; give the {_HEADERS[suffix]} file beside it"
+        )
+    if suffix in _COMPANIONS:
+        raise ValueError(
+            f"{path}: this lies beside a recording and is read with it; give the {_COMPANIONS[suffix]} file beside it"
+        )
+    if suffix not in READERS:
+        raise ValueError(f"{path}: the ending must be one of {', '.join(READERS)}, got {suffix!r}")
+    words, reader = READERS[suffix]
+    try:
+        found = reader(path, max_memory)
+    except MissingHeaderError:
+        raise
+    except Exception as error:
+        said = " ".join(str(error).split())[:240] or type(error).__name__
+        raise ValueError(f"{path}: cannot be read as {words}: {said}") from None
+    return GprSection(path, words, **{"title": path.stem, "max_memory": max_memory, **found})
+
+
+def is_gpr(path: Path) -> bool:
+    """Tell by its ending whether a file is a recording of a ground-penetrating radar, or belongs to one."""
+    return path.suffix.lower() in {**READERS, **NOT_READ, **_HEADERS, **_COMPANIONS}
+
+
+READERS: dict[str, tuple[str, Callable[[Path, int], dict[str, Any]]]] = {
+    ".dt1": ("Sensors & Software DT1", read_dt1),
+    ".dzt": ("GSSI DZT", read_dzt),
+    ".rd3": ("MALÅ RD3", read_mala),
+    ".rd7": ("MALÅ RD7", read_mala),
+    ".iprb": ("ImpulseRadar IPRB", read_impulse),
+    ".dt": ("IDS DT", read_ids),
+    ".sgy": ("SEG-Y", read_segy),
+    ".segy": ("SEG-Y", read_segy),
+    ".su": ("Seismic Unix", read_su),
+    ".ogpr": ("OpenGPR", read_ogpr),
+}
+"""What each ending is, and how it is read."""
+_COMPANIONS = {
+    ".gps": ".dt1",
+    ".gp2": ".dt1",
+    ".dzg": ".dzt",
+    ".dzx": ".dzt",
+    ".cor": ".rd3, .rd7 or .iprb",
+    ".mrk": ".rd3, .rd7 or .iprb",
+}
+"""Endings of positions and marks, and the recordings beside which they lie."""
+_HEADERS = {".hd": ".dt1", ".rad": ".rd3 or .rd7", ".iprh": ".iprb"}

@@ -1,0 +1,371 @@
+"""The mapping: a small TOML that says which variable of a file is what, and in which unit. Nothing is guessed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from flgpr.door import read_named
+from flgpr.model.faults import parse_entries
+from flgpr.model.units import UNITS
+from flgpr.store.files import existing
+
+DIMS = ("scan", "polarization", "pair", "tx", "rx", "frequency", "sample", "single")
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Variable(_Table):
+    """A variable, or one column of it, where a bare name does not say enough."""
+
+    file: str | None = None  #: where it lies; by default where its table says
+    variable: str
+    column: int | None = None  #: column of a two-dimensional variable, from 0
+    axis: Annotated[int, Field(ge=0)] | None = (
+        None  #: scan axis that its values run along, from 0, in a raster of scans
+    )
+
+
+Entry = float | str | Variable
+"""A number, the name of a variable, or a :class:`Variable`."""
+Axes = tuple[str, str, str]
+"""Which axes of a file are x, y and z, such as ``("x", "-z", "y")``."""
+
+
+class Index(_Table):
+    """Which entry of a list each pair uses, such as the two columns of a table of channels."""
+
+    file: str = "data"  #: where the numbers lie
+    variable: str = "table"  #: where the numbers lie
+    column: int | None = None  #: column of a two-dimensional variable, from 0
+    first: Literal[0, 1]  #: number of the first entry: 1 in MATLAB's counting, 0 in C's
+
+
+class Quantity(_Table):
+    """A variable, or values written here, with a unit."""
+
+    #: file, variable: where the values lie; ``values`` instead gives them here
+    file: str = "data"
+    variable: str | None = None
+    values: float | list[float] | list[list[float]] | None = None
+    #: first and last value of an even axis, as many as the signal has
+    span: tuple[float, float] | None = None
+    column: int | None = None  #: column of a two-dimensional variable, from 0
+    unit: str  #: unit; there is no default
+    #: whether the first value is subtracted, for clocks with an arbitrary start
+    zero_first: bool = False
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Quantity:
+        if sum(source is not None for source in (self.variable, self.values, self.span)) != 1:
+            raise ValueError("give one of: variable, values or span")
+        return self
+
+
+class Positions(_Table):
+    """Positions: one variable (..., 3), or (..., 2) with z beside it, or an entry per axis, or values written here."""
+
+    file: str = "data"
+    variable: str | None = None  #: where they lie
+    x: Entry | None = None  #: where they lie, or a number
+    y: Entry | None = None  #: where they lie, or a number
+    z: Entry | None = None  #: where they lie, or a number
+    values: list[list[float]] | None = None  #: positions written here
+    unit: str  #: unit of length
+    index: Index | None = None  #: if the positions list antennas: which of them each pair uses
+    #: "vehicle": fixed to the vehicle. "lane": positions per scan in the lane frame of an array that keeps its form and
+    #: heading; poses follow from them
+    frame: Literal["vehicle", "lane"] = "vehicle"
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Positions:
+        axes = [axis is not None for axis in (self.x, self.y, self.z)]
+        beside = axes == [False, False, True] and self.variable is not None
+        if sum((self.variable is not None, self.values is not None, all(axes))) != 1 or any(
+            axes
+        ) != (all(axes) or beside):
+            raise ValueError(
+                "give one of: variable (with z, if it has x and y alone), values, or all of x, y and z"
+            )
+        return self
+
+
+class Signal(_Table):
+    """The measured field."""
+
+    file: str = "data"
+    #: variable, imaginary: the array, and the one with its imaginary part if that is apart
+    variable: str
+    imaginary: str | None = None
+    #: what each of its axes is: scan (more than once for a raster, whose scans then follow in C order), polarization,
+    #: pair (or tx and rx), frequency (or sample for impulse data); "single" for an axis of length one that is nothing
+    dims: list[str]
+    #: True where real and imaginary parts alternate along the variable's last axis
+    interleaved: bool = False
+    #: shape that the values of a file, complex if they are interleaved, are brought to in C order; -1 is what is left
+    shape: list[int] | None = None
+    conjugate: bool = False  #: True where the recorder's phase is exp(+j2πfL/c)
+
+    @model_validator(mode="after")
+    def _known_dims(self) -> Signal:
+        unknown = [name for name in self.dims if name not in DIMS]
+        plain = [name for name in self.dims if name not in ("single", "scan")]
+        if unknown or len(set(plain)) != len(plain):
+            raise ValueError(
+                f"dims must be of {', '.join(DIMS)}, none but scan and single twice, got {self.dims}"
+            )
+        if self.interleaved and self.imaginary is not None:
+            raise ValueError("give either imaginary or interleaved")
+        if ("frequency" in self.dims) == ("sample" in self.dims):
+            raise ValueError(f"dims must hold either frequency or sample, got {self.dims}")
+        if ("tx" in self.dims) != ("rx" in self.dims) or (
+            "tx" in self.dims and "pair" in self.dims
+        ):
+            raise ValueError(f"dims must hold pair, or tx and rx together, got {self.dims}")
+        return self
+
+
+class Samples(Quantity):
+    """The axis of impulse data."""
+
+    #: two-way delay (unit of time), one-way range or total path (unit of length)
+    meaning: Literal["delay", "range", "path"]
+    band: tuple[float, float]  #: frequencies to keep
+    band_unit: str  #: their unit
+    pad: Annotated[int, Field(ge=1, le=16)] = 1  #: see :func:`flgpr.formats.impulse_to_frequency`
+
+
+class PathOffset(Quantity):
+    """What was subtracted from every path by the recorder, such as the distance of a scene centre."""
+
+    meaning: Literal["range", "path"]  #: one-way range (doubled) or total path
+    along: Literal["scan", "pair"] = "pair"  #: what several values belong to
+
+
+class Geodetic(_Table):
+    """Positions on WGS 84, which an anchor takes to the lane."""
+
+    file: str = "data"
+    longitude: Entry
+    latitude: Entry
+    height: Entry  #: over the ellipsoid
+    angle_unit: str  #: of longitude and latitude
+    unit: str  #: of the height
+
+
+class Orientation(_Table):
+    """Attitude as a rotation from the body's axes to those of the file."""
+
+    file: str = "data"
+    #: quaternions (..., 4) x, y, z, w, or with ``euler`` angles (..., 3)
+    variable: str | None = None
+    #: the quaternions' parts one by one
+    x: Entry | None = None
+    y: Entry | None = None
+    z: Entry | None = None
+    w: Entry | None = None
+    #: order of Euler angles, "XYZ" about the body's turned axes, "xyz" about fixed ones
+    euler: str | None = None
+    unit: str | None = None  #: of Euler angles
+    body: Axes  #: which axes of the body are the vehicle's x (right), y (forward) and z (up)
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Orientation:
+        parts = [part is not None for part in (self.x, self.y, self.z, self.w)]
+        if any(parts) != all(parts) or all(parts) == (self.variable is not None):
+            raise ValueError("give either variable, or all of x, y, z and w")
+        if (self.euler is None) != (self.unit is None) or (
+            self.euler is not None and self.variable is None
+        ):
+            raise ValueError("Euler angles are told by variable, euler and unit together")
+        return self
+
+
+class _Way(_Table):
+    """Where the vehicle was: a place and an attitude, each in one of several forms."""
+
+    #: in the lane frame; a variable (..., 6) holds heading, pitch, roll, too
+    position: Positions | None = None
+    #: in place of position; headings are then clockwise from true north
+    geodetic: Geodetic | None = None
+    #: heading, pitch, roll: number or variable, or "course" for a heading along the way
+    heading: Entry | None = None
+    pitch: Entry | None = None
+    roll: Entry | None = None
+    angle_unit: str | None = None
+    orientation: Orientation | None = None  #: in place of heading, pitch and roll
+    axes: Axes = (
+        "x",
+        "y",
+        "z",
+    )  #: which axes of the file are the lane's x, y and z, for positions and orientation
+
+    @model_validator(mode="after")
+    def _whole_attitude(self) -> _Way:
+        missing = [name for name in ("heading", "pitch", "roll") if getattr(self, name) is None]
+        if self.orientation is not None:
+            if len(missing) < 3:
+                raise ValueError("give either orientation, or heading, pitch and roll")
+            return self
+        columns = self.position is not None and self.position.variable is not None
+        if missing and not (columns and len(missing) == 3):
+            raise ValueError(f"{missing[0]} is missing")
+        if self.angle_unit is None:
+            raise ValueError("angle_unit is missing")
+        return self
+
+
+class Poses(_Way):
+    """Pose of every scan: position or geodetic, or x, y and z here; and an attitude."""
+
+    file: str = "data"
+    x: Entry | None = None
+    y: Entry | None = None
+    z: Entry | None = None
+    unit: str | None = None  #: of x, y, z
+
+    @model_validator(mode="after")
+    def _whole_place(self) -> Poses:
+        place = {name: getattr(self, name) for name in ("x", "y", "z", "unit")}
+        if (self.position is not None) + (self.geodetic is not None) + any(
+            v is not None for v in place.values()
+        ) > 1:
+            raise ValueError("give one of position, geodetic, or x, y, z and unit")
+        missing = [name for name, value in place.items() if value is None]
+        if self.position is None and self.geodetic is None and missing:
+            raise ValueError(f"{missing[0]} is missing")
+        return self
+
+
+class TrackTable(_Way):
+    """Positions on another clock than the radar's."""
+
+    time: Quantity  #: time of each fix
+    #: clock_offset, clock_rate: time on the track's clock is ``clock_offset + clock_rate·(radar's time)``; see
+    #: :mod:`flgpr.calibrate`
+    clock_offset: float
+    clock_rate: float = 1.0
+    lever_arm: tuple[float, float, float] = (
+        0.0,
+        0.0,
+        0.0,
+    )  #: the positioning antenna in the vehicle frame, m
+    latency: float = 0.0  #: how late the time stamps are, s
+    max_gap: Annotated[float, Field(gt=0)] = (
+        1.0  #: longest gap between fixes to interpolate over, s
+    )
+
+    @model_validator(mode="after")
+    def _one_place(self) -> TrackTable:
+        if (self.position is None) == (self.geodetic is None):
+            raise ValueError("give either position or geodetic")
+        return self
+
+
+class Mapping(_Table):
+    """A whole mapping."""
+
+    title: str  #: kept with the run
+    source: str = ""  #: kept with the run
+    #: name -> path relative to the mapping's folder; ``data`` is what the command line names, if it names files. A list
+    #: or a pattern is read file by file and joined
+    files: dict[str, str | list[str]] = {}
+    #: dimension along which several files continue ("scan" or "pair"), or "new pair" and "new scan" where each file is
+    #: one of them
+    join: Literal["scan", "pair", "new scan", "new pair"] = "scan"
+    polarization: list[str]  #: labels in the order of the data
+    signal: Signal
+    frequency: Quantity | None = None
+    samples: Samples | None = None
+    antenna_position: Positions | None = None
+    tx_position: Positions | None = None
+    rx_position: Positions | None = None
+    path_offset: PathOffset | None = None
+    pose: Poses | None = None
+    track: TrackTable | None = None
+    time: Quantity | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _checked(cls, entries: Any) -> Any:
+        """Refuse the question marks of a draft, all told at once."""
+        told = entries if isinstance(entries, dict) else {}
+        guesses = dict(
+            _guesses(
+                {
+                    name: one
+                    for name, one in told.items()
+                    if name not in ("title", "source", "files")
+                }
+            )
+        )
+        if guesses:
+            (first, value), *others = guesses.items()
+            more = f" (and so are {', '.join(name for name, _ in others)})" if others else ""
+            raise ValueError(
+                f"{first} is still a guess, got {value!r}{more}: check it and take the question mark away"
+            )
+        return entries
+
+    @model_validator(mode="after")
+    def _whole(self) -> Mapping:
+        both = self.tx_position is not None and self.rx_position is not None
+        if (self.antenna_position is not None) == both or (self.tx_position is None) != (
+            self.rx_position is None
+        ):
+            raise ValueError(
+                "the geometry is missing or double: give antenna_position (one antenna sends and receives), or "
+                "tx_position and rx_position"
+            )
+        wanted, other = (
+            ("frequency", "samples")
+            if "frequency" in self.signal.dims
+            else ("samples", "frequency")
+        )
+        if getattr(self, wanted) is None or getattr(self, other) is not None:
+            raise ValueError(f"signal.dims asks for the table {wanted} and no table {other}")
+        lane = [
+            p is not None and p.frame == "lane" for p in (self.antenna_position, self.tx_position)
+        ]
+        if sum((self.pose is not None, self.track is not None, any(lane))) > 1:
+            raise ValueError(
+                "the vehicle's place is told twice: give one of pose, track, or positions with frame = 'lane'"
+            )
+        if self.track is not None and self.time is None:
+            raise ValueError("track asks for the table time, the radar's time of every scan")
+        return self
+
+
+def _guesses(entries: Any, where: str = "") -> Iterator[tuple[str, str]]:
+    if isinstance(entries, dict):
+        for name, value in entries.items():
+            yield from _guesses(value, f"{where}.{name}" if where else str(name))
+    elif isinstance(entries, list):
+        for value in entries:
+            yield from _guesses(value, where)
+    elif isinstance(entries, str) and entries.endswith("?"):
+        yield where, entries
+
+
+def factor(unit: str | None, kind: str, where: str) -> float:
+    """Look up what to multiply a unit by for SI units; an unknown one is an error."""
+    if unit is None:
+        raise ValueError(f"{where} is missing")
+    if unit not in UNITS[kind]:
+        raise ValueError(f"{where} must be one of {', '.join(UNITS[kind])}, got {unit!r}")
+    return UNITS[kind][unit]
+
+
+def parse_mapping(text: str | bytes, name: str = "mapping") -> Mapping:
+    """Parse a mapping, TOML; an entry that is missing, unknown or against a rule is an error that names it."""
+    return parse_entries(Mapping, text, name)
+
+
+def read_mapping(path: str | Path) -> Mapping:
+    """Read a mapping from a TOML file; what :func:`parse_mapping` refuses is a ValueError."""
+    return parse_mapping(read_named(existing(path, "mapping")), str(path))

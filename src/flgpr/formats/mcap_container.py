@@ -1,0 +1,238 @@
+"""The container of MCAP recordings: the records that can be read, in their order, and what is damaged.
+
+The layout is that of https://mcap.dev/spec. A damaged chunk costs its own messages alone; the indexes behind it tell
+how many these are. What lies behind the place at which a file is cut off is lost.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from flgpr.door import check_expansion, open_named
+from flgpr.store.extras import MissingExtraError, optional
+
+SCHEMA = 3
+CHANNEL = 4
+MESSAGE = 5
+_FOOTER = 2
+_CHUNK = 6
+_MESSAGE_INDEX = 7
+_DATA_END = 15
+_MAGIC = b"\x89MCAP0\r\n"
+_RECORD_HEAD = 9  # bytes: kind and length
+_FOOTER_BODY = struct.Struct("<QQI")  # where the summary and its offsets begin, and a checksum
+_INDEX_HEAD = struct.Struct("<HI")  # channel, and bytes of the entries
+_INDEX_ENTRY = 16  # bytes: time and place of a message
+_CHANNEL_OF_MESSAGE = struct.Struct("<H")
+_WINDOW = 2**27  # largest window of zstd, bytes
+_Place = tuple[int, int, int]
+"""Kind of a record in a chunk, and where its content begins and stops."""
+
+
+class TooLargeError(ValueError):
+    """A record or a chunk takes more memory than it may."""
+
+
+@dataclass
+class ContainerDamage:
+    """What of a recording cannot be read and is left out."""
+
+    chunks: int = 0  #: that the file holds, damaged ones included
+    damaged_chunks: int = 0
+    uncounted_chunks: int = 0  #: damaged ones whose messages no index counts
+    messages: Counter[int] = field(default_factory=Counter)  #: of damaged chunks, by channel
+    cut_off: bool = False  #: whether the file ends before the end of its data
+    reason: str = ""  #: of the first damage
+
+
+@dataclass
+class _DamagedChunk:
+    """A chunk whose indexes follow: what was read of it, and whether an index was."""
+
+    read: Counter[int]  # messages by channel
+    indexed: bool = False
+
+
+class McapContainer:
+    """The records of an MCAP file; ``damage`` tells what of them was left out on the last way through.
+
+    Records and chunks of more than ``limit`` bytes are a :class:`TooLargeError`; a file that does not begin as MCAP
+    is a ValueError.
+    """
+
+    def __init__(self, path: Path, limit: int) -> None:
+        self.path = path
+        self.limit = limit
+        self.damage = ContainerDamage()
+
+    def records(self) -> Iterator[tuple[int, bytes]]:
+        """Go through schemas, channels and messages up to the end of the data: kind and content."""
+        self.damage = ContainerDamage()
+        with open_named(self.path) as file:
+            end = file.seek(0, 2)
+            file.seek(0)
+            if file.read(len(_MAGIC)) != _MAGIC:
+                raise ValueError("it does not begin as MCAP of version 0")
+            damaged: _DamagedChunk | None = None
+            for kind, size in self._heads_of_data(file, end):
+                if kind == _MESSAGE_INDEX and damaged is not None and size <= self.limit:
+                    self._count_lost(file.read(size), damaged)
+                elif kind == _CHUNK:
+                    data, places, damaged = self._chunk(self._content(file, size))
+                    for record, begin, stop in places:
+                        yield record, data[begin:stop]
+                elif kind in (SCHEMA, CHANNEL, MESSAGE):
+                    yield kind, self._content(file, size)
+                else:
+                    file.seek(size, 1)
+
+    def summary(self) -> Iterator[tuple[int, bytes]]:
+        """Go through the schemas and channels that the summary behind the data repeats, if there is one."""
+        with open_named(self.path) as file:
+            end = file.seek(0, 2)
+            file.seek(_summary_start(file, end))
+            for kind, size in _record_heads(file, end):
+                if kind == _FOOTER:
+                    return
+                if kind in (SCHEMA, CHANNEL):
+                    yield kind, self._content(file, size)
+                else:
+                    file.seek(size, 1)
+
+    def _heads_of_data(self, file: BinaryIO, end: int) -> Iterator[tuple[int, int]]:
+        """Go through the kinds and lengths of the records of the data, or to where they are cut off."""
+        for kind, size in _record_heads(file, end):
+            if kind == _DATA_END:
+                return
+            yield kind, size
+        self.damage.cut_off = True
+        self._note_reason(f"it is cut off after {end} bytes, before the end of its data")
+
+    def _content(self, file: BinaryIO, size: int) -> bytes:
+        if size > self.limit:
+            raise TooLargeError(
+                f"a record must have at most {self.limit / 1e9:g} GB, got {size / 1e9:.3g} GB"
+            )
+        return file.read(size)
+
+    def _chunk(self, content: bytes) -> tuple[bytes, list[_Place], _DamagedChunk | None]:
+        """Return what a chunk holds, where its records lie, and what is left to be counted of it if it is damaged."""
+        self.damage.chunks += 1
+        data = b""
+        places: list[_Place] = []
+        try:
+            data = self._unpacked(content)
+            places, fault = _places_in(data)
+        except (MissingExtraError, TooLargeError):
+            raise
+        except Exception as error:  # whatever a library raises on what is damaged
+            fault = " ".join(str(error).split())[:160] or type(error).__name__
+        if not fault:
+            return data, places, None
+        self._note_reason(fault)
+        self.damage.damaged_chunks += 1
+        self.damage.uncounted_chunks += 1  # until an index tells
+        read: Counter[int] = Counter()
+        for kind, begin, stop in places:
+            if kind == MESSAGE and stop - begin >= _CHANNEL_OF_MESSAGE.size:
+                read[_CHANNEL_OF_MESSAGE.unpack_from(data, begin)[0]] += 1
+        return data, places, _DamagedChunk(read)
+
+    def _count_lost(self, index: bytes, chunk: _DamagedChunk) -> None:
+        """Count the messages of a damaged chunk that an index tells, less those that were read of it."""
+        if len(index) < _INDEX_HEAD.size:
+            return
+        channel, size = _INDEX_HEAD.unpack_from(index)
+        if size != len(index) - _INDEX_HEAD.size or size % _INDEX_ENTRY:
+            return
+        if not chunk.indexed:
+            chunk.indexed = True
+            self.damage.uncounted_chunks -= 1
+        self.damage.messages[channel] += max(size // _INDEX_ENTRY - chunk.read[channel], 0)
+
+    def _note_reason(self, reason: str) -> None:
+        self.damage.reason = self.damage.reason or reason
+
+    def _unpacked(self, content: bytes) -> bytes:
+        """Return the records of a chunk as they were before they were packed; damage is an error of any kind."""
+        stream = optional("mcap.data_stream", "bags").ReadDataStream(BytesIO(content))
+        chunk = optional("mcap.records", "bags").Chunk.read(stream)
+        size = chunk.uncompressed_size
+        if size > self.limit:
+            raise TooLargeError(
+                f"a chunk must unpack to at most {self.limit / 1e9:g} GB, got {size / 1e9:.3g} GB"
+            )
+        check_expansion("a chunk", size, len(chunk.data))
+        data = _decompressed(chunk, size)
+        if len(data) != size:
+            raise ValueError(
+                f"a chunk must unpack to the {size} bytes that it declares, got {len(data)} or more"
+            )
+        if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+            raise ValueError("a chunk does not agree with its checksum")
+        return data
+
+
+def _decompressed(chunk: Any, size: int) -> bytes:
+    """Unpack a chunk; at most one byte more than ``size`` is taken."""
+    if chunk.compression == "zstd":
+        packer = optional("zstandard", "bags").ZstdDecompressor(max_window_size=_WINDOW)
+        with packer.stream_reader(BytesIO(chunk.data)) as stream:
+            return bytes(stream.read(size + 1))
+    if chunk.compression == "lz4":
+        packer = optional("lz4.frame", "bags").LZ4FrameDecompressor()
+        return bytes(packer.decompress(chunk.data, max_length=size + 1))
+    if chunk.compression == "":
+        return bytes(chunk.data)
+    raise ValueError(
+        f"chunks must be packed by zstd, lz4 or not at all, got {chunk.compression[:20]!r}"
+    )
+
+
+def _places_in(data: bytes) -> tuple[list[_Place], str]:
+    """Return where the records of a chunk lie, up to one that goes beyond its end, and what is wrong with that one."""
+    places: list[_Place] = []
+    at = 0
+    while at < len(data):
+        begin = at + _RECORD_HEAD
+        stop = begin + int.from_bytes(data[at + 1 : begin], "little")
+        if stop > len(data):
+            return places, "a record goes beyond the end of its chunk"
+        if data[at] in (SCHEMA, CHANNEL, MESSAGE):
+            places.append((data[at], begin, stop))
+        at = stop
+    return places, ""
+
+
+def _record_heads(file: BinaryIO, end: int) -> Iterator[tuple[int, int]]:
+    """Go through the kinds and lengths of records up to one that is cut off; who asks goes past their content."""
+    while True:
+        head = file.read(_RECORD_HEAD)
+        size = int.from_bytes(head[1:], "little")
+        if len(head) < _RECORD_HEAD or size > end - file.tell():
+            return
+        yield head[0], size
+
+
+def _summary_start(file: BinaryIO, end: int) -> int:
+    """Return where the summary begins, as the footer tells; the file's end if there is none."""
+    length = _RECORD_HEAD + _FOOTER_BODY.size
+    begin = end - len(_MAGIC) - length
+    if begin < len(_MAGIC):
+        return end
+    file.seek(begin)
+    footer = file.read(length)
+    if (
+        footer[0] != _FOOTER
+        or int.from_bytes(footer[1:_RECORD_HEAD], "little") != _FOOTER_BODY.size
+    ):
+        return end
+    start: int = _FOOTER_BODY.unpack_from(footer, _RECORD_HEAD)[0]
+    return start if len(_MAGIC) <= start < begin else end

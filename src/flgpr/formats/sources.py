@@ -1,0 +1,283 @@
+"""The values that a mapping's entries stand for: variables of the files it names, and numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.formats.arrays import ArrayFile, open_arrays
+from flgpr.formats.mapping import Entry, Index, Positions, Quantity, Variable, factor
+
+if TYPE_CHECKING:
+    from flgpr.geo.anchor import Anchor
+
+_LARGEST = 1e30
+_SMALLEST = 1e-30
+FloatArray = NDArray[np.float64]
+
+
+@dataclass
+class Sources:
+    """The files of a mapping; what is wrong with a value is told with its file and its entry."""
+
+    files: dict[str, list[Path]]
+    join: str  #: dimension along which several files continue
+    limit: int  #: largest array, and largest sum over the files that are joined, bytes
+    grid: tuple[int, ...] = ()  #: lengths of the scan axes of a raster
+    notes: list[str] = field(default_factory=list)
+    anchor_from_track: bool = False  #: whether fixes without an anchor make their own
+    anchor: Anchor | None = None  #: what they made
+    _open: dict[Path, ArrayFile] = field(default_factory=dict)
+
+    @contextmanager
+    def entry(self, where: str, file: str | None) -> Iterator[None]:
+        """Name the entry and its file in a ValueError that does not name them yet."""
+        try:
+            yield
+        except ValueError as error:
+            words = str(error)
+            paths = self.files.get(file or "", [])
+            if not re.search(rf"(^|: ){re.escape(where)}\b", words):
+                words = f"{where}: {words}"
+            if paths and not any(str(path) in words for path in paths):
+                words = (
+                    f"{paths[0]}{f' and {len(paths) - 1} more' if len(paths) > 1 else ''}: {words}"
+                )
+            raise ValueError(words) from None
+
+    def arrays(self, file: str, variable: str, where: str) -> list[NDArray[Any]]:
+        """Read a variable of every file of that name."""
+        if file not in self.files:
+            raise ValueError(f"{where}: file must be one of {', '.join(self.files)}, got {file!r}")
+        found = []
+        held = 0
+        for path in self.files[file]:
+            if path not in self._open:
+                self._open[path] = open_arrays(path, self.limit)
+            try:
+                values = self._open[path].read(variable)
+            except ValueError as error:
+                raise ValueError(f"{where}: {error}") from None
+            self.notes += [note for note in self._open[path].notes if note not in self.notes]
+            if values.dtype.kind not in "fciu":
+                raise ValueError(
+                    f"{where}: {path}: {variable} must hold numbers, got {values.dtype}"
+                )
+            held += values.nbytes
+            if held > self.limit:
+                raise ValueError(
+                    f"{where}: {variable} of {len(self.files[file])} files must hold at most {self.limit / 1e9:g} GB, "
+                    f"got more up to {path}"
+                )
+            found.append(values)
+        return found
+
+    def assembled(self, parts: list[NDArray[Any]], along: str, where: str) -> NDArray[Any]:
+        """Bring the values of several files together: those along the joined dimension follow one another.
+
+        Fixes of a track ("fix") follow one another unless every file holds them all; the others must be the same in all
+        files.
+        """
+        same = all(
+            part.shape == parts[0].shape and np.array_equal(part, parts[0]) for part in parts[1:]
+        )
+        if len(parts) > 1 and (along == self.join.split()[-1] or (along == "fix" and not same)):
+            with self.entry(where, None):
+                return np.concatenate([np.atleast_1d(part) for part in parts])
+        if not same:
+            raise ValueError(f"{where} must be the same in all {len(parts)} files, it is not")
+        return parts[0]
+
+    def vector(
+        self, spec: Quantity, kind: str, where: str, along: str = "", count: int | None = None
+    ) -> FloatArray:
+        """Values of a quantity as a vector in SI units; ``count`` is how many a span stands for."""
+        scale = factor(spec.unit, kind, f"{where}.unit")
+        with self.entry(where, spec.file if spec.variable is not None else None):
+            if spec.span is not None:
+                if count is None:
+                    raise ValueError(
+                        f"{where} must be a variable or values, its length follows from nothing else"
+                    )
+                values = np.linspace(*spec.span, count)
+            elif spec.values is not None:
+                values = np.asarray(spec.values, dtype=np.float64)
+            else:
+                parts = [
+                    _column(p, spec.column, where)
+                    for p in self.arrays(spec.file, str(spec.variable), where)
+                ]
+                values = real(self.assembled(parts, along, where), where)
+                if len(self.grid) > 1 and along == "scan":
+                    values = self._on_grid(values, None, where)
+            values = np.atleast_1d(values).ravel() * scale
+            plausible(values, where)
+        return values - values[0] if spec.zero_first else values
+
+    def component(
+        self, entry: Entry, file: str, where: str, count: int | None = None, along: str = "scan"
+    ) -> FloatArray:
+        """Values of an entry: ``count`` of them, on the raster of scans where there is one, or as many as there are."""
+        spec = entry if isinstance(entry, Variable) else _number_or_variable(entry)
+        if not isinstance(spec, Variable):
+            return np.full(1 if count is None else count, spec)
+        file = spec.file or file
+        with self.entry(where, file):
+            parts = [
+                _column(part, spec.column, where)
+                for part in self.arrays(file, spec.variable, where)
+            ]
+            values = real(self.assembled(parts, along, where), where)
+            plausible(values, where)
+            if count is None:
+                return values.ravel()
+            if len(self.grid) > 1 and along == "scan":
+                values = self._on_grid(values, spec.axis, where)
+            elif spec.axis is not None:
+                raise ValueError(
+                    f"{where}.axis is for rasters, whose signal.dims hold scan more than once"
+                )
+            if values.shape != (count,):
+                raise ValueError(f"{where} must have {count} values, got shape {values.shape}")
+        return values
+
+    def _on_grid(self, values: FloatArray, axis: int | None, where: str) -> FloatArray:
+        """Lay values out over the raster: one per scan, on the grid or flat, or a vector along one of its axes."""
+        grid = self.grid
+        fits = [k for k, size in enumerate(grid) if values.shape == (size,)]
+        if axis is not None:
+            if axis not in fits:
+                raise ValueError(
+                    f"{where}.axis must be a scan axis of {grid} as long as the values, got {axis}"
+                )
+            fits = [axis]
+        if len(fits) > 1:
+            raise ValueError(
+                f"{where} fits scan axes {fits} of {grid}: say which by axis = {fits[0]} or so"
+            )
+        if fits:
+            return np.broadcast_to(
+                np.expand_dims(values, [k for k in range(len(grid)) if k != fits[0]]), grid
+            ).ravel()
+        if values.ndim > 1 and values.shape != tuple(n for n in grid if n > 1):
+            raise ValueError(
+                f"{where} must have the shape {grid} of the scan axes, got {values.shape}"
+            )
+        return values.ravel()
+
+    def points(
+        self, spec: Positions, where: str, along: str, count: int | None = None
+    ) -> FloatArray:
+        """Positions (..., 3) in m; with ``count`` one per scan or fix, (count, 3) or with angles (count, 6)."""
+        scale = factor(spec.unit, "length", f"{where}.unit")
+        with self.entry(where, None if spec.values is not None else spec.file):
+            points = self._triples(spec, where, along, count)
+            if points.ndim < 2 or points.shape[-1] not in ((3,) if count is None else (3, 6)):
+                raise ValueError(
+                    f"{where} must have x, y and z along its last axis, got shape {points.shape}"
+                )
+            if count is not None:
+                if points.ndim > 2 and along == "scan" and points.shape[:-1] != self.grid:
+                    raise ValueError(
+                        f"{where} must have the shape {self.grid} of the scan axes, got {points.shape}"
+                    )
+                points = points.reshape(-1, points.shape[-1])
+                if len(points) != count:
+                    raise ValueError(f"{where} must have {count} positions, got {len(points)}")
+            points = np.concatenate([points[..., :3] * scale, points[..., 3:]], axis=-1)
+            plausible(points, where)
+            if spec.index is not None:
+                points = points[..., self._index(spec.index, points.shape[-2], f"{where}.index"), :]
+        return points
+
+    def _triples(self, spec: Positions, where: str, along: str, count: int | None) -> FloatArray:
+        """Bring the forms that positions are written in to one with x, y, z along the last axis."""
+        if spec.values is not None:
+            return np.asarray(spec.values, dtype=np.float64)
+        if spec.variable is None:
+            sides = [
+                self.component(entry, spec.file, f"{where}.{name}", count, along)
+                for name, entry in zip("xyz", (spec.x, spec.y, spec.z), strict=True)
+                if entry is not None
+            ]
+            try:
+                return np.stack(np.broadcast_arrays(*sides), axis=-1)
+            except ValueError:
+                sizes = ", ".join(str(side.size) for side in sides)
+                raise ValueError(f"{where} must have as many x as y and z, got {sizes}") from None
+        points = real(
+            self.assembled(self.arrays(spec.file, spec.variable, where), along, where), where
+        )
+        if points.ndim == 2 and points.shape[0] == 3 and points.shape[1] not in (2, 3, 6):
+            points = points.T  # a column per position, as is the custom in MATLAB
+        if spec.z is None:
+            return points
+        if points.ndim < 2 or points.shape[-1] != 2:
+            raise ValueError(
+                f"{where} must have x and y alone with z beside it, got shape {points.shape}"
+            )
+        height = self.component(spec.z, spec.file, f"{where}.z", points[..., 0].size, along)
+        return np.concatenate([points, height.reshape(*points.shape[:-1], 1)], axis=-1)
+
+    def _index(self, spec: Index, count: int, where: str) -> NDArray[np.int64]:
+        with self.entry(where, spec.file):
+            parts = self.arrays(spec.file, spec.variable, where)
+            values = real(
+                self.assembled([_column(p, spec.column, where) for p in parts], "pair", where),
+                where,
+            ).ravel()
+            rows = values - spec.first
+            if (
+                not np.isfinite(rows).all()
+                or (rows != np.round(rows)).any()
+                or rows.min() < 0
+                or rows.max() >= count
+            ):
+                raise ValueError(
+                    f"{where} must hold whole numbers from {spec.first} to {count - 1 + spec.first}, got "
+                    f"{values.min():g} to {values.max():g}"
+                )
+        return rows.astype(np.int64)
+
+
+def _number_or_variable(entry: float | str) -> float | Variable:
+    """Take a text that is a number, which a checked draft may hold, as one."""
+    try:
+        return float(entry)
+    except ValueError:
+        return Variable(variable=str(entry))
+
+
+def _column(values: NDArray[Any], column: int | None, where: str) -> NDArray[Any]:
+    if column is None:
+        return np.atleast_1d(values.squeeze())
+    if values.ndim != 2 or not 0 <= column < values.shape[1]:
+        raise ValueError(
+            f"{where}.column must be a column of the variable, got {column} for shape {values.shape}"
+        )
+    return values[:, column]
+
+
+def real(values: NDArray[Any], where: str) -> FloatArray:
+    """Take numbers that must be real as float64."""
+    if np.iscomplexobj(values):
+        raise ValueError(f"{where} must be real numbers, got {values.dtype}")
+    return np.asarray(values, dtype=np.float64)
+
+
+def plausible(values: NDArray[Any], where: str) -> None:
+    """Refuse magnitudes that no instrument records but a wrong byte order makes."""
+    size = np.abs(values[np.isfinite(values)])
+    largest = float(size.max(initial=0.0))
+    if largest > _LARGEST or 0 < largest < _SMALLEST:
+        raise ValueError(
+            f"{where} must lie between {_SMALLEST:g} and {_LARGEST:g} in magnitude, got up to {largest:g}: is the byte "
+            "order wrong?"
+        )

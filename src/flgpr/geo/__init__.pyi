@@ -1,0 +1,13 @@
+from flgpr.geo.anchor import Anchor as Anchor
+from flgpr.geo.anchor import fit_anchor as fit_anchor
+from flgpr.geo.anchor import own_anchor as own_anchor
+from flgpr.geo.anchor import read_anchor as read_anchor
+from flgpr.geo.basemap import map_backdrop as map_backdrop
+from flgpr.geo.export import georeference as georeference
+from flgpr.geo.export import write_earth_csv as write_earth_csv
+from flgpr.geo.export import write_earth_geojson as write_earth_geojson
+from flgpr.geo.export import write_geopackage as write_geopackage
+from flgpr.geo.export import write_geotiff as write_geotiff
+from flgpr.geo.export import write_gpx as write_gpx
+from flgpr.geo.export import write_kml as write_kml
+from flgpr.geo.track_anchor import anchor_from_fixes as anchor_from_fixes

@@ -1,0 +1,73 @@
+"""Migrated sections below a line of antennas on the ground."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.imaging.aperture import aperture_blocks, aperture_image
+from flgpr.imaging.focus import scan_weights
+from flgpr.imaging.view_axes import chosen_scans
+from flgpr.model import SPEED_OF_LIGHT
+
+_SPACING = 0.03  # m along the line; assumed
+_TOLERANCE = 1e-2  # of the images, which are only compared with one another
+
+
+class LineSection:
+    """Sections of the same delays below a stretch of a line, for any permittivity of the ground.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run of antennas that are coupled to the ground.
+    along : (float, float), optional
+        Stretch of the line, m, by default all of it.
+    delays : (float, float)
+        Two-way delays that the section spans, s.
+
+    Raises
+    ------
+    ValueError
+        If limits do not increase.
+    """
+
+    def __init__(
+        self, run: xr.Dataset, along: tuple[float, float] | None, delays: tuple[float, float]
+    ) -> None:
+        scans = chosen_scans(run, None)
+        pose = run["pose"].values[scans]
+        self._axis = int(np.ptp(pose[:, 1]) >= np.ptp(pose[:, 0]))
+        course = pose[:, self._axis]
+        low, high = along or (float(course.min()), float(course.max()))
+        if not (high > low and 0 <= delays[0] < delays[1]):
+            raise ValueError(
+                f"along and delays must have limits that increase, got {low:g}, {high:g} m and {delays} s"
+            )
+        self._run = run
+        self._middle = (pose[:, 0].mean(), pose[:, 1].mean())
+        self._along = np.linspace(low, high, max(round((high - low) / _SPACING), 2))
+        self._delay = np.arange(*delays, 1 / (4 * run["frequency"].values[-1]))
+        self._weights = np.zeros(run.sizes["scan"])
+        self._weights[scans] = scan_weights(run, scans)
+        self._blocks = aperture_blocks(run, scans)
+
+    def image(self, permittivity: float) -> NDArray[np.complex64]:
+        """Return the section (polarization, delay, place) migrated with a permittivity."""
+        points = np.zeros((self._delay.size, self._along.size, 3))
+        points[..., 0] = self._middle[0]
+        points[..., 1] = self._middle[1]
+        points[..., self._axis] = self._along
+        points[..., 2] = -self._delay[:, None] * SPEED_OF_LIGHT / math.sqrt(permittivity) / 2
+        return aperture_image(
+            self._run,
+            points,
+            self._blocks,
+            self._weights,
+            permittivity=permittivity,
+            window="hann",
+            tolerance=_TOLERANCE,
+        )

@@ -1,0 +1,9 @@
+from flgpr.proving_ground.ground import Ground as Ground
+from flgpr.proving_ground.ground import load_ground as load_ground
+from flgpr.proving_ground.oracle import run_oracle as run_oracle
+from flgpr.proving_ground.running import find_entry as find_entry
+from flgpr.proving_ground.running import packaged_entries as packaged_entries
+from flgpr.proving_ground.running import run_benchmark as run_benchmark
+from flgpr.proving_ground.table import listing as listing
+from flgpr.proving_ground.table import score_entries as score_entries
+from flgpr.proving_ground.table import write_table as write_table

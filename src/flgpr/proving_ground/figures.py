@@ -1,0 +1,165 @@
+"""Figures of the proving ground: who finds what on every tier, and every split by group of targets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from flgpr.proving_ground.ground import BODY, MINES, Ground
+from flgpr.proving_ground.running import ORACLES
+
+KINDS = ("metal", "plastic", "ap", "simulant")
+"""Kinds of targets in the order of their panels; others come after them."""
+MARKS = (("o", "C0", "C0"), ("s", "C1", "white"), ("^", "C2", "C2"), ("D", "C4", "white"))
+"""Marker, colour and filling of the tiers in turn: told apart in black and white, too."""
+SPREAD = 0.36  # of a row, between the marks of its first and of its last tier
+ROW = 0.21  # in, height of a row
+
+
+def opening_split(ground: Ground) -> str:
+    """Name the split that the opening figure shows, the first."""
+    return next(iter(ground.table.splits))
+
+
+def tiers_figure(ground: Ground, scores: pd.DataFrame, narrow: bool = False) -> Figure:
+    """Draw Pd of every entry with its 95 % interval by kind of target, a mark for every tier.
+
+    Parameters
+    ----------
+    ground : Ground
+        A ground that has tiers.
+    scores : DataFrame
+        What :func:`flgpr.proving_ground.score_entries` gives; the opening split at the FAR of
+        comparison is drawn.
+    narrow : bool
+        Two panels beside each other, which can be read on a phone, and not all of them.
+
+    Returns
+    -------
+    Figure
+        A panel per kind of target. Entries stand in the order of their Pd of all mines on the first
+        tier, the oracles above them. What chance finds at most is shaded.
+    """
+    shown = scores[
+        (scores["split"] == opening_split(ground)) & (scores["far_allowed"] == ground.table.far)
+    ]
+    tiers = [tier for tier in ground.table.tiers if (shown["tier"] == tier).any()]
+    entries = _entries_from_below(shown, tiers)
+    kinds = _kinds(ground, shown)
+    columns = min(2, len(kinds)) if narrow else len(kinds)
+    rows = -(-len(kinds) // columns)
+    width = 3.9 if narrow else 1.5 + 1.55 * columns
+    height = 0.5 + rows * (0.6 + ROW * len(entries))
+    figure = Figure(figsize=(width, height), layout="constrained")
+    panels = np.atleast_1d(
+        figure.subplots(rows, columns, sharey=True, sharex=True, squeeze=False)
+    ).ravel()
+    for panel, kind in zip(panels, kinds, strict=False):
+        _draw_kind(panel, shown[shown["group"] == kind], kind, tiers, entries)
+    for panel in panels[len(kinds) :]:
+        panel.set_axis_off()
+    for panel in panels[max(len(kinds) - columns, 0) : len(kinds)]:
+        panel.set_xlabel("Pd", fontsize=8)
+    figure.legend(
+        handles=_legend(ground, tiers),
+        loc="outside upper center",
+        ncols=1 if narrow else 3,
+        fontsize=8,
+        frameon=False,
+    )
+    return figure
+
+
+def _entries_from_below(shown: pd.DataFrame, tiers: Sequence[str]) -> list[str]:
+    """Order entries by their Pd of all mines, that of the first tier first, the oracles last, which is on top."""
+    mines = shown[shown["group"] == MINES].pivot_table(index="entry", columns="tier", values="pd")
+    ordered = (
+        mines.reindex(columns=list(tiers)).fillna(-1.0).sort_values(list(tiers), kind="stable")
+    )
+    entries = [str(name) for name in ordered.index if name not in ORACLES]
+    return [*entries, *(name for name in ORACLES if name in ordered.index)]
+
+
+def _kinds(ground: Ground, shown: pd.DataFrame) -> list[str]:
+    """List the kinds of targets that were scored."""
+    groups = dict.fromkeys(str(group) for group in shown["group"])
+    kinds = [
+        group
+        for group in groups
+        if group not in (MINES, *ground.sites) and not group.startswith(BODY)
+    ]
+    return [
+        *(kind for kind in KINDS if kind in kinds),
+        *(kind for kind in kinds if kind not in KINDS),
+    ]
+
+
+def _draw_kind(
+    panel: Axes, own: pd.DataFrame, kind: str, tiers: Sequence[str], entries: list[str]
+) -> None:
+    """Draw the panel of one kind of target."""
+    places = np.arange(len(entries), dtype=float)
+    panel.barh(
+        places[::2], 1.06, left=-0.03, height=1.0, color="0.95", zorder=0
+    )  # rows that the eye can follow
+    panel.axvspan(-0.03, float(own["chance"].max()), color="0.8", zorder=1, lw=0)
+    shifts = np.linspace(SPREAD / 2, -SPREAD / 2, len(tiers)) if len(tiers) > 1 else np.zeros(1)
+    counts = []
+    for number, (tier, shift) in enumerate(zip(tiers, shifts, strict=True)):
+        marker, colour, filling = MARKS[number % len(MARKS)]
+        rows = own[own["tier"] == tier].set_index("entry").reindex(entries)
+        panel.hlines(
+            places + shift, rows["pd_low"], rows["pd_high"], color=colour, lw=1.2, zorder=2
+        )
+        panel.plot(
+            rows["pd"], places + shift, marker, color=colour, mfc=filling, ms=4, mew=1.1, zorder=3
+        )
+        counts.append(f"{rows['n_targets'].max():.0f}")
+    name = "AP" if kind == "ap" else kind
+    panel.set_title(f"{name} ({' | '.join(counts)})", fontsize=9)
+    panel.set(xlim=(-0.03, 1.03), ylim=(-0.5, len(entries) - 0.5), xticks=(0, 0.5, 1))
+    panel.set_yticks(places, entries, fontsize=8)
+    panel.tick_params(axis="x", labelsize=8, labelbottom=True)
+    panel.tick_params(axis="y", length=0)
+    panel.grid(axis="x", alpha=0.4)
+
+
+def _legend(ground: Ground, tiers: Sequence[str]) -> list[Line2D | Patch]:
+    """Make the entries of the legend."""
+    handles: list[Line2D | Patch] = []
+    for number, tier in enumerate(tiers):
+        marker, colour, filling = MARKS[number % len(MARKS)]
+        title = ground.table.tiers[tier].title
+        handles.append(
+            Line2D([], [], marker=marker, color=colour, mfc=filling, ms=4, lw=1.2, label=title)
+        )
+    return [*handles, Patch(color="0.8", label="what chance finds, at most")]
+
+
+def split_figure(ground: Ground, scores: pd.DataFrame, split: str) -> Figure:
+    """Draw Pd of every entry with its interval and chance, of all mines and of every site and kind."""
+    own = scores[(scores["split"] == split) & (scores["far_allowed"] == ground.table.far)]
+    entries = list(own[own["group"] == MINES].sort_values("pd", kind="stable")["entry"])
+    groups = [group for group in dict.fromkeys(own["group"]) if not group.startswith(BODY)]
+    figure = Figure(
+        figsize=(2.2 + 1.7 * len(groups), 1.1 + 0.3 * len(entries)), layout="constrained"
+    )
+    axes = np.atleast_1d(figure.subplots(1, len(groups), sharey=True))
+    for axis, group in zip(axes, groups, strict=True):
+        rows = own[own["group"] == group].set_index("entry").reindex(entries)
+        places = np.arange(len(entries))
+        value = rows["pd"].to_numpy()
+        axis.hlines(places, rows["pd_low"], rows["pd_high"], color="C0", lw=2)
+        axis.plot(value, places, "o", color="C0", ms=5)
+        axis.plot(rows["chance"], places, "|", color="C3", ms=11, mew=2)
+        targets = rows["n_targets"].max()
+        axis.set(xlim=(-0.03, 1.03), title=f"{group} ({targets:.0f})", xlabel="Pd")
+        axis.set_yticks(places, entries)
+        axis.grid(axis="x", alpha=0.3)
+    return figure

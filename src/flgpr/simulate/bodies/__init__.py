@@ -1,0 +1,1 @@
+"""Bodies: signatures of buried targets, rims, and the echoes of single objects."""

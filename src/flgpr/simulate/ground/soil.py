@@ -1,0 +1,123 @@
+"""Permittivity of soils: mixing models for the complex relative permittivity, fields varying as exp(+jωt)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+VACUUM_PERMITTIVITY = 8.8541878128e-12
+"""Permittivity of vacuum, F/m."""
+
+
+def mironov(frequency: ArrayLike, clay: float, moisture: float) -> NDArray[np.complex128]:
+    """Permittivity ε' - jε'' of mineral soil by the refractive mixing model with bound and free water.
+
+    Clay is by weight, per cent; moisture by volume, m³/m³. Outside the model's range they are
+    errors (Mironov, Kosolapova & Fomin 2009, for 0.045-26.5 GHz, 0-76 % clay, 20-22 °C).
+
+    Examples
+    --------
+    >>> from flgpr.simulate.ground.soil import mironov
+    >>> mironov([0.5e9, 1e9, 2.5e9], clay=3, moisture=0.03).round(2)  # dry sand
+    array([3.43-0.23j, 3.43-0.21j, 3.42-0.23j])
+    """
+    _in_range("clay", clay, 0.0, 76.0)
+    _in_range("moisture", moisture, 0.0, 0.5)
+    f = np.asarray(frequency, dtype=np.float64)
+    dry_n = 1.634 - 0.539e-2 * clay + 0.2748e-4 * clay**2
+    dry_k = 0.03952 - 0.04038e-2 * clay
+    limit = 0.02863 + 0.30673e-2 * clay
+    bound = _water(
+        f,
+        79.8 - 85.4e-2 * clay + 32.7e-4 * clay**2,
+        1.062e-11 + 3.45e-14 * clay,
+        0.3112 + 0.467e-2 * clay,
+    )
+    free = _water(f, 100.0, 8.5e-12, 0.3631 + 1.217e-2 * clay)
+    index = (
+        (dry_n - 1j * dry_k)
+        + (bound - 1) * min(moisture, limit)
+        + (free - 1) * max(moisture - limit, 0.0)
+    )
+    return np.asarray(index**2)
+
+
+def _water(
+    f: NDArray[np.float64], static: float, relaxation: float, conductivity: float
+) -> NDArray[np.complex128]:
+    """Refractive index n - jk of one kind of soil water: a Debye relaxation and ohmic loss."""
+    omega = 2 * np.pi * f
+    debye = 4.9 + (static - 4.9) / (1 + 1j * omega * relaxation)
+    return np.asarray(np.sqrt(debye - 1j * conductivity / (omega * VACUUM_PERMITTIVITY)))
+
+
+def topp(moisture: float, loss_tangent: float = 0.05) -> complex:
+    """Permittivity from volumetric moisture (0-0.55) at all tones (Topp, Davis & Annan 1980); the loss is assumed."""
+    _in_range("moisture", moisture, 0.0, 0.55)
+    real = 3.03 + 9.3 * moisture + 146.0 * moisture**2 - 76.7 * moisture**3
+    return complex(real, -real * loss_tangent)
+
+
+def peplinski(
+    frequency: ArrayLike, sand: float, clay: float, moisture: float, bulk_density: float = 1.5
+) -> NDArray[np.complex128]:
+    """Permittivity of soil by the semi-empirical mixing model for 0.3-1.3 GHz (Peplinski, Ulaby & Dobson 1995).
+
+    Sand and clay are by weight, per cent, moisture by volume, the dry bulk density in g/cm³. Its effective conductivity
+    turns negative for sand with little clay; there the loss is clipped at zero and the model should not be used.
+    """
+    _in_range("sand", sand, 0.0, 100.0)
+    _in_range("clay", clay, 0.0, 100.0 - sand)
+    _in_range("moisture", moisture, 0.0, 0.55)
+    f = np.asarray(frequency, dtype=np.float64)
+    grain = 2.66
+    alpha = 0.65
+    s = sand / 100
+    c = clay / 100
+    mineral = (1.01 + 0.44 * grain) ** 2 - 0.062
+    beta_real = 1.2748 - 0.519 * s - 0.152 * c
+    beta_imag = 1.33797 - 0.603 * s - 0.166 * c
+    omega = 2 * np.pi * f
+    relaxation = 0.58e-10 / (2 * np.pi)
+    water_real = 4.9 + (80.1 - 4.9) / (1 + (omega * relaxation) ** 2)
+    real = (
+        1
+        + bulk_density / grain * (mineral**alpha - 1)
+        + moisture**beta_real * water_real**alpha
+        - moisture
+    ) ** (1 / alpha)
+    real = 1.15 * real - 0.68
+    if moisture == 0:
+        return np.asarray(real + 0j)
+    debye_loss = omega * relaxation * (80.1 - 4.9) / (1 + (omega * relaxation) ** 2)
+    conductivity = peplinski_conductivity(sand, clay, bulk_density)
+    ohmic = conductivity * (grain - bulk_density) / (omega * VACUUM_PERMITTIVITY * grain * moisture)
+    water_loss = np.maximum(debye_loss + ohmic, 0.0)
+    return np.asarray(real - 1j * (moisture**beta_imag * water_loss**alpha) ** (1 / alpha))
+
+
+def peplinski_conductivity(sand: float, clay: float, bulk_density: float = 1.5) -> float:
+    """Effective conductivity of the soil solution, S/m, below 1.3 GHz (Peplinski 1995); negative for arid sand."""
+    return 0.0467 + 0.2204 * bulk_density - 0.4111 * sand / 100 + 0.6614 * clay / 100
+
+
+def fixed(
+    frequency: ArrayLike, permittivity: float, loss_tangent: float, conductivity: float
+) -> NDArray[np.complex128]:
+    """Permittivity given as ε', tanδ and an ohmic conductivity in S/m at every ``frequency`` in Hz."""
+    f = np.asarray(frequency, dtype=np.float64)
+    loss = permittivity * loss_tangent + conductivity / (2 * np.pi * f * VACUUM_PERMITTIVITY)
+    return np.asarray(permittivity - 1j * loss)
+
+
+def one_way_loss(frequency: float, permittivity: complex) -> float:
+    """Attenuation of a plane wave in a medium, dB/m; about 91·f_GHz·sqrt(ε')·tanδ for small losses."""
+    wavenumber = 2 * math.pi * frequency / 299_792_458.0
+    return float(20 * math.log10(math.e) * wavenumber * abs(np.sqrt(complex(permittivity)).imag))
+
+
+def _in_range(name: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise ValueError(f"{name} must lie between {low:g} and {high:g}, got {value!r}")

@@ -1,0 +1,370 @@
+"""Scenes: what lies in and beside a lane, as validated TOML."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, Field, NonNegativeInt, model_validator
+
+from flgpr.door import parse_toml, read_named
+from flgpr.model import Lane
+from flgpr.model.bounds import Angle, Decibels, NotNegative, Positive
+from flgpr.model.faults import parse_entries, preset_names
+from flgpr.simulate.bodies.rims import Profile, cylinder
+from flgpr.simulate.bodies.signature.table import body_size
+from flgpr.simulate.ground import soil as soils
+from flgpr.simulate.scene.scene_tables import (
+    Grass,
+    Heterogeneity,
+    Holes,
+    Lenses,
+    Roots,
+    Shadow,
+    Stones,
+    Terrain,
+)
+from flgpr.simulate.scene.scene_tables import Part as _Part
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Percent = Annotated[float, Field(ge=0, le=100)]
+Size = Annotated[float, Field(gt=0, le=100)]
+Stride = Annotated[float, Field(ge=0.001, le=10_000)]
+Beside = Annotated[float, Field(ge=0, le=1000)]
+_SITES = resources.files("flgpr.simulate.scene") / "sites"
+
+
+class Layer(_Part):
+    """A layer of soil over the rest."""
+
+    thickness: Positive  #: m
+    moisture: Share  #: volumetric, m³/m³
+
+
+class Soil(_Part):
+    """The soil's permittivity."""
+
+    model: Literal["mironov", "topp", "peplinski", "fixed"] = "mironov"  #: dielectric model
+    clay: Percent = 3.0  #: per cent by weight
+    sand: Percent = 90.0  #: per cent by weight
+    moisture: Share = 0.03  #: volumetric, m³/m³, below all layers
+    layers: tuple[Layer, ...] = ()  #: layers of other moisture above, from the top down
+    #: permittivity, conductivity: ε' and ohmic conductivity (S/m) of the model "fixed"
+    permittivity: Annotated[float, Field(ge=1, le=1000)] = 3.0
+    conductivity: Annotated[float, Field(ge=0, le=1000)] = 0.0
+    loss_tangent: Annotated[float, Field(ge=0, le=100)] | None = (
+        None  #: overrides the model's loss when given
+    )
+
+    def media(self, frequency: ArrayLike) -> list[NDArray[np.complex128]]:
+        """Complex permittivity at each ``frequency`` (Hz) of every layer from the top down, the half-space last."""
+        f = np.asarray(frequency, dtype=np.float64)
+        return [
+            self._mix(f, moisture)
+            for moisture in (*(layer.moisture for layer in self.layers), self.moisture)
+        ]
+
+    def passed(self, depth: float) -> list[float]:
+        """Thickness of every layer that a point at ``depth`` (m) has above it, m."""
+        above = []
+        left = max(depth, 0.0)
+        for layer in self.layers:
+            above.append(min(layer.thickness, left))
+            left -= above[-1]
+        return [*above, left]
+
+    def _mix(self, f: NDArray[np.float64], moisture: float) -> NDArray[np.complex128]:
+        if self.model == "mironov":
+            eps: NDArray[Any] = soils.mironov(f, self.clay, moisture)
+        elif self.model == "peplinski":
+            eps = soils.peplinski(f, self.sand, self.clay, moisture)
+        elif self.model == "topp":
+            eps = np.full(f.shape, soils.topp(moisture))
+        else:
+            eps = soils.fixed(f, self.permittivity, 0.0, self.conductivity)
+        if self.loss_tangent is not None:
+            eps = eps.real * (1 - 1j * self.loss_tangent)
+        return np.asarray(eps)
+
+
+class Surface(_Part):
+    """The rough surface."""
+
+    echo: bool = True  #: whether it scatters
+    phase_screen: bool = True  #: whether its heights disturb the phase of what lies below
+    rms_height: Annotated[float, Field(ge=0, le=10)] = 0.005  #: s of the exponential correlation, m
+    correlation_length: Size = 0.05  #: l of the exponential correlation, m
+    #: spectral density of the ground's profile at 0.1 waves per metre, m³, whose longer waves come on top of these (ISO
+    #: 8608: 256e-6 in class C, 1024e-6 in D, 4096e-6 in E); 0 leaves the exponential correlation alone
+    unevenness: Annotated[float, Field(ge=0, le=1)] = 0.0
+    waviness: Annotated[float, Field(gt=1, lt=3)] = 2.0  #: exponent with which that density falls
+    slope: Annotated[float, Field(ge=0, lt=math.pi / 2)] = math.radians(
+        5
+    )  #: rms tilt of the larger scale, rad
+    cross_db: Decibels = -12.0  #: HV under HH, dB
+    correlation: Annotated[float, Field(ge=0, le=1)] = 0.65  #: correlation of HH and VV
+    #: shape of the gamma-distributed local power (K-distributed amplitudes); None is Rayleigh clutter
+    texture_shape: Annotated[float, Field(ge=0.01)] | None = 4.0
+    texture_length: Annotated[float, Field(gt=0.05)] = (
+        0.5  #: correlation length of the local power, m
+    )
+    #: scatterers per m²; None takes 3 per resolution cell of the sensor at 10 m
+    density: Positive | None = None
+    level_db: Decibels = 0.0  #: added to σ⁰, dB: for sites whose level was measured
+
+
+class Patch(_Part):
+    """A round patch of ground that scatters more, as wet ground does."""
+
+    x: float  #: m
+    y: float  #: m
+    radius: Size  #: m
+    gain_db: Decibels = 4.0  #: by how much σ⁰ is higher in its middle, dB
+
+
+def _sized(data: Any, own: tuple[str, ...]) -> Any:
+    """Give a target that names a body the body's size; it must not bring its own."""
+    if not isinstance(data, dict) or not isinstance(data.get("body"), str):
+        return data
+    given = [entry for entry in own if data.get(entry) is not None]
+    size = body_size(data["body"])
+    if given and not all(data[entry] == size.get(entry) for entry in given):
+        raise ValueError(
+            f"{given[0]} must not be given with body = {data['body']!r}, which has its own"
+        )
+    return {**data, **size}
+
+
+class Target(_Part):
+    """A mine or another body in or on the ground."""
+
+    #: "metal", "plastic", "simulant" (plastic without an air gap) or any other name, which then is metal unless it has
+    #: a ``permittivity`` or a ``body``
+    kind: str
+    #: what scatters in the ground: a packaged body ("tm-62p"; ``flgpr simulate signature`` lists them) or a table made
+    #: of one's own. It brings its radius and height. None takes a generic metal or plastic mine of the given ones
+    body: str | None = None
+    #: x, y, depth: centre and depth of the top below the ground there, m; ``depth = -height`` lies on the ground
+    x: float
+    y: float
+    depth: float = 0.0
+    #: radius, height: of the cylinder, m, unless there is a ``profile``
+    radius: Size = 0.16
+    height: Size = 0.15
+    #: corners of the body from its top's centre to its bottom's, m
+    profile: tuple[tuple[float, float], ...] | None = None
+    #: of a dielectric body; None takes 2.9 for plastic and simulant and makes the rest metal
+    permittivity: Annotated[float, Field(ge=1, le=1000)] | None = None
+    #: air under a dielectric body's top, m; None takes 1.5 cm for plastic and nothing for the rest
+    gap: NotNegative | None = None
+    #: tilt, azimuth: tilt of the axis and the direction it leans to, clockwise from +y, rad
+    tilt: Angle = 0.0
+    azimuth: Angle = 0.0
+    heading: Angle = 0.0  #: direction of a box's long side, clockwise from +y, rad
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_body(cls, data: Any) -> Any:
+        return _sized(data, ("radius", "height", "profile", "permittivity", "gap"))
+
+    @property
+    def outline(self) -> Profile:
+        """Corners of the body from its top's centre to its bottom's, m."""
+        return self.profile or cylinder(self.radius, self.height)
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Greatest radius, and height, m."""
+        return max(radius for radius, _ in self.outline), self.outline[-1][1]
+
+    @property
+    def dielectric(self) -> float | None:
+        """Permittivity of the body, None for metal."""
+        if self.permittivity is None and self.kind in {"plastic", "simulant"}:
+            return 2.9
+        return self.permittivity
+
+    @property
+    def air_gap(self) -> float:
+        """Air under the top, m."""
+        if self.gap is None:
+            return 0.015 if self.kind == "plastic" else 0.0
+        return self.gap
+
+
+class TargetDraw(_Part):
+    """A number of alike targets put into the lane at random."""
+
+    kind: str  #: as of a target
+    body: str | None = None  #: as of a target; boxes lie at any heading
+    depth: float  #: depth of the top, m
+    count: Annotated[int, Field(ge=0, le=1_000_000)]
+    radius: Size = 0.16  #: m
+    height: Size = 0.15  #: m
+    #: depth_jitter, position_jitter, tilt: rms of the depth (m), of the place off an even grid along the lane (m), and
+    #: of the tilt (rad) in each axis
+    depth_jitter: NotNegative = 0.005
+    position_jitter: NotNegative = 0.3
+    tilt: Annotated[float, Field(ge=0, le=math.pi)] = math.radians(4)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_body(cls, data: Any) -> Any:
+        return _sized(data, ("radius", "height"))
+
+
+class Thing(_Part):
+    """An object that is no target."""
+
+    #: a rock lies half in the ground; a post is a metal or wet wooden upright; a bush is a cloud of scatterers; a
+    #: fiducial is a corner reflector
+    kind: Literal["rock", "post", "bush", "fiducial"]
+    x: float  #: m
+    y: float  #: m
+    radius: Size = 0.05  #: m
+    height: Annotated[float, Field(ge=0, le=100)] = 0.0  #: m; height above the ground there
+    rcs_db: Decibels | None = None  #: cross section at 1 GHz of a bush or fiducial, dBsm
+
+
+class Clutter(_Part):
+    """Discrete clutter drawn from the seed."""
+
+    rocks: NotNegative = 0.0  #: rocks per m² on and beside the lane
+    bushes: NotNegative = 0.0  #: per metre of roadside, both sides together
+    posts: NotNegative = 0.0  #: per metre of roadside, both sides together
+    patches: NotNegative = 0.0  #: wet patches per m²
+    #: least and greatest distance of bushes and posts from the lane's middle, m
+    roadside: tuple[Beside, Beside] = (3.5, 7.0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Clutter:
+        if not self.roadside[0] <= self.roadside[1]:
+            raise ValueError(
+                f"roadside must be the least and the greatest distance, got {self.roadside}"
+            )
+        return self
+
+
+class Departure(_Part):
+    """A stretch over which the vehicle leaves the lane, with no scans while it is out."""
+
+    #: start, length: where it leaves and how far on it comes back, m
+    start: float
+    length: Positive
+
+
+class Track(_Part):
+    """The vehicle's way: positions of the array's reference point at each scan."""
+
+    #: start, stop: first and last position along the lane, m; None begins 20 m before the lane and ends 5 m before its
+    #: end
+    start: float | None = None
+    stop: float | None = None
+    step: tuple[Stride, Stride] = (1.0, 3.0)  #: least and greatest distance between scans, m
+    #: wander, wander_length: rms and length of slow wandering across the lane, m; the heading follows it
+    wander: Annotated[float, Field(ge=0, le=100)] = 0.0
+    wander_length: Annotated[float, Field(ge=0.01)] = 20.0
+    attitude: Annotated[float, Field(ge=0, le=1)] = 0.0  #: rms pitch and roll, rad
+    bounce: Annotated[float, Field(ge=0, le=100)] = 0.0  #: rms change of height, m
+    #: positions at which the vehicle stands, m, and how many scans it takes there besides its own
+    stops: tuple[tuple[float, NonNegativeInt], ...] = ()
+    departures: tuple[Departure, ...] = ()  #: where it leaves the lane and re-enters
+    #: exact positions along the lane, m, instead of drawn ones
+    positions: tuple[float, ...] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Track:
+        if not 0 < self.step[0] <= self.step[1]:
+            raise ValueError(f"step must have 0 < least <= greatest, got {self.step}")
+        return self
+
+
+class Scene(_Part):
+    """A lane and all that is in it."""
+
+    name: str = "lane"
+    #: one of the packaged sites, or the path of a TOML file like theirs (``.toml``), whose soil, surface and clutter
+    #: stand wherever the scene says nothing itself
+    site: str | None = None
+    x_min: float = -1.5  #: m
+    x_max: float = 1.5  #: m
+    length: Annotated[float, Field(gt=0, le=100_000)] = 60.0  #: m; the lane begins at y = 0
+    soil: Soil = Soil()
+    surface: Surface = Surface()
+    clutter: Clutter = Clutter()
+    terrain: Terrain = Terrain()
+    grass: Grass = Grass()
+    shadow: Shadow = Shadow()
+    stones: Stones = Stones()
+    roots: Roots = Roots()
+    lenses: Lenses = Lenses()
+    heterogeneity: Heterogeneity = Heterogeneity()
+    holes: Holes = Holes()
+    track: Track = Track()
+    targets: tuple[Target, ...] = ()  #: at given places, as objects and patches
+    draws: tuple[TargetDraw, ...] = ()  #: targets to be drawn
+    objects: tuple[Thing, ...] = ()
+    patches: tuple[Patch, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_site(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or data.get("site") is None:
+            return data
+        merged = dict(data)
+        for part, values in site_tables(data["site"]).items():
+            given = data.get(part, {})
+            given = given.model_dump(exclude_unset=True) if isinstance(given, BaseModel) else given
+            merged[part] = {**values, **given}
+        return merged
+
+    @model_validator(mode="after")
+    def _check(self) -> Scene:
+        if not self.x_max > self.x_min:
+            raise ValueError(f"x_max must be greater than x_min, got {self.x_min} and {self.x_max}")
+        return self
+
+    @property
+    def lane(self) -> Lane:
+        """The rectangle that is scored."""
+        return Lane(self.x_min, self.x_max, 0.0, self.length)
+
+
+def site_tables(site: Any) -> dict[str, Any]:
+    """Read the tables of a packaged site or of a file."""
+    own = Path(str(site))
+    if own.suffix == ".toml" and own.is_file():
+        try:
+            tables = parse_toml(read_named(own))
+        except ValueError as error:
+            raise ValueError(f"site {own} must be TOML in UTF-8 ({error})") from None
+        parts = {
+            name for name, entry in Scene.model_fields.items() if isinstance(entry.default, _Part)
+        } - {"track"}
+        strange = sorted(set(tables) - parts)
+        if strange:
+            raise ValueError(f"site {own} must hold the tables of a site alone, got {strange[0]}")
+        return tables
+    known = sites()
+    if site not in known:
+        raise ValueError(
+            f"site must be one of {', '.join(known)} or a TOML file that is there, got {site!r}"
+        )
+    return tomllib.loads((_SITES / f"{site}.toml").read_text(encoding="utf-8"))
+
+
+def sites() -> list[str]:
+    """Names of the packaged sites."""
+    return preset_names(_SITES)
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Load a scene from a TOML file; if it is not there or breaks a rule, that is a ValueError that names the entry."""
+    if not Path(path).is_file():
+        raise ValueError(f"scene file not found: {path}")
+    return parse_entries(Scene, read_named(path), f"scene {path}", "scene")

@@ -1,0 +1,497 @@
+"""Blind scoring: an encrypted truth, scores without positions, and a log of every look.
+
+This guards against accidents, not against the holder of the passphrase, who can open the truth at will.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import secrets
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from flgpr.door import parse_json, read_named
+from flgpr.model import check_truth
+from flgpr.scoring.chance_level import Chance, chance
+from flgpr.scoring.curve import operating_row
+from flgpr.scoring.lane_roc import assign, roc_of
+from flgpr.scoring.matching import LaneLike, Match, as_lanes, match, one_of
+from flgpr.trials.ledger import (
+    OPENED,
+    Book,
+    WitnessedRegister,
+    alarm_hash,
+    enter,
+    head_of,
+    parts_of,
+    read_book,
+    read_register,
+    require_registered,
+    require_truth,
+)
+from flgpr.trials.passphrase import check_passphrase
+
+FORMAT = "flgpr-sealed-truth-2"
+FAR_GRID = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
+_COST = 2**17  # N of scrypt: half a second and 128 MiB for every guess; less is not opened either
+_MOST_COST = 2**20  # a sealed file may not make its reader take gigabytes
+_MOST_BYTES = 2**28  # of a sealed file
+_LOG_ENDING = ".log.jsonl"
+_NOTE = "encrypted truth of a blind test; guards against accidents, not against the holder of the passphrase"
+SHOWS = ("curve", "targets")
+"""What a blind score may tell: operating points and counts, or also which targets are found, without places."""
+Phrase = str | Callable[[], str]
+"""A passphrase, or what asks for it once all else is found right."""
+
+
+@dataclass(frozen=True)
+class Registration:
+    """What must stand in a register before a sealed truth is looked at."""
+
+    book: Book  #: the register
+    #: recipe, model: hash of the recipe whose alarms are scored, and of its model if it is known to have one
+    recipe: str
+    model: str | None = None
+
+
+@dataclass(frozen=True)
+class BlindScore:
+    """What a blind scoring tells."""
+
+    #: one row per group and allowed FAR: ``group``, ``far_allowed``, ``far``, ``far_low``, ``far_high``, ``pd``,
+    #: ``pd_low``, ``pd_high``, ``n_detected``, ``n_targets``, ``n_false``, and the Pd that ``chance`` gives. It has no
+    #: thresholds: the confidence at which Pd rises would tell which alarm lies on a target
+    points: pd.DataFrame
+    counts: dict[
+        str, Any
+    ]  #: ``n_alarms``, ``n_targets``, ``area`` (m²), ``halo_radius`` (m), ``area_rule``
+    looks: int  #: how often this truth was scored or opened so far, this time included
+    lists: int  #: how many different alarm lists that were
+    #: where the truth's owner allows it, a row per target: ``target_id``, ``kind``, ``depth``, and ``found_from``, the
+    #: least allowed FAR of the points at which it is found (NaN: at none); never a place
+    targets: pd.DataFrame | None = None
+    #: the register's line of the recipe, if that had to be there
+    registered: dict[str, Any] | None = None
+    #: of the ``log`` and the ``register``, ``lines`` and the ``head``, the last one's hash: a copy of before lacks it
+    heads: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+
+def seal_truth(
+    truth: pd.DataFrame,
+    lane: LaneLike,
+    path: str | Path,
+    passphrase: Phrase,
+    *,
+    halo: float = 1.0,
+    area: str = "union",
+    by: str | None = "kind",
+    show: str = "curve",
+    book: Mapping[str, str] | None = None,
+) -> Path:
+    """Write an encrypted truth together with the lane and the rules it is to be scored by.
+
+    The key comes from the passphrase by scrypt. The content is encrypted with AES-256-GCM, and the
+    whole file is authenticated with it: its format, note, cost and salt enter as associated data,
+    and no other way of writing them is read. An identity within the ciphertext, drawn at random, is
+    what looks are counted by, so that a copy, or a file sealed again, has a count of its own and an
+    altered one none. Both come from the library ``cryptography``, the passphrase is judged by
+    ``zxcvbn``; without them, the extra ``seal``, it is a ModuleNotFoundError.
+
+    Parameters
+    ----------
+    truth, lane, halo, area
+        As for :func:`flgpr.scoring.roc`; area is "union" or "paper".
+    path : str or Path
+        File to write, and returned; an existing one is refused.
+    passphrase : str or callable
+        One that is hard to guess (:func:`flgpr.trials.check_passphrase`); or what asks for it,
+        when everything else is found right.
+    by : str, optional
+        Column of truth whose groups get curves of their own beside that of all targets.
+    show : {"curve", "targets"}
+        What a score may tell: operating points and counts, or also which target is found at which
+        of the points. Either way no places.
+    book : mapping, optional
+        ``truth``, hash of the truth in a register, and ``line``, hash of that register's last line:
+        scores then demand this register, with the recipe in it.
+    """
+    if Path(path).exists():
+        raise FileExistsError(f"output must not exist yet, got {path}")
+    content = _to_seal(truth, lane, halo, area, by, show)
+    content["book"] = None if book is None else dict(book)
+    content["identity"] = secrets.token_hex(16)
+    passphrase = passphrase() if callable(passphrase) else passphrase
+    check_passphrase(passphrase)
+    header = _header(secrets.token_bytes(16), secrets.token_bytes(12))
+    secret = json.dumps(content, default=_plain).encode()
+    sealed = _cipher(passphrase, header).encrypt(*_nonce_and(header, secret))
+    file = Path(path)
+    with file.open("xb") as stream:
+        stream.write(_written(header, sealed))
+        stream.flush()
+        os.fsync(stream.fileno())
+    return file
+
+
+def seals(
+    path: str | Path,
+    passphrase: str,
+    truth: pd.DataFrame,
+    lane: LaneLike,
+    *,
+    halo: float = 1.0,
+    area: str = "union",
+    by: str | None = "kind",
+    show: str = "curve",
+) -> tuple[bool, dict[str, str] | None]:
+    """Tell whether a file seals this truth, lane and rules with this passphrase, and the register it is bound to.
+
+    Whoever asks has the truth already, so that it is no look. The parameters are those of :func:`seal_truth`.
+    """
+    wanted = json.loads(json.dumps(_to_seal(truth, lane, halo, area, by, show), default=_plain))
+    try:
+        opened = _decrypted(path, passphrase)
+    except (ValueError, OSError):
+        return False, None
+    there = {"truth": opened.truth.to_dict("list"), "lanes": opened.lanes, "rules": opened.rules}
+    return json.loads(json.dumps(there, default=_plain)) == wanted, opened.book
+
+
+def _to_seal(
+    truth: pd.DataFrame, lane: LaneLike, halo: float, area: str, by: str | None, show: str
+) -> dict[str, Any]:
+    """Check what is to be sealed, and give it."""
+    lanes = as_lanes(lane)
+    one_of("show", show, SHOWS)
+    if by is not None and by not in truth.columns:
+        raise ValueError(f"by must name a column of truth, got {by!r}")
+    # An empty alarm list is scored once, so that a truth that cannot be scored is never sealed.
+    trial = match(
+        pd.DataFrame({"x": [], "y": [], "confidence": [], "lane": []}), truth, lanes, halo
+    )
+    roc_of(trial, area=area)  # type: ignore[arg-type]
+    return {
+        "truth": check_truth(truth).to_dict("list"),
+        "lanes": {name: vars(one) for name, one in lanes.items()},
+        "rules": {"halo": float(halo), "area": area, "by": by, "show": show},
+    }
+
+
+def open_truth(
+    path: str | Path, passphrase: str, log: str | Path | None = None
+) -> tuple[pd.DataFrame, dict[str, Any], dict[str, Any]]:
+    """Decrypt what :func:`seal_truth` wrote: truth, lanes by name, and rules (``halo``, ``area``, ``by``, ``show``).
+
+    The log of :func:`score_blind` counts it as a look. A file that is no sealed truth or was altered, or a wrong
+    passphrase, is a ValueError.
+    """
+    opened = _decrypted(path, passphrase)
+    _enter(opened.identity, _log_of(path, log, opened.identity), event="open")
+    return opened.truth, opened.lanes, opened.rules
+
+
+@dataclass(frozen=True)
+class _Opened:
+    """What a sealed file holds."""
+
+    identity: str  #: by which its looks are counted
+    truth: pd.DataFrame
+    lanes: dict[str, Any]
+    rules: dict[str, Any]
+    book: dict[str, str] | None  #: the register that it is bound to
+
+
+def _enter(
+    identity: str, log: Book, **entry: Any
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Enter a look into a sealed truth's log; give all its looks so far, this one last, and all lines of the log."""
+    lines = enter(log, lambda _: {"sealed": identity, **entry})
+    return _looks(identity, lines), lines
+
+
+def _looks(identity: str, lines: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [
+        line
+        for line in lines
+        if line.get("sealed") == identity and line.get("event") in ("score", "open")
+    ]
+
+
+def _log_of(sealed: str | Path, log: str | Path | None, identity: str) -> Path:
+    """Find the log of a sealed truth: one for all links to it, and for copies under other names in its folder."""
+    if log is not None:
+        return Path(log)
+    place = Path(sealed).resolve()
+    own = Path(f"{place}{_LOG_ENDING}")
+    if os.path.lexists(own):
+        return own
+    others = sorted(one for one in place.parent.iterdir() if one.name.endswith(_LOG_ENDING))
+    return next((one for one in others if _knows(one, identity)), own)
+
+
+def _knows(log: Path, identity: str) -> bool:
+    """Tell whether a file is a log with looks at a sealed truth."""
+    try:
+        return bool(_looks(identity, read_register(log)))
+    except (ValueError, OSError):  # another file, or one that was altered, has no say
+        return False
+
+
+def _decrypted(path: str | Path, passphrase: Phrase) -> _Opened:
+    """Decrypt a sealed file, all of which must be as it was written."""
+    header, sealed = _read_sealed(Path(path))
+    cost = header["scrypt"]["n"]
+    if not (_COST <= cost <= _MOST_COST and cost & (cost - 1) == 0):
+        raise ValueError(
+            f"sealed must have a scrypt cost that is a power of two from {_COST} to {_MOST_COST}, got {cost}"
+        )
+    passphrase = passphrase() if callable(passphrase) else passphrase
+    cipher = _cipher(passphrase, header)
+    from cryptography.exceptions import InvalidTag  # there, since the cipher was made
+
+    try:
+        content = parse_json(cipher.decrypt(*_nonce_and(header, sealed)))
+    except InvalidTag:
+        raise ValueError(
+            "passphrase must be the one of the sealed truth, or the file was altered"
+        ) from None
+    rules = {"show": SHOWS[0], **content["rules"]}
+    truth = pd.DataFrame(content["truth"])
+    return _Opened(content["identity"], truth, content["lanes"], rules, content.get("book"))
+
+
+def _header(salt: bytes, nonce: bytes) -> dict[str, Any]:
+    """Make what stands openly in a sealed file, all of it authenticated."""
+    return {
+        "format": FORMAT,
+        "note": _NOTE,
+        "nonce": base64.b64encode(nonce).decode(),
+        "scrypt": {"n": _COST, "r": 8, "p": 1, "salt": base64.b64encode(salt).decode()},
+    }
+
+
+def _written(header: Mapping[str, Any], sealed: bytes) -> bytes:
+    """Write a sealed file in its one form."""
+    return (
+        json.dumps({**header, "sealed": base64.b64encode(sealed).decode()}, indent=1).encode()
+        + b"\n"
+    )
+
+
+def _read_sealed(path: Path) -> tuple[dict[str, Any], bytes]:
+    """Read header and ciphertext of a sealed file; one not written as :func:`seal_truth` does is a ValueError."""
+    data = read_named(path, _MOST_BYTES)
+    try:
+        told = parse_json(data)
+        format_ = told["format"]
+        salt = base64.b64decode(told["scrypt"]["salt"])
+        nonce = base64.b64decode(told["nonce"])
+        sealed = base64.b64decode(told["sealed"])
+        header = _header(salt, nonce)
+        header["scrypt"]["n"] = int(told["scrypt"]["n"])
+        as_written = _written(header, sealed) == data
+    except (ValueError, KeyError, TypeError, AttributeError):
+        if b"flgpr-sealed-truth-1" in data[:200]:
+            raise ValueError(
+                f"sealed must be a file of the format {FORMAT}, got {path} of an earlier version, which did not "
+                "authenticate all of it: seal the truth again"
+            ) from None
+        format_ = None
+        as_written = False
+    if format_ != FORMAT:
+        raise ValueError(f"sealed must be a file of the format {FORMAT}, got {path}")
+    if not as_written or len(nonce) != 12:
+        raise ValueError(f"sealed must be as it was written, got {path}, which was altered")
+    return header, sealed
+
+
+def _nonce_and(header: Mapping[str, Any], data: bytes) -> tuple[bytes, bytes, bytes]:
+    """Give nonce, data and what is authenticated with them, as ciphers take them."""
+    return base64.b64decode(header["nonce"]), data, json.dumps(header, sort_keys=True).encode()
+
+
+def score_blind(
+    alarms: pd.DataFrame,
+    sealed: str | Path,
+    passphrase: Phrase,
+    log: str | Path | None = None,
+    registered: Registration | None = None,
+    witness: str | Path | None = None,
+) -> BlindScore:
+    """Score an alarm list against a sealed truth: operating points and counts, nothing that shows a position.
+
+    Every call appends the hash of the alarm list to a log beside the sealed file (``<sealed>.log.jsonl`` if no other is
+    named, or the one in its folder that has looks at it already) before anything is shown, so that repeated looks
+    show. A ``witness`` must know all lines of the log, and is told of the new one. What is ``registered`` must stand in
+    its register from before the first look, where the look is entered, too; a truth that was sealed with a register
+    demands it. Alarms, a file, a passphrase, a log or a register that are not valid are a ValueError.
+    """
+    look = match_blind(alarms, sealed, passphrase, log, registered=registered, witness=witness)
+    matched = look.matched
+    rules = look.rules
+    groups: list[tuple[str, Any]] = [("all", None)]
+    if rules["by"] is not None:
+        values = sorted(look.truth[rules["by"]].dropna().unique())
+        groups += [(str(value), {rules["by"]: value}) for value in values]
+    level = chance(matched)
+    tables = [_points(matched, level, name, subset, rules["area"]) for name, subset in groups]
+    curve = roc_of(matched, area=rules["area"])
+    return BlindScore(
+        points=pd.concat(tables, ignore_index=True),
+        counts={
+            name: curve.attrs[name]
+            for name in ("n_alarms", "n_targets", "area", "halo_radius", "area_rule")
+        },
+        looks=len(look.looks),
+        lists=len({line["alarms"] for line in look.looks if "alarms" in line}),
+        targets=_found_from(matched, rules["area"]) if rules["show"] == "targets" else None,
+        registered=look.line,
+        heads=look.heads,
+    )
+
+
+@dataclass(frozen=True)
+class BlindLook:
+    """A look at a sealed truth, entered in its log. It shows positions, for those who sum it up."""
+
+    matched: Match
+    truth: pd.DataFrame
+    rules: dict[str, Any]
+    looks: list[dict[str, Any]]  #: all looks so far, this one last
+    line: dict[str, Any] | None  #: the register's line of the recipe
+    heads: dict[
+        str, dict[str, Any]
+    ]  #: of the ``log`` and the ``register``: how many lines, and the last one's hash
+
+
+def match_blind(
+    alarms: pd.DataFrame,
+    sealed: str | Path,
+    passphrase: Phrase,
+    log: str | Path | None = None,
+    some: Sequence[str] = (),
+    registered: Registration | None = None,
+    witness: str | Path | None = None,
+) -> BlindLook:
+    """Match an alarm list to a sealed truth, once the look is entered.
+
+    What it gives shows positions, and is for those who sum it up as :func:`score_blind` does. With ``some`` lanes the
+    others and their targets are left out.
+    """
+    opened = _decrypted(sealed, passphrase)
+    place = _log_of(sealed, log, opened.identity)
+    line = _admitted(sealed, place, opened, registered)
+    truth = opened.truth
+    lanes = opened.lanes
+    if some:
+        lanes = {name: lanes[name] for name in some}
+        truth = truth[truth["lane"].isin(lanes)].reset_index(drop=True)
+    matched = match(
+        alarms, truth, lanes if list(lanes) != [""] else lanes[""], opened.rules["halo"]
+    )
+    entry = {"alarms": alarm_hash(matched.alarms), "n_alarms": len(matched.alarms)}
+    watched = place if witness is None else WitnessedRegister(place, Path(witness))
+    looks, lines = _enter(opened.identity, watched, event="score", **entry)
+    heads = {"log": head_of(lines)}
+    if registered is not None:
+        opening = {
+            "event": OPENED,
+            "recipe": registered.recipe,
+            "alarms": entry["alarms"],
+            "sealed": opened.identity,
+            "look": looks[-1]["hash"],
+        }
+        heads["register"] = head_of(enter(registered.book, lambda _: opening))
+    return BlindLook(matched, truth, opened.rules, looks, line, heads)
+
+
+def _admitted(
+    sealed: str | Path, log: Path, opened: _Opened, registered: Registration | None
+) -> dict[str, Any] | None:
+    """Find the line of the recipe in the register, or refuse the look; None where no register is asked for."""
+    bound = opened.book
+    if registered is None:
+        if bound is not None:
+            raise ValueError(
+                f"{sealed} was sealed with a register: it is scored with --recipe and --book only"
+            )
+        return None
+    book = parts_of(registered.book)[0]
+    lines = read_book(registered.book)
+    if bound is not None:
+        if bound["line"] not in {line["hash"] for line in lines}:
+            raise ValueError(
+                f"book must be the register that {sealed} was sealed with, unaltered, got {book}"
+            )
+        require_truth(
+            book, bound["truth"], opened.lanes, {"halo": opened.rules["halo"]}, planned=True
+        )
+    line = require_registered(book, registered.recipe, registered.model)
+    looks = _looks(opened.identity, read_register(log))
+    entered = {
+        one["look"] for one in lines if one.get("sealed") == opened.identity and "look" in one
+    }
+    if not entered <= {look["hash"] for look in looks}:
+        raise ValueError(
+            f"log of {sealed} must have every look that {book} has, got one without them"
+        )
+    if looks and datetime.fromisoformat(line["time"]) >= datetime.fromisoformat(looks[0]["time"]):
+        raise ValueError(
+            f"recipe must be registered before the first look at {sealed}, got it at {line['time']}"
+        )
+    return line
+
+
+def _found_from(matched: Match, area: Any) -> pd.DataFrame:
+    """Tell of every target the least FAR of the points at which it is found, coarse enough to hide which alarm did."""
+    outcomes = assign(matched, area)
+    first = np.searchsorted(FAR_GRID, outcomes["far"].to_numpy(), side="left")
+    columns = [name for name in ("target_id", "lane", "kind", "depth") if name in outcomes]
+    return outcomes[columns].assign(found_from=np.append(FAR_GRID, np.nan)[first])
+
+
+def _points(matched: Match, level: Chance, name: str, subset: Any, area: Any) -> pd.DataFrame:
+    curve = level.beside(roc_of(matched, subset, area=area), subset)
+    rows = curve.iloc[operating_row(curve, np.array(FAR_GRID))].reset_index(drop=True)
+    columns = [
+        "far",
+        "far_low",
+        "far_high",
+        "pd",
+        "pd_low",
+        "pd_high",
+        "n_detected",
+        "n_targets",
+        "n_false",
+    ]
+    # More digits of the chance level could be held against guesses of where targets stand.
+    rows = rows[[*columns, "chance"]].round({"chance": 2}).assign(group=name, far_allowed=FAR_GRID)
+    rows.attrs = {}
+    return rows[["group", "far_allowed", *columns, "chance"]]
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else str(value)
+
+
+def _cipher(passphrase: str, header: Mapping[str, Any]) -> Any:
+    """Make the cipher of a sealed file's header and its passphrase."""
+    try:
+        from cryptography.hazmat.primitives.ciphers.aead import AESGCM
+        from cryptography.hazmat.primitives.kdf.scrypt import Scrypt
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            'sealed truth needs the library cryptography: pip install "flgpr[seal]"'
+        ) from error
+    scrypt = header["scrypt"]
+    salt = base64.b64decode(scrypt["salt"])
+    key = Scrypt(salt=salt, length=32, n=scrypt["n"], r=8, p=1).derive(passphrase.encode())
+    return AESGCM(key)

@@ -1,0 +1,144 @@
+"""OpenGPR, Seismic Unix, and files that are not what their ending says or that nobody reads."""
+
+import zipfile
+
+import numpy as np
+import pytest
+from pyproj import Transformer
+from typer.testing import CliRunner
+
+from flgpr.commands.app import app
+from flgpr.formats import explain_file, gpr_run, open_arrays, read_gpr
+from io_gpr import INTERVAL, NOMINAL, STEP, section
+from io_open import CHANNELS, COUNTS, SAMPLES, SLICES, way, write_ogpr, write_su
+
+
+@pytest.mark.parametrize("kind", ["<f4", "<i2"])
+def test_every_sample_of_every_channel_of_an_ogpr_file_is_read(kind, tmp_path):
+    line = read_gpr(write_ogpr(tmp_path / "a.ogpr", kind=kind))
+    np.testing.assert_array_equal(line.traces, COUNTS)
+    np.testing.assert_allclose(line.delay, INTERVAL * np.arange(SAMPLES))
+    np.testing.assert_allclose(line.distance, STEP * np.arange(SLICES))
+    assert line.frequencies == (NOMINAL,) * CHANNELS
+    assert line.title == "S3"
+    assert "blocks found and not understood: Markers" in line.history
+    assert "the descriptor tells no time zero: it is put at the first sample" in line.history
+
+
+@pytest.mark.parametrize("form", ["every sample", "every trace", "every slice"])
+def test_places_of_an_ogpr_file_give_distances_and_fixes(form, tmp_path):
+    per_slice = way()
+    places = {
+        "every slice": per_slice,
+        "every trace": np.repeat(per_slice[:, None], CHANNELS, axis=1),
+        "every sample": np.broadcast_to(per_slice[:, None, None], (SLICES, CHANNELS, SAMPLES, 3)),
+    }[form]
+    line = read_gpr(write_ogpr(tmp_path / "a.ogpr", places=places))
+    np.testing.assert_allclose(line.distance, 0.5 * np.arange(SLICES), atol=1e-6)
+    lon, lat = Transformer.from_crs("EPSG:32632", "EPSG:4326", always_xy=True).transform(
+        *per_slice[:, :2].T
+    )
+    np.testing.assert_allclose(line.fixes[:, 1:3], np.stack([lon, lat], axis=-1), atol=1e-9)
+    assert "heights are taken as ellipsoidal: EPSG:32632 does not tell" in line.history
+
+
+def test_places_that_are_not_understood_are_told(tmp_path):
+    line = read_gpr(write_ogpr(tmp_path / "a.ogpr", places=np.ones((SLICES, 7))))
+    assert any("found, not understood: positions are not read" in note for note in line.history)
+    assert "traces are put at equal steps of 0.05 m, by samplingStep_m" in line.history
+    line = read_gpr(write_ogpr(tmp_path / "a.ogpr", places=way(), srs=None))
+    assert (
+        "Sample Geolocations name no reference system: they give the distance alone" in line.history
+    )
+    assert len(line.fixes) == 0
+    line = read_gpr(write_ogpr(tmp_path / "a.ogpr", places=np.ones((SLICES, 3))))
+    assert any("all at one place: positions are not read" in note for note in line.history)
+
+
+@pytest.mark.parametrize(
+    ("changes", "rule"),
+    [
+        ({"samplesCount": 65}, "block Radar Volume must hold 12 x 3 x 65 samples of 2 or 4 bytes"),
+        ({"samplesCount": "64"}, "samplesCount must be a whole number from 2"),
+        ({"channelsCount": 0}, "channelsCount must be a whole number from 1 to 256, got 0"),
+        ({"slicesCount": 2**40}, "slicesCount must be a whole number"),
+    ],
+)
+def test_an_ogpr_file_that_contradicts_itself_is_refused(changes, rule, tmp_path):
+    with pytest.raises(ValueError, match=f"a.ogpr: cannot be read as OpenGPR: .*{rule}"):
+        read_gpr(write_ogpr(tmp_path / "a.ogpr", **changes))
+
+
+def test_a_cut_or_foreign_ogpr_file_is_refused(tmp_path):
+    path = write_ogpr(tmp_path / "a.ogpr")
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(ValueError, match="block Radar Volume must end within the file's"):
+        read_gpr(path)
+    path.write_bytes(b"ogpr\n" + b"[" * 5000)
+    with pytest.raises(ValueError, match="its descriptor must"):
+        read_gpr(path)
+    path.write_bytes(b"PK" * 40)
+    with pytest.raises(ValueError, match="it must begin with the line ogpr"):
+        read_gpr(path)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_every_sample_of_a_file_of_seismic_unix_is_read(order, tmp_path):
+    counts = section(15)
+    line = read_gpr(write_su(tmp_path / "a.su", counts, order))
+    np.testing.assert_array_equal(line.traces[:, 0], counts)
+    np.testing.assert_allclose(line.delay, INTERVAL * np.arange(counts.shape[1]))
+    np.testing.assert_allclose(line.distance, STEP * np.arange(15), atol=0.02)
+    assert any("byte order is taken as" in note for note in line.history)
+    assert gpr_run(line).sizes["scan"] == 15
+
+
+def test_a_file_of_seismic_unix_without_an_interval_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="must tell samples and interval"):
+        read_gpr(write_su(tmp_path / "a.su", section(3), interval=0.0))
+
+
+POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:" + b"a" * 64 + b"\nsize 12345\n"
+
+
+@pytest.mark.parametrize("name", ["a.DZT", "a.mcap", "a.npz", "a.csv", "a.h5", "a.nobody"])
+def test_a_pointer_of_git_lfs_is_called_what_it_is(name, tmp_path):
+    (tmp_path / name).write_bytes(POINTER)
+    with pytest.raises(
+        ValueError, match="is a pointer of Git LFS to a file of 12345 bytes that was not fetched"
+    ):
+        explain_file(tmp_path / name)
+
+
+def test_a_project_in_a_zip_is_to_be_unzipped(tmp_path):
+    with zipfile.ZipFile(tmp_path / "proj.GPZ", "w") as bundle:
+        bundle.writestr("line0.DT1", "x")
+    told = explain_file(tmp_path / "proj.GPZ")
+    assert any("unzip it, and give a DT1 file" in line for line in told.lines)
+    with pytest.raises(ValueError, match="unzip it"):
+        read_gpr(tmp_path / "proj.GPZ")
+
+
+def test_an_unknown_ending_lists_what_is_read(tmp_path):
+    (tmp_path / "a.gpr").write_bytes(b"what")
+    done = CliRunner().invoke(app, ["info", str(tmp_path / "a.gpr")])
+    assert done.exit_code == 2
+    for one in (
+        "HDF5",
+        "MCAP",
+        ".dt1",
+        ".dzt",
+        ".rd3",
+        ".sgy",
+        ".su",
+        ".ogpr",
+        "got the ending '.gpr'",
+    ):
+        assert one in done.output
+
+
+@pytest.mark.parametrize("content", [b"", b"\0" * 64])
+def test_an_mcap_file_without_its_signature_is_told_so(content, tmp_path):
+    (tmp_path / "a.mcap").write_bytes(content)
+    with pytest.raises(ValueError, match="an MCAP recording must begin with its signature"):
+        open_arrays(tmp_path / "a.mcap")

@@ -1,0 +1,130 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flgpr.geo.anchor import fit_anchor, read_anchor
+from io_geodesy import AZIMUTH, LANE, distance, on_the_ellipsoid
+
+
+@pytest.fixture
+def anchor():
+    return fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02, [0.0] * 4)
+
+
+def test_places_agree_with_geodesics(anchor):
+    points = np.array([[0, 0, 0], [5.0, 13.0, 0], [-3.0, 60.0, 0], [1.0, 120.0, 0]])
+    assert distance(anchor.to_geodetic(points), on_the_ellipsoid(points)).max() < 1e-3
+    assert anchor.azimuth == pytest.approx(AZIMUTH, abs=1e-5)
+
+
+def test_a_map_projection_does_not_stretch_the_lane(anchor):
+    from pyproj import Transformer
+
+    lonlat = on_the_ellipsoid(LANE)
+    utm = np.stack(
+        Transformer.from_crs("EPSG:4326", "EPSG:32632", always_xy=True).transform(*lonlat.T),
+        axis=-1,
+    )
+    mapped = fit_anchor(LANE, utm, "EPSG:32632", 0.02, [0.0] * 4)
+    far = np.array([[0.0, 1000.0, 0]])
+    assert distance(mapped.to_geodetic(far), anchor.to_geodetic(far)).max() < 1e-6
+    assert anchor.utm() == "EPSG:32632"
+
+
+@given(st.floats(-179, 179), st.floats(-80, 80), st.floats(-math.pi, math.pi), st.floats(-50, 3000))
+def test_there_and_back(lon, lat, azimuth, height):
+    anchor = fit_anchor(
+        [[1.0, 2.0, 0.3]],
+        [[lon, lat]],
+        "EPSG:4326",
+        0.02,
+        [height],
+        azimuth=azimuth,
+        azimuth_accuracy=0.001,
+    )
+    points = np.array([[3.0, -5.0, 0.2], [100.0, 400.0, 1.0]])
+    np.testing.assert_allclose(anchor.from_geodetic(anchor.to_geodetic(points)), points, atol=1e-6)
+    np.testing.assert_allclose(
+        anchor.from_geocentric(anchor.to_geocentric(points)), points, atol=1e-8
+    )
+    np.testing.assert_allclose(anchor.to_geodetic([1.0, 2.0, 0.3])[2], height, atol=1e-6)
+
+
+def test_the_uncertainty_is_that_of_repeated_surveys():
+    rng = np.random.default_rng(4)
+    sigma = 0.02
+    place = np.array([1.0, 150.0, 0.0])
+    found = []
+    true = fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", sigma, [0.0] * 4)
+    metre = np.array([1 / (111_320 * math.cos(math.radians(47.9))), 1 / 111_200])
+    for _ in range(400):
+        noisy = on_the_ellipsoid(LANE) + rng.normal(scale=sigma, size=(4, 2)) * metre
+        found.append(
+            fit_anchor(LANE, noisy, "EPSG:4326", sigma, [0.0] * 4).to_geodetic(place)[:2] / metre
+        )
+    scatter = np.sqrt(np.linalg.eigvalsh(np.cov(np.transpose(found))).max())
+    # 400 samples: the standard deviation is known to 3.5 %.
+    assert scatter == pytest.approx(float(true.uncertainty(place[0], place[1])), rel=0.1)
+    assert true.uncertainty(0.0, 30.0) == pytest.approx(sigma / 2)
+
+
+def test_a_given_direction_widens_with_distance():
+    one = fit_anchor(
+        [[0, 0, 0]], [[11.3, 47.9]], "EPSG:4326", 0.05, azimuth=0.0, azimuth_accuracy=0.01
+    )
+    assert one.uncertainty(0, 100) == pytest.approx(math.hypot(0.05, 1.0))
+
+
+FILE = """
+crs = "EPSG:32632"
+accuracy = 0.02
+[[point]]
+lane = [0.0, 0.0]
+easting = 500000.0
+northing = 5300000.0
+height = 520.0
+[[point]]
+lane = [0.0, 50.0]
+easting = 500000.0
+northing = 5300049.98
+height = 520.0
+"""
+
+
+def test_an_anchor_file(tmp_path):
+    (tmp_path / "a.toml").write_text(FILE)
+    anchor = read_anchor(tmp_path / "a.toml")
+    assert anchor.count == 2
+    assert anchor.heights_known
+    assert anchor.crs == "EPSG:32632"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("EPSG:32632", "EPSG:99999999", "reference system"),
+        ("EPSG:32632", "EPSG:4326", "longitude and latitude"),
+        ("EPSG:32632", "EPSG:4978", "geographic or projected"),
+        ("EPSG:32632", "EPSG:2263", "metres or degrees"),
+        ("accuracy = 0.02", "", "accuracy"),
+        ("5300049.98", "5300051.0", "fit one another"),
+        ("[0.0, 50.0]", "[0.0, 0.0]", "lie apart"),
+        ("northing = 5300000.0\n", "", "give easting and northing"),
+        ("easting = 500000.0\nnorthing = 5300000.0", "easting = nan\nnorthing = 1.0", "finite"),
+        ("accuracy", "acuracy", "accuracy"),
+        ("crs = ", "crs : ", "TOML|Expected"),
+    ],
+)
+def test_anchor_files_that_are_wrong(tmp_path, old, new, words):
+    assert old in FILE
+    (tmp_path / "a.toml").write_text(FILE.replace(old, new, 1))
+    with pytest.raises(ValueError, match=words):
+        read_anchor(tmp_path / "a.toml")
+
+
+def test_no_anchor_file(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        read_anchor(tmp_path / "a.toml")

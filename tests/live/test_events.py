@@ -1,0 +1,74 @@
+"""The file of live events and what its lines say."""
+
+import base64
+import json
+
+import numpy as np
+
+from flgpr.live.events import (
+    EventFile,
+    alarm_event,
+    anew_event,
+    as_line,
+    position_events,
+    view_event,
+)
+from flgpr.live.updates import LiveAlarm, LiveUpdate
+from flgpr.live.vehicle import Vehicle
+from flgpr.model.plausible import MotionLimits, Sighting, step_between
+from flgpr.store import Scan
+
+
+def test_a_line_that_was_torn_off_is_dropped(tmp_path):
+    path = tmp_path / "live.jsonl"
+    path.write_text('{"event":"scan"}\n{"eve' + "x" * 70_000)
+    with EventFile(path, fresh=False) as file:
+        file.append([{"event": "resume"}])
+    assert path.read_text() == '{"event":"scan"}\n{"event":"resume"}\n'
+    path.write_text("x" * 10)
+    with EventFile(path, fresh=False) as file:
+        file.append([])
+    assert path.read_text() == ""
+
+
+ALARM = LiveAlarm("alarm-7", 0.25, 14.0, 1.5, 2.5, 4, "new", 9.0)
+POSE = np.array([0.0, 10.0, 2.0, 0.0, 0.0, 0.0])
+
+
+def test_an_alarms_event_says_what_is_left_and_whether_that_is_enough():
+    vehicle = Vehicle(speed=2.0, reaction=0.5, deceleration=2.0, front=1.0)  # stops within 2 m
+    event = alarm_event(ALARM, 12, POSE, vehicle, 0.25)
+    assert (event["left_m"], event["raised_left_m"], event["latency_ms"]) == (3.0, 8.0, 250.0)
+    assert (event["in_time"], event["margin_m"]) == (True, 0.5)
+    assert "margin_m" not in alarm_event(ALARM, 12, POSE, Vehicle(), 0.25)
+    assert json.loads(as_line(event)) == event
+
+
+def test_only_what_is_not_plausible_is_a_problem():
+    wrong = step_between(
+        MotionLimits(), Sighting(0, 0.0, POSE), Sighting(1, 1.0, POSE + [0, 500, 0, 0, 0, 0])
+    )
+    good = step_between(
+        MotionLimits(), Sighting(0, 0.0, POSE), Sighting(1, 1.0, POSE + [0, 1, 0, 0, 0, 0])
+    )
+    assert wrong.strain > 1 >= good.strain
+    assert position_events("a.scan", LiveUpdate("held", [], step=good)) == []
+    events = position_events("a.scan", LiveUpdate("held", [], step=wrong, clock=good))
+    assert [event["kind"] for event in events] == ["pose", "clock"]
+    assert all(event["name"] == "a.scan" for event in events)
+
+
+def test_a_new_beginning_names_the_scans_that_were_held_back():
+    held = Scan(3, 0.0, POSE, np.zeros((1, 1, 2), np.complex64))
+    update = LiveUpdate("taken", [], forgotten=True, released=[(held, LiveUpdate("taken", []))])
+    event = anew_event(5, update, POSE)
+    assert (event["scan"], event["held"], event["forgotten"]) == (5, [3], True)
+    assert event["pose"] == POSE.tolist()
+
+
+def test_rows_of_the_view_are_half_floats_in_decibels():
+    view = np.array([[9.0, 9.0], [1.0, 10.0], [np.nan, 100.0]], np.float32)
+    event = view_event(-1, view)
+    values = np.frombuffer(base64.b64decode(event["halves"]), "<f2").reshape(event["rows"], -1)
+    np.testing.assert_allclose(values, [[0, 20], [np.nan, 40]])
+    assert (event["row"], event["median_db"]) == (0, 20.0)

@@ -1,0 +1,192 @@
+import json
+import queue
+import shutil
+import tempfile
+import time
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
+
+from damage import CASES, MACHINE
+from flgpr.live import watch
+from flgpr.live.watch import Arrival, ArrivalQueue, FolderWatch, Inbox
+from flgpr.model import make_run
+from flgpr.store import describe_for_live, encode_scan
+from flgpr.store.scan_file import scan_name
+
+"""The folder that is watched and the queue of arrivals: every file once, in order, and no end of memory."""
+
+
+TINY = describe_for_live(
+    make_run(np.zeros((1, 1, 1, 2)), [1e9, 2e9], ["HH"], [[0, 0, 0]], [[1, 0, 0]], np.zeros((1, 6)))
+)
+NUMBERS = st.integers(0, 30)
+FEW = st.integers(0, 4)
+
+
+class WatchMachine(RuleBasedStateMachine):
+    """A file is handed over once when it is whole, or damaged and no longer growing, in the order of names."""
+
+    def __init__(self):
+        super().__init__()
+        self.folder = Path(tempfile.mkdtemp())
+        self.ahead = 0.0
+        (self.folder / "run.json").write_text(json.dumps(TINY.as_json()))
+        clock = mock.Mock(wraps=time, time=lambda: time.time() + self.ahead)
+        clock.time_ns = lambda: time.time_ns() + int(self.ahead * 1e9)
+        self.clock = mock.patch.object(watch, "time", clock)
+        self.clock.start()
+        # torn: size when last looked at, and since when
+        self.whole = {}
+        self.torn = {}
+        self.handed = set()
+        self.ended = False
+        self.start(None)
+
+    def teardown(self):
+        self.clock.stop()
+        shutil.rmtree(self.folder)
+
+    def start(self, known):
+        self.watch = FolderWatch(self.folder, Inbox(), known)
+        self.told = False
+        self.ended_told = False
+
+    def frame(self, number):
+        return encode_scan(number, np.full(TINY.shape, number + 0.5), np.zeros(6))
+
+    @rule(number=FEW)
+    def write(self, number):
+        """Write a scan as a radar should, over one of that name, too."""
+        path = self.folder / scan_name(number)
+        (self.folder / "new").write_bytes(self.frame(number))
+        (self.folder / "new").rename(path)
+        self.torn.pop(path.name, None)
+        self.whole[path.name] = self.frame(number)
+
+    @rule(number=FEW, share=st.floats(0, 1, exclude_max=True))
+    def write_a_part(self, number, share):
+        path = self.folder / scan_name(number)
+        frame = self.frame(number)
+        if path.name not in self.whole:
+            path.write_bytes(frame[: int(share * len(frame))])
+            self.torn.setdefault(path.name, None)
+
+    @precondition(lambda self: self.torn)
+    @rule(data=st.data())
+    def complete(self, data):
+        name = data.draw(st.sampled_from(sorted(self.torn)))
+        frame = self.frame(int(name[5:11]))
+        with (self.folder / name).open("ab") as file:
+            file.write(frame[file.tell() :])
+        del self.torn[name]
+        self.whole[name] = frame
+
+    @precondition(lambda self: self.whole or self.torn)
+    @rule(data=st.data(), again=st.booleans())
+    def take_away(self, data, again):
+        """Take a file away; once that was seen, another of its name is another file."""
+        number = int(data.draw(st.sampled_from(sorted({**self.whole, **self.torn})))[5:11])
+        self.take_away_one(number)
+        if again:
+            self.look_once()
+            self.write(number)
+
+    def take_away_one(self, number):
+        name = scan_name(number)
+        (self.folder / name).unlink()
+        self.whole.pop(name, None)
+        self.torn.pop(name, None)
+
+    @rule(what=st.sampled_from(["link.scan", "folder.scan", "notes.txt"]))
+    def lay_down_something_else(self, what):
+        path = self.folder / what
+        if what == "link.scan" and not path.is_symlink():
+            path.symlink_to(self.folder / "run.json")
+        elif what == "folder.scan":
+            path.mkdir(exist_ok=True)
+        elif what == "notes.txt":
+            path.write_text("no scan")
+
+    @rule(seconds=st.sampled_from([0.01, 0.3, 1.5]))
+    def wait(self, seconds):
+        self.ahead += seconds
+
+    @rule()
+    def end(self):
+        (self.folder / "end.json").write_text("{}")
+        self.ended = True
+
+    @rule(lose=st.integers(0, 3))
+    def restart(self, lose):
+        """Another process goes on from a snapshot that may not know of the last files."""
+        self.handed -= set(sorted(self.handed)[len(self.handed) - lose :])
+        self.torn = dict.fromkeys(self.torn)
+        self.start(set(self.handed))
+
+    @rule(times=st.integers(1, 2))
+    def look(self, times):
+        for _ in range(times):
+            self.look_once()
+
+    def look_once(self):
+        self.watch._check()
+        arrivals = []
+        while not self.watch._inbox.arrivals.empty():
+            arrivals.append(self.watch._inbox.arrivals.get())
+        if not self.told:
+            assert arrivals.pop(0).kind == "run"
+            self.told = True
+        self.handed &= {*self.whole, *self.torn}
+        now = time.time() + self.ahead
+        given_up = set()
+        for name in {*self.torn} - self.handed:
+            size = (self.folder / name).stat().st_size
+            before = self.torn[name]
+            if before is None or before[0] != size:
+                self.torn[name] = size, now
+            elif now - before[1] > 1.0:
+                given_up.add(name)
+        due = sorted({*self.whole} - self.handed | given_up)
+        frames = [one for one in arrivals if one.kind == "frame"]
+        assert [one.name for one in frames] == due
+        for one in frames:
+            assert one.data == self.whole.get(one.name, one.data)
+        self.handed.update(due)
+        waiting = {*self.torn} - self.handed
+        ends = self.ended and not due and not waiting and not self.ended_told
+        assert [one.kind for one in arrivals if one.kind != "frame"] == ["end"] * ends
+        self.ended_told |= ends
+
+
+TestWatch = WatchMachine.TestCase
+TestWatch.settings = settings(MACHINE, max_examples=CASES)
+
+
+def test_a_file_that_was_taken_away_may_come_again():
+    machine = WatchMachine()
+    for step in (machine.write, machine.take_away_one, machine.write):
+        step(3)
+        machine.look_once()
+    machine.teardown()
+
+
+def test_the_queue_is_full_with_so_many_arrivals_or_so_many_bytes():
+    waiting = ArrivalQueue(most=5, most_bytes=1000)
+    large = Arrival("frame", "a", 0.0, bytes(600))
+    waiting.put_nowait(large)
+    waiting.put_nowait(large)
+    with pytest.raises(queue.Full):
+        waiting.put_nowait(Arrival("frame", "b", 0.0))
+    assert waiting.get_nowait() is large
+    for _ in range(4):
+        waiting.put_nowait(Arrival("frame", "b", 0.0))
+    with pytest.raises(queue.Full):
+        waiting.put_nowait(Arrival("frame", "b", 0.0))
+    assert [len(waiting.get_nowait().data) for _ in range(5)] == [600, 0, 0, 0, 0]
+    assert waiting.empty()

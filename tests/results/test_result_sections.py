@@ -1,0 +1,42 @@
+"""The folder of a lane that was processed in sections: its list is checked against the sections."""
+
+import pytest
+
+from flgpr.results.errors import ResultError
+from flgpr.results.sections import read_sections, write_sections
+from flgpr.store.tables import lane_text
+from small_results import LANE, small_result
+
+NAMES = ("section-1", "section-2")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in NAMES:
+        small_result(tmp_path / name)
+    (tmp_path / "alarms.csv").write_bytes((tmp_path / NAMES[0] / "alarms.csv").read_bytes())
+    (tmp_path / "lane.toml").write_text(lane_text(LANE))
+    write_sections(tmp_path, NAMES, {"run": "r"})
+    return tmp_path
+
+
+def test_sections_are_read_in_their_order(folder):
+    sections = read_sections(folder)
+    assert sections.names == NAMES
+    assert sections.homes == [folder / name for name in NAMES]
+    assert sections.identity == {"run": "r"}
+    assert sections.lane() == LANE
+    assert len(sections.alarms()) == 3
+
+
+@pytest.mark.parametrize("name", ["alarms.csv", "section-2/manifest.json"])
+def test_an_altered_file_is_refused(folder, name):
+    path = folder / name
+    path.write_bytes(path.read_bytes()[:-2] + b"0\n")
+    with pytest.raises(ResultError, match=r"section-2|alarms"):
+        read_sections(folder)
+
+
+def test_a_missing_list_is_named(tmp_path):
+    with pytest.raises(ResultError, match=r"not a complete folder of sections: .* is missing"):
+        read_sections(tmp_path)

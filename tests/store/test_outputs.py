@@ -1,0 +1,197 @@
+"""Outputs are whole or absent, of one process at a time, and never over another."""
+
+import multiprocessing
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from flgpr.results.result import add_files, are_settled, read_result
+from flgpr.store.files import replace_folder, write_whole
+from flgpr.store.outputs import BusyError, held_folder, same_content, whole_output, write_new
+from robust import digests
+from small_results import small_result
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_a_new_file_stays_if_it_is_the_same_and_is_never_written_over(tmp_path, caplog):
+    write_new(tmp_path / "a", "one")
+    before = (tmp_path / "a").stat()
+    with caplog.at_level("INFO", "flgpr.outputs"):
+        write_new(tmp_path / "a", b"one")
+    assert "a is there already" in caplog.text
+    with pytest.raises(
+        FileExistsError, match=r"must not exist yet, got .*a, which holds something else"
+    ):
+        write_new(tmp_path / "a", "two")
+    assert (tmp_path / "a").stat() == before
+    (tmp_path / "link").symlink_to(tmp_path / "a")
+    with pytest.raises(FileExistsError):
+        write_new(tmp_path / "link", "one")
+    assert names(tmp_path) == ["a", "link"]
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_one_that_appears_meanwhile_is_not_written_over(links, tmp_path, monkeypatch):
+    if not links:
+        monkeypatch.setattr(
+            os, "link", lambda *_: (_ for _ in ()).throw(PermissionError(1, "not permitted"))
+        )
+
+    def late():
+        with whole_output(tmp_path / "a") as made:
+            made.write_text("mine")
+            (tmp_path / "a").write_text("another's")
+
+    with pytest.raises(FileExistsError):
+        late()
+    assert (tmp_path / "a").read_text() == "another's"
+    write_new(tmp_path / "b", "mine")
+    assert (tmp_path / "b").read_text() == "mine"
+    assert names(tmp_path) == ["a", "b"]
+
+
+def test_a_folder_is_whole_or_absent_and_may_hold_more_only_where_that_is_said(tmp_path):
+    def make(text="one", **options):
+        with whole_output(tmp_path / "a", **options) as made:
+            made.mkdir()
+            (made / "x").write_text(text)
+
+    make()
+    make()
+    (tmp_path / "a" / "more").write_text("y")
+    make(more=True)
+    for options in ({}, {"text": "two", "more": True}):
+        with pytest.raises(FileExistsError):
+            make(**options)
+    make("two", replace=True)
+    assert digests(tmp_path / "a").keys() == {"x"}
+    assert not same_content(tmp_path / "a", tmp_path / "a" / "x")
+
+    def fail():
+        with whole_output(tmp_path / "b") as made:
+            made.mkdir()
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        fail()
+    assert names(tmp_path) == ["a"]
+
+
+def test_what_a_killed_writer_left_is_taken_away_by_the_next(tmp_path):
+    left = tmp_path / ".partial-a"
+    (left / "deep").mkdir(parents=True)
+    (left / "deep" / "half").write_text("h")
+    (left / "a").symlink_to("/etc/hostname")
+    write_new(tmp_path / "a", "whole")
+    assert names(tmp_path) == ["a"]
+    (tmp_path / "a.partial").write_text("half a text that is longer")
+    write_whole(tmp_path / "a", "new")
+    assert (tmp_path / "a").read_text() == "new"
+    assert names(tmp_path) == ["a"]
+
+
+@pytest.mark.parametrize("kind", ["link", "pipe"])
+def test_what_lies_at_the_name_of_a_temporary_file_leads_nowhere(kind, tmp_path):
+    (tmp_path / "keep").write_text("keep")
+    temporary = tmp_path / "a.partial"
+    temporary.symlink_to(tmp_path / "keep") if kind == "link" else os.mkfifo(temporary)
+    write_whole(tmp_path / "a", "new")
+    assert (tmp_path / "keep").read_text() == "keep"
+    assert (tmp_path / "a").read_text() == "new"
+    assert not (tmp_path / "a").is_symlink()
+
+
+def test_a_copy_that_somebody_named_old_is_kept(tmp_path):
+    for name in ("new", "a", "a.old"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / name).write_text(name)
+    replace_folder(tmp_path / "new", tmp_path / "a")
+    assert digests(tmp_path).keys() == {"a/new", "a.old/a.old"}
+
+
+def test_another_process_at_the_same_output_is_refused_or_waited_for(tmp_path):
+    with whole_output(tmp_path / "a") as made:
+        made.write_text("first")
+        with pytest.raises(BusyError, match="another process is writing here"):
+            write_new(tmp_path / "a", "second")
+    assert (tmp_path / "a").read_text() == "first"
+    (tmp_path / "f").mkdir()
+    order = []
+    with held_folder(tmp_path / "f"):
+        waiting = threading.Thread(target=lambda: hold_and(order.append, tmp_path / "f"))
+        waiting.start()
+        order.append("first")
+    waiting.join()
+    assert order == ["first", "second"]
+    assert names(tmp_path) == ["a", "f"]
+
+
+def hold_and(tell, folder):
+    with held_folder(folder, wait=True):
+        tell("second")
+
+
+RACE = """
+import os, sys
+from pathlib import Path
+from flgpr.store.files import write_whole
+from flgpr.store.outputs import BusyError, write_new
+home = Path(sys.argv[1])
+own = next((number for number in (1, 2, 3) if not os.fork()), 0)
+text = str(own) * 400_000
+for trial in range(15):
+    write_whole(home / "shared", text)
+    try:
+        write_new(home / f"new-{trial}", text)
+        print(f"{trial} wrote\\n", end="", flush=True)
+    except (FileExistsError, BusyError):
+        pass
+while own == 0:
+    try:
+        os.wait()
+    except ChildProcessError:
+        break
+"""
+
+
+def test_processes_that_race_for_a_file_never_mix(tmp_path):
+    said = subprocess.run(
+        [sys.executable, "-c", RACE, str(tmp_path)], capture_output=True, text=True, check=True
+    )
+    for path in tmp_path.iterdir():
+        content = path.read_text()
+        assert len(content) == 400_000
+        assert len(set(content)) == 1
+    assert names(tmp_path) == sorted([*(f"new-{trial}" for trial in range(15)), "shared"])
+    assert sorted(said.stdout.split()[::2], key=int) == [str(trial) for trial in range(15)]
+
+
+def add(folder, number):
+    for trial in range(10):
+        add_files(
+            folder,
+            {f"page-{number}.html": f"{number} {trial}" * 1000, "report.html": f"{number}" * 5000},
+        )
+
+
+def test_two_that_add_files_to_a_result_at_once_both_end_well(tmp_path):
+    folder = small_result(tmp_path / "result")
+    context = multiprocessing.get_context("fork")
+    both = [context.Process(target=add, args=(folder, number)) for number in (1, 2)]
+    for one in both:
+        one.start()
+    for one in both:
+        one.join()
+        assert one.exitcode == 0
+    result = read_result(folder)
+    assert are_settled(folder)
+    assert set(result.manifest["added"]) == {"page-1.html", "page-2.html", "report.html"}
+    assert len(set((folder / "report.html").read_text())) == 1
+    assert not [path for path in Path(folder).rglob("*.partial")]
