@@ -27,6 +27,9 @@ from io_recordings import COUNTS, notes_with
         ("MALÅ", "500_shielded_x", 500),
         ("MALÅ", "GX450 HDR (v.1)", 450),
         ("MALÅ", "CO700", 700),
+        ("MALÅ", "Ground Explorer GX80", 80),
+        ("MALÅ", "GX80 and GX450", None),
+        ("MALÅ", "HDR 450", None),
         ("MALÅ", "100 MHz RTA", 100),
         ("MALÅ", "1.6 GHz", 1600),
         ("MALÅ", "250", 250),
@@ -42,6 +45,10 @@ def test_an_antenna_is_known_by_a_table_or_a_unit_and_by_no_digits(maker, name, 
 def test_how_an_antenna_is_known_is_told(tmp_path):
     model = read_gpr(write_dzt(tmp_path / "a.dzt", COUNTS[:, None], names=("4105NR",)))
     assert notes_with(model, "antenna '4105NR' is one of 2000 MHz, by the table of models")
+    number = read_gpr(write_mala(tmp_path / "d.rd3", COUNTS, ANTENNAS="500_shielded_x"))
+    assert notes_with(number, "is one of 500 MHz, by the number that its name begins with")
+    none = read_gpr(write_mala(tmp_path / "c.rd3", COUNTS, ANTENNAS=""))
+    assert notes_with(none, "the header names no antenna: its frequency is unknown")
     unknown = read_gpr(write_mala(tmp_path / "b.rd3", COUNTS, ANTENNAS="prototype 7"))
     assert unknown.frequencies == (None,)
     assert notes_with(unknown, "antenna 'prototype 7' is in no table of models")

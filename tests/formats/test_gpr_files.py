@@ -442,3 +442,28 @@ def test_a_fix_that_no_vehicle_reaches_moves_no_trace(tmp_path):
         "1 of 10 positions of the satellite receiver left out, which no vehicle reaches"
     )
     assert "scan 18 after scan 14" in note
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("a.gps", "lies beside a recording and is read with it; give the .dt1 file"),
+        ("a.DZX", "give the .dzt file"),
+        ("a.cor", "give the .rd3, .rd7 or .iprb file"),
+        ("a.sg2", "SEG-2 files cannot be read"),
+    ],
+)
+def test_what_belongs_to_a_recording_or_is_known_is_told_so(name, words, tmp_path):
+    (tmp_path / name).write_text("x")
+    with pytest.raises(ValueError, match=words):
+        read_gpr(tmp_path / name)
+
+
+def test_an_antenna_that_the_sampling_cannot_hold_makes_no_band(tmp_path):
+    """400 MHz in samples 4 ns apart, which hold up to 125 MHz."""
+    path = write_dt1(tmp_path / "a.dt1", section(6), TOTAL_TIME_WINDOW=1024, NOMINAL_FREQUENCY=400)
+    run = gpr_run(read_gpr(path))
+    notes = run.attrs["import_notes"]
+    assert any("an antenna of 400 MHz does not fit samples 4 ns apart" in note for note in notes)
+    assert any("by the sampling, which hardly holds any of the antenna's" in note for note in notes)
+    assert np.ptp(run["frequency"].values) > 50e6

@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 
 from flgpr.formats import explain_file, gpr_run, read_gpr
-from io_gpr import (
-    STEP,
-    write_dt1,
-    write_mala,
-)
-from io_recordings import ALONG, COUNTS, TRACES, dt1_at, notes_with, set_dt1_words
+from io_gpr import STEP, write_dt1, write_dzt, write_mala
+from io_recordings import ALONG, COUNTS, TRACES, dt1_at, notes_with, patched, set_dt1_words
 
 
 @pytest.mark.parametrize(
@@ -60,6 +56,7 @@ def test_a_cart_that_turned_round_went_the_whole_way(tmp_path):
         ("in", 0.0254),
         ("Feet", 0.3048),
         ("metres", 1.0),
+        ("meter(s)", 1.0),
         ("yards", 0.9144),
     ],
 )
@@ -113,3 +110,24 @@ def test_a_line_that_was_triggered_by_time_has_a_clock(tmp_path):
     np.testing.assert_allclose(read.time, 0.1 * np.arange(TRACES))
     assert notes_with(read, "a trace every 0.1 s, by TIME INTERVAL in the header")
     assert notes_with(read, "DISTANCE FLAG is 0: no wheel was used")
+
+
+def test_a_clock_that_is_set_back_over_midnight_is_not_used(tmp_path):
+    """Two hours back from a second after midnight is a time of the day before."""
+    path = write_dt1(tmp_path / "a.dt1", COUNTS)
+    seconds = [86_395 + k if k < 10 else 86_395 + k - 7200 for k in range(TRACES)]
+    set_dt1_words(path, "second", [second % 86_400 for second in seconds])
+    read = read_gpr(path)
+    assert read.time is None
+    assert notes_with(read, "the clock goes back 1 times, by up to 7199 s: not used")
+
+
+@pytest.mark.parametrize(
+    ("per_metre", "per_second"), [(np.nan, 50.0), (1e9, np.inf), (-1e-9, -3.0)]
+)
+def test_spacings_and_rates_that_are_none_are_told(per_metre, per_second, tmp_path):
+    path = write_dzt(tmp_path / "a.dzt", COUNTS[:, None], per_metre=per_metre)
+    read = read_gpr(patched(path, (10, "<f", per_second)))
+    assert read.distance is None
+    assert notes_with(read, "scans per metre in the header are no spacing and are not used")
+    assert bool(notes_with(read, "are no rate and are not used")) == (per_second != 50.0)

@@ -319,6 +319,22 @@ def test_a_draft_takes_longitude_and_latitude_where_a_file_has_no_places_in_the_
     np.testing.assert_allclose(np.diff(way), 1e-5 * 111_412, rtol=1e-3)  # m of a degree at 60 N
 
 
+def test_axes_of_one_length_are_both_guesses(tmp_path):
+    fast, slow = np.linspace(0, 50e-9, 200), np.linspace(0, 10, 200)
+    np.savez(tmp_path / "a.npz", data=np.ones((200, 200)), time=fast, gps_time=slow)
+    draft = propose_mapping(tmp_path / "a.npz")
+    assert 'dims = ["scan?", "sample?"]' in draft
+
+
+def test_a_time_of_the_samples_is_no_clock_of_the_scans(tmp_path):
+    """Two times as long as the samples, as ImpDAR keeps them, and none as long as the scans."""
+    arrays = {"data": np.ones((200, 41)), "twtt": np.linspace(0, 5e-8, 200)}
+    savemat(tmp_path / "a.mat", arrays | {"travel_time": np.linspace(0, 0.05, 200)})
+    draft = propose_mapping(tmp_path / "a.mat")
+    assert 'dims = ["sample", "scan?"]' in draft
+    assert "[time]" not in draft
+
+
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_time_that_may_be_either_is_a_guess(turned, tmp_path):
     data = np.ones((41, 20)).T if turned else np.ones((41, 20))
@@ -328,3 +344,9 @@ def test_a_time_that_may_be_either_is_a_guess(turned, tmp_path):
     assert 'variable = "time?"' in draft
     np.savez(tmp_path / "b.npz", data=data, time=np.linspace(0, 5e-8, 41))
     assert '"sample"' in propose_mapping(tmp_path / "b.npz")
+
+
+def test_a_zip_is_to_be_unzipped(tmp_path):
+    (tmp_path / "a.zip").write_bytes(b"PK")
+    with pytest.raises(ValueError, match="unzip it, and give one of them"):
+        open_arrays(tmp_path / "a.zip")

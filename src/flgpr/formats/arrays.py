@@ -153,6 +153,8 @@ def _format_of(path: Path) -> tuple[str, _Opener]:
     for endings, kind, opener in _FORMATS:
         if re.fullmatch(endings, suffix):
             return kind, opener
+    if suffix == ".zip":
+        raise ValueError(f"{path}: a zip holds other files: unzip it, and give one of them")
     from flgpr.formats.gpr_files import (
         READERS,  # which are no arrays, but what a user may have meant
     )

@@ -310,7 +310,7 @@ class Roles:
             fits = [k for k, size in enumerate(self.sizes) if size == count and not names[k]]
             if fits:
                 place = fits[-1] if name in ("frequency", "sample") else fits[0]
-                names[place] = name if len(fits) == 1 else f"{name}?"
+                names[place] = name if self.sizes.count(count) == 1 else f"{name}?"
 
         axis = self.frequency or self.samples
         if axis is not None:

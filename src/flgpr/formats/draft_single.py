@@ -78,7 +78,10 @@ def draft_of_file(opened: ArrayFile) -> str:
         else {}
     )
     positions.pop("way", None)
-    stamp = _find_axis(draft, ("time", "stamp", "t_"), sizes)
+    others = list(sizes)  # lengths that scans may have
+    if axis is not None and math.prod(axis.shape) in others:
+        others.remove(math.prod(axis.shape))
+    stamp = _find_axis(draft, ("time", "stamp", "t_"), others)
     labels = labels_of(opened, sizes)
     dims = _dims(
         sizes,
@@ -215,7 +218,7 @@ def _is_fast(opened: ArrayFile, info: ArrayInfo) -> bool:
 def _find_positions(draft: _Draft, signal: ArrayInfo) -> dict[str, list[ArrayInfo]]:
     sides: dict[str, list[ArrayInfo]] = {}
     for info in draft.rest():
-        if info.shape and info.shape[-1] == 3 and len(info.shape) >= 2:
+        if len(info.shape) >= 2 and info.shape[-1] == 3 and 0 not in info.shape:
             name = info.name.lower()
             if name == "table" and len(draft.opened.arrays) > 1:
                 continue  # all columns of a text, which have names of their own
@@ -408,9 +411,11 @@ def _dims(
     names = ["?"] * len(sizes)
 
     def put(count: int, name: str) -> None:
+        """Name the last axis of that length that has no name; others of the same length leave a doubt."""
         fits = [k for k, size in enumerate(sizes) if size == count and names[k] == "?"]
-        if fits and name not in names:
-            names[fits[-1]] = name if len(fits) == 1 or name.endswith("?") else f"{name}?"
+        if fits and not {name, f"{name}?"} & set(names):
+            certain = sizes.count(count) == 1 or name.endswith("?")
+            names[fits[-1]] = name if certain else f"{name}?"
 
     if axis is not None:
         put(math.prod(axis.shape), axis_name)

@@ -98,9 +98,13 @@ def _of_set(plain: str, channel: int) -> float | None:
 
 
 def _mala(plain: str) -> float | None:
-    """Look a model up that begins the name, such as GX450 HDR (v.1)."""
-    model = re.match(r"([A-Z]{2})[\s_-]?(\d+)(?![\d.])", plain)
-    return MALA.get(model[1] + model[2]) if model else None
+    """Look the model up that is in a name, such as GX450 HDR (v.1); several tell none."""
+    models = {
+        letters + digits
+        for letters, digits in re.findall(r"(?<![A-Z])([A-Z]{2})[\s_-]?(\d+)(?![\d.])", plain)
+    }
+    known = models & set(MALA)
+    return MALA[known.pop()] if len(known) == 1 else None
 
 
 def _with_unit(plain: str) -> float | None:

@@ -72,7 +72,10 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     count = len(traces)
     beside = read_dzx(find_beside(path, ".dzx"), count, notes)
     distance = _distance(count, per_metre, beside, notes)
-    timed = distance is None and np.isfinite(per_second) and 1e-3 <= per_second <= 1e6
+    steady = bool(np.isfinite(per_second) and 1e-3 <= per_second <= 1e6)
+    if per_second != 0 and not steady:
+        notes.append(f"{per_second:g} scans a second in the header are no rate and are not used")
+    timed = distance is None and steady
     if timed:
         notes.append(f"the traces' clock is that of {per_second:g} scans a second, by the header")
     fixes = nmea_fixes(find_beside(path, ".dzg"), count, notes, words[:, 0])
@@ -164,7 +167,10 @@ def _distance(
         place = np.interp(trace, known[:, 0], known[:, 1])
         place += step * (np.minimum(trace - known[0, 0], 0) + np.maximum(trace - known[-1, 0], 0))
         return measured_places(place, None, "distances of the DZX", "the DZX", notes)
-    if np.isfinite(per_metre) and 1e-3 <= abs(per_metre) <= 1e5:
+    plausible = np.isfinite(per_metre) and 1e-3 <= abs(per_metre) <= 1e5
+    if per_metre != 0 and not plausible:
+        notes.append(f"{per_metre:g} scans per metre in the header are no spacing and are not used")
+    if plausible:
         return equal_steps(
             count, 1 / per_metre, f"{per_metre:g} scans per metre in the header", notes
         )

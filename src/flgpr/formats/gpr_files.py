@@ -30,6 +30,7 @@ NOT_READ = {
         "a project of pulseEKKO is a zip of DT1 and HD files: unzip it, and give a DT1 file",
     ),
     ".3dra": ("3d-radar", "its layout is not published; export SEG-Y from the maker's Examiner"),
+    ".sg2": ("SEG-2", "there is no reader for it; export SEG-Y from the recorder's program"),
     ".gsf": ("Geoscanners", "there is no reader for it; export SEG-Y from the maker's GPRSoft"),
 }
 """Endings of recordings that are known and cannot be read: what they are, and what to do."""
@@ -88,6 +89,10 @@ def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
         raise ValueError(
             f"{path}: this is the header of a recording; give the {_HEADERS[suffix]} file beside it"
         )
+    if suffix in _COMPANIONS:
+        raise ValueError(
+            f"{path}: this lies beside a recording and is read with it; give the {_COMPANIONS[suffix]} file beside it"
+        )
     if suffix not in READERS:
         raise ValueError(f"{path}: the ending must be one of {', '.join(READERS)}, got {suffix!r}")
     words, reader = READERS[suffix]
@@ -103,7 +108,7 @@ def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
 
 def is_gpr(path: Path) -> bool:
     """Tell by its ending whether a file is a recording of a ground-penetrating radar, or belongs to one."""
-    return path.suffix.lower() in {**READERS, **NOT_READ, **_HEADERS}
+    return path.suffix.lower() in {**READERS, **NOT_READ, **_HEADERS, **_COMPANIONS}
 
 
 READERS: dict[str, tuple[str, Callable[[Path, int], dict[str, Any]]]] = {
@@ -119,4 +124,13 @@ READERS: dict[str, tuple[str, Callable[[Path, int], dict[str, Any]]]] = {
     ".ogpr": ("OpenGPR", read_ogpr),
 }
 """What each ending is, and how it is read."""
+_COMPANIONS = {
+    ".gps": ".dt1",
+    ".gp2": ".dt1",
+    ".dzg": ".dzt",
+    ".dzx": ".dzt",
+    ".cor": ".rd3, .rd7 or .iprb",
+    ".mrk": ".rd3, .rd7 or .iprb",
+}
+"""Endings of positions and marks, and the recordings beside which they lie."""
 _HEADERS = {".hd": ".dt1", ".rad": ".rd3 or .rd7", ".iprh": ".iprb"}

@@ -117,7 +117,7 @@ def text_beside(path: Path, notes: list[str]) -> str:
 
 def length_unit(text: str) -> float | None:
     """Return how many metres a unit of length is; None if it is not known."""
-    plain = text.strip().lower().rstrip(".")
+    plain = text.strip().lower().removesuffix("(s)").rstrip(".")
     known = _LENGTHS.get(plain)
     return known if known is not None else _LENGTHS.get(plain.rstrip("s"))
 
@@ -256,9 +256,12 @@ def measured_clock(time: FloatArray, notes: list[str]) -> FloatArray | None:
         return None
     if time.size < 2 or np.ptp(time) == 0:
         return None
-    days = np.cumsum(np.append(0, np.diff(time) < -DAY / 2))
-    if days[-1]:
-        notes.append(f"the clock passes midnight {days[-1]} times: it is counted on")
+    steps = np.diff(time)
+    midnights = np.count_nonzero(steps < -DAY / 2)
+    if midnights:
+        notes.append(f"the clock passes midnight {midnights} times: it is counted on")
+    # A leap of more than half a day ahead is one back over midnight: nobody records for so long between two traces.
+    days = np.cumsum(np.append(0, (steps < -DAY / 2).astype(int) - (steps > DAY / 2)))
     rising = time + DAY * days
     back = np.diff(rising) < 0
     if back.any():
