@@ -44,7 +44,7 @@ def test_links_lead_to_files_and_headings(page):
 @pytest.mark.parametrize("page", PAGES, ids=identify)
 def test_files_of_the_repository_named_in_the_text_exist(page):
     named = re.findall(
-        r"`((?:src|tests|docs|benchmarks|viewer)/[\w./-]*\w)/?`", FENCE.sub("", read(page))
+        r"`((?:src|tests|docs|benchmarks|viewer|evidence(?=/\w+\.py))/[\w./-]*\w)/?`", FENCE.sub("", read(page))
     )
     wrong = [
         name
@@ -251,7 +251,7 @@ def test_the_lines_for_the_shell_are_found():
         "flgpr design sri -o b.html",
         "flgpr simulate a.toml --seed one -o b",
         "make demos",
-        "python benchmarks/live.py --agree",
+        "python evidence/live.py --agree",
         "pip install -e '.[seals]'",
     ],
 )

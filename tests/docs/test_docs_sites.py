@@ -18,7 +18,7 @@ WORDS = " ".join(PAGE.split())
 
 @pytest.fixture(scope="module")
 def program():
-    spec = importlib.util.spec_from_file_location("site_tables", ROOT / "benchmarks" / "sites.py")
+    spec = importlib.util.spec_from_file_location("site_tables", ROOT / "evidence" / "sites.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

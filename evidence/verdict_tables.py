@@ -1,6 +1,6 @@
 """Make the tables of docs/verdicts.md from the folder of `flgpr reproduce all` in both worlds.
 
-    python benchmarks/verdict_tables.py FOLDER [docs/verdicts]
+    python evidence/verdict_tables.py FOLDER [docs/verdicts]
 
 A study that has results in one world only has dashes for the other. The counts that the page's first table holds are
 printed. Tables of experiments, ``reasons.csv`` of ``flgpr reproduce reasons``, are taken over as they are.

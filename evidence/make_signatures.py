@@ -1,6 +1,6 @@
 """Make the full-wave echoes of buried bodies by difference, with gprMax: the field with a body less that without it.
 
-``FLGPR_GPRMAX_PYTHON=<python that has gprMax 4> python benchmarks/make_signatures.py FOLDER``
+``FLGPR_GPRMAX_PYTHON=<python that has gprMax 4> python evidence/make_signatures.py FOLDER``
 writes 20 input files into FOLDER, runs those that have no result yet (OMP_NUM_THREADS sets the
 cores) and writes an archive per body into tests/data/signatures. ``--decks`` writes the input files
 only, ``--archives`` reads the results only.

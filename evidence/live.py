@@ -3,7 +3,7 @@
 The lane is simulated (``sri-array``, a scan per metre, 24 targets, sensor errors, so that sweeps
 are missing here and there), or given with ``--run``. Usage::
 
-    python benchmarks/live.py [--rate 4.2] [--length 240] [--run lane.zarr] [--agreement]
+    python evidence/live.py [--rate 4.2] [--length 240] [--run lane.zarr] [--agreement]
 
 Prints, for the recipe ``wang2007`` with the local contrast and with a model that reads features of all five sub-bands,
 the latency from the arrival of a scan's file to its alarms, the rate achieved, and the processor time. The feeder,

@@ -1,15 +1,13 @@
-"""Time scoring and measure the coverage of its intervals: ``python benchmarks/scoring.py [--lanes N] [--draws N]``."""
+"""Coverage of the intervals of scores: ``python evidence/interval_coverage.py [--lanes N] [--draws N]``."""
 
 import argparse
-import statistics
-import time
 
 import numpy as np
 import pandas as pd
 from scipy import stats
 
 from flgpr.model import Lane
-from flgpr.scoring import band, clopper_pearson, match, pd_mean_interval, poisson_interval, roc
+from flgpr.scoring import band, clopper_pearson, match, pd_mean_interval, poisson_interval
 
 SPACING = 10.0  # m of lane per target
 RATE = 0.3  # false alarms per m² of open ground
@@ -37,28 +35,6 @@ def tables(
     alarms = pd.DataFrame(np.concatenate([truth[["x", "y"]], places[~near]]), columns=["x", "y"])
     confidence = np.concatenate([rng.normal(GAIN, 1, targets), rng.normal(size=int((~near).sum()))])
     return alarms.assign(confidence=confidence), truth
-
-
-def speed(rounds: int) -> None:
-    """Time the ROC of 100,000 alarms and 1,000 targets, and 1,000 resamplings of it."""
-    alarms, truth = tables(1000, 108_500, 10_000.0, np.random.default_rng(0))
-    lane = Lane(0.0, 4.0, 0.0, 10_000.0)
-    matched = match(alarms, truth, lane)
-    calls = {
-        "roc": lambda: roc(alarms, truth, lane),
-        "band, 1,000 resamplings": lambda: band(matched, draws=1000),
-        "pd_mean_interval, 1,000 resamplings": lambda: pd_mean_interval(matched, draws=1000),
-    }
-    seconds: dict[str, list[tuple[float, float]]] = {name: [] for name in calls}
-    for _ in range(rounds):
-        for name, call in calls.items():
-            start = time.perf_counter(), time.process_time()
-            call()
-            seconds[name].append((time.perf_counter() - start[0], time.process_time() - start[1]))
-    print(f"{len(alarms):,} alarms, {len(truth):,} targets, median of {rounds} rounds")
-    for name, values in seconds.items():
-        wall, processor = (statistics.median(column) for column in zip(*values, strict=True))
-        print(f"  {name}: {wall:.3f} s, of which {processor:.3f} s on the processor")
 
 
 def coverage(lanes: int, draws: int) -> None:
@@ -103,9 +79,7 @@ def _exact(alarms: pd.DataFrame, n: int, area: float, threshold: float) -> tuple
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--lanes", type=int, default=400)
     parser.add_argument("--draws", type=int, default=200)
     arguments = parser.parse_args()
-    speed(arguments.rounds)
     coverage(arguments.lanes, arguments.draws)

@@ -1,6 +1,6 @@
 """Relevance vector machines side by side: flgpr, fastrvm, sklearn-rvm. Times are medians of interleaved runs.
 
-Run ``python benchmarks/rvm.py [--slow]``; the peers are optional (``pip install fastrvm sklearn-rvm``) and ``--slow``
+Run ``python evidence/rvm.py [--slow]``; the peers are optional (``pip install fastrvm sklearn-rvm``) and ``--slow``
 adds sklearn-rvm at N = 300, which takes minutes. The kernel is the same for all: RBF with the same width.
 """
 

@@ -3,7 +3,7 @@
 The run is noise on the geometry of the ``sri-array``: what the chain does per scan does not depend
 on what the scan shows, and the density rule fixes the number of alarms. Usage::
 
-    python benchmarks/wang2007.py [--scans 600] [--folder DIR]
+    python evidence/detection_passes.py [--scans 600] [--folder DIR]
 
 Prints one line per pass (wall and processor seconds, the latter of all threads), the sum and the peak memory. Wall
 times mean something only on an idle machine; processor times nearly always.
@@ -15,6 +15,7 @@ import argparse
 import multiprocessing
 import os
 import resource
+import sys
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
@@ -27,28 +28,12 @@ import pandas as pd
 
 from flgpr.chain.method import detect
 from flgpr.chain.recipe import load_recipe
-from flgpr.model import Lane, load_sensor
+from flgpr.model import Lane
 from flgpr.scoring import pd_mean, roc
-from flgpr.store import RunWriter, open_run
+from flgpr.store import open_run
 
-STEP = 1000 / 600  # m between scans
-
-
-def write_noise_run(path: Path, scans: int) -> Path:
-    """Store a run of noise whose level falls with no structure at all."""
-    sensor = load_sensor("sri-array")
-    rng = np.random.default_rng(1)
-    tones = 442.5e6 + 2.5e6 * np.arange(1024)
-    tx, rx = sensor.pairs()
-    shape = (3, len(tx), tones.size)
-    with RunWriter(path, tones, list(sensor.polarization), tx, rx) as writer:
-        for scan in range(scans):
-            noise = rng.standard_normal((2, *shape), dtype=np.float32)
-            attitude = 0.004 * rng.standard_normal(2)
-            writer.append(
-                noise[0] + 1j * noise[1], [0.0, STEP * scan - 20, 5.0, 0.0, *attitude], float(scan)
-            )
-    return path
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+from suite.data import STEP, write_noise_run
 
 
 class Clock:

@@ -1,6 +1,6 @@
 """Two entries of the proving ground and the oracle: false alarms at a Pd, and how far confidences are log odds.
 
-``python benchmarks/proving_ground.py fused wang2007 --folder ground/ [--folder other/] [--tier T] [--figure out.png]``
+``python evidence/proving_ground.py fused wang2007 --folder ground/ [--folder other/] [--tier T] [--figure out.png]``
 opens the sealed truth of the first folder, which is logged. Prints Markdown tables. A ground with tiers needs the tier.
 """
 

@@ -6,7 +6,7 @@ lost, alone and in bursts, late, sent twice, damaged, NaN, or without a pose; in
 the drive the process is killed now and then and started again. Files are taken away some 2000 scans
 after they came. Usage::
 
-    OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 nice -n 15 python benchmarks/soak.py [--hours 8] [--speed
+    OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 nice -n 15 python evidence/soak.py [--hours 8] [--speed
     10] [--kills 6]
         [--record soak.json] [--figure soak.png]
 

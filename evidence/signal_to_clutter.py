@@ -1,6 +1,6 @@
 """Signal to clutter of buried bodies as sri-array sees them 12 m ahead, by formula and measured on simulated images.
 
-``python benchmarks/signal_to_clutter.py`` measures every packaged body at five depths on every packaged site with four
+``python evidence/signal_to_clutter.py`` measures every packaged body at five depths on every packaged site with four
 roughnesses of its surface, and writes a table and a figure of it to the documentation. Bodies and sites that stand in
 the table are not measured again. ``--independent`` prints a smaller table beside figures found by others' formulas.
 """

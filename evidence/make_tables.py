@@ -1,6 +1,6 @@
 """Make the packaged tables of signatures anew, and the manifest that lists them with their digests.
 
-``python benchmarks/make_tables.py WORK [BODY ...]`` computes all packaged bodies' tables, or those named, on two
+``python evidence/make_tables.py WORK [BODY ...]`` computes all packaged bodies' tables, or those named, on two
 processes; WORK keeps what is done, and the same call goes on there. It takes about an hour. The same nodes give the
 same files on equal processors with equal versions of the libraries.
 """
@@ -23,7 +23,7 @@ def write_manifest() -> None:
         path.name: {"bytes": path.stat().st_size, "sha256": sha256(path.read_bytes()).hexdigest()}
         for path in sorted(TABLES.glob("*.npz"))
     }
-    about = {"made_by": "python benchmarks/make_tables.py WORK", "files": files}
+    about = {"made_by": "python evidence/make_tables.py WORK", "files": files}
     (TABLES / "manifest.json").write_text(json.dumps(about, indent=1) + "\n")
 
 

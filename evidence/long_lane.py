@@ -1,10 +1,10 @@
 """Measure the memory of a detection on a long lane, in sections, and what sections cost.
 
 The run is noise on the geometry of the ``sri-array`` with the recipe ``wang2007``, see
-``wang2007.py``. Usage::
+``benchmarks/suite/data.py``. Usage::
 
-    NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python benchmarks/long_lane.py [--length 20000] [--scans
-    18] NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python benchmarks/long_lane.py --compare 250 --scans
+    NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python evidence/long_lane.py [--length 20000] [--scans
+    18] NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python evidence/long_lane.py --compare 250 --scans
     600 --length 1000
 
 The memory of a detection does not depend on the number of scans, so a few at the beginning of a long lane are enough
@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import math
 import resource
+import sys
 import tempfile
 import time
 from multiprocessing import get_context
@@ -31,7 +32,9 @@ from flgpr.chain.recipe import load_recipe
 from flgpr.execution.driver import results_at
 from flgpr.model import Lane
 from flgpr.results.result import read_result
-from wang2007 import write_noise_run
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+from suite.data import write_noise_run
 
 SIZES = {"polarization": 3, "pair": 36, "frequency": 1024}
 
