@@ -28,7 +28,6 @@ class Detection:
     params = ("wang2007", "demo")
     param_names = ("recipe",)
     number = 1
-    timeout = 600
 
     def setup_cache(self) -> str:
         """Write the run in a process of its own, so that its memory is not counted."""
@@ -50,7 +49,6 @@ class Command:
     """A command from its start to its end, kernels compiled before."""
 
     number = 1
-    timeout = 600
 
     def setup_cache(self) -> str:
         """Write the run and its lane."""
@@ -91,7 +89,6 @@ class Live:
     params = ("median", "p95", "largest")
     param_names = ("latency",)
     unit = "ms"
-    timeout = 600
 
     def setup_cache(self) -> dict[str, float]:
         """Drive once, and keep the report's latencies."""

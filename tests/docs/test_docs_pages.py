@@ -1,6 +1,7 @@
 """Every page: links lead somewhere, names exist, commands are ones the command line has, and programs run."""
 
 import ast
+import itertools
 import importlib
 import re
 import shlex
@@ -201,7 +202,21 @@ def check_dask(words):
     }  # what they take is Dask's; tests/robustness/test_cluster.py starts both
 
 
+def check_asv(words):
+    """Look whether the suite has the benchmarks that a line names."""
+    assert words[0] in {"run", "continuous", "publish", "preview"}
+    source = "".join(read(path) for path in sorted((ROOT / "benchmarks/suite").glob("*.py")))
+    for option, value in itertools.pairwise(words):
+        assert option != "--bench" or f"class {value}:" in source, f"no benchmark {value}"
+
+
+def check_folder(words):
+    assert (ROOT / words[0]).is_dir()
+
+
 CHECKS = {
+    "asv": check_asv,
+    "cd": check_folder,
     "flgpr": check_flgpr,
     "make": check_make,
     "python": check_script,
@@ -253,6 +268,8 @@ def test_the_lines_for_the_shell_are_found():
         "make demos",
         "python evidence/live.py --agree",
         "pip install -e '.[seals]'",
+        "asv run --bench Images",
+        "cd bench",
     ],
 )
 def test_a_line_with_a_fault_is_noticed(line):
