@@ -97,6 +97,6 @@ axes.legend(fontsize=8)
 
 # %%
 # The folder holds the alarms for ``flgpr score``, the events for the viewer and a snapshot from which a stopped run
-# goes on. `Live detection <../live.html>`_ has the formats, and what is done about scans that are lost, late or broken.
+# goes on. `Live detection <../guide/live.html>`_ has the formats, and what is done about scans that are lost, late or broken.
 
 print(*sorted(path.name for path in (home / "out").iterdir()), sep="\n")

@@ -147,6 +147,7 @@ BEFORE = {
     "fuse2018": nothing,
     "wang2007": before_wang,
 }
+PAPERS = ("cosgrove2004", "fuse2018", "wang2007")
 NOT_HERE = (
     "flgpr info line7",  # tests/commands/test_picture_lines.py goes from recordings to pictures
     "flgpr import gpr",
@@ -193,6 +194,11 @@ def follow(page, space):
     return printed
 
 
+def path_of(name):
+    folder = "evidence/papers" if name in PAPERS else "guide"
+    return ROOT / "docs" / folder / f"{name}.md"
+
+
 @pytest.fixture
 def followed(request, made, tmp_path, monkeypatch):
     """A page, followed in an empty folder: the names of its programs, what its commands printed, the folder."""
@@ -202,7 +208,7 @@ def followed(request, made, tmp_path, monkeypatch):
     )  # a module, so that classes it defines can be found again
     monkeypatch.setitem(sys.modules, space.__name__, space)
     BEFORE[request.param](made)
-    return space, follow(ROOT / "docs" / f"{request.param}.md", space), tmp_path
+    return space, follow(path_of(request.param), space), tmp_path
 
 
 def page(name):
