@@ -55,7 +55,7 @@ def import_mapped(
     anchor: Anchor | None = None,
     anchor_from_track: bool = False,
 ) -> Imported:
-    """Import measured data by a mapping, see ``docs/guide/exchange.md``.
+    """Import measured data by a mapping, see ``docs/guide/import-mapping.md``.
 
     An error names what is missing, damaged or does not fit.
 
