@@ -1,7 +1,8 @@
 """How often the calibration by reflectors tells an answer, and how often a wrong one, on simulated runs.
 
 Run ``python evidence/calibration.py [ROUNDS] [--joint]``; a round is two runs of every kind and number of reflectors.
-The counts in docs/exchange.md are of 50 rounds, and of 20 with ``--joint``, which leaves two kinds of runs out.
+The counts in docs/evidence/measured-data.md are of 50 rounds, and of 20 with ``--joint``, which
+leaves two kinds of runs out.
 """
 
 import sys

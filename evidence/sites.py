@@ -1,4 +1,7 @@
-"""Packaged sites side by side: the tables of docs/sites.md, and with a folder as argument its figure, sites.png."""
+"""Print the tables of docs/reference/sites.md: the packaged sites side by side.
+
+With a folder as argument its figure, sites.png, is written there.
+"""
 
 from __future__ import annotations
 

@@ -1,10 +1,11 @@
 """Compare the simulator with the packaged full-wave lane: same geometry, soil and targets, 50 surfaces.
 
 Writes docs/images/fullwave-images.png and docs/images/fullwave-levels.png and prints the table of
-docs/validation-simulator.md. Everything is set from the full-wave lane's own description; the surface's correlation
-length, which it does not give, is assumed. Nothing is fitted but one common scale, since the full-wave data have none:
-the median over targets and channels. The plastic mine is left out: with it taken away, the level at its place is the
-same, so that clutter would be compared with clutter.
+docs/evidence/validation-simulator.md. Everything is set from the full-wave lane's own description;
+the surface's correlation length, which it does not give, is assumed. Nothing is fitted but one
+common scale, since the full-wave data have none: the median over targets and channels. The plastic
+mine is left out: with it taken away, the level at its place is the same, so that clutter would be
+compared with clutter.
 """
 
 from __future__ import annotations

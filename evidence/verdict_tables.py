@@ -1,6 +1,6 @@
-"""Make the tables of docs/verdicts.md from the folder of `flgpr reproduce all` in both worlds.
+"""Make the tables of docs/evidence/verdicts.md from the folder of `flgpr reproduce all` in both worlds.
 
-    python evidence/verdict_tables.py FOLDER [docs/verdicts]
+    python evidence/verdict_tables.py FOLDER [docs/evidence/verdicts]
 
 A study that has results in one world only has dashes for the other. The counts that the page's first table holds are
 printed. Tables of experiments, ``reasons.csv`` of ``flgpr reproduce reasons``, are taken over as they are.
@@ -25,7 +25,7 @@ Statement = tuple[str, str]
 def main() -> None:
     """Write a table for every study in the folder, and one for each further group of its lanes."""
     folder = Path(sys.argv[1])
-    output = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/verdicts")
+    output = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/evidence/verdicts")
     for study in sorted(path for path in folder.iterdir() if path.is_dir()):
         copy_reasons(study, output)
         judged = {world: read_findings(study / place) for world, place in WORLDS.items()}

@@ -42,7 +42,11 @@ def test_links_lead_to_files_and_headings(page):
             assert anchor in anchors(file), f"{target}: no such heading"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=identify)
+# The changelog names files where they were when its line was written.
+CURRENT = [page for page in PAGES if page.name != "CHANGELOG.md"]
+
+
+@pytest.mark.parametrize("page", CURRENT, ids=identify)
 def test_files_of_the_repository_named_in_the_text_exist(page):
     named = re.findall(
         r"`((?:src|tests|docs|benchmarks|viewer|evidence(?=/\w+\.py))/[\w./-]*\w)/?`", FENCE.sub("", read(page))

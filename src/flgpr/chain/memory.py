@@ -69,7 +69,7 @@ def memory_needed(
 
     It does not grow with the number of scans, but for a self-signature by the median, which keeps all images; what
     grows with the length of the lane are its run-views and alarms. The factors were measured, see
-    docs/robustness.md.
+    docs/evidence/robustness.md.
     """
     bands = len(recipe.image.subbands)
     view = recipe.run_view.grid(lane)

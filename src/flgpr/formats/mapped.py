@@ -55,7 +55,9 @@ def import_mapped(
     anchor: Anchor | None = None,
     anchor_from_track: bool = False,
 ) -> Imported:
-    """Import measured data by a mapping, see ``docs/exchange.md``; what is missing, damaged or does not fit is named.
+    """Import measured data by a mapping, see ``docs/guide/import-mapping.md``.
+
+    An error names what is missing, damaged or does not fit.
 
     ``data`` are data files in place of the mapping's entry ``files.data``. The mapping's file names are relative to
     ``folder`` (by default that of the first data file), else to its own. ``limit`` is the largest array to read, bytes.

@@ -30,7 +30,7 @@ _TILT = math.radians(4)  # rms in each axis, as mines are laid
 _DARK = 0.05  # of the background's power: a darker chip counts no more
 _SEED = 2026
 # Log odds of a mine over a stone by the difference of their log-likelihoods: a logistic regression,
-# docs/fused.md.
+# docs/evidence/fused.md.
 _RIVAL = (0.32, -0.87)
 _STONES = (0.04, 0.12)  # m, radii of stones: smaller ones are seldom seen
 
