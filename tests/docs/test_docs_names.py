@@ -12,13 +12,14 @@ import pytest
 
 from reading import FENCE, PAGES, ROOT, identify, read
 
-SOURCES = (ROOT / "src", ROOT / "benchmarks", ROOT / "docs")
+SOURCES = (ROOT / "src", ROOT / "benchmarks", ROOT / "evidence", ROOT / "docs")
 HOMES = (
     ROOT,
     ROOT / "src" / "flgpr",
     ROOT / "src" / "flgpr_papers",
     ROOT / "tests",
     ROOT / "benchmarks",
+    ROOT / "evidence",
 )
 """Folders from which a page may name a file."""
 
