@@ -54,7 +54,7 @@ def reproduce(
     *,
     track: Progress = None,
 ) -> Path:
-    """Run a paper's experiment again on simulated lanes and write its page; goes on where it was stopped.
+    """Run a paper's experiment again on simulated lanes and write its page; an interrupted run resumes.
 
     Returns
     -------

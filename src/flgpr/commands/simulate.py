@@ -75,7 +75,7 @@ def simulate_lane(
 ) -> Written:
     """Simulate a lane with truth; a stopped simulation goes on. With --preview alone only draw the scene.
 
-    simulate signature BODY computes what a body scatters in the ground; it goes on where it was stopped, too.
+    simulate signature BODY computes what a body scatters in the ground; an interrupted computation resumes, too.
 
     Returns
     -------

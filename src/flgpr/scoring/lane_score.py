@@ -27,7 +27,7 @@ _FIRST_POINTS = (0.005, 0.01, 0.02, 0.05, 0.1)
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """By which rules an alarm list is scored, and how sure its figures are said to be."""
+    """Scoring rules of an alarm list, and the confidence level of its intervals."""
 
     #: halo, halo_as, area, frame_area, refraction, survey_error: as for :func:`flgpr.scoring.roc`
     halo: float = 1.0
