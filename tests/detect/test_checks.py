@@ -13,7 +13,7 @@ def checked(**settings):
 def test_what_fits_is_taken():
     values = checked(gamma=0.5, count=3, flag=True, kernel="rbf")
     assert values.array("weight", (None, 3)).shape == (2, 3)
-    assert values.array("first", (4,), integer=True).tolist() == [0, 1, 2, 3]
+    assert values.array("first", (4,), np.int64).tolist() == [0, 1, 2, 3]
     assert values.number("gamma", 0.0, 1.0) == 0.5
     assert values.whole("count", 1, 5) == 3
     assert values.flag("flag") is True

@@ -711,7 +711,7 @@ def test_arrays_may_not_share_bytes(tmp_path):
     entry |= {"dtype": "<U0", "shape": [10**15], "sha256": sha256(b""), "name": "a", "at": 0}
     head = canonical_json({"about": {}, "arrays": [entry]})
     (tmp_path / "b.arrays").write_bytes(f"{len(head)} {sha256(head)}\n".encode() + head)
-    with pytest.raises(ValueError, match="type <U0"):
+    with pytest.raises(ValueError, match=r"got the type .<U0"):
         checkpoint["b"]
 
 

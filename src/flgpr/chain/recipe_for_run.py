@@ -270,7 +270,7 @@ def fit_recipe(run: xr.Dataset) -> str:
 
     Examples
     --------
-    >>> from flgpr.io import open_run, sample_lane
+    >>> from flgpr.store import open_run, sample_lane
     >>> from flgpr.chain.recipe_for_run import fit_recipe
     >>> from flgpr.chain.recipe import parse_recipe
     >>> recipe = parse_recipe(fit_recipe(open_run(sample_lane() / "run.zarr")))

@@ -41,6 +41,7 @@ def score_summary(folder: Path, scored: list[Any]) -> dict[str, Any]:
 def score_lines(scores: list[Any]) -> Iterator[Any]:
     """Return a table of what became of each target, and a sentence of what that amounts to."""
     from rich.table import Table
+    from rich.text import Text
 
     title = f"What became of each target at {scores[0].far:.2g} false alarms per m²"
     table = Table(title=title, caption="first seen: at so many false alarms per m²")
@@ -50,7 +51,7 @@ def score_lines(scores: list[Any]) -> Iterator[Any]:
         )
     for score in scores:
         table.add_section()
-        table.add_row(f"[bold]{score.name}[/bold]")
+        table.add_row(Text(score.name, style="bold"))
         for row in score.outcomes.to_dict("records"):
             target = f"  {row['target_id']}: {row['kind']}, {100 * row['depth']:.1f} cm"
             seen = [

@@ -206,4 +206,5 @@ def print_lines(lines: Iterable[Any]) -> None:
         else:
             from rich.console import Console
 
-            Console().print(line)
+            # Names from files are no markup.
+            Console(markup=False, emoji=False).print(line)

@@ -330,7 +330,8 @@ def _held(arrays: dict[str, NDArray[Any]]) -> _Opened:
 def _open_touchstone(path: Path, _: int, _about: list[str], notes: list[str]) -> _Opened:
     library = optional("skrf", "vna")
     text = touchstone_text(path, notes)
-    network = library.Network(text)
+    network = library.Network()
+    network.read_touchstone(text)  # given a file, the class itself tries whether it is a pickle
     s = np.asarray(network.s)
     ports = network.nports
     if text.tones not in (0, len(network.f)):

@@ -37,7 +37,7 @@ class ScanImager:
     Examples
     --------
     >>> from flgpr.imaging import ScanImager
-    >>> from flgpr.io import open_run, sample_lane
+    >>> from flgpr.store import open_run, sample_lane
     >>> from flgpr.model import Grid
     >>> run = open_run(sample_lane() / "run.zarr")
     >>> grid = Grid.spanning((-1.0, 1.0), (2.0, 5.0), 0.05)

@@ -28,7 +28,7 @@ def check_passphrase(passphrase: str) -> None:
 
     Examples
     --------
-    >>> from flgpr.scoring import check_passphrase
+    >>> from flgpr.trials import check_passphrase
     >>> check_passphrase("gravel otter seven lamps")
     >>> check_passphrase("12345678")  # doctest: +ELLIPSIS
     Traceback (most recent call last):

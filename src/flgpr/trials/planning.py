@@ -61,7 +61,7 @@ def sample_size(
 
     Examples
     --------
-    >>> from flgpr.scoring import sample_size
+    >>> from flgpr.trials import sample_size
     >>> plan = sample_size(0.9, 0.01, 0.95, true_pd=0.96, true_far=0.005)
     >>> plan.mines, round(plan.area)
     (116, 1944)
@@ -104,7 +104,7 @@ def mines_needed(pd: float, misses: int, confidence: float = 0.95) -> int:
 
     Examples
     --------
-    >>> from flgpr.scoring import mines_needed
+    >>> from flgpr.trials import mines_needed
     >>> [mines_needed(0.9, misses) for misses in (0, 1, 2)]
     [29, 46, 61]
     """
@@ -127,7 +127,7 @@ def area_needed(far: float, false_alarms: int, confidence: float = 0.95) -> floa
 
     Examples
     --------
-    >>> from flgpr.scoring import area_needed
+    >>> from flgpr.trials import area_needed
     >>> [round(area_needed(0.01, count)) for count in (0, 1, 2)]  # m²
     [300, 474, 630]
     """

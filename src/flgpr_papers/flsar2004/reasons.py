@@ -238,6 +238,14 @@ def _site_prescreener_trials(settings: Settings, site: Site) -> list[Trial]:
         buried = [name for name in by_strength if name not in set(surface)]
         on_it = "the mines on the surface set that limit"
         add(f"{len(surface)} mines on the surface left out", buried, on_it)
+    deep = set(metal.loc[metal["depth"] > SHALLOW, "target"])
+    if deep and len(deep) < len(by_strength):
+        shallow = [name for name in by_strength if name not in deep]
+        faint = "the deep mines, as faint as the ground, set an amplitude threshold within its even floor"
+        add(f"{len(deep)} mines deeper than 5 cm left out", shallow, faint)
+        middle_ones = [name for name in shallow if name not in set(surface)]
+        if middle_ones:
+            add(f"{len(middle_ones)} mines flush and 5 cm deep alone", middle_ones, "")
     value, clusters = removed_share(settings, site, by_strength, relative=True)
     scale = (
         "a deviation in units of the image grows with brightness, "
@@ -467,7 +475,7 @@ def _name_of(variant: Variant) -> str:
 
 EXPERIMENTS: dict[str, Callable[[Material], list[Trial]]] = {
     "templates": template_trials,
-    "prescreeners": prescreener_trials,
+    "second-prescreener": prescreener_trials,
     "sparsity": sparsity_trials,
     "between-sites": between_site_trials,
 }
