@@ -62,9 +62,9 @@ def gpr_run(
     time ``window``, s, and the antennas' ``separation``, m. The antennas lie one behind the other, receiver ahead, or
     side by side with ``across``, ``height`` m above the ground.
 
-    ``band``, Hz, is by default a quarter to twice the antenna's nominal frequency, or up to half of
-    what the sampling holds where that is unknown or less than an octave of it is recorded; the
-    notes give the reason of a ``ReasonedBand``. With an ``anchor`` the satellite receiver's
+    ``band``, Hz, is by default a quarter to twice the antenna's nominal frequency; up to half of
+    what the sampling holds where that is unknown, and all of it where that is less than an octave
+    of the antenna's; the notes give the reason of a ``ReasonedBand``. With an ``anchor`` the satellite receiver's
     positions put the traces in the lane; traces before its first and after its last are left out;
     with ``topography`` they are put on the receiver's heights, which else are not used.
     ``import_notes`` say what was assumed. What the headers do not tell and is not given, or does
@@ -212,7 +212,8 @@ def _band(
             if low > nominal / 4 or high < 2 * nominal:
                 reason += ", within what the record and its sampling hold"
         else:
-            reason = "by the sampling, which hardly holds any of the antenna's"
+            high = 0.9 * nyquist
+            reason = "all that the sampling holds, which is hardly any of the antenna's"
     if not lowest * (1 - 1e-9) <= low < high <= nyquist:
         raise ValueError(
             f"band must lie between {lowest / 1e6:g} MHz and half the sampling rate, {nyquist / 1e6:g} MHz, got "

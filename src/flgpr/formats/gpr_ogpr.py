@@ -2,8 +2,10 @@
 
 The preamble has three lines: ``ogpr``, a check sum of 32 hexadecimal digits and a length of eight; the descriptor
 follows and tells where each block lies. The block "Radar Volume" holds slices x channels x samples, little-endian. The
-block "Sample Geolocations" holds easting, northing and elevation, of every sample or of every trace; others are told
-and not read.
+block "Sample Geolocations" holds easting, northing and elevation, of every sample or of every trace. In version 2 it
+holds a record of every slice: its number, and of every channel easting, northing, depth and elevation of the first
+sample and of the last (archeogpr, ``src/archaeogpr/io/ogpr_reader.py``, https://github.com/bruhnioli/archeogpr, which
+found this in a recorder's file). Other blocks are told and not read.
 """
 
 from __future__ import annotations
@@ -25,6 +27,9 @@ _MOST_CHANNELS = 256
 _INTERVALS = (1e-13, 1e-6)  # s
 _FARTHEST = 1e8  # m, of a coordinate
 _TYPES = {2: "<i2", 4: "<f4"}  # by the bytes of a sample: counts, or floats
+_VERSIONS = (1, 2)  # major numbers, whose layouts are known
+_SLICE_NUMBER = 8  # bytes at the begin of a record of version 2
+_CHANNEL_PLACES = 64  # bytes of a channel in it: eight numbers
 
 
 def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
@@ -52,6 +57,7 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
             f"its descriptor must name a block Radar Volume, got {', '.join(named) or 'none'}"
         )
     notes: list[str] = []
+    _note_version(descriptor, notes)
     volume = named["Radar Volume"]
     values = _radar_volume(path, volume, (slices, channels, samples), limit, notes)
     radar = _table(volume, "radar")
@@ -96,6 +102,17 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
         "title": str(name) if name else path.stem,
         "history": tuple(notes),
     }
+
+
+def _note_version(descriptor: dict[str, Any], notes: list[str]) -> None:
+    """Tell if the file declares a version that is not known."""
+    version = descriptor.get("version")
+    major = version.get("major") if isinstance(version, dict) else version
+    if version is not None and major not in _VERSIONS:
+        told = version if major is None else major
+        notes.append(
+            f"its version is {str(told)[:40]!r}, which is not known: it is read as version {_VERSIONS[-1]}"
+        )
 
 
 def _note_unused_entries(radar: dict[str, Any], frequency: float | None, notes: list[str]) -> None:
@@ -199,20 +216,28 @@ def _places(
         return None, none
     offset, length = _block(path, block)
     slices, channels, samples = shape
-    if length not in {24 * slices * channels * samples, 24 * slices * channels, 24 * slices}:
+    by_slice = slices * (_SLICE_NUMBER + _CHANNEL_PLACES * channels)
+    if length == by_slice:
+        start = _SLICE_NUMBER
+        columns = [0, 1, 3]
+    elif length in {24 * slices * channels * samples, 24 * slices * channels, 24 * slices}:
+        start = 0
+        columns = [0, 1, 2]
+    else:
         notes.append(
             f"Sample Geolocations of {length} bytes found, not understood: positions are not read"
         )
         return None, none
-    stride = (
-        length // slices
-    )  # the first place of a slice is that of its first channel's first sample
+    # The first place of a slice is that of its first channel's first sample.
+    stride = length // slices
+    width = 8 * (columns[-1] + 1)
     raw = bytearray()
     with open_named(path) as file:
         for number in range(slices):
-            file.seek(offset + number * stride)
-            raw += file.read(24)
-    place = np.frombuffer(bytes(raw), dtype="<f8").reshape(slices, 3).astype(np.float64)
+            file.seek(offset + number * stride + start)
+            raw += file.read(width)
+    numbers = np.frombuffer(bytes(raw), dtype="<f8").reshape(slices, -1)
+    place = numbers[:, columns].astype(np.float64)
     usable = np.isfinite(place).all(axis=1) & (np.abs(np.nan_to_num(place)) <= _FARTHEST).all(
         axis=1
     )

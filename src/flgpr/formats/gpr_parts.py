@@ -32,6 +32,7 @@ _LENGTHS = {
     "millimetre": 1e-3, "millimeter": 1e-3, "dm": 0.1, "km": 1e3, "ft": FOOT, "foot": FOOT, "feet": FOOT, "'": FOOT,
     "in": 0.0254, "inch": 0.0254, "inche": 0.0254, '"': 0.0254, "yd": 0.9144, "yard": 0.9144,
 }  # fmt: skip
+_FARTHEST_APART = 1000.0  # m, of two antennas in a gather
 _USUAL_JUMP = 20.0  # times the usual step that a step is told to be, and metres at least
 _LEAST_JUMP = 1.0
 
@@ -245,6 +246,29 @@ def _note_motion(apart: FloatArray, where: str, notes: list[str]) -> None:
         notes.append(
             f"{where} jump {jumps} times, by up to {steps.max():.6g} m (usually {usual:.3g} m): kept as measured"
         )
+
+
+def gather_note(gather: str) -> str:
+    """Return the note of a survey whose antennas move apart."""
+    return f"its antennas move apart ({gather}): it is no line of one offset"
+
+
+def gather_of_separations(apart: FloatArray, unit: str, notes: list[str]) -> str:
+    """Return what to call a survey whose antennas lie ``apart`` (trace,), in ``unit``; empty for a line of one offset.
+
+    Antennas that only move apart, or only together, make a gather. Separations that change otherwise are told.
+    """
+    low = float(apart.min())
+    high = float(apart.max())
+    if high - low <= max(0.01, 0.1 * float(apart.mean())):
+        return ""
+    steps = np.diff(apart)
+    one_way = bool((steps >= 0).all() or (steps <= 0).all())
+    words = f"{low:g} to {high:g}{unit} apart"
+    if one_way and high <= _FARTHEST_APART:
+        return f"antennas {words}"
+    notes.append(f"the trace headers put the antennas {words}, which is not used")
+    return ""
 
 
 def measured_clock(time: FloatArray, notes: list[str]) -> FloatArray | None:

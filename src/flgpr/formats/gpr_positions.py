@@ -31,6 +31,8 @@ NO_FIXES: FloatArray = np.empty((0, 4))
 _SENTENCE = re.compile(r"\$[A-Z]{2}(GGA|RMC),([^*\"\s]*)")
 _TRACE = re.compile(r"\s*Trace\s*#\s*(\d{1,9})", re.IGNORECASE)
 _SCAN = re.compile(r"\s*\$GSSIS,(\d{1,9})")
+_NOT_MEASURED = {"6": "dead reckoning", "7": "put in by hand", "8": "simulated"}
+"""Qualities of GGA (NMEA 0183) that are no measurement of a satellite receiver."""
 _ROW = re.compile(r"\s*\"?(\d{1,9})\"?\s*[,;\t]")
 _ANGLE = re.compile(r"([NSEW]?)([-+]?[\d.:]+)([NSEW]?)")
 _HEIGHT = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
@@ -79,6 +81,7 @@ def nmea_fixes(
     sentences = 0
     nowhere = 0
     unusable = 0
+    not_measured: dict[str, int] = {}
     trace: int | None = None
     for line in text.splitlines():
         named = _TRACE.match(line)
@@ -94,7 +97,11 @@ def nmea_fixes(
         if row is not None:
             trace = int(row[1]) - 1
         sentences += 1
-        fix = _fix_of_sentence(sentence[1], sentence[2].split(","), trace)
+        cells = sentence[2].split(",")
+        fix = _fix_of_sentence(sentence[1], cells, trace)
+        if fix is not None and sentence[1] == "GGA" and cells[5] in _NOT_MEASURED:
+            quality = _NOT_MEASURED[cells[5]]
+            not_measured[quality] = not_measured.get(quality, 0) + 1
         if fix is None:
             unusable += 1
         elif trace is None:
@@ -106,6 +113,10 @@ def nmea_fixes(
     if unusable:
         notes.append(
             f"{unusable} of {sentences} sentences of {path.name} tell no position (the receiver had no fix)"
+        )
+    for quality, number in not_measured.items():
+        notes.append(
+            f"{number} of {sentences} sentences of {path.name} are {quality}: they are used"
         )
     if nowhere:
         notes.append(f"{nowhere} positions of {path.name} name no trace and are not used")

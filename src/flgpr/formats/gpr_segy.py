@@ -27,6 +27,8 @@ from flgpr.formats.gpr_parts import (
     exact_floats,
     first_bytes,
     float64,
+    gather_note,
+    gather_of_separations,
     measured_places,
     read_records,
 )
@@ -61,6 +63,7 @@ _PLACES = {
     "source": "source coordinates (bytes 73-80)", "group": "group coordinates (bytes 81-88)",
     "cdp": "CDP coordinates (bytes 181-188)",
 }  # fmt: skip
+_ANGULAR = (2, 3, 4)  # codes of units of coordinates that are angles
 _DEAD = (2, 3)  # codes of traces that are no data: dead, dummy
 
 
@@ -97,7 +100,8 @@ def read_segy(path: Path, limit: int) -> dict[str, Any]:
     traces = exact_floats(_ibm(table["samples"]) if code == _IBM else table["samples"], notes)
     _check_trace_headers(table, layout.samples, interval, notes)
     _leave_dead_out(table, traces, notes)
-    distance, fixes, separation = _geometry(table, _unit_of_length(raw, order, notes), notes)
+    metre = _unit_of_length(raw, order, notes)
+    distance, fixes, separation = _geometry(table, metre, notes)
     return {
         "traces": traces[:, None],
         "delay": np.arange(layout.samples) * interval,
@@ -105,6 +109,7 @@ def read_segy(path: Path, limit: int) -> dict[str, Any]:
         "fixes": fixes.table,
         "fix_time": fixes.time,
         "separation": separation,
+        "gather": _gather(table, metre, notes),
         "history": tuple(notes),
     }
 
@@ -335,11 +340,9 @@ def _geometry(
     table: NDArray[Any], metre: float, notes: list[str]
 ) -> tuple[FloatArray | None, Fixes, float | None]:  # fmt: skip
     """Return the distance along the line (trace,), m, or fixes, and the antennas' separation, m, if they are told."""
-    scalar = float64(table["scalar"])
-    scale = np.where(scalar < 0, 1 / np.maximum(-scalar, 1), np.maximum(scalar, 1))
     places = {}
     for name in _PLACES:
-        place = np.stack([table[f"{name}_x"] * scale, table[f"{name}_y"] * scale], axis=1)
+        place = _coordinates(table, name)
         if np.ptp(place, axis=0).any():
             places[name] = place
         elif place.any() and len(place) > 1:
@@ -354,7 +357,7 @@ def _geometry(
         )
         return None, Fixes(), None
     unit = int(units[0])
-    if unit in (2, 3, 4):  # seconds of arc, degrees, and degrees, minutes and seconds as digits
+    if unit in _ANGULAR:  # seconds of arc, degrees, and degrees, minutes and seconds as digits
         degrees = _sexagesimal(place) if unit == 4 else place / (3600 if unit == 2 else 1)
         fixes = [
             Fix(float(trace), pair[0], pair[1], np.nan)
@@ -385,6 +388,27 @@ def _geometry(
     return distance, Fixes(), separation
 
 
+def _coordinates(table: NDArray[Any], name: str) -> FloatArray:
+    """Return coordinates (trace, 2) of the trace headers, by their scalar, in the headers' unit."""
+    scalar = float64(table["scalar"])
+    scale = np.where(scalar < 0, 1 / np.maximum(-scalar, 1), np.maximum(scalar, 1))
+    return np.stack([table[f"{name}_x"] * scale, table[f"{name}_y"] * scale], axis=1)
+
+
+def _gather(table: NDArray[Any], metre: float, notes: list[str]) -> str:
+    """Return what to call a survey whose source and receiver move apart by their coordinates; empty for a line."""
+    source = _coordinates(table, "source")
+    group = _coordinates(table, "group")
+    both = source.any(axis=1) & group.any(axis=1)
+    if np.isin(table["unit"], _ANGULAR).any() or np.count_nonzero(both) < 2:
+        return ""
+    apart = np.hypot(*(group - source)[both].T) * metre
+    gather = gather_of_separations(apart, " m", notes)
+    if gather:
+        notes.append(gather_note(gather))
+    return gather
+
+
 def _between_neighbours(place: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
     """Put places (trace, 2) that are not usable between those before and behind."""
     trace = np.arange(len(place))
@@ -396,7 +420,10 @@ def _separation(places: dict[str, FloatArray], metre: float, notes: list[str]) -
     """Return the distance of source and group, m, where both are told and it is the same in all traces."""
     if "source" not in places or "group" not in places:
         return None
-    apart = np.hypot(*(places["group"] - places["source"]).T) * metre
+    both = places["source"].any(axis=1) & places["group"].any(axis=1)
+    if not both.any():
+        return None
+    apart = np.hypot(*(places["group"] - places["source"])[both].T) * metre
     if not 0 < apart.mean() <= 100 or np.ptp(apart) > 0.1 * apart.mean():
         return None
     notes.append("the antennas' separation is the distance of source and group coordinates")
@@ -452,6 +479,7 @@ def read_su(path: Path, limit: int) -> dict[str, Any]:
         "fixes": fixes.table,
         "fix_time": fixes.time,
         "separation": separation,
+        "gather": _gather(table, 1.0, notes),
         "history": tuple(notes),
     }
 
