@@ -87,11 +87,10 @@ def _write(picture: Picture, path: Path, pose: NDArray[np.float64]) -> None:
         if path.suffix.lower() == ".zarr":
             image.to_dataset("polarization").to_zarr(partial, zarr_format=2, consolidated=True)
         elif path.suffix.lower() == ".png":
+            from flgpr.report import figure_png  # loads what draws
             from flgpr.report.figures import image_figure
 
-            image_figure(image, picture.peaks, pose).savefig(
-                partial, dpi=110, format="png", metadata={"Software": None}
-            )
+            partial.write_bytes(figure_png(image_figure(image, picture.peaks, pose)))
         else:
             np.savez(
                 partial,

@@ -223,7 +223,8 @@ def _assumed_window(section: GprSection, view: RadargramView) -> str:
 def _write(made: Radargram, path: Path) -> None:
     with whole_output(path) as partial:
         if path.suffix.lower() == ".png":
-            from flgpr.report.radargram import radargram_figure  # loads what draws
+            from flgpr.report import figure_png  # loads what draws
+            from flgpr.report.radargram import radargram_figure
 
             figure = radargram_figure(
                 made.values,
@@ -235,7 +236,7 @@ def _write(made: Radargram, path: Path) -> None:
                 made.unit,
                 made.steps,
             )
-            figure.savefig(partial, dpi=110, format="png", metadata={"Software": None})
+            partial.write_bytes(figure_png(figure))
         else:
             distance = np.empty(0) if made.distance is None else made.distance
             np.savez(

@@ -82,11 +82,11 @@ def run_info(
     counted = count_looks(seen, grid, around.points())
     looks = xr.DataArray(counted, dims=("y", "x"), coords={"y": around.y, "x": around.x})
     if plot is not None:
-        from flgpr.report import geometry_figure  # loads what draws, which words can do without
+        from flgpr.report import figure_png, geometry_figure  # loads what draws
 
         figure = geometry_figure(description, lane, looks, 0.1 * (lane.x_max - lane.x_min))
         with whole_output(Path(plot)) as made:
-            figure.savefig(made, dpi=110, format="png", metadata={"Software": None})
+            made.write_bytes(figure_png(figure))
     doubts = geometry_doubts(dataset) + motion.notes()
     return description | {
         "unambiguous_path_m": unambiguous if math.isfinite(unambiguous) else None,

@@ -198,8 +198,8 @@ def list_bodies() -> list[str]:
 
 def write_preview(scene: Scene, seed: int, path: PathLike, force: bool) -> Path:
     """Draw a scene and write it as PNG."""
+    from flgpr.report import figure_png  # loads what pages are made with
+
     with whole_output(Path(path)) as made:
-        preview_figure(scene, seed, force).savefig(
-            made, dpi=100, format="png", metadata={"Software": None}
-        )
+        made.write_bytes(figure_png(preview_figure(scene, seed, force), dpi=100))
     return Path(path)

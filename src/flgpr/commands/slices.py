@@ -83,10 +83,11 @@ def make_slices(
 def _write(made: Slices, pose: np.ndarray, path: Path) -> None:
     with whole_output(path) as partial:
         if path.suffix.lower() == ".png":
-            from flgpr.report.slices import slices_figure  # loads what draws
+            from flgpr.report import figure_png  # loads what draws
+            from flgpr.report.slices import slices_figure
 
             figure = slices_figure(made.image, pose)
-            figure.savefig(partial, dpi=110, format="png", metadata={"Software": None})
+            partial.write_bytes(figure_png(figure))
         else:
             axes = {str(name): axis.values for name, axis in made.image.coords.items()}
             np.savez(partial, image=made.image.values, **axes)

@@ -11,6 +11,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from flgpr.model.figure_text import show_dollar_signs
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -126,7 +128,11 @@ def patch_figure(patches: Sequence[ArrayLike], labels: Sequence[str], columns: i
 
 
 def figure_bytes(figure: Figure, kind: str = "png") -> bytes:
-    """Render a figure as "png", "pdf" or "svg", free of dates, so that equal figures give equal files."""
+    """Render a figure as "png", "pdf" or "svg", free of dates, so that equal figures give equal files.
+
+    Text is shown as it is: dollar signs in names do not make formulas.
+    """
+    show_dollar_signs(figure)
     stream = io.BytesIO()
     clean: dict[str, Any] = {
         "png": {"Software": None},
