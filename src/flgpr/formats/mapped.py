@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.formats.arrays import LIMIT
 from flgpr.formats.mapping import Mapping, PathOffset, Quantity, Samples, factor, read_mapping
-from flgpr.formats.poses import read_poses, read_way
+from flgpr.formats.poses import read_poses, read_track_table
 from flgpr.formats.sources import FloatArray, Sources, plausible
 from flgpr.model import SPEED_OF_LIGHT, check_frequency, make_run
 from flgpr.model.phase import lengthen
@@ -355,7 +355,7 @@ class _Importer:
         if m.pose is not None:
             return read_poses(self.sources, m.pose, scans, self.anchor), None
         if m.track is not None and time is not None:
-            track = read_way(self.sources, m.track, self.anchor)
+            track = read_track_table(self.sources, m.track, self.anchor)
             spec = m.track
             self.notes.append(
                 f"poses from the track at {spec.clock_offset:g} s + {spec.clock_rate:g} · radar time"
