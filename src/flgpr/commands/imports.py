@@ -310,7 +310,7 @@ def import_gpr(
     file: Annotated[
         Paths,
         Argument(
-            help="Recording: .dt1, .dzt, .rd3, .rd7, .iprb, .sgy, .segy, .su or .ogpr; several make a survey."
+            help="Recording: .dt1, .dzt, .rd3, .rd7, .iprb, .dt, .sgy, .segy, .su, .ogpr; several make a survey."
         ),
     ],
     output: Output,

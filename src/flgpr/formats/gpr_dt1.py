@@ -26,6 +26,8 @@ from flgpr.formats.gpr_parts import (
     find_companion,
     first_bytes,
     float64,
+    gather_note,
+    gather_of_separations,
     length_unit,
     measured_clock,
     measured_distance,
@@ -37,9 +39,25 @@ from flgpr.formats.gpr_positions import Fixes, nmea_fixes, note_unread
 _HEADER = 100  # bytes of the words of a trace header
 _TYPES = {"I*2": "i2", "F*4": "f4"}
 _TYPE_WORDS = {"i2": "16 bit", "f4": "32 bit floating point"}
-_LINES = ("", "reflection", "common offset", "common-offset", "profile")
-_GATHERS = ("cmp", "warr", "multi", "transillum", "tomograph", "mog", "zop", "vrp", "borehole")
-"""What the entry SURVEY MODE says of a line, and of a survey whose antennas move apart."""
+_LINES = ("", "reflection", "commonoffset", "profile")
+_GATHERS = (
+    "cmp",
+    "warr",
+    "midpoint",
+    "depthpoint",
+    "wideangle",
+    "commonsource",
+    "commonshot",
+    "commonreceiver",
+    "multi",
+    "transillum",
+    "tomograph",
+    "mog",
+    "zop",
+    "vrp",
+    "borehole",
+)
+"""Letters of SURVEY MODE: all of them for a line, some for a survey whose antennas move apart."""
 _UNUSED = (
     (slice(3, 4), "the topography (word 4)"),
     (slice(8, 14), "the satellite receiver's position (words 9 to 14)"),
@@ -47,7 +65,6 @@ _UNUSED = (
 )
 """Columns of a trace header's words that are noted and not used, and what they are."""
 _LEAST_SEPARATION = 0.005  # m, of two antennas
-_FARTHEST_APART = 1000.0  # m, of two antennas in a gather
 
 
 def read_dt1(path: Path, limit: int) -> dict[str, Any]:
@@ -93,7 +110,7 @@ def read_dt1(path: Path, limit: int) -> dict[str, Any]:
     _note_unused_words(words, notes)
     gather = _gather(head, words, notes)
     if gather:
-        notes.append(f"its antennas move apart ({gather}): it is no line of one offset")
+        notes.append(gather_note(gather))
     return {
         "traces": traces[:, None],
         "delay": (np.arange(samples) - zero) * window * NANOSECOND / samples,
@@ -236,9 +253,10 @@ def _trace_numbers(values: FloatArray) -> NDArray[np.int64] | None:
 def _gather(head: Header, words: FloatArray, notes: list[str]) -> str:
     """Return what the file calls a survey whose antennas move apart; empty for a line."""
     mode = head.text("SURVEY MODE")
-    if any(word in mode.lower() for word in _GATHERS):
+    letters = "".join(filter(str.isalpha, mode.lower()))
+    if any(word in letters for word in _GATHERS):
         return mode
-    if mode.strip().lower() not in _LINES:
+    if letters not in _LINES:
         notes.append(
             f"SURVEY MODE is {mode[:40]!r}, which is not known: it is read as a line of one offset"
         )
@@ -248,12 +266,4 @@ def _gather(head: Header, words: FloatArray, notes: list[str]) -> str:
     if not positions.any():
         return ""  # not filled in
     apart = np.linalg.norm(positions[:, :3] - positions[:, 3:], axis=1)
-    if np.ptp(apart) <= max(0.01, 0.1 * apart.mean()):
-        return ""
-    if (np.diff(apart) >= 0).all() and apart.max() <= _FARTHEST_APART:
-        return f"antennas {apart.min():g} to {apart.max():g} apart"
-    notes.append(
-        f"the trace headers put the antennas {apart.min():g} to {apart.max():g} apart, "
-        "which is not used"
-    )
-    return ""
+    return gather_of_separations(apart, "", notes)

@@ -68,9 +68,9 @@ def gpr_run(
     window : float, optional
         Time window, s, in place of what the headers state.
     band : tuple of float or ReasonedBand, optional
-        Band to keep, Hz. By default it is a quarter to twice the antenna's nominal frequency, or up
-        to half of what the sampling holds where that is unknown or less than an octave of it is
-        recorded; the notes give the reason of a ``ReasonedBand``.
+        Band to keep, Hz. By default it is a quarter to twice the antenna's nominal frequency; up to
+        half of what the sampling holds where that is unknown, and all of it where that is less than
+        an octave of the antenna's. The notes give the reason of a ``ReasonedBand``.
     separation : float, optional
         Distance of the antennas, m, in place of what the headers state.
     across : bool
@@ -295,8 +295,8 @@ def _usual_band(nominal: float | None, lowest: float, nyquist: float) -> Reasone
     low = max(nominal / 4, lowest)
     high = min(2 * nominal, _NYQUIST_SHARE * nyquist)
     if high < OCTAVE * low:
-        reason = "by the sampling, which hardly holds any of the antenna's"
-        return ReasonedBand(lowest, 0.5 * nyquist, reason)
+        reason = "all that the sampling holds, which is hardly any of the antenna's"
+        return ReasonedBand(lowest, _NYQUIST_SHARE * nyquist, reason)
     reason = "a quarter to twice the antenna's"
     if low > nominal / 4 or high < 2 * nominal:
         reason += ", within what the record and its sampling hold"

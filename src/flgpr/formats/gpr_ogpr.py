@@ -4,14 +4,17 @@ It is a preamble, a JSON descriptor, and blocks of binary data. The preamble has
 ``ogpr``, a check sum of 32 hexadecimal digits and a length of eight; the descriptor follows and
 states where each block lies. The block "Radar Volume" holds slices x channels x samples,
 little-endian. The block "Sample Geolocations" holds easting, northing and elevation, of every
-sample or of every trace; other blocks are noted and not read.
+sample or of every trace. In version 2 it holds a record of every slice: its number, and of every
+channel easting, northing, depth and elevation of the first sample and of the last (archeogpr,
+``src/archaeogpr/io/ogpr_reader.py``, https://github.com/bruhnioli/archeogpr, which found this in a
+recorder's file). Other blocks are noted and not read.
 """
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +31,20 @@ _MOST_CHANNELS = 256
 _INTERVALS = (1e-13, 1e-6)  # s
 _FARTHEST = 1e8  # m, of a coordinate
 _POINT = 24  # bytes of easting, northing and elevation
+_VERSIONS = (1, 2)  # major numbers, whose layouts are known
+_SLICE_NUMBER = 8  # bytes at the begin of a record of version 2
+_CHANNEL_POINTS = 64  # bytes of a channel in it: eight numbers
 _TYPES = {2: "<i2", 4: "<f4"}  # by the bytes of a sample: counts, or floats
 _VOLUME = "Radar Volume"
 _GEOLOCATIONS = "Sample Geolocations"
 _NO_FIXES: FloatArray = np.empty((0, 4))
+
+
+class _PointLayout(NamedTuple):
+    """Where the first position of every slice lies."""
+
+    start: int  # bytes from the begin of the slice
+    columns: list[int]  # of easting, northing and elevation, in numbers of 8 bytes
 
 
 def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
@@ -66,6 +79,7 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
             f"its descriptor must name a block {_VOLUME}, got {', '.join(blocks) or 'none'}"
         )
     notes: list[str] = []
+    _note_version(descriptor, notes)
     volume = blocks[_VOLUME]
     traces = _radar_volume(path, volume, shape, limit, notes)
     radar = _table(volume, "radar")
@@ -113,6 +127,18 @@ def _blocks_of(descriptor: dict[str, Any]) -> tuple[dict[str, dict[str, Any]], l
         else:
             blocks[kind] = block
     return blocks, repeated
+
+
+def _note_version(descriptor: dict[str, Any], notes: list[str]) -> None:
+    """Add a note if the file declares a version that is not known."""
+    version = descriptor.get("version")
+    major = version.get("major") if isinstance(version, dict) else version
+    if version is not None and major not in _VERSIONS:
+        stated = version if major is None else major
+        notes.append(
+            f"its version is {str(stated)[:40]!r}, which is not known: "
+            f"it is read as version {_VERSIONS[-1]}"
+        )
 
 
 def _frequency_of(radar: dict[str, Any]) -> float | None:
@@ -246,14 +272,14 @@ def _geolocations(
     if block is None:
         return None, _NO_FIXES
     offset, length = _block(path, block)
-    slices, channels, samples = shape
-    per_slice = _POINT * slices
-    if length not in {per_slice * channels * samples, per_slice * channels, per_slice}:
+    slices, channels, _ = shape
+    layout = _point_layout(length, shape)
+    if layout is None:
         notes.append(
             f"{_GEOLOCATIONS} of {length} bytes found, not understood: positions are not read"
         )
         return None, _NO_FIXES
-    positions = _first_points(path, offset, length // slices, slices)
+    positions = _first_points(path, offset, length // slices, slices, layout)
     usable = np.isfinite(positions).all(axis=1)
     usable &= (np.abs(np.nan_to_num(positions)) <= _FARTHEST).all(axis=1)
     known = np.flatnonzero(usable)
@@ -271,7 +297,7 @@ def _geolocations(
         trace = np.arange(slices)
         for column in range(3):
             positions[:, column] = np.interp(trace, known, positions[usable, column])
-    if channels > 1 and length > per_slice:
+    if channels > 1 and length > _POINT * slices:
         notes.append(
             f"{_GEOLOCATIONS} of {channels - 1} further channels are not used: "
             "--channel-x places them"
@@ -279,14 +305,29 @@ def _geolocations(
     return positions, _fixes(positions, known, block, notes)
 
 
-def _first_points(path: Path, offset: int, stride: int, slices: int) -> FloatArray:
+def _point_layout(length: int, shape: _Shape) -> _PointLayout | None:
+    """Return where positions lie in a block of so many bytes; None if that is not known."""
+    slices, channels, samples = shape
+    if length == slices * (_SLICE_NUMBER + _CHANNEL_POINTS * channels):
+        return _PointLayout(_SLICE_NUMBER, [0, 1, 3])
+    per_slice = _POINT * slices
+    if length in {per_slice * channels * samples, per_slice * channels, per_slice}:
+        return _PointLayout(0, [0, 1, 2])
+    return None
+
+
+def _first_points(
+    path: Path, offset: int, stride: int, slices: int, layout: _PointLayout
+) -> FloatArray:
     """Read the first position of every slice (slice, 3): its first channel's first sample's."""
+    width = 8 * (layout.columns[-1] + 1)
     raw = bytearray()
     with open_named(path) as file:
         for number in range(slices):
-            file.seek(offset + number * stride)
-            raw += file.read(_POINT)
-    return np.frombuffer(bytes(raw), dtype="<f8").reshape(slices, 3).astype(np.float64)
+            file.seek(offset + number * stride + layout.start)
+            raw += file.read(width)
+    numbers = np.frombuffer(bytes(raw), dtype="<f8").reshape(slices, -1)
+    return numbers[:, layout.columns].astype(np.float64)
 
 
 def _fixes(

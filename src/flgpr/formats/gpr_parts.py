@@ -53,6 +53,7 @@ _LENGTHS = {
     "yd": 0.9144,
     "yard": 0.9144,
 }
+_FARTHEST_APART = 1000.0  # m, of two antennas in a gather
 _USUAL_JUMP = 20.0  # times the usual step, from which on a step is a jump that is noted
 _LEAST_JUMP = 1.0  # m, and at least this
 
@@ -385,6 +386,44 @@ def _note_motion(steps: FloatArray, where: str, notes: list[str]) -> None:
             f"{where} jump {jumps} times, by up to {size.max():.6g} m (usually {usual:.3g} m): "
             "kept as measured"
         )
+
+
+def gather_note(gather: str) -> str:
+    """Return the note of a survey whose antennas move apart."""
+    return f"its antennas move apart ({gather}): it is no line of one offset"
+
+
+def gather_of_separations(apart: FloatArray, unit: str, notes: list[str]) -> str:
+    """Return what to call a survey by the separations of its antennas.
+
+    Antennas that only move apart, or only together, make a gather. Separations that change
+    otherwise are noted.
+
+    Parameters
+    ----------
+    apart : (trace,) ndarray
+        Separation of the antennas.
+    unit : str
+        Its unit, after a blank; empty if it is not known.
+    notes : list of str
+        Notes are added to it.
+
+    Returns
+    -------
+    str
+        What the gather is; empty for a line of one offset.
+    """
+    low = float(apart.min())
+    high = float(apart.max())
+    if high - low <= max(0.01, 0.1 * float(apart.mean())):
+        return ""
+    steps = np.diff(apart)
+    one_direction = bool((steps >= 0).all() or (steps <= 0).all())
+    words = f"{low:g} to {high:g}{unit} apart"
+    if one_direction and high <= _FARTHEST_APART:
+        return f"antennas {words}"
+    notes.append(f"the trace headers put the antennas {words}, which is not used")
+    return ""
 
 
 def measured_clock(time: FloatArray, notes: list[str]) -> FloatArray | None:

@@ -9,6 +9,7 @@ recording itself from being read.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,6 +33,8 @@ NO_FIXES: FloatArray = np.empty((0, 4))
 _SENTENCE = re.compile(r"\$[A-Z]{2}(GGA|RMC),([^*\"\s]*)")
 _TRACE = re.compile(r"\s*Trace\s*#\s*(\d{1,9})", re.IGNORECASE)
 _SCAN = re.compile(r"\s*\$GSSIS,(\d{1,9})")
+_NOT_MEASURED = {"6": "dead reckoning", "7": "put in by hand", "8": "simulated"}
+"""Qualities of GGA (NMEA 0183) that are no measurement of a satellite receiver."""
 _ROW = re.compile(r"\s*\"?(\d{1,9})\"?\s*[,;\t]")
 _ANGLE = re.compile(r"([NSEW]?)([-+]?[\d.:]+)([NSEW]?)")
 _HEIGHT = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
@@ -69,7 +72,11 @@ class _SentenceLayout(NamedTuple):
     cells: int  # at least
 
 
-_LAYOUTS = {"GGA": _SentenceLayout(1, 5, "0", 11), "RMC": _SentenceLayout(2, 1, "V", 6)}
+_GGA_QUALITY = 5
+_LAYOUTS = {
+    "GGA": _SentenceLayout(1, _GGA_QUALITY, "0", 11),
+    "RMC": _SentenceLayout(2, 1, "V", 6),
+}
 
 
 def nmea_fixes(
@@ -103,6 +110,7 @@ def nmea_fixes(
     sentences = 0
     without_trace = 0
     unusable = 0
+    not_measured: Counter[str] = Counter()
     trace: int | None = None
     for line in text.splitlines():
         trace = _trace_in(line, trace)
@@ -113,19 +121,27 @@ def nmea_fixes(
         if row is not None:
             trace = int(row[1]) - 1
         sentences += 1
-        fix = _fix_of_sentence(sentence[1], sentence[2].split(","), trace)
+        kind = sentence[1]
+        cells = sentence[2].split(",")
+        fix = _fix_of_sentence(kind, cells, trace)
+        if fix is not None and kind == "GGA" and cells[_GGA_QUALITY] in _NOT_MEASURED:
+            not_measured[_NOT_MEASURED[cells[_GGA_QUALITY]]] += 1
         if fix is None:
             unusable += 1
         elif trace is None:
             without_trace += 1
         else:
-            fixes[sentence[1]].append(fix)
+            fixes[kind].append(fix)
     if not sentences:
         notes.append(f"{path.name} was found and holds no position that is understood")
     if unusable:
         notes.append(
             f"{unusable} of {sentences} sentences of {path.name} tell no position "
             "(the receiver had no fix)"
+        )
+    for quality, number in not_measured.items():
+        notes.append(
+            f"{number} of {sentences} sentences of {path.name} are {quality}: they are used"
         )
     if without_trace:
         notes.append(f"{without_trace} positions of {path.name} name no trace and are not used")

@@ -27,6 +27,8 @@ from flgpr.formats.gpr_parts import (
     exact_floats,
     first_bytes,
     float64,
+    gather_note,
+    gather_of_separations,
     measured_distance,
     read_records,
 )
@@ -81,6 +83,7 @@ _COORDINATES = {
     "group": "group coordinates (bytes 81-88)",
     "cdp": "CDP coordinates (bytes 181-188)",
 }
+_ANGULAR = (2, 3, 4)  # codes of units of coordinates that are angles
 _DEAD = (2, 3)  # codes of traces that are no data: dead, dummy
 _PICOSECOND = 1e-12
 _LONGEST_SEPARATION = 100.0  # m, of two antennas
@@ -102,6 +105,7 @@ class _Geometry(NamedTuple):
     distance: FloatArray | None = None  # (trace,) along the line, m
     fixes: Fixes = Fixes()
     separation: float | None = None  # of the antennas, m
+    gather: str = ""  # what a survey is whose antennas move apart
 
 
 def read_segy(path: Path, limit: int) -> dict[str, Any]:
@@ -162,6 +166,7 @@ def _entries(
         "fixes": geometry.fixes.table,
         "fix_time": geometry.fixes.time,
         "separation": geometry.separation,
+        "gather": geometry.gather,
         "history": tuple(notes),
     }
 
@@ -430,11 +435,17 @@ def _unit_of_length(raw: bytes, order: str, notes: list[str]) -> float:
 
 
 def _geometry(table: NDArray[Any], metre: float, notes: list[str]) -> _Geometry:
-    """Return distance along the line, or fixes, and the antennas' separation, if they are stated.
+    """Return where the traces are, and how far apart their antennas.
 
     ``metre`` is the unit of coordinates that are lengths.
     """
-    coordinates = _coordinates(table, notes)
+    placed = _line_geometry(table, metre, notes)
+    return placed._replace(gather=_gather(table, metre, notes))
+
+
+def _line_geometry(table: NDArray[Any], metre: float, notes: list[str]) -> _Geometry:
+    """Return distance along the line, or fixes, and the antennas' separation, if stated."""
+    coordinates = _changing_coordinates(table, notes)
     if not coordinates:
         return _Geometry()
     name, points = next(iter(coordinates.items()))
@@ -446,7 +457,7 @@ def _geometry(table: NDArray[Any], metre: float, notes: list[str]) -> _Geometry:
         )
         return _Geometry()
     unit = int(units[0])
-    if unit in (2, 3, 4):
+    if unit in _ANGULAR:
         notes.append(f"the positions are the {_COORDINATES[name]} of the traces")
         return _Geometry(fixes=_fixes_of(_degrees(points, unit), notes))
     if unit != 1:
@@ -466,13 +477,35 @@ def _geometry(table: NDArray[Any], metre: float, notes: list[str]) -> _Geometry:
     return _Geometry(settled, Fixes(), separation)
 
 
-def _coordinates(table: NDArray[Any], notes: list[str]) -> dict[str, FloatArray]:
-    """Return the coordinates (trace, 2) that change along the line, by their names."""
+def _coordinates(table: NDArray[Any], name: str) -> FloatArray:
+    """Return coordinates (trace, 2) of the trace headers, by their scalar, in the headers' unit."""
     scalar = float64(table["scalar"])  # a negative one divides
     scale = np.where(scalar < 0, 1 / np.maximum(-scalar, 1), np.maximum(scalar, 1))
+    return np.stack([table[f"{name}_x"] * scale, table[f"{name}_y"] * scale], axis=1)
+
+
+def _gather(table: NDArray[Any], metre: float, notes: list[str]) -> str:
+    """Return what a survey is whose source and receiver move apart by their coordinates.
+
+    It is empty for a line.
+    """
+    source = _coordinates(table, "source")
+    group = _coordinates(table, "group")
+    both = source.any(axis=1) & group.any(axis=1)
+    if np.isin(table["unit"], _ANGULAR).any() or np.count_nonzero(both) < 2:
+        return ""
+    apart = np.hypot(*(group - source)[both].T) * metre
+    gather = gather_of_separations(apart, " m", notes)
+    if gather:
+        notes.append(gather_note(gather))
+    return gather
+
+
+def _changing_coordinates(table: NDArray[Any], notes: list[str]) -> dict[str, FloatArray]:
+    """Return the coordinates (trace, 2) that change along the line, by their names."""
     coordinates = {}
     for name, words in _COORDINATES.items():
-        points = np.stack([table[f"{name}_x"] * scale, table[f"{name}_y"] * scale], axis=1)
+        points = _coordinates(table, name)
         if np.ptp(points, axis=0).any():
             coordinates[name] = points
         elif points.any() and len(points) > 1:
@@ -526,7 +559,10 @@ def _separation(coordinates: dict[str, FloatArray], metre: float, notes: list[st
     """Return the distance of source and group, m, where it is the same in all traces."""
     if "source" not in coordinates or "group" not in coordinates:
         return None
-    apart = np.hypot(*(coordinates["group"] - coordinates["source"]).T) * metre
+    both = coordinates["source"].any(axis=1) & coordinates["group"].any(axis=1)
+    if not both.any():
+        return None
+    apart = np.hypot(*(coordinates["group"] - coordinates["source"])[both].T) * metre
     if not 0 < apart.mean() <= _LONGEST_SEPARATION or np.ptp(apart) > 0.1 * apart.mean():
         return None
     notes.append("the antennas' separation is the distance of source and group coordinates")

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -81,7 +83,7 @@ class GprmaxOutput:
 
 def is_gprmax(path: str | Path) -> bool:
     """Tell whether an HDF5 file that is known to be sound comes from gprMax."""
-    with h5py.File(path, "r") as file:
+    with _faults_of_result(Path(path)), h5py.File(path, "r") as file:
         return "gprMax" in file.attrs
 
 
@@ -89,15 +91,22 @@ def read_gprmax(path: str | Path, limit: int = LIMIT) -> GprmaxOutput:
     """Read a result file of gprMax 3 or 4, at most ``limit`` bytes; a damaged or other file is a ValueError."""
     path = Path(path)
     open_arrays(path, limit)  # looks at the file in a child process first
-    try:
+    with _faults_of_result(path):
         return _read(path)
+
+
+@contextmanager
+def _faults_of_result(path: Path) -> Iterator[None]:
+    """Turn whatever h5py raises on a damaged result into one ValueError that names the file."""
+    try:
+        yield
     except (TypeError, KeyError, OSError, RuntimeError, AttributeError, OverflowError) as error:
         words = " ".join(str(error).split())[:200]
         raise ValueError(
             f"{path}: cannot be read as a result of gprMax: it is damaged ({words})"
         ) from None
-    except ValueError as error:
-        told = str(error)
+    except ValueError as error:  # of h5py, too: for numbers of a type that NumPy has not
+        told = " ".join(str(error).split())
         raise ValueError(told if told.startswith(str(path)) else f"{path}: {told}") from None
 
 
@@ -245,20 +254,14 @@ def merged_fields(file: Any) -> dict[str, tuple[int, int]]:
 
 def explain_merged(path: Path) -> tuple[list[str], str]:
     """Tell in lines what a merged B-scan holds, and draft the mapping that imports it; no lines if it is none."""
-    try:
-        with h5py.File(path, "r") as file:
-            _refuse_parts_elsewhere(file)
-            fields = merged_fields(file)
-            if not fields:
-                return [], ""
-            version = _text(file.attrs["gprMax"])
-            title = _text(file.attrs.get("Title", ""))
-            interval = float(np.asarray(file.attrs.get("dt", np.nan)))
-    except (TypeError, KeyError, OSError, RuntimeError, AttributeError, OverflowError) as error:
-        words = " ".join(str(error).split())[:200]
-        raise ValueError(
-            f"{path}: cannot be read as a result of gprMax: it is damaged ({words})"
-        ) from None
+    with _faults_of_result(path), h5py.File(path, "r") as file:
+        _refuse_parts_elsewhere(file)
+        fields = merged_fields(file)
+        if not fields:
+            return [], ""
+        version = _text(file.attrs["gprMax"])
+        title = _text(file.attrs.get("Title", ""))
+        interval = float(np.asarray(file.attrs.get("dt", np.nan)))
     if not (np.isfinite(interval) and interval > 0):
         raise ValueError(f"{path}: dt must be greater than 0, got {interval:g} s")
     # The field of a source along the same axis is the strongest, mostly Ez.
