@@ -167,7 +167,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "formats/arrays.py _open_hdf5": ({"File"}, GUARDED),
     "formats/arrays.py _open_npy": ({"load"}, RECORDING),
     "geo/basemap.py map_backdrop": ({"open"}, GUARDED),
-    "formats/child.py look": ({"File"}, GUARDED),
+    "formats/child.py probe_hdf5": ({"File"}, GUARDED),
     "formats/gprmax.py is_gprmax": ({"File"}, GUARDED),
     "formats/gprmax.py explain_merged": ({"File"}, GUARDED),
     "formats/gprmax.py _read": ({"File"}, GUARDED),

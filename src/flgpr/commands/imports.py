@@ -113,7 +113,7 @@ def import_gprmax(
     """
     from flgpr.chain.progress import silent
     from flgpr.commands.importing import import_gprmax_decks
-    from flgpr.formats.gprmax_files import GprmaxTold, import_gprmax_files
+    from flgpr.formats.gprmax_files import GprmaxSetup, import_gprmax_files
     from flgpr.store import save_run
     from flgpr.store.notes import tell_note
 
@@ -130,7 +130,7 @@ def import_gprmax(
     if (waveform is None) != (centre is None):
         raise ValueError("--waveform and --centre go together")
     pulse = None if waveform is None or centre is None else (waveform, centre)
-    known = GprmaxTold(band, transmit, ground, horizontal, vertical, pulse)
+    known = GprmaxSetup(band, transmit, ground, horizontal, vertical, pulse)
     run = import_gprmax_files(sources, known)
     for note in run.attrs["import_notes"]:
         tell_note(note)
