@@ -4,7 +4,7 @@ from flgpr.store.bundle import write_bundle as write_bundle
 from flgpr.store.extras import MissingExtraError as MissingExtraError
 from flgpr.store.files import canonical_json as canonical_json
 from flgpr.store.files import check_free_folder as check_free_folder
-from flgpr.store.files import laid_over as laid_over
+from flgpr.store.files import merge_tables as merge_tables
 from flgpr.store.files import replace_folder as replace_folder
 from flgpr.store.files import seal as seal
 from flgpr.store.files import sha256 as sha256
