@@ -11,10 +11,10 @@ from flgpr.store.files import sha256 as sha256
 from flgpr.store.files import unseal as unseal
 from flgpr.store.files import write_whole as write_whole
 from flgpr.store.run_store import RunStoreError as RunStoreError
-from flgpr.store.run_store import RunWriter as RunWriter
 from flgpr.store.run_store import open_run as open_run
 from flgpr.store.run_store import read_manifest as read_manifest
-from flgpr.store.run_store import save_run as save_run
+from flgpr.store.run_writer import RunWriter as RunWriter
+from flgpr.store.run_writer import save_run as save_run
 from flgpr.store.sample import sample_lane as sample_lane
 from flgpr.store.scan_file import RunDescription as RunDescription
 from flgpr.store.scan_file import Scan as Scan
