@@ -189,7 +189,7 @@ def _open_alone(temporary: Path) -> BinaryIO:
 
 
 def replace_folder(new: Path, folder: Path) -> None:
-    """Give a complete folder the name of an older one, which is removed.
+    """Rename a complete folder to the name of an older one, which is removed.
 
     Parameters
     ----------

@@ -157,7 +157,7 @@ def _same_folders(first: Path, second: Path, more: bool) -> bool:
 
 
 def _rename_unless_same(temporary: Path, output: Path, more: bool) -> None:
-    """Give an output its name, unless one of the same content has it."""
+    """Rename an output, unless one of the same content has its name."""
     if _renamed(temporary, output):
         return
     if not same_content(temporary, output, more):

@@ -1,8 +1,8 @@
 """The run store: Zarr v3, one chunk per scan, committed by a manifest of SHA-256 digests.
 
-The manifest is written last. Zarr itself reads a chunk that is missing as fill values, which a
-radar run must never do. Runs are therefore read here without the Zarr library, by the manifest, which
-lists every chunk and its digest; plain bytes in chunks are also read faster so.
+The manifest is written last. Zarr itself reads a missing chunk as fill values, which a radar run
+must never do. Runs are therefore read here without the Zarr library, by the manifest, which lists
+every chunk and its digest; plain bytes in chunks are also read faster so.
 :mod:`flgpr.store.run_writer` writes stores.
 """
 

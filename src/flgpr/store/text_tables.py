@@ -122,7 +122,10 @@ def _parse_lines(lines: list[_Line], notes: list[str]) -> dict[str, NDArray[Any]
             raise ValueError(f"the header must name different columns, got {', '.join(names)}")
     width = len(rows[0].cells) if names is None else len(names)
     _check_widths(rows, width)
-    columns = [_column([row.cells[k] for row in rows]) for k in range(width)]
+    columns = []
+    for k in range(width):
+        cells = [row.cells[k] for row in rows]
+        columns.append(_column(cells))
     if names is None:
         return {"table": _unnamed_table(rows, columns)}
     return _named_columns(names, rows, columns, notes)
