@@ -40,7 +40,7 @@ class Chance:
             return np.full(levels.shape, np.nan)
         return np.asarray(count_at(levels, moved) / len(moved), dtype=np.float64)
 
-    def beside(self, curve: pd.DataFrame, subset: Subset = None) -> pd.DataFrame:
+    def add_chance_column(self, curve: pd.DataFrame, subset: Subset = None) -> pd.DataFrame:
         """Put the chance level beside a curve of the same match and subset, as the column ``chance``."""
         return curve.assign(chance=self.at(curve["threshold"], subset))
 
@@ -68,7 +68,7 @@ def chance(matched: Match, shifts: int = SHIFTS, seed: int = 0) -> Chance:
     >>> truth = truth.assign(kind="metal", depth=0.05)
     >>> alarms = pd.DataFrame(rng.uniform([-3, 0, 0], [3, 200, 1], (500, 3)), columns=["x", "y", "confidence"])
     >>> matched = match(alarms, truth, Lane(-3.0, 3.0, 0.0, 200.0))
-    >>> curve = chance(matched).beside(roc_of(matched))
+    >>> curve = chance(matched).add_chance_column(roc_of(matched))
     >>> curve[["pd", "far", "chance"]].iloc[-1].round(2).to_dict()
     {'pd': 0.8, 'far': 0.42, 'chance': 0.71}
     >>> round(float(random_pd(0.42, 1.0)), 2)

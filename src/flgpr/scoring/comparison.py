@@ -144,7 +144,8 @@ def _pd_mean_by_chance(
     matched: Match, subset: Subset, far_max: float, seed: int, **area: Any
 ) -> float:
     return pd_mean_by_chance(
-        chance(matched, seed=seed).beside(roc_of(matched, subset, **area), subset), far_max
+        chance(matched, seed=seed).add_chance_column(roc_of(matched, subset, **area), subset),
+        far_max,
     )
 
 
@@ -241,7 +242,7 @@ def side_by_side(
     mean = []
     spread = {}
     for name, one in matches.items():
-        curve = chance(one, rules.shifts, rules.seed).beside(roc_of(one, **how))
+        curve = chance(one, rules.shifts, rules.seed).add_chance_column(roc_of(one, **how))
         rows = curve.iloc[operating_row(curve, np.array(fars))].reset_index(drop=True)[list(_POINT)]
         rows.insert(0, "far_allowed", list(fars))
         rows.insert(0, "detector", name)

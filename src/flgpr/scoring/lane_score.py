@@ -137,7 +137,7 @@ class Score:
             "frame_area": self.rules.frame_area,
             "level": self.rules.level,
         }
-        return self.chance.beside(roc_of(self.matched, rows, **options), rows)  # type: ignore[arg-type]
+        return self.chance.add_chance_column(roc_of(self.matched, rows, **options), rows)  # type: ignore[arg-type]
 
     def bands(
         self, by: Literal["kind", "depth"] | None = None
@@ -189,7 +189,7 @@ class Score:
         row = [int((thresholds > confidence).sum()) - 1 for confidence in worst["confidence"]]
         return worst.assign(found_above=found[row])
 
-    def told_rules(self) -> dict[str, Any]:
+    def rules_summary(self) -> dict[str, Any]:
         """Tell the convention and all choices, the same for all lists of a lane."""
         convention = {
             str(name): value for name, value in self.curve.attrs.items() if name not in COUNTS
@@ -201,7 +201,7 @@ class Score:
         survey = {} if self.survey is None else {"survey_error": asdict(self.survey)}
         return convention | {"far": self.rules.far} | draws | survey
 
-    def told(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, Any]:
         """Tell counts, operating point, PD_mean, the points of the curve, kinds, and what became of each target."""
         return {
             "title": self.title,
@@ -261,7 +261,7 @@ def score(
     )
     survey = None if rules.survey_error is None else survey_share(rules.survey_error, matched.halo)
     level = chance(matched, rules.shifts, rules.seed)
-    curve = level.beside(
+    curve = level.add_chance_column(
         roc_of(matched, area=rules.area, frame_area=rules.frame_area, level=rules.level)
     )
     far = max(rules.far, 1 / curve.attrs["area"])

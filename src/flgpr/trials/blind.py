@@ -459,7 +459,7 @@ def _found_from(matched: Match, area: Any) -> pd.DataFrame:
 
 
 def _points(matched: Match, level: Chance, name: str, subset: Any, area: Any) -> pd.DataFrame:
-    curve = level.beside(roc_of(matched, subset, area=area), subset)
+    curve = level.add_chance_column(roc_of(matched, subset, area=area), subset)
     rows = curve.iloc[operating_row(curve, np.array(FAR_GRID))].reset_index(drop=True)
     columns = [
         "far",
