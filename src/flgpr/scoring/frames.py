@@ -23,8 +23,8 @@ class UnrolledFrames:
     """Frames one behind the other on a lane of their own, so that the rules for lanes count each of them."""
 
     alarms: pd.DataFrame  #: x, y (m, unrolled), confidence; ``frame`` and the rest as given
-    #: one row for every frame that sees a target: the truth's columns, ``target_id`` with the frame's number, ``mine``
-    #: the target's own, ``inside`` whether it lies in the detection area
+    #: one row for every frame that sees a target: the truth's columns, ``target_id`` with the
+    #: frame's number, ``mine`` the target's own, ``inside`` whether it lies in the detection area
     looks: pd.DataFrame
     lane: Lane  #: the unrolled lane
     slot: float  #: length that a frame has of it, m
@@ -104,10 +104,11 @@ def score_frames(
 ) -> Score:
     """Score alarms that were raised frame by frame, every frame counting its area (Fuse et al. 2018, Sec. 4, Fig. 9).
 
-    A target counts once in every frame whose detection area holds it. An alarm in the halo of a target outside the area
-    is neither detection nor false. In the bootstrap all looks at a target are drawn together, and so are the false
-    alarms of ten frames; exact intervals take looks as independent, which they are not. The rest is as for
-    :func:`unroll_frames` and :func:`flgpr.scoring.score`, whose ``rules`` say what the halo is.
+    A target counts once in every frame whose detection area holds it. An alarm in the halo of a
+    target outside the area is neither detection nor false. In the bootstrap all looks at a target
+    are drawn together, and so are the false alarms of ten frames; exact intervals take looks as
+    independent, which they are not. The rest is as for :func:`unroll_frames` and
+    :func:`flgpr.scoring.score`, whose ``rules`` say what the halo is.
 
     Examples
     --------

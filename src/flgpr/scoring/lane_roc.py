@@ -150,7 +150,8 @@ def roc_of(
 def far_area(matched: Match, area: AreaRule, frame_area: float | None = None) -> float:
     """Compute the area, m², that a FAR refers to, by the rule "union", "paper" or "frames", see :func:`roc`.
 
-    A ``frame_area`` that is missing or superfluous, or an area that is not positive, is a ValueError.
+    A ``frame_area`` that is missing or superfluous, or an area that is not positive, is a
+    ValueError.
     """
     one_of("area", area, ("union", "paper", "frames"))
     if (area == "frames") != (frame_area is not None):
@@ -178,7 +179,8 @@ def accumulated_area(
 ) -> float:
     """Compute the area, m², of all frames, the same ground counted again in each (Fuse et al. 2018, Fig. 9).
 
-    The spans are the cross-range and down-track extent of the detection area of one frame, m; the paper's by default.
+    The spans are the cross-range and down-track extent of the detection area of one frame, m; the
+    paper's by default.
     """
     width = x_span[1] - x_span[0]
     length = y_span[1] - y_span[0]
@@ -244,9 +246,10 @@ def assign(
 def label_alarms(matched: Match) -> pd.DataFrame:
     """Tell for every alarm of a match what it counts as.
 
-    The alarm table gets ``label``, one of "detection" (the best alarm of a target), "ignored" (in a halo, but another
-    alarm is better), "false" and "outside" (in no halo and outside the lane); ``target``, row of the nearest target
-    within a halo (-1 for none); ``distance`` to it, m (NaN for none).
+    The alarm table gets ``label``, one of "detection" (the best alarm of a target), "ignored" (in a
+    halo, but another alarm is better), "false" and "outside" (in no halo and outside the lane);
+    ``target``, row of the nearest target within a halo (-1 for none); ``distance`` to it, m (NaN
+    for none).
     """
     best = matched.best()[0]
     label = np.where(

@@ -58,13 +58,14 @@ class Score:
     title: str
     rules: Rules  #: how
     matched: Match = field(repr=False)  #: alarms and targets
-    #: ROC with its counts and exact intervals, see :func:`flgpr.scoring.roc`, and the Pd that ``chance`` gives
+    #: ROC with its counts and exact intervals, see :func:`flgpr.scoring.roc`, and the Pd that
+    #: ``chance`` gives
     curve: pd.DataFrame = field(repr=False)
     # : operating point, per m²: that of the rules, or one false alarm where the lane cannot tell
     # less
     far: float
-    #: one row per target as :func:`flgpr.scoring.assign` gives it, its best alarm's offset ``dx``, ``dy``, m, and
-    #: whether it is ``found`` at the operating point
+    #: one row per target as :func:`flgpr.scoring.assign` gives it, its best alarm's offset ``dx``,
+    #: ``dy``, m, and whether it is ``found`` at the operating point
     outcomes: pd.DataFrame = field(repr=False)
     labels: pd.DataFrame = field(
         repr=False
@@ -251,7 +252,8 @@ def score(
     >>> scored.outcomes["detected"].tolist(), scored.labels["label"].tolist()
     ([True, False], ['detection', 'false'])
     >>> scored.in_words()
-    '1 of 2 targets found at 0.05 false alarms per m²: Pd 0.50, 95 % interval 0.01 to 0.99, chance 0.00'
+    '1 of 2 targets found at 0.05 false alarms per m²: Pd 0.50, 95 % interval 0.01 to 0.99, chance
+    0.00'
     """
     rules = rules or Rules()
     if not (math.isfinite(rules.far) and rules.far > 0):

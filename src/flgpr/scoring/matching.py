@@ -31,8 +31,9 @@ _ENOUGH = 5  # points from which a table's shape says that its axes are swapped
 def as_lanes(lane: LaneLike) -> dict[str, Lane]:
     """Take one lane or several, by name; a single nameless lane has the name "".
 
-    A lane comes in any form :func:`flgpr.model.as_lane` takes; several as a mapping of names to lanes, or as a table
-    with one lane per row named in the column ``lane``. No lane, a missing border or a repeated name is a ValueError.
+    A lane comes in any form :func:`flgpr.model.as_lane` takes; several as a mapping of names to
+    lanes, or as a table with one lane per row named in the column ``lane``. No lane, a missing
+    border or a repeated name is a ValueError.
     """
     if isinstance(lane, pd.DataFrame):
         if len(lane) == 0:
@@ -85,7 +86,8 @@ def positions(table: pd.DataFrame) -> FloatArray:
 def check_place(points: FloatArray, lane: Lane, name: str) -> None:
     """Refuse a table's points (row, 2) that cannot lie in this lane: another place or coordinate system, swapped axes.
 
-    Single points outside the lane are fine (Wang et al. 2007, rule 4); a table that lies outside as a whole is not.
+    Single points outside the lane are fine (Wang et al. 2007, rule 4); a table that lies outside as
+    a whole is not.
     """
     if len(points) == 0:
         return
@@ -137,7 +139,8 @@ def _likely_cause(x: NDArray[np.float64], y: NDArray[np.float64]) -> str:
 class Match:
     """Alarms matched to targets; every score is a view of it."""
 
-    #: alarms, truth: the checked tables, rows numbered from 0; targets where they are expected in the image
+    #: alarms, truth: the checked tables, rows numbered from 0; targets where they are expected in
+    #: the image
     alarms: pd.DataFrame
     truth: pd.DataFrame
     lanes: dict[str, Lane]  #: the scored lanes by name
@@ -145,7 +148,8 @@ class Match:
     #: alarm_lane, target_lane: (alarm,), (target,) position of each row's lane in ``lanes``
     alarm_lane: IntArray
     target_lane: IntArray
-    #: pair_alarm, pair_target: (pair,) rows of every alarm and target that are within a halo of one another
+    #: pair_alarm, pair_target: (pair,) rows of every alarm and target that are within a halo of one
+    #: another
     pair_alarm: IntArray
     pair_target: IntArray
     pair_distance: FloatArray  #: (pair,) their distance, m
@@ -161,8 +165,8 @@ class Match:
     def lane_areas(self, area: Literal["union", "paper"] = "union") -> FloatArray:
         """Compute the area, m², that false alarms can stand on, lane by lane.
 
-        It is the lane less the exact union of the halos clipped to it, or less N·π·r² (Wang et al. 2007, rule 6), which
-        can be negative.
+        It is the lane less the exact union of the halos clipped to it, or less N·π·r² (Wang et al.
+        2007, rule 6), which can be negative.
         """
         points = positions(self.truth)
         areas = []
@@ -181,9 +185,10 @@ class Match:
     ) -> tuple[Any, ...]:
         """Find each target's best alarm (rule 2): highest confidence, then the nearest, then the first in the table.
 
-        An alarm in the halo of a chosen and of another target is disregarded (rule 5), or with ``shared="count"``
-        counts for the chosen one; with the assignment "nearest" it is in the halo of its nearest target only. Gives
-        row (-1 for none), confidence (-inf) and distance (m; NaN).
+        An alarm in the halo of a chosen and of another target is disregarded (rule 5), or with
+        ``shared="count"`` counts for the chosen one; with the assignment "nearest" it is in the
+        halo of its nearest target only. Gives row (-1 for none), confidence (-inf) and distance (m;
+        NaN).
         """
         targets = len(self.truth)
         keep = (
@@ -335,10 +340,11 @@ def pairs_within(
 def select_targets(truth: pd.DataFrame, subset: Subset) -> BoolArray:
     """Tell which targets of a truth table a subset names, as a boolean per row.
 
-    ``None``: all. A ``target_id`` or a sequence of them. A mapping of columns to a value, a list of values or a
-    predicate of the column, all of which must hold, e.g. ``{"kind": "metal", "depth": lambda d: d > 0.05}``. A
-    predicate of the table that gives one truth value per row. A boolean array with one value per row. A column or id
-    that is not there, or no target of a table that has some, is a ValueError.
+    ``None``: all. A ``target_id`` or a sequence of them. A mapping of columns to a value, a list of
+    values or a predicate of the column, all of which must hold, e.g. ``{"kind": "metal", "depth":
+    lambda d: d > 0.05}``. A predicate of the table that gives one truth value per row. A boolean
+    array with one value per row. A column or id that is not there, or no target of a table that has
+    some, is a ValueError.
     """
     if subset is None:
         return np.ones(len(truth), dtype=bool)

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import google_crc32c
 import numpy as np
@@ -122,7 +122,7 @@ class _StoredArray(BackendArray):
         checksum = data[size:]
         if checksum and google_crc32c.value(numbers) != int.from_bytes(checksum, "little"):
             raise RunStoreError(f"{self._files.root}: {key} has a wrong checksum")
-        byte_order = ">" if layout.big_endian else "<"
+        byte_order: Literal["<", ">"] = ">" if layout.big_endian else "<"
         values = np.frombuffer(numbers, self.dtype.newbyteorder(byte_order))
         return values.reshape(layout.chunks)
 
@@ -199,7 +199,7 @@ def _lazy(stored: _StoredArray) -> Any:
     """Return an array that xarray reads when it is asked for, and copies before it is changed."""
     lazy = indexing.LazilyIndexedArray(stored)
     copied = indexing.CopyOnWriteArray(lazy)  # type: ignore[arg-type,no-untyped-call]
-    return indexing.MemoryCachedArray(copied)  # type: ignore[no-untyped-call]
+    return indexing.MemoryCachedArray(copied)
 
 
 def read_manifest(path: str | Path) -> dict[str, Any]:
