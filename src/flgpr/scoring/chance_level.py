@@ -58,7 +58,7 @@ class Chance:
         return np.asarray(count_at(levels, moved) / len(moved), dtype=np.float64)
 
     def add_chance_column(self, curve: pd.DataFrame, subset: Subset = None) -> pd.DataFrame:
-        """Return a curve of the same match and subset with the chance level as column ``chance``."""
+        """Return a curve of the same match and subset with the chance level, ``chance``."""
         return curve.assign(chance=self.at(curve["threshold"], subset))
 
 

@@ -173,8 +173,18 @@ CONVENTIONS = {
     )
 }
 CURVE_COLUMNS = (
-    "threshold", "pd", "far", "n_detected", "n_false", "pd_low", "pd_high", "far_low", "far_high", "n_targets", "area",
-)  # fmt: skip
+    "threshold",
+    "pd",
+    "far",
+    "n_detected",
+    "n_false",
+    "pd_low",
+    "pd_high",
+    "far_low",
+    "far_high",
+    "n_targets",
+    "area",
+)
 
 
 def count_at(thresholds: FloatArray, scores: FloatArray) -> NDArray[np.int64]:
@@ -327,7 +337,7 @@ def pd_mean(curve: pd.DataFrame, far_max: float = 0.1) -> float:
 
 
 def pd_mean_by_chance(curve: pd.DataFrame, far_max: float) -> float:
-    """Compute the average of the column ``chance`` of a curve as :func:`pd_mean` does that of Pd."""
+    """Compute the average of the column ``chance`` of a curve, as :func:`pd_mean` does for Pd."""
     return pd_mean(curve.assign(pd=curve["chance"]), far_max)
 
 
