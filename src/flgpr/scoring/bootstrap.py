@@ -133,10 +133,8 @@ def band(
     ValueError
         If an option is not valid or there is no target.
     """
-    if far is None:
-        grid = np.linspace(0, 0.1, 51)
-    else:
-        grid = np.atleast_1d(np.asarray(far, dtype=np.float64))
+    rates = np.linspace(0, 0.1, 51) if far is None else far
+    grid = np.atleast_1d(np.asarray(rates, dtype=np.float64))
     if grid.ndim != 1 or not (grid >= 0).all():
         raise ValueError(f"far must be rates of at least 0, got {grid}")
     if not 0 < level < 1:

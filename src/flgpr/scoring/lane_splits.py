@@ -120,10 +120,8 @@ def _target_groups(
     group = np.zeros(len(target), dtype=np.int64)
     group_of_mine = {name: number % count for number, name in enumerate(names)}
     group[is_mine] = [group_of_mine[name] for name in target[is_mine]]
-    if "clutter" in examples.columns:
-        clutter = examples["clutter"]
-    else:
-        clutter = pd.Series(np.arange(len(target)).astype(str))
+    each_alone = pd.Series(np.arange(len(target)).astype(str))
+    clutter = examples["clutter"] if "clutter" in examples.columns else each_alone
     stretches, _ = pd.factorize(clutter.astype(str).to_numpy()[~is_mine])
     group[~is_mine] = stretches % max(count, 1)
     return group

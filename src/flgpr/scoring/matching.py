@@ -198,10 +198,8 @@ class Match:
         areas = []
         for number, lane in enumerate(self.lanes.values()):
             targets = points[self.target_lane == number]
-            if area == "union":
-                halos = union_area(targets, self.halo, lane)
-            else:
-                halos = len(targets) * math.pi * self.halo**2
+            discs = len(targets) * math.pi * self.halo**2
+            halos = union_area(targets, self.halo, lane) if area == "union" else discs
             areas.append(lane.area - halos)
         return np.array(areas)
 
