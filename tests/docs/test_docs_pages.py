@@ -49,7 +49,8 @@ CURRENT = [page for page in PAGES if page.name != "CHANGELOG.md"]
 @pytest.mark.parametrize("page", CURRENT, ids=identify)
 def test_files_of_the_repository_named_in_the_text_exist(page):
     named = re.findall(
-        r"`((?:src|tests|docs|benchmarks|viewer|evidence(?=/\w+\.py))/[\w./-]*\w)/?`", FENCE.sub("", read(page))
+        r"`((?:src|tests|docs|benchmarks|viewer|evidence(?=/\w+\.py))/[\w./-]*\w)/?`",
+        FENCE.sub("", read(page)),
     )
     wrong = [
         name

@@ -150,8 +150,8 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "geo/export.py _check_written": ({"open"}, JUST_WRITTEN),
     "geo/export.py write_geotiff": ({"open"}, JUST_WRITTEN),
     "store/outputs.py _hold": ({"open"}, LOCKED),
-    "store/run_store.py RunWriter.append": ({"read_bytes"}, JUST_WRITTEN),
-    "store/run_store.py _write_manifest": ({"read_bytes"}, JUST_WRITTEN),
+    "store/run_writer.py RunWriter.append": ({"read_bytes"}, JUST_WRITTEN),
+    "store/run_writer.py _write_manifest": ({"read_bytes"}, JUST_WRITTEN),
     "kernels/compiled.py _held": ({"open"}, JUST_WRITTEN),
     "results/result.py _listing": ({"read_bytes"}, JUST_WRITTEN),
     "trials/blind.py seal_truth": ({"open"}, JUST_WRITTEN),
@@ -177,8 +177,8 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "commands/image.py _as_json": ({"json.loads"}, IN_HAND),
     "commands/score_words.py score_summary": ({"json.loads"}, IN_HAND),
     "formats/recording.py _from_json": ({"json.loads"}, IN_HAND),
-    "store/run_store.py RunWriter.__init__": ({"json.loads"}, IN_HAND),
-    "trials/blind.py seals": ({"json.loads"}, IN_HAND),
+    "store/run_writer.py RunWriter.__init__": ({"json.loads"}, IN_HAND),
+    "trials/blind.py _as_json": ({"json.loads"}, IN_HAND),
     "execution/simulated_lane.py _digest": ({"json.loads"}, IN_HAND),
 }
 READS = {

@@ -16,7 +16,7 @@ from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
 from flgpr.store import save_run
 from flgpr.store.files import existing
-from flgpr.store.tables import read_text_table
+from flgpr.store.text_tables import read_text_table
 
 PathLike = str | Path
 _LARGEST = 2_000_000  # pixels of the area that is focused for every trial

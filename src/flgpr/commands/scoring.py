@@ -280,7 +280,7 @@ def compare_alarms(
         {name: one.matched for name, one in zip(names, scored, strict=True)}, fars, rules
     )
     curves = {name: one.curve for name, one in zip(names, scored, strict=True)}
-    about = {**scored[0].told_rules(), "far_max": rules.far_max}
+    about = {**scored[0].rules_summary(), "far_max": rules.far_max}
     _write_comparison(output, told, curves, about, dict(zip(names, notes, strict=True)), overwrite)
     return told
 

@@ -21,7 +21,7 @@ from flgpr.store import (
     write_whole,
 )
 from flgpr.store.outputs import tell_finished, whole_output
-from flgpr.store.run_store import RunExistsError
+from flgpr.store.run_writer import RunExistsError
 
 
 def simulate_to_store(

@@ -242,7 +242,7 @@ def _part_of(matched: Match, lanes: Sequence[str]) -> Match:
 def _points(
     ground: Ground, group: str, matched: Match, level: Any, rows: Any, reference: Match | None
 ) -> Iterator[dict[str, Any]]:
-    curve = level.beside(roc_of(matched, rows), rows)
+    curve = level.add_chance_column(roc_of(matched, rows), rows)
     fars = ground.table.fars
     for allowed, (_, row) in zip(
         fars, curve.iloc[operating_row(curve, np.array(fars))].iterrows(), strict=True
