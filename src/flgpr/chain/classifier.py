@@ -143,9 +143,9 @@ def label_lanes(
 ) -> pd.DataFrame:
     """Label the alarms of lanes with their truth (Wang et al. 2007, Sec. II-B).
 
-    One row per alarm, lane after lane: ``lane``, ``label`` ("hit", "false", "neither"), ``target`` (number of the
-    target hit, counted through all lanes, or -1), ``distance`` (m) and ``beta`` (0.5 for hits on simulants).
-    ``label_radius`` is r_label, m.
+    One row per alarm, lane after lane: ``lane``, ``label`` ("hit", "false", "neither"), ``target``
+    (number of the target hit, counted through all lanes, or -1), ``distance`` (m) and ``beta`` (0.5
+    for hits on simulants). ``label_radius`` is r_label, m.
     """
     if not lanes:
         raise ValueError("lanes must hold at least one lane, got none")
@@ -197,8 +197,9 @@ def make_training_set(
 ) -> TrainingSet:
     """Label and weigh the alarms of lanes, each (name, alarms, features, truth, lane).
 
-    Left out are those that are neither hit nor false, that lack one of the ``columns`` (default all), and hits on the
-    rows of each lane's truth that are ``spent``, as they made templates or thresholds.
+    Left out are those that are neither hit nor false, that lack one of the ``columns`` (default
+    all), and hits on the rows of each lane's truth that are ``spent``, as they made templates or
+    thresholds.
     """
     labels = label_lanes(
         [(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes], label_radius

@@ -17,7 +17,8 @@ from flgpr.imaging import ScanImager
 class CleanedRun:
     """A run's cleaned images, made anew on every pass, as far ahead as counts, and their background.
 
-    ``background`` is the result of the pass "gain"; ``whole_image`` returns whole images where these are in memory.
+    ``background`` is the result of the pass "gain"; ``whole_image`` returns whole images where
+    these are in memory.
     """
 
     def __init__(

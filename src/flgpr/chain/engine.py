@@ -1,9 +1,10 @@
 """The engine: runs passes over the scans of a run, block by block, in memory or shared among workers.
 
-A pass goes through the scans block by block. What is gathered of a block depends on nothing but the run, the recipe and
-the results of earlier passes; the states of the blocks are merged in the order of the blocks. So the bits of a result
-depend neither on how many work on it, nor where, nor on what was interrupted in between. The engine knows no pass by
-name: what a pass does stands in ``chain/passes`` and in the stages.
+A pass goes through the scans block by block. What is gathered of a block depends on nothing but the
+run, the recipe and the results of earlier passes; the states of the blocks are merged in the order
+of the blocks. So the bits of a result depend neither on how many work on it, nor where, nor on what
+was interrupted in between. The engine knows no pass by name: what a pass does stands in
+``chain/passes`` and in the stages.
 """
 
 from __future__ import annotations
@@ -58,8 +59,8 @@ class Gatherer(Protocol):
     def state(self, exact: bool, /) -> Arrays:
         """Return everything gathered so far, as plain arrays.
 
-        With ``exact`` another gatherer that merges it goes on with the same bits; else the precision of what is
-        estimated from it suffices, and it may be smaller.
+        With ``exact`` another gatherer that merges it goes on with the same bits; else the
+        precision of what is estimated from it suffices, and it may be smaller.
         """
 
     def merge(self, state: Any, /) -> None:
@@ -125,8 +126,8 @@ def blocks_of(scans: int) -> list[range]:
 class Engine:
     """Runs passes over so many complete scans; ``results`` holds what each pass gave, by its name.
 
-    ``block_numbers`` are those of the blocks that see what is wanted, by default all; ``concurrent`` says whether
-    several threads may work on blocks at once.
+    ``block_numbers`` are those of the blocks that see what is wanted, by default all;
+    ``concurrent`` says whether several threads may work on blocks at once.
     """
 
     def __init__(
@@ -203,9 +204,10 @@ def run_pieces(
 ) -> Generator[T]:
     """Do a piece of work for each set of arguments, so many at once, and yield what it returns in their order.
 
-    Threads take whole pieces, each with its share of numba's threads: those that share a kernel's loop wait for one
-    another at every call. Where the last round would leave most without a piece, all share the loops of what is left.
-    Close it where it may not be used up: the pieces at work then end at their next scan.
+    Threads take whole pieces, each with its share of numba's threads: those that share a kernel's
+    loop wait for one another at every call. Where the last round would leave most without a piece,
+    all share the loops of what is left. Close it where it may not be used up: the pieces at work
+    then end at their next scan.
     """
     kernels = numba.get_num_threads()
     threads = min(threads, kernels, len(arguments))

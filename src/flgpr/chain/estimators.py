@@ -109,13 +109,14 @@ class TrainedEstimator:
     ) -> TrainedEstimator:
         """Put together what :meth:`about` and :meth:`arrays` gave.
 
-        Nothing but numbers is taken. A layout of before, or whatever breaks a rule of the estimator that it names, is a
-        ValueError.
+        Nothing but numbers is taken. A layout of before, or whatever breaks a rule of the estimator
+        that it names, is a ValueError.
         """
         name = about["estimator"]
         if about.get("layout") != LAYOUT:
             raise ValueError(
-                f"its detector {str(name)[:60]!r} was written by an earlier version of flgpr, in a form that is no "
+                f"its detector {str(name)[:60]!r} was written by an earlier version of flgpr, in a "
+                "form that is no "
                 "longer read: train it again with `flgpr train`"
             )
         check_words(about, ("estimator", "layout", "features", "unlike", "settings"))
@@ -145,7 +146,8 @@ def _vector(name: str, arrays: dict[str, NDArray[Any]], length: int) -> FloatArr
     ):
         got = "none" if value is None else f"{value.dtype} {value.shape}"
         raise ValueError(
-            f"detector.{name} must hold a finite float64 number for each of {length} features, got {got}"
+            f"detector.{name} must hold a finite float64 number for each of {length} features, got "
+            f"{got}"
         )
     return value
 
@@ -155,8 +157,8 @@ def train_estimator(
 ) -> TrainedEstimator:
     """Train the estimator that a recipe names on some columns of labelled alarms.
 
-    A class without an example, options that do not fit the estimator, or options with which it cannot be kept as plain
-    arrays, are a ValueError.
+    A class without an example, options that do not fit the estimator, or options with which it
+    cannot be kept as plain arrays, are a ValueError.
     """
     values, _ = feature_values(examples.features, features)
     mines = examples.label == 1

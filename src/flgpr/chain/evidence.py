@@ -103,11 +103,12 @@ def confidence_contributions(
 class EvidenceSums:
     """What explains alarms, gathered scan by scan, from the ``MOST_SCANS`` nearest scans that see each.
 
-    Alarms (x, y in the lane frame, m) come the most mine-like first. A-scans need the ``run``; ``subband`` is that of
-    the polarimetric point, default the first. ``poses`` are those (6,) of all scans that will be taken in, here or by
-    others, as far as they see the same alarms: with them only the scans that will be kept are cut up. ``parts`` gives
-    the maps of a cleaned image that add up to what alarms are raised on, and others; the run-view weighs looks by
-    their distance to the power -``falloff``.
+    Alarms (x, y in the lane frame, m) come the most mine-like first. A-scans need the ``run``;
+    ``subband`` is that of the polarimetric point, default the first. ``poses`` are those (6,) of
+    all scans that will be taken in, here or by others, as far as they see the same alarms: with
+    them only the scans that will be kept are cut up. ``parts`` gives the maps of a cleaned image
+    that add up to what alarms are raised on, and others; the run-view weighs looks by their
+    distance to the power -``falloff``.
     """
 
     def __init__(
@@ -356,9 +357,10 @@ def focused_trace(
 ) -> NDArray[np.float32]:
     """A-scans (point, polarization, range) of the whole array focused on points: delays steered to each, then range.
 
-    ``s(r) = mean over pair and f of w(f)·b(pair, f)·exp(+j2πf(L_pair + 2r)/c)`` with the Hann window w of mean one,
-    for a scan's signal b (polarization, pair, frequency) and the ranges of the ``kernel``; antennas (pair, 3) and
-    the points (point, 3) in the scan frame, m. A unit scatterer at the point alone gives the magnitude 1 at r = 0.
+    ``s(r) = mean over pair and f of w(f)·b(pair, f)·exp(+j2πf(L_pair + 2r)/c)`` with the Hann
+    window w of mean one, for a scan's signal b (polarization, pair, frequency) and the ranges of
+    the ``kernel``; antennas (pair, 3) and the points (point, 3) in the scan frame, m. A unit
+    scatterer at the point alone gives the magnitude 1 at r = 0.
     """
     path = sum(np.linalg.norm(points[:, None] - ends, axis=-1) for ends in (tx, rx))
     out = np.empty((len(points), len(signal), kernel.shape[1]), np.float32)

@@ -32,8 +32,9 @@ def imager_of(
 class RunImages:
     """Images of a run, scan by scan, with its recipe's clutter stages in between.
 
-    ``imager`` has the polarizations that are imaged, on the recipe's grid, of which ``grid`` has the pixels as far
-    ahead as counts; ``plain`` says whether images are those of the run's own scans; ``setup`` is what stages are told.
+    ``imager`` has the polarizations that are imaged, on the recipe's grid, of which ``grid`` has
+    the pixels as far ahead as counts; ``plain`` says whether images are those of the run's own
+    scans; ``setup`` is what stages are told.
     """
 
     def __init__(

@@ -34,13 +34,14 @@ from flgpr.screen import RunViewSums, view_array
 class LaneSetup:
     """A recipe on one lane of a run: what its passes read that no pass changes, and ``results`` of earlier passes.
 
-    The recipe must fit the run and have a model if it learns, whose detector scores the alarms; by default their local
-    contrast does. With a ``section`` only those rows of the lane's run-view are worked on: backgrounds are those of the
-    whole run, and run-view, alarms and features those that the whole lane has there. ``others`` are runs taken together
-    with it, by the names that the recipe gives them; ``truth`` are the targets of a training lane, for the first stage
-    that has not learnt yet. With ``explains`` what explains the alarms to the viewer is gathered, too; with
-    ``whole_background`` the background reaches as far as the images, by default as far ahead as counts and as that
-    depends on.
+    The recipe must fit the run and have a model if it learns, whose detector scores the alarms; by
+    default their local contrast does. With a ``section`` only those rows of the lane's run-view are
+    worked on: backgrounds are those of the whole run, and run-view, alarms and features those that
+    the whole lane has there. ``others`` are runs taken together with it, by the names that the
+    recipe gives them; ``truth`` are the targets of a training lane, for the first stage that has
+    not learnt yet. With ``explains`` what explains the alarms to the viewer is gathered, too; with
+    ``whole_background`` the background reaches as far as the images, by default as far ahead as
+    counts and as that depends on.
     """
 
     def __init__(
@@ -215,7 +216,8 @@ class LaneSetup:
     def view(self, name: str = "view", all_rows: bool = False) -> xr.DataArray:
         """Return the run-view, or that "before" its background is removed; needs the pass "view".
 
-        It has the section's own rows or, if asked for, those around them that the section needs, too.
+        It has the section's own rows or, if asked for, those around them that the section needs,
+        too.
         """
         arrays = self.results["view"]
         if self.explains:

@@ -58,7 +58,8 @@ def check_scan_memory(shape: tuple[int, int, int], recipe: Recipe, limit: int = 
     )
     if needed > limit:
         raise ValueError(
-            f"scans of {shape} samples must take at most {limit / 1e9:.3g} GB, got {needed / 1e9:.3g} GB"
+            f"scans of {shape} samples must take at most {limit / 1e9:.3g} GB, got "
+            f"{needed / 1e9:.3g} GB"
         )
 
 
@@ -67,9 +68,9 @@ def memory_needed(
 ) -> float:
     """Estimate from above the bytes of a process that works on a lane, or on some rows of its run-view at a time.
 
-    It does not grow with the number of scans, but for a self-signature by the median, which keeps all images; what
-    grows with the length of the lane are its run-views and alarms. The factors were measured, see
-    docs/robustness.md.
+    It does not grow with the number of scans, but for a self-signature by the median, which keeps
+    all images; what grows with the length of the lane are its run-views and alarms. The factors
+    were measured, see docs/robustness.md.
     """
     bands = len(recipe.image.subbands)
     view = recipe.run_view.grid(lane)
@@ -102,10 +103,10 @@ def plan_sections(
 ) -> list[Section]:
     """Cut a lane into as few sections as the memory (bytes) allows, before anything is decoded.
 
-    ``longest`` is the longest section that is wanted, m; infinity for the lane in one piece or not at all. A
-    ValueError tells what would do: if the lane in one piece takes more, or the memory does not suffice for sections
-    of ``SHORTEST`` metres (or of the longest that is wanted), or the recipe's run-view reaches beyond the lane so
-    that a section would have none of it.
+    ``longest`` is the longest section that is wanted, m; infinity for the lane in one piece or not
+    at all. A ValueError tells what would do: if the lane in one piece takes more, or the memory
+    does not suffice for sections of ``SHORTEST`` metres (or of the longest that is wanted), or the
+    recipe's run-view reaches beyond the lane so that a section would have none of it.
     """
     if longest is not None and not longest > 0:
         raise ValueError(f"section must be a positive length in metres, got {longest}")
@@ -120,7 +121,8 @@ def plan_sections(
         return [Section(0, grid.ny)]
     if longest == math.inf:
         raise ValueError(
-            f"max-memory must be at least {needed / 1e9:.3g} GB for a lane of {lane.y_max - lane.y_min:.0f} m in one "
+            f"max-memory must be at least {needed / 1e9:.3g} GB for a lane of "
+            f"{lane.y_max - lane.y_min:.0f} m in one "
             f"piece, got {limit / 1e9:.3g} GB: give more or take it in sections"
         )
     beyond = 2 * margin(recipe)
@@ -128,7 +130,8 @@ def plan_sections(
     least = memory_needed(sizes, recipe, lane, min(shortest + beyond, grid.ny))
     if least > limit:
         raise ValueError(
-            f"max-memory must be at least {least / 1e9:.3g} GB for this run, got {limit / 1e9:.3g} GB"
+            f"max-memory must be at least {least / 1e9:.3g} GB for this run, got {limit / 1e9:.3g} "
+            "GB"
         )
     each = memory_needed(sizes, recipe, lane, 1) - memory_needed(sizes, recipe, lane, 0)
     room = limit - least - _per_thread(sizes, recipe)  # for a second thread, if it may be

@@ -1,8 +1,9 @@
 """The method on one page: what a recipe does with the scans of a lane, pass by pass.
 
-A recipe of Wang et al. 2007 takes the way of the paper; what other recipes do otherwise stands in their stages. One run
-in memory, worker processes, sections of a long lane and training all run this list of passes. Live detection takes the
-same steps (:mod:`flgpr.chain.steps`), with a background and a run-view of the scans so far.
+A recipe of Wang et al. 2007 takes the way of the paper; what other recipes do otherwise stands in
+their stages. One run in memory, worker processes, sections of a long lane and training all run this
+list of passes. Live detection takes the same steps (:mod:`flgpr.chain.steps`), with a background
+and a run-view of the scans so far.
 """
 
 from __future__ import annotations
@@ -91,11 +92,13 @@ def detect(
     track : Track
         Shows progress.
     model : Model or its detector, optional
-        What the recipe's stages have learnt; its detector's score is the confidence, by default the local contrast.
+        What the recipe's stages have learnt; its detector's score is the confidence, by default the
+        local contrast.
     section : Section, optional
         Part of the lane; default all of it.
     others : mapping of str to xarray.Dataset, optional
-        Runs taken together with this one, such as a second band, by the names that the recipe gives them.
+        Runs taken together with this one, such as a second band, by the names that the recipe gives
+        them.
     """
     area = area_of(run, recipe, lane)
     setup = LaneSetup(run, recipe, area, model, section=section, others=others)

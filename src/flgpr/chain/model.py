@@ -47,8 +47,10 @@ def unlearnt(recipe: Recipe, model: Model, training: bool = False) -> list[str]:
     names = [name for name in recipe.learning() if name not in model.stages]
     if names and not training:
         raise ValueError(
-            f"recipe {recipe.name!r} learns ({', '.join(recipe.learning())}) and needs a model: make one with "
-            f"`flgpr train RUN --truth TRUTH --recipe {recipe.name} -o MODEL` and give it with --model"
+            f"recipe {recipe.name!r} learns ({', '.join(recipe.learning())}) and needs a model: "
+            "make one with "
+            f"`flgpr train RUN --truth TRUTH --recipe {recipe.name} -o MODEL` and give it with "
+            "--model"
         )
     return names
 
@@ -58,8 +60,8 @@ def save_model(
 ) -> Path:
     """Write a model, a folder with one bundle of arrays and words; whole or not at all.
 
-    ``folder`` is made or, if it holds a model, replaced; anything else there is a FileExistsError. ``notes`` are
-    added to its own.
+    ``folder`` is made or, if it holds a model, replaced; anything else there is a FileExistsError.
+    ``notes`` are added to its own.
     """
     model = as_model(model)
     folder = check_free_model(folder)

@@ -71,11 +71,11 @@ Polarization = Annotated[str, AfterValidator(_known_polarization)]
 class ImageTable(Table):
     """Scan images: pixels in the scan frame (m), sub-bands (Hz), window, tolerance of the imaging operator.
 
-    ``spacing`` (m) may be one length or two, cross-track and down-track. The window "ramp" is that of filtered
-    backprojection. ``polarizations`` are those that are imaged, default all; an image is the coherent mean over the
-    last ``frames`` scans, on the ground ahead of the latest (Fuse et al. 2018, Eq. 4). With "all" the whole run is one
-    scan, see :func:`flgpr.model.aperture_run`: for a radar that moves past what it looks at. ``device`` is where the
-    imaging operator computes.
+    ``spacing`` (m) may be one length or two, cross-track and down-track. The window "ramp" is that
+    of filtered backprojection. ``polarizations`` are those that are imaged, default all; an image
+    is the coherent mean over the last ``frames`` scans, on the ground ahead of the latest (Fuse et
+    al. 2018, Eq. 4). With "all" the whole run is one scan, see :func:`flgpr.model.aperture_run`:
+    for a radar that moves past what it looks at. ``device`` is where the imaging operator computes.
     """
 
     x: Limits
@@ -115,9 +115,10 @@ class ImageTable(Table):
 class BackgroundTable(Table):
     """Self-signature estimate and gain background.
 
-    The gain background is "smooth", filtered by the windows ``median`` and ``mean`` (m; Wang et al. 2007, Eq. 3 and 4),
-    or one level for each of the "rows", the median within ``within`` metres of the middle (Fuse et al. 2018), or
-    "none". ``median_step`` takes the median at every so many pixels, see :class:`flgpr.clutter.BackgroundEstimator`.
+    The gain background is "smooth", filtered by the windows ``median`` and ``mean`` (m; Wang et al.
+    2007, Eq. 3 and 4), or one level for each of the "rows", the median within ``within`` metres of
+    the middle (Fuse et al. 2018), or "none". ``median_step`` takes the median at every so many
+    pixels, see :class:`flgpr.clutter.BackgroundEstimator`.
     """
 
     self_signature: Literal["none", "mean", "median"]
@@ -142,11 +143,12 @@ class BackgroundTable(Table):
 class RunViewTable(Table):
     """Run-view: pixels in the lane frame (m) and the farthest distance ahead of the array (m).
 
-    Without ``y`` it is as long as the lane. Where no lane is given, ``search`` tells what is searched: a "lane" 3 m
-    wide about the vehicle's course, or all of the "view" across. ``look`` tells what becomes of the scans that see a
-    pixel: the "second-largest" magnitude stands (Wang et al. 2007), or the "mean", in which a look weighs as its
-    distance to the power -``falloff``, or one view is made for each of the ``ranges`` ahead of the array (m), of the
-    scan that sees the pixel nearest to it, at most ``within`` off (flsar2004).
+    Without ``y`` it is as long as the lane. Where no lane is given, ``search`` tells what is
+    searched: a "lane" 3 m wide about the vehicle's course, or all of the "view" across. ``look``
+    tells what becomes of the scans that see a pixel: the "second-largest" magnitude stands (Wang et
+    al. 2007), or the "mean", in which a look weighs as its distance to the power -``falloff``, or
+    one view is made for each of the ``ranges`` ahead of the array (m), of the scan that sees the
+    pixel nearest to it, at most ``within`` off (flsar2004).
     """
 
     x: Limits
@@ -214,11 +216,12 @@ class ContrastTable(Table):
 class FeaturesTable(Table):
     """The ten features of every sub-band, and the streaming chain that computes them; patches as for ``contrast``.
 
-    ``inner`` is the part of the coherent patch that is averaged (pixels, cross-track x down-track), ``psi`` how angles
-    are, and ``gain`` what the polarimetric features' images are divided by: one gain and background that the
-    polarizations share, which keeps their ratios, or each polarization's own, as the paper has it. With ``variants``
-    they are computed twice more: with cross-track and down-track exchanged in all regions, and the polarimetric ones
-    with the other ``gain`` and the mean of ψ that goes with it.
+    ``inner`` is the part of the coherent patch that is averaged (pixels, cross-track x down-track),
+    ``psi`` how angles are, and ``gain`` what the polarimetric features' images are divided by: one
+    gain and background that the polarizations share, which keeps their ratios, or each
+    polarization's own, as the paper has it. With ``variants`` they are computed twice more: with
+    cross-track and down-track exchanged in all regions, and the polarimetric ones with the other
+    ``gain`` and the mean of ψ that goes with it.
     """
 
     inner: tuple[Pixels, Pixels] = (5, 3)
@@ -230,10 +233,11 @@ class FeaturesTable(Table):
 class DetectorTable(Table):
     """What is trained on the features of alarms: an estimator, the features it reads, and how.
 
-    ``estimator`` is "fisher" (Wang et al. 2007: histogram normaliser, duplication of hits, Fisher discriminant), or one
-    that ``ALLOWED`` in ``chain/estimator_classes.py`` names, with its ``options``; ``scale`` "standard" brings
-    every feature to zero mean and unit deviation before. With ``on`` "mines" it is shown the mines alone, with
-    "clutter" all but these, and what is unlike that scores high. ``features`` are columns; names may end in ``*``.
+    ``estimator`` is "fisher" (Wang et al. 2007: histogram normaliser, duplication of hits, Fisher
+    discriminant), or one that ``ALLOWED`` in ``chain/estimator_classes.py`` names, with its
+    ``options``; ``scale`` "standard" brings every feature to zero mean and unit deviation before.
+    With ``on`` "mines" it is shown the mines alone, with "clutter" all but these, and what is
+    unlike that scores high. ``features`` are columns; names may end in ``*``.
     """
 
     estimator: str = "fisher"
@@ -272,8 +276,9 @@ class LaneTable(Table):
 class ScoreTable(Table):
     """Scoring: halo radius (m), and the area that false alarms are counted on.
 
-    It is the lane's less the "union" of the halos, or as the "paper" of Wang et al. 2007 takes it; or that of all
-    "frames", each of which counts its detection area and raises alarms of its own (Fuse et al. 2018, Sec. 4).
+    It is the lane's less the "union" of the halos, or as the "paper" of Wang et al. 2007 takes it;
+    or that of all "frames", each of which counts its detection area and raises alarms of its own
+    (Fuse et al. 2018, Sec. 4).
     """
 
     halo: Window
@@ -286,8 +291,9 @@ RANKS = ("contrast", "magnitude")  # what every recipe can rank alarms by
 class Recipe(Table):
     """All that a detection run depends on beside its data.
 
-    Where nothing was trained on the alarms, ``confidence`` ranks them: their local contrast, the magnitude, or a column
-    of a features stage. ``motion`` are the limits of the vehicle, which tell a pose that is wrong.
+    Where nothing was trained on the alarms, ``confidence`` ranks them: their local contrast, the
+    magnitude, or a column of a features stage. ``motion`` are the limits of the vehicle, which tell
+    a pose that is wrong.
     """
 
     name: str
@@ -314,7 +320,8 @@ class Recipe(Table):
         if image.nx * image.ny > MOST_PIXELS:
             got = f"{image.nx} x {image.ny}"
             raise ValueError(
-                f"image.spacing must make at most {MOST_PIXELS:g} pixels of image.x and image.y, got {got}"
+                f"image.spacing must make at most {MOST_PIXELS:g} pixels of image.x and image.y, "
+                f"got {got}"
             )
         for name, window in zip(("median", "mean"), self.smoothing[:2], strict=True):
             if max(window) > MOST_WINDOW:
@@ -348,13 +355,15 @@ class Recipe(Table):
         wrong = [name for name, is_there in against.items() if is_there]
         if wrong:
             raise ValueError(
-                f'score.area must be "union" or "paper" with {" and ".join(wrong)}, got "frames", for which the local '
+                f'score.area must be "union" or "paper" with {" and ".join(wrong)}, got "frames", '
+                "for which the local "
                 "maxima of every scan's image are alarms"
             )
         reach = self.image.x
         if not (reach[0] <= self.run_view.x[0] and self.run_view.x[1] <= reach[1]):
             raise ValueError(
-                f'run_view.x must lie within image.x, {reach[0]:g} to {reach[1]:g} m, with score.area = "frames", got '
+                f"run_view.x must lie within image.x, {reach[0]:g} to {reach[1]:g} m, with "
+                'score.area = "frames", got '
                 f"{self.run_view.x[0]:g} to {self.run_view.x[1]:g} m"
             )
 
@@ -422,7 +431,8 @@ class Recipe(Table):
         former = [name for name in ("variants", "suppression") if name in dict(tables)]
         if former:
             raise ValueError(
-                f"{former[0]} must be left out, got a table: what was a variant is a recipe of its own, "
+                f"{former[0]} must be left out, got a table: what was a variant is a recipe of its "
+                "own, "
                 'and the roadside is subtracted by the clutter stage "roadside"'
             )
         return tables
@@ -432,7 +442,8 @@ class Recipe(Table):
         if self.contrast.subband not in self.image.subbands:
             known = ", ".join(self.image.subbands)
             raise ValueError(
-                f"contrast.subband must be one of image.subbands ({known}), got {self.contrast.subband!r}"
+                f"contrast.subband must be one of image.subbands ({known}), got "
+                f"{self.contrast.subband!r}"
             )
         views = self.view_channels
         if self.prescreen.subband not in views:
@@ -440,16 +451,19 @@ class Recipe(Table):
                 "image.subbands" if self.run_view.look != "ranges" else "the run-view's channels"
             )
             raise ValueError(
-                f"prescreen.subband must be one of {where} ({', '.join(views)}), got {self.prescreen.subband!r}"
+                f"prescreen.subband must be one of {where} ({', '.join(views)}), got "
+                f"{self.prescreen.subband!r}"
             )
         if self.map is not None and self.prescreen.polarization != self.map.stage:
             raise ValueError(
-                f"prescreen.polarization must be {self.map.stage!r}, the map, got {self.prescreen.polarization!r}"
+                f"prescreen.polarization must be {self.map.stage!r}, the map, got "
+                f"{self.prescreen.polarization!r}"
             )
         if self.map is None and self.prescreen.polarization not in POLARIZATIONS:
             known = ", ".join(POLARIZATIONS)
             raise ValueError(
-                f"prescreen.polarization must be one of {known}, got {self.prescreen.polarization!r}"
+                f"prescreen.polarization must be one of {known}, got "
+                f"{self.prescreen.polarization!r}"
             )
         if (
             self.map is not None
@@ -457,7 +471,8 @@ class Recipe(Table):
             and len(self.image.subbands) > 1
         ):
             raise ValueError(
-                f"image.subbands must be one band for the map {self.map.stage}, got {len(self.image.subbands)}"
+                f"image.subbands must be one band for the map {self.map.stage}, got "
+                f"{len(self.image.subbands)}"
             )
         kinds = [f"clutter {one.stage}" for one in self.clutter] + [
             f"columns {one.stage}" for one in self.columns
@@ -466,14 +481,17 @@ class Recipe(Table):
             raise ValueError(f"stages of a kind must have different names, got {', '.join(kinds)}")
         if self.confidence not in RANKS and not self.columns:
             raise ValueError(
-                f"confidence must be {' or '.join(RANKS)} without [[columns]], got {self.confidence!r}"
+                f"confidence must be {' or '.join(RANKS)} without [[columns]], got "
+                f"{self.confidence!r}"
             )
         if self.image.frames == "all" and (
             self.clutter or self.background.self_signature != "none"
         ):
             raise ValueError(
-                'image.frames = "all" makes one image, which does not tell what stands still: leave out [[clutter]], '
-                'set background.self_signature = "none"; `flgpr prepare` takes out of a run what stands still'
+                'image.frames = "all" makes one image, which does not tell what stands still: '
+                "leave out [[clutter]], "
+                'set background.self_signature = "none"; `flgpr prepare` takes out of a run what '
+                "stands still"
             )
         self._check_size()
         if self.score.area == "frames":
@@ -525,9 +543,10 @@ def as_imaged(run: xr.Dataset, recipe: Recipe) -> xr.Dataset:
 def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
     """Take the recipe's lane or, where it has none, the ground that the run's scans cover.
 
-    That is 3 m wide about the vehicle's mean course or, with ``run_view.search`` "view", as wide as the run-view, from
-    the image's nearest row at the first scan to its nearest at the last, so that all of it was looked at from near. Of
-    a run that is taken as one scan it is what the image covers up to ``run_view.y_max``.
+    That is 3 m wide about the vehicle's mean course or, with ``run_view.search`` "view", as wide as
+    the run-view, from the image's nearest row at the first scan to its nearest at the last, so that
+    all of it was looked at from near. Of a run that is taken as one scan it is what the image
+    covers up to ``run_view.y_max``.
     """
     if recipe.lane is not None:
         return recipe.lane.lane()

@@ -145,10 +145,11 @@ def _goes_across(run: xr.Dataset) -> bool:
 def check_fit(run: xr.Dataset, recipe: Recipe) -> None:
     """Refuse a recipe that does not fit a run; warn where its image was meant for an array of another height.
 
-    It must have the polarizations, no more than a tenth of a sub-band outside the run's band, and an image that does
-    not show an echo twice for the steps of the tones. The ValueError names every entry at fault and what to do. An
-    image that begins less than 0.5 or more than 3.5 antenna heights ahead is a UserWarning, and so is one in which
-    echoes from before it appear again: the recording is what it is, and much of the image may still be good.
+    It must have the polarizations, no more than a tenth of a sub-band outside the run's band, and
+    an image that does not show an echo twice for the steps of the tones. The ValueError names every
+    entry at fault and what to do. An image that begins less than 0.5 or more than 3.5 antenna
+    heights ahead is a UserWarning, and so is one in which echoes from before it appear again: the
+    recording is what it is, and much of the image may still be good.
     """
     faults, doubts = fit_faults(run, recipe)
     _raise(faults)
@@ -168,7 +169,8 @@ def fit_faults(run: xr.Dataset, recipe: Recipe) -> tuple[list[str], list[str]]:
     heights = (image.y[0] - setup.ahead) / setup.height if setup.height > 0 else math.inf
     if not _HEIGHTS[0] <= heights <= _HEIGHTS[1]:
         doubts.append(
-            f"image.y should begin {_HEIGHTS[0]} to {_HEIGHTS[1]} antenna heights ahead of the antennas, got "
+            f"image.y should begin {_HEIGHTS[0]} to {_HEIGHTS[1]} antenna heights ahead of the "
+            "antennas, got "
             f"{image.y[0]:g} m for antennas {setup.height:.3g} m high"
         )
     return faults, doubts
@@ -179,8 +181,8 @@ def alias_faults(
 ) -> tuple[str, str]:
     """Return why a recipe's image shows an echo twice, a fault, or echoes from before it, a doubt; "" if it does not.
 
-    Antennas (pair, 3) are in the scan frame, m; the earliest scan that an image sums lies so far ``behind`` its own.
-    Every sub-band counts by the tones (Hz) that it takes.
+    Antennas (pair, 3) are in the scan frame, m; the earliest scan that an image sums lies so far
+    ``behind`` its own. Every sub-band counts by the tones (Hz) that it takes.
     """
     image = recipe.image
     ground = image.x, (image.y[0], image.y[1] + behind)
@@ -193,12 +195,16 @@ def alias_faults(
     mend += f"record with steps of at most {paths.widest_step / 1e6:.3g} MHz"
     if paths.repeats:
         return (
-            f"image.y must end where paths are shorter than {paths.nearest + paths.unambiguous:.4g} m, {seen} "
-            f"{paths.unambiguous:.4g} m of path, so the image shows what is near in it again where it is far; {mend}"
+            "image.y must end where paths are shorter than "
+            f"{paths.nearest + paths.unambiguous:.4g} m, {seen} "
+            f"{paths.unambiguous:.4g} m of path, so the image shows what is near in it again where "
+            f"it is far; {mend}"
         ), ""
     return "", (
-        f"image.y should end where paths are shorter than {paths.longest_clear:.4g} m, {seen} {paths.unambiguous:.4g} "
-        f"m of path, so the direct coupling and what lies under the vehicle appear in the image again; {mend}"
+        f"image.y should end where paths are shorter than {paths.longest_clear:.4g} m, {seen} "
+        f"{paths.unambiguous:.4g} "
+        "m of path, so the direct coupling and what lies under the vehicle appear in the image "
+        f"again; {mend}"
     )
 
 
@@ -238,7 +244,8 @@ def _channel_faults(recipe: Recipe, polarizations: Sequence[str], tones: FloatAr
         outside = max(tones[0] - low, 0.0) + max(high - tones[-1], 0.0)
         if outside > _OUTSIDE * (high - low) or not ((tones >= low) & (tones <= high)).any():
             faults.append(
-                f"image.subbands.{name} must lie in the run's band, {tones[0] / 1e9:.4g} to {tones[-1] / 1e9:.4g} GHz, "
+                f"image.subbands.{name} must lie in the run's band, {tones[0] / 1e9:.4g} to "
+                f"{tones[-1] / 1e9:.4g} GHz, "
                 f"got {low / 1e9:.4g} to {high / 1e9:.4g} GHz"
             )
     return faults
@@ -366,7 +373,8 @@ def _clear(setup: _Setup, bands: Sequence[Band], half: float, least: float, want
     if far < least:
         apart = SPEED_OF_LIGHT / (2 * math.hypot(least + back + 0.1, side, up) + cell)
         raise ValueError(
-            f"run.frequency must have tones at most {apart / 1e6:.3g} MHz apart for antennas {setup.height:.3g} m "
+            f"run.frequency must have tones at most {apart / 1e6:.3g} MHz apart for antennas "
+            f"{setup.height:.3g} m "
             f"high, got {setup.step / 1e6:.4g} MHz"
         )
     return min(wanted, far)

@@ -1,7 +1,8 @@
 """Sections: a lane too long for the memory, taken piece by piece along the track.
 
-Backgrounds are estimated over the whole run, the density rule counts over the whole lane, and every section looks a
-little beyond its own rows, so that sections together hold the run-view and the alarms that the whole lane would.
+Backgrounds are estimated over the whole run, the density rule counts over the whole lane, and every
+section looks a little beyond its own rows, so that sections together hold the run-view and the
+alarms that the whole lane would.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from flgpr.screen import view_threshold
 class Section:
     """Rows of a lane's run-view, from the first to the one before ``stop``.
 
-    ``threshold`` is the magnitude from which on local maxima are alarms; without it the density rule is applied to
-    these rows alone.
+    ``threshold`` is the magnitude from which on local maxima are alarms; without it the density
+    rule is applied to these rows alone.
     """
 
     start: int
@@ -55,8 +56,8 @@ def divide(rows: int, longest: int) -> list[Section]:
 def margin(recipe: Recipe) -> int:
     """Return how many rows beyond its own a section must know to find its local maxima.
 
-    Twice the alarm radius, as a maximum may give way to an equal one within the radius, and the border; more if what
-    its stages tell of an alarm depends on more.
+    Twice the alarm radius, as a maximum may give way to an equal one within the radius, and the
+    border; more if what its stages tell of an alarm depends on more.
     """
     stages = [one for one in (recipe.screen, *recipe.columns) if one is not None]
     reach = max(
@@ -107,7 +108,8 @@ def noted_section(note: Mapping[str, Any]) -> tuple[Lane, Section]:
 def lane_threshold(recipe: Recipe, lane: Lane, maxima: pd.DataFrame, seen: int) -> float:
     """Apply the density rule to a lane: the magnitude from which on its local maxima (x, y in m) are alarms.
 
-    ``seen`` is the number of pixels of its run-view that were seen; see :func:`flgpr.screen.density_threshold`.
+    ``seen`` is the number of pixels of its run-view that were seen; see
+    :func:`flgpr.screen.density_threshold`.
     """
     if recipe.screen is not None:
         return -math.inf  # a stage of its own has judged already

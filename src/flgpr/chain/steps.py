@@ -1,7 +1,7 @@
 """The steps of the method that detection on stored runs and live detection take alike.
 
-What differs is what is known: of a stored run the background and the run-view of all scans, live those of the scans so
-far.
+What differs is what is known: of a stored run the background and the run-view of all scans, live
+those of the scans so far.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from flgpr.screen import MeanViewSums, RangeViewSums, RunViewSums, local_maxima
 class CleanedScan:
     """A scan's images (polarization, subband, y, x) in units of their background, as far ahead as counts.
 
-    The polarizations of ``coherent`` share one gain, those of ``own`` have their own; None where nothing reads them.
+    The polarizations of ``coherent`` share one gain, those of ``own`` have their own; None where
+    nothing reads them.
     """
 
     number: int
@@ -43,8 +44,8 @@ class CleanedScan:
 class Steps:
     """The steps of a recipe on images of some channels, whose pixels that count are ``grid``.
 
-    ``stages`` are the feature stages that read images, by name; ``detector`` scores the alarms, by default their local
-    contrast does.
+    ``stages`` are the feature stages that read images, by name; ``detector`` scores the alarms, by
+    default their local contrast does.
     """
 
     recipe: Recipe
@@ -73,7 +74,8 @@ class Steps:
     ) -> CleanedScan:
         """Remove the background from a scan's image (Eq. 2 to 4), as far as its features need it.
 
-        ``own`` asks for the phase with a gain of each polarization's own even where no feature reads it.
+        ``own`` asks for the phase with a gain of each polarization's own even where no feature
+        reads it.
         """
         table = self.recipe.features
         rows = self.grid.ny

@@ -65,10 +65,11 @@ def detect_survey(
 ) -> list[Path]:
     """Run a recipe on many stored lanes; give their folders in the runs' order, results or folders of sections.
 
-    Lanes whose result is there are left out, so that a stopped survey goes on. ``output`` takes a result folder per
-    lane, named like its run, and ``survey.json``. Where others do the work two lanes are worked on at once by default,
-    so that none of them waits for the last block of a stage. Without ``overwrite`` a lane whose place holds another
-    result is refused before any is begun.
+    Lanes whose result is there are left out, so that a stopped survey goes on. ``output`` takes a
+    result folder per lane, named like its run, and ``survey.json``. Where others do the work two
+    lanes are worked on at once by default, so that none of them waits for the last block of a
+    stage. Without ``overwrite`` a lane whose place holds another result is refused before any is
+    begun.
     """
     recipe = parse_recipe(recipe_text)
     survey = Path(output)

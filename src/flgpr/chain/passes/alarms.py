@@ -14,9 +14,10 @@ from flgpr.screen import select
 class Maxima(Pass):
     """What may become an alarm in the section's own rows, by local maxima or by the recipe's screen stage.
 
-    No scan is read. The result holds a row per maximum: ``x``, ``y`` (m, lane frame), ``magnitude``, and the columns
-    that feature stages read of the run-view; and ``seen``, the number of pixels of the prescreener's channel that were
-    seen, on which the density rule counts (:func:`flgpr.chain.sections.lane_threshold`).
+    No scan is read. The result holds a row per maximum: ``x``, ``y`` (m, lane frame),
+    ``magnitude``, and the columns that feature stages read of the run-view; and ``seen``, the
+    number of pixels of the prescreener's channel that were seen, on which the density rule counts
+    (:func:`flgpr.chain.sections.lane_threshold`).
     """
 
     name = "alarms"

@@ -21,7 +21,8 @@ from flgpr.clutter import Background, shared_level
 class _GainBackground(Pass):
     """What the ways to a gain background have in common.
 
-    The result holds the fields of :class:`flgpr.clutter.Background` and ``gains`` (scan, polarization, subband).
+    The result holds the fields of :class:`flgpr.clutter.Background` and ``gains`` (scan,
+    polarization, subband).
     """
 
     name = "gain"
@@ -114,7 +115,8 @@ def _background(first: Mapping[str, NDArray[Any]], level: FloatArray) -> Arrays:
     gain = np.broadcast_to(level, first["signature"].shape).astype(np.float32)
     if not (gain > 0).all():
         raise ValueError(
-            "gain background must be positive everywhere, got zero: the images equal their signature"
+            "gain background must be positive everywhere, got zero: the images equal their "
+            "signature"
         )
     shared = shared_level(gain, first["gains"])
     background = Background(first["signature"], gain, first["shared"], shared)

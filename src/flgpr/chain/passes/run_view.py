@@ -19,8 +19,8 @@ from flgpr.screen import RunViewSums
 class RunView(Pass):
     """The recipe's look at every place of the lane, of cleaned images or their map.
 
-    The result holds ``view`` (polarization, subband, y, x) in units of the background, and ``looks`` (y, x), the number
-    of scans that saw a place.
+    The result holds ``view`` (polarization, subband, y, x) in units of the background, and
+    ``looks`` (y, x), the number of scans that saw a place.
     """
 
     name = "view"

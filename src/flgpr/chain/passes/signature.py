@@ -18,8 +18,8 @@ from flgpr.clutter import BackgroundEstimator
 class SelfSignature(Pass):
     """What stands still on the vehicle: the clipped mean, or the median, of all images over their gains.
 
-    The result holds ``gains`` (scan, polarization, subband), and ``signature`` and ``shared`` (polarization,
-    subband, y, x), the latter with gains that the polarizations share.
+    The result holds ``gains`` (scan, polarization, subband), and ``signature`` and ``shared``
+    (polarization, subband, y, x), the latter with gains that the polarizations share.
     """
 
     name = "signature"

@@ -11,8 +11,8 @@ from flgpr.chain.lane_setup import LaneSetup
 def until_examples(lane: LaneSetup, passes: Sequence[PlannedPass]) -> list[PlannedPass]:
     """Return the passes up to the examples of the first stage that has not learnt yet.
 
-    A clutter stage learns from the data that the stages before it leave, a map from cleaned images, and a screen and
-    feature stages from the run-view, which needs no pass of theirs.
+    A clutter stage learns from the data that the stages before it leave, a map from cleaned images,
+    and a screen and feature stages from the run-view, which needs no pass of theirs.
     """
     learner = lane.untrained[0]
     kind = learner.partition(".")[0]

@@ -16,8 +16,8 @@ from flgpr.chain.lane_setup import LaneSetup
 class Pass:
     """One pass over the scans of a lane, or of one block of them.
 
-    A class is made for a lane and a block; ``block`` is None where it merges the states of all blocks. What a pass
-    leaves out, it does not do: by default it reads no scan and has no state.
+    A class is made for a lane and a block; ``block`` is None where it merges the states of all
+    blocks. What a pass leaves out, it does not do: by default it reads no scan and has no state.
     """
 
     name: ClassVar[str]  #: the name of its result among those of the lane
@@ -36,7 +36,8 @@ class Pass:
     def state(self, exact: bool) -> Arrays:  # noqa: ARG002
         """Return everything gathered so far, as plain arrays: what a checkpoint holds and a worker leaves.
 
-        With ``exact`` another goes on with the same bits; else the precision of the result suffices.
+        With ``exact`` another goes on with the same bits; else the precision of the result
+        suffices.
         """
         return {}
 

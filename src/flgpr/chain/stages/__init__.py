@@ -1,7 +1,8 @@
 """Stages: what a recipe names, packaged or from another distribution, and what each kind must be able to do.
 
-A stage is a class of one of four kinds. Its ``Settings`` are the entries of its table in a recipe. A
-distribution offers stages by entry points of the group "flgpr.stages", whose names are those that recipes use.
+A stage is a class of one of four kinds. Its ``Settings`` are the entries of its table in a recipe.
+A distribution offers stages by entry points of the group "flgpr.stages", whose names are those that
+recipes use.
 """
 
 from __future__ import annotations
@@ -110,8 +111,8 @@ class Stage:
     def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
         """Learn from the training lanes: arrays to work with later, and figures worth reporting.
 
-        ``examples`` holds one thing per training lane: the result of ``examples`` for the kinds that look at scans,
-        else a :class:`TrainingView`.
+        ``examples`` holds one thing per training lane: the result of ``examples`` for the kinds
+        that look at scans, else a :class:`TrainingView`.
         """
         raise NotImplementedError(f"{cls.__name__} does not learn")
 
@@ -222,8 +223,8 @@ class ScreenStage(Stage):
 class FeatureStage(Stage):
     """Adds columns to the features of alarms: give one of the two methods, or both.
 
-    Of what ``of_image`` gives, the mean over all scans that see an alarm is taken, live over those so far; the chain
-    does the gathering. With ``of_view`` a stage waits for the whole run.
+    Of what ``of_image`` gives, the mean over all scans that see an alarm is taken, live over those
+    so far; the chain does the gathering. With ``of_view`` a stage waits for the whole run.
     """
 
     kind = "features"
@@ -242,15 +243,16 @@ class FeatureStage(Stage):
     def of_image(self, image: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Features of one scan: a column (alarm,) each; NaN where the scan does not see the alarm.
 
-        The image is cleaned, complex (polarization, subband, y, x), in units of the background; ``points`` (alarm, 2)
-        are x and y of the alarms in the scan frame, m.
+        The image is cleaned, complex (polarization, subband, y, x), in units of the background;
+        ``points`` (alarm, 2) are x and y of the alarms in the scan frame, m.
         """
         raise NotImplementedError
 
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:  # noqa: ARG002
         """Features of the run-view (polarization, subband, y, x) at points (alarm, 2) in the lane frame, m.
 
-        Asked without points, of a bit of a run-view that says nothing, it tells the names of its columns.
+        Asked without points, of a bit of a run-view that says nothing, it tells the names of its
+        columns.
         """
         return {}
 
@@ -320,6 +322,7 @@ def find_stage(kind: str, name: str) -> type[Stage]:
     loaded = offered[name].load()
     if not (isinstance(loaded, type) and issubclass(loaded, Stage) and loaded.kind == kind):
         raise ValueError(
-            f"stage {name!r} of {offered[name].value} must be a class of the kind {kind}, got {loaded!r}"
+            f"stage {name!r} of {offered[name].value} must be a class of the kind {kind}, got "
+            f"{loaded!r}"
         )
     return loaded

@@ -27,7 +27,8 @@ Share = Annotated[float, Field(gt=0, le=1)]
 class RxSettings(Table):
     """The alarm's brightest pixel lies within ``reach`` (m); the ring's beyond ``guard``, up to ``outer``.
 
-    Those are half widths, x and y in m. With fewer than ``least`` pixels in the ring the column is NaN.
+    Those are half widths, x and y in m. With fewer than ``least`` pixels in the ring the column is
+    NaN.
     """
 
     reach: Positive = 0.3
@@ -58,7 +59,8 @@ class CfarSettings(RxSettings):
 class MatchedSettings(Table):
     """The brightest pixel of an alarm or a mine lies within ``reach``, clutter beyond ``clear`` of all targets (m).
 
-    A ``share`` of the mines makes the signature, of these ``kinds`` alone; no detector is trained on them again.
+    A ``share`` of the mines makes the signature, of these ``kinds`` alone; no detector is trained
+    on them again.
     """
 
     reach: Positive = 0.3
@@ -70,11 +72,12 @@ class MatchedSettings(Table):
 class Rx(FeatureStage):
     """The column ``rx``: squared Mahalanobis distance of the alarm's brightest pixel from the ring about it, signed.
 
-    A pixel's vector holds its log-magnitudes (dB) in all channels, polarization x sub-band; the brightest has the
-    largest mean of them. The covariance of the ring is shrunk (Ledoit & Wolf 2004). So that dark spots do not alarm,
-    the distance is negative where that mean is below the ring's. Pixels without a magnitude are left out. After Reed &
-    Yu, "Adaptive multiple-band CFAR detection of an optical pattern with unknown spectral distribution", IEEE Trans.
-    Acoustics, Speech, and Signal Processing 38(10), 1990.
+    A pixel's vector holds its log-magnitudes (dB) in all channels, polarization x sub-band; the
+    brightest has the largest mean of them. The covariance of the ring is shrunk (Ledoit & Wolf
+    2004). So that dark spots do not alarm, the distance is negative where that mean is below the
+    ring's. Pixels without a magnitude are left out. After Reed & Yu, "Adaptive multiple-band CFAR
+    detection of an optical pattern with unknown spectral distribution", IEEE Trans. Acoustics,
+    Speech, and Signal Processing 38(10), 1990.
     """
 
     Settings: ClassVar[type[Table]] = RxSettings
@@ -107,11 +110,12 @@ class Rx(FeatureStage):
 class Cfar(Rx):
     """The column ``cfar``: the alarm's brightest magnitude over the level of the ring about it, dB, in one channel.
 
-    To be compared with a threshold, for a constant false alarm rate. The level is the mean magnitude, as in cell
-    averaging (Finn & Johnson, "Adaptive detection mode with threshold control as a function of spatially sampled
-    clutter-level estimates", RCA Review 29, 1968), or that which ``share`` of the cells do not exceed, which a bright
-    neighbour does not lift (OS-CFAR: Rohling, "Radar CFAR thresholding in clutter and multiple target situations",
-    IEEE Trans. Aerospace and Electronic Systems 19(4), 1983).
+    To be compared with a threshold, for a constant false alarm rate. The level is the mean
+    magnitude, as in cell averaging (Finn & Johnson, "Adaptive detection mode with threshold control
+    as a function of spatially sampled clutter-level estimates", RCA Review 29, 1968), or that which
+    ``share`` of the cells do not exceed, which a bright neighbour does not lift (OS-CFAR: Rohling,
+    "Radar CFAR thresholding in clutter and multiple target situations", IEEE Trans. Aerospace and
+    Electronic Systems 19(4), 1983).
     """
 
     Settings: ClassVar[type[Table]] = CfarSettings
@@ -138,11 +142,12 @@ class Cfar(Rx):
 class Matched(FeatureStage):
     """The columns ``amf`` and ``ace``: how much of the mines' mean signature s is in an alarm's brightest pixel x.
 
-    Both are vectors as those of :class:`Rx`, less the clutter's mean; C is the clutter's shrunk covariance. ``amf`` is
-    sᵀC⁻¹x/√(sᵀC⁻¹s) (Robey, Fuhrmann, Kelly & Nitzberg, "A CFAR adaptive matched filter detector", IEEE Trans.
-    Aerospace and Electronic Systems 28(1), 1992), ``ace`` that over √(xᵀC⁻¹x), a cosine (Kraut & Scharf, "The CFAR
-    adaptive subspace detector is a scale-invariant GLRT", IEEE Trans. Signal Processing 47(9), 1999), both with their
-    sign where the papers have squares.
+    Both are vectors as those of :class:`Rx`, less the clutter's mean; C is the clutter's shrunk
+    covariance. ``amf`` is sᵀC⁻¹x/√(sᵀC⁻¹s) (Robey, Fuhrmann, Kelly & Nitzberg, "A CFAR adaptive
+    matched filter detector", IEEE Trans. Aerospace and Electronic Systems 28(1), 1992), ``ace``
+    that over √(xᵀC⁻¹x), a cosine (Kraut & Scharf, "The CFAR adaptive subspace detector is a
+    scale-invariant GLRT", IEEE Trans. Signal Processing 47(9), 1999), both with their sign where
+    the papers have squares.
     """
 
     learns = True
@@ -165,7 +170,8 @@ class Matched(FeatureStage):
         mean = self.learnt["mean"]
         if math.prod(view.shape[:-2]) != len(mean):
             raise ValueError(
-                f"model must have been trained on run-views of {math.prod(view.shape[:-2])} images, as this one, "
+                f"model must have been trained on run-views of {math.prod(view.shape[:-2])} "
+                "images, as this one, "
                 f"got {len(mean)}"
             )
         off = _brightest(view, points, self.settings.reach) - mean

@@ -43,9 +43,9 @@ def subset(
 ) -> list[pd.DataFrame]:
     """Choose the mines that make templates and thresholds: the same ones for every stage, evenly spread over the lanes.
 
-    Of the targets, sorted by place, every so-manieth is taken, at least four in all. With a ``share`` of at most half,
-    no two neighbours are taken, as a detector learns from the others. Of ``kinds`` only where given, as long as there
-    are any.
+    Of the targets, sorted by place, every so-manieth is taken, at least four in all. With a
+    ``share`` of at most half, no two neighbours are taken, as a detector learns from the others. Of
+    ``kinds`` only where given, as long as there are any.
     """
     total = sum(len(lane.truth) for lane in lanes)
     step = max(total // max(round(share * total), min(4, total), 1), 1 if share > 0.5 else 2)
@@ -70,7 +70,8 @@ class TemplateSettings(Table):
 class ClusterSettings(TemplateSettings):
     """Radius of a cluster (m), share of mines that passes each prescreener, how far a peak may lie from its mine (m).
 
-    ``rule`` says in which images a region must be seen (par. 18 and 44), ``polarizations`` in those of which it may be.
+    ``rule`` says in which images a region must be seen (par. 18 and 44), ``polarizations`` in those
+    of which it may be.
     """
 
     radius: Positive = 0.2
@@ -94,7 +95,8 @@ def check_channels(learnt: NDArray[Any], view: xr.DataArray) -> None:
     """Refuse what was learnt of other images (polarization, range) than a run-view has."""
     if learnt.shape[:2] != view.shape[:2]:
         raise ValueError(
-            f"model must have been trained on {view.shape[0]} polarizations of {view.shape[1]} ranges, as the "
+            f"model must have been trained on {view.shape[0]} polarizations of {view.shape[1]} "
+            "ranges, as the "
             f"run-view has them, got {learnt.shape[0]} of {learnt.shape[1]}"
         )
 
@@ -111,7 +113,8 @@ class ClusterScreen(ScreenStage):
     def margin(cls, settings: Any) -> float:
         """Return how far regions and what decides on them reach, at most.
 
-        An ellipse is no larger than a template, its rectangle twice as large, and it lies off by less than a template.
+        An ellipse is no larger than a template, its rectangle twice as large, and it lies off by
+        less than a template.
         """
         return 3 * max(*settings.region, *settings.template) + 10 * settings.radius
 
@@ -126,7 +129,8 @@ class ClusterScreen(ScreenStage):
             least = 0.0 if name.startswith("half") else -most
             if values.size and not (least <= values.min() and values.max() <= most):
                 raise ValueError(
-                    f"array {name!r} must lie between {least:g} and {most:g} m, got {values.min():g} to "
+                    f"array {name!r} must lie between {least:g} and {most:g} m, got "
+                    f"{values.min():g} to "
                     f"{values.max():g}"
                 )
         for name in _THRESHOLDS:

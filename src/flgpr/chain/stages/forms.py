@@ -41,8 +41,9 @@ _PIXELS = (5, 8)  # down-track and cross-track between the clutter pixels of the
 class CutSettings(Table):
     """Range cuts of some polarizations, and how training samples are taken; lengths in m, steps in pixels.
 
-    ``search`` is how far from the surveyed place a mine's cut is taken where it is brightest, ``clear`` the distance of
-    clutter from mines, ``moments`` the estimator of the clutter's mean and covariance.
+    ``search`` is how far from the surveyed place a mine's cut is taken where it is brightest,
+    ``clear`` the distance of clutter from mines, ``moments`` the estimator of the clutter's mean
+    and covariance.
     """
 
     polarizations: tuple[str, ...] = ("HH", "VV")
@@ -95,7 +96,8 @@ def samples_at(band: xr.DataArray, mines: FloatArray, settings: CutSettings) -> 
 class FormMap(MapStage):
     """A map by forms on chips, in standard deviations of what it gives on clutter, above the least that it gave there.
 
-    So it is a magnitude that can be drawn in dB, and means over scans are those of the log-likelihoods.
+    So it is a magnitude that can be drawn in dB, and means over scans are those of the
+    log-likelihoods.
     """
 
     learns = True

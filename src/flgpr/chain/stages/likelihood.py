@@ -38,14 +38,15 @@ _STONES = (0.04, 0.12)  # m, radii of stones: smaller ones are seldom seen
 class LikelihoodSettings(Table):
     """What is looked for, and how; lengths in m.
 
-    Signatures are those of bodies of these ``kinds``, their tops at ``depths``, in ``soils`` (permittivity, loss
-    tangent), ``copies`` of each over all distances, as ``sensor`` sees them: a preset or a file that describes the
-    run's array. Chips are 3 x 3 pixels ``step`` apart. Clutter is learnt beyond ``clear`` of all targets. ``rank`` is
-    the number of signature vectors, ``load`` the share of the mean power that is added to the covariance's diagonal,
-    ``ratios`` are the powers of a signature in whitened clutter over which the likelihood is averaged. The contrast of
-    these ``polarizations``, the power over the half width ``inner`` against that of the ring from ``guard`` to
-    ``outer``, dB, is added ``level`` times. ``blur`` is the standard deviation of the map's smoothing,
-    ``offset`` lifts it.
+    Signatures are those of bodies of these ``kinds``, their tops at ``depths``, in ``soils``
+    (permittivity, loss tangent), ``copies`` of each over all distances, as ``sensor`` sees them: a
+    preset or a file that describes the run's array. Chips are 3 x 3 pixels ``step`` apart. Clutter
+    is learnt beyond ``clear`` of all targets. ``rank`` is the number of signature vectors, ``load``
+    the share of the mean power that is added to the covariance's diagonal, ``ratios`` are the
+    powers of a signature in whitened clutter over which the likelihood is averaged. The contrast of
+    these ``polarizations``, the power over the half width ``inner`` against that of the ring from
+    ``guard`` to ``outer``, dB, is added ``level`` times. ``blur`` is the standard deviation of the
+    map's smoothing, ``offset`` lifts it.
     """
 
     sensor: str
@@ -72,7 +73,8 @@ class LikelihoodSettings(Table):
     def _nested(self) -> LikelihoodSettings:
         if not self.inner < self.guard < self.outer:
             raise ValueError(
-                f"inner, guard and outer must rise, got {self.inner:g}, {self.guard:g} and {self.outer:g}"
+                f"inner, guard and outer must rise, got {self.inner:g}, {self.guard:g} and "
+                f"{self.outer:g}"
             )
         return self
 
@@ -87,10 +89,11 @@ class LikelihoodMap(MapStage):
 
     .. math:: \ln Λ_γ = -d \ln \frac{x^H (R + γS)^{-1} x}{x^H R^{-1} x} - \ln \det(I + γ R^{-1} S),
 
-    of which the mean of Λ over the powers γ is taken. For a single signature and γ to infinity it is the normalised
-    matched filter of Conte, Lops & Ricci, "Asymptotically optimum radar detection in compound-Gaussian clutter", IEEE
-    Trans. Aerosp. Electron. Syst. 31 (1995); the powers and the subspace are ours. R is learnt by metre ahead, every
-    chip over its own power; S rests on no measured mine. The looks' mean is the run-view's, ``look = "mean"``.
+    of which the mean of Λ over the powers γ is taken. For a single signature and γ to infinity it
+    is the normalised matched filter of Conte, Lops & Ricci, "Asymptotically optimum radar detection
+    in compound-Gaussian clutter", IEEE Trans. Aerosp. Electron. Syst. 31 (1995); the powers and the
+    subspace are ours. R is learnt by metre ahead, every chip over its own power; S rests on no
+    measured mine. The looks' mean is the run-view's, ``look = "mean"``.
     """
 
     learns = True
@@ -156,8 +159,9 @@ class LikelihoodMap(MapStage):
     def parts(self, image: xr.DataArray) -> tuple[Arrays, Arrays]:
         """Return what the likelihood and each polarization's contrast add; alone, what sub-bands and a stone would say.
 
-        That is each sub-band's log-likelihood ratio, and the log odds of a mine over a stone, were both as frequent.
-        Parts add up to the map without ``offset``, but where that was cut off at the least value.
+        That is each sub-band's log-likelihood ratio, and the log odds of a mine over a stone, were
+        both as frequent. Parts add up to the map without ``offset``, but where that was cut off at
+        the least value.
         """
         table = self.settings
         learnt = self.learnt
@@ -352,8 +356,8 @@ def ratio(
 ) -> FloatArray:
     """Log-likelihood ratio (...) of whitened chips (..., value), averaged over the powers ``ratios``.
 
-    ``vectors`` (vector, value) are conjugate and orthonormal, ``share`` are the parts of the mean signature's power in
-    them.
+    ``vectors`` (vector, value) are conjugate and orthonormal, ``share`` are the parts of the mean
+    signature's power in them.
     """
     power = np.maximum((np.abs(chips) ** 2).sum(axis=-1), np.finfo(np.float32).tiny)
     part = np.abs(chips @ vectors.T) ** 2 / power[..., None]

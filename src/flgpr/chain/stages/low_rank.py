@@ -27,10 +27,11 @@ class LowRankSettings(StandingSettings):
 class LowRank(StandingField):
     """Subtracts from every scan its projection on the clutter's subspace, of its own for each polarization and pair.
 
-    The data (scan, frequency) are split into a part of low rank and a sparse one by principal component pursuit with
-    λ = 1/√max(n, m) (Candès, Li, Ma & Wright, "Robust principal component analysis?", Journal of the ACM 58(3), 2011,
-    Eq. 1.1) by the inexact augmented Lagrangian (Lin, Chen & Ma, arXiv:1009.5055, 2010). The first right singular
-    vectors of the former span the subspace; gains may drift, of each pair and each vector on their own.
+    The data (scan, frequency) are split into a part of low rank and a sparse one by principal
+    component pursuit with λ = 1/√max(n, m) (Candès, Li, Ma & Wright, "Robust principal component
+    analysis?", Journal of the ACM 58(3), 2011, Eq. 1.1) by the inexact augmented Lagrangian (Lin,
+    Chen & Ma, arXiv:1009.5055, 2010). The first right singular vectors of the former span the
+    subspace; gains may drift, of each pair and each vector on their own.
     """
 
     Settings: ClassVar[type[Table]] = LowRankSettings

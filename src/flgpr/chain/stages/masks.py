@@ -101,7 +101,8 @@ class MaskSettings(Table):
         subregions(np.zeros(0), self.edges)
         if self.combination >= self.iterations:
             raise ValueError(
-                f"combination {self.combination} needs {self.combination + 1} iterations, got {self.iterations}"
+                f"combination {self.combination} needs {self.combination + 1} iterations, got "
+                f"{self.iterations}"
             )
         if not 0 <= self.roadside[0] < self.roadside[1]:
             raise ValueError(f"roadside must rise from 0 or more, got {self.roadside}")
@@ -161,7 +162,8 @@ class MaskedSuppression(ClutterStage):
         if learnt is not None and ("second" in learnt) != (self._second is not None):
             word = "was trained with" if "second" in learnt else "was trained without"
             raise ValueError(
-                f"model {word} a second band: give the runs as in training (--with {settings.second or 'NAME'}=RUN)"
+                f"model {word} a second band: give the runs as in training (--with "
+                f"{settings.second or 'NAME'}=RUN)"
             )
 
     @classmethod
@@ -185,7 +187,8 @@ class MaskedSuppression(ClutterStage):
         good = complete_scans(run)[self.setup.imager.scans]
         if not good.all():
             raise ValueError(
-                f"run {name} must be complete where the other is, got {int((~good).sum())} scans with missing sweeps"
+                f"run {name} must be complete where the other is, got {int((~good).sum())} scans "
+                "with missing sweeps"
             )
         return ScanImager(
             run.sel(polarization=["VV"]), self.grid, {"whole": self._band(run)}, tolerance=1e-2
@@ -289,7 +292,8 @@ class MaskedSuppression(ClutterStage):
     def courses(self, aperture: Aperture, mask: NDArray[np.bool_]) -> list[Iterated]:
         """Iterate the suppression of what lies under a mask (Fuse et al. 2018, Eq. 5-8), of what is imaged.
 
-        There is a course for every scan with the method "iteration-per-frame", one for all of them otherwise.
+        There is a course for every scan with the method "iteration-per-frame", one for all of them
+        otherwise.
         """
         b = aperture.data[:, self.setup.imaged]
         settings = self.settings

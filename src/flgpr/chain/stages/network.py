@@ -31,10 +31,11 @@ Chips = NDArray[np.float32]
 class NetworkSettings(Table):
     """Chips and training; lengths in m.
 
-    A chip is ``size`` wide and long. Mines of these ``kinds`` are shown at their places and at the run-view's maxima
-    within ``reach`` of them, clutter at the maxima beyond ``clear`` of all targets; maxima lie ``radius`` apart. Every
-    ``epoch`` shows all of clutter once and as many mines, mirrored across the track and moved by up to ``jitter``. Of
-    ``networks`` begun at different points the mean counts.
+    A chip is ``size`` wide and long. Mines of these ``kinds`` are shown at their places and at the
+    run-view's maxima within ``reach`` of them, clutter at the maxima beyond ``clear`` of all
+    targets; maxima lie ``radius`` apart. Every ``epoch`` shows all of clutter once and as many
+    mines, mirrored across the track and moved by up to ``jitter``. Of ``networks`` begun at
+    different points the mean counts.
     """
 
     size: tuple[Positive, Positive] = (2.1, 2.1)
@@ -54,9 +55,10 @@ class NetworkSettings(Table):
 class ChipNetwork(FeatureStage):
     """The column ``cnn``: log-odds, up to a constant, of a mine against clutter that looks like one.
 
-    Three 3 x 3 convolutions, each followed by max(0, ·), the mean over what is left of the chip, and a linear layer, on
-    log-magnitudes (dB) of all channels, each brought to zero mean and unit deviation over the training chips. Trained
-    with PyTorch (AdamW on the logistic loss); what was learnt are plain arrays, and detection needs no PyTorch.
+    Three 3 x 3 convolutions, each followed by max(0, ·), the mean over what is left of the chip,
+    and a linear layer, on log-magnitudes (dB) of all channels, each brought to zero mean and unit
+    deviation over the training chips. Trained with PyTorch (AdamW on the logistic loss); what was
+    learnt are plain arrays, and detection needs no PyTorch.
     """
 
     learns = True
@@ -89,7 +91,8 @@ class ChipNetwork(FeatureStage):
         images = len(self.learnt["mean"])
         if math.prod(view.shape[:-2]) != images:
             raise ValueError(
-                f"model must have been trained on run-views of {math.prod(view.shape[:-2])} images, as this one, "
+                f"model must have been trained on run-views of {math.prod(view.shape[:-2])} "
+                "images, as this one, "
                 f"got {images}"
             )
         scores = np.zeros(len(points))

@@ -37,9 +37,9 @@ _NEEDS_WHOLE_RUN = "what outshines the lane is told by the whole run"
 class RoadsideSettings(Table):
     """The mask and the fit.
 
-    The mask holds the pixels outside the lane that are brighter in ``subband`` than every pixel in it, grown by
-    ``grow`` (m) but never into the lane; ``spacing`` (m) is that of the model's pixels, and ``iterations`` the number
-    of conjugate gradients.
+    The mask holds the pixels outside the lane that are brighter in ``subband`` than every pixel in
+    it, grown by ``grow`` (m) but never into the lane; ``spacing`` (m) is that of the model's
+    pixels, and ``iterations`` the number of conjugate gradients.
     """
 
     subband: str
@@ -66,7 +66,8 @@ class RoadsideModel:
         known = setup.imager.subbands
         if settings.subband not in known:
             raise ValueError(
-                f"roadside.subband must be one of image.subbands ({', '.join(known)}), got {settings.subband!r}"
+                f"roadside.subband must be one of image.subbands ({', '.join(known)}), got "
+                f"{settings.subband!r}"
             )
         self.settings = settings
         self.setup = setup
@@ -217,8 +218,8 @@ class RoadsideSuppression(ClutterStage):
 class RoadsideShare(FeatureStage):
     """The column ``roadside``: what part of an alarm's amplitude the modelled roadside explains, 0 to 1 and more.
 
-    It is |before - after| / |before|, the image values at the alarm before and after the response is subtracted, mean
-    over the scans that see it.
+    It is |before - after| / |before|, the image values at the alarm before and after the response
+    is subtracted, mean over the scans that see it.
     """
 
     not_live_because = _NEEDS_WHOLE_RUN
@@ -231,7 +232,8 @@ class RoadsideShare(FeatureStage):
         labels = [str(label) for label in setup.run["polarization"].values]
         if settings.polarization not in labels:
             raise ValueError(
-                f"roadside.polarization must be one of {', '.join(labels)}, got {settings.polarization!r}"
+                f"roadside.polarization must be one of {', '.join(labels)}, got "
+                f"{settings.polarization!r}"
             )
         self.model = RoadsideModel(settings, setup, self._data)
 

@@ -1,8 +1,9 @@
 """Alarms followed over scans: in how many of those that see the place does something stand out there.
 
-After the abstract of Fuse, Rostami, Gonzalez-Valdes & Rappaport, "False alarm reduction by target tracking for forward
-looking ground penetrating radar", Ground Penetrating Radar 1(2), 2018: buried objects stand still while the platform
-advances, and what does not stay is taken for clutter. Reach and level are ours.
+After the abstract of Fuse, Rostami, Gonzalez-Valdes & Rappaport, "False alarm reduction by target
+tracking for forward looking ground penetrating radar", Ground Penetrating Radar 1(2), 2018: buried
+objects stand still while the platform advances, and what does not stay is taken for clutter. Reach
+and level are ours.
 """
 
 from __future__ import annotations
