@@ -23,10 +23,9 @@ import numpy as np
 import pandas as pd
 
 import flgpr
-from flgpr.chain.detection import detection_of
 from flgpr.chain.engine import BLOCK, Arrays, Engine, block_name, worker_state
 from flgpr.chain.lane_setup import LaneSetup
-from flgpr.chain.method import engine_of
+from flgpr.chain.method import detection_of, engine_of
 from flgpr.chain.model import Model, load_model, read_model
 from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.sections import Section, section_lane, section_note
