@@ -1,4 +1,4 @@
-"""Alarms on the own image of every scan, for recipes that score by frames (Fuse et al. 2018, Sec. 4)."""
+"""Alarms on the image of every scan, for recipes that score by frames (Fuse et al. 2018, Sec. 4)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.engine import Arrays, joined_parts
+from flgpr.chain.engine import Arrays, concatenate
 from flgpr.chain.lane_scan import LaneScan
 from flgpr.chain.lane_setup import LaneSetup, table_arrays
 from flgpr.chain.passes.traversal import Pass
@@ -58,7 +58,7 @@ class FrameAlarms(Pass):
 
     def state(self, exact: bool) -> Arrays:  # noqa: ARG002
         """Return the alarms so far, by frame."""
-        return joined_parts(self._frames)
+        return concatenate(self._frames)
 
     def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Append the alarms of the block that follows."""
@@ -67,7 +67,7 @@ class FrameAlarms(Pass):
 
     def result(self) -> Arrays:
         """Return the alarms of all frames."""
-        return joined_parts(self._frames)
+        return concatenate(self._frames)
 
 
 def alarms_by_frame(lane: LaneSetup) -> tuple[pd.DataFrame, dict[int, FloatArray]]:

@@ -122,8 +122,8 @@ def _background(first: Mapping[str, NDArray[Any]], level: FloatArray) -> Arrays:
     gain = np.broadcast_to(level, first["signature"].shape).astype(np.float32)
     if not (gain > 0).all():
         raise ValueError(
-            "gain background must be positive everywhere, got zero: the images equal their "
-            "signature"
+            "gain background must be positive everywhere, got zero: "
+            "the images equal their self-signature"
         )
     shared = shared_level(gain, first["gains"])
     background = Background(first["signature"], gain, first["shared"], shared)
