@@ -10,7 +10,8 @@ from few_mines import counts_of, follow, resized
 from flgpr.chain.alarm_steps import count_alarm_steps
 from flgpr.chain.classifier import TrainingSet, make_training_set, train
 from flgpr.chain.estimators import train_estimator
-from flgpr.chain.recipe import DetectorTable, parse_recipe, recipe_text
+from flgpr.chain.recipe import parse_recipe, recipe_text
+from flgpr.chain.recipe_tables import DetectorTable
 from flgpr.chain.stages import TrainingView, find_stage
 from flgpr.chain.stages.clusters import subset
 from flgpr.chain.too_few import TooFewExamplesError, count_in_views

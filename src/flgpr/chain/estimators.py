@@ -19,7 +19,7 @@ from flgpr.chain.classifier import (
     feature_values,
 )
 from flgpr.chain.estimator_classes import ALLOWED
-from flgpr.chain.recipe import DetectorTable
+from flgpr.chain.recipe_tables import DetectorTable
 from flgpr.chain.too_few import Change, TooFewExamplesError, check_classes
 from flgpr.detect.scorers import restored_scorer, scorer_of
 from flgpr.detect.scorers.checks import Scorer

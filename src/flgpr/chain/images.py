@@ -14,7 +14,8 @@ import xarray as xr
 
 from flgpr.chain.engine import PlannedPass
 from flgpr.chain.model import Model
-from flgpr.chain.recipe import ImageTable, Recipe
+from flgpr.chain.recipe import Recipe
+from flgpr.chain.recipe_tables import ImageTable
 from flgpr.chain.stages import ClutterStage, ComplexArray, Setup, make_stage
 from flgpr.imaging import ScanImager
 from flgpr.model import Lane, lane_to_scan, scan_to_lane

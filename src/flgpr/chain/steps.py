@@ -17,7 +17,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.model import Detector
-from flgpr.chain.recipe import RANKS, ContrastTable, PrescreenTable, Recipe
+from flgpr.chain.recipe import RANKS, Recipe
+from flgpr.chain.recipe_tables import ContrastTable, PrescreenTable
 from flgpr.chain.stages import ComplexArray, FeatureStage, FloatArray
 from flgpr.clutter import Background
 from flgpr.imaging.scan import blank_image
