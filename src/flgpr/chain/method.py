@@ -27,7 +27,7 @@ from flgpr.chain.passes.training import until_examples
 from flgpr.chain.passes.traversal import plan
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import Recipe
-from flgpr.chain.recipe_for_run import area_of
+from flgpr.chain.recipe_fit import area_of
 from flgpr.chain.sections import Section
 from flgpr.model import Lane
 
@@ -87,7 +87,7 @@ def detect(
     Parameters
     ----------
     run : xarray.Dataset
-        A run that the recipe fits, see :func:`flgpr.chain.recipe_for_run.check_fit`.
+        A run that the recipe fits, see :func:`flgpr.chain.recipe_fit.check_fit`.
     recipe : Recipe
         The recipe.
     lane : Lane, optional

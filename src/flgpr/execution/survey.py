@@ -12,7 +12,7 @@ from typing import Any
 from flgpr.chain.memory import plan_sections, sizes_of
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import as_imaged, parse_recipe
-from flgpr.chain.recipe_for_run import area_of
+from flgpr.chain.recipe_fit import area_of
 from flgpr.door import read_named
 from flgpr.execution.driver import Note, detect_lane, holds_result, is_done, results_at, unnoted
 from flgpr.execution.job import LaneJob, make_job

@@ -23,7 +23,7 @@ from flgpr.chain.estimators import train_estimator
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.model import MODEL_FILE, Model, check_free_model, load_model, save_model
 from flgpr.chain.recipe import RANKS, Recipe, parse_recipe
-from flgpr.chain.recipe_for_run import area_of
+from flgpr.chain.recipe_fit import area_of
 from flgpr.chain.recipe_tables import DetectorTable
 from flgpr.chain.stages import TrainingView
 from flgpr.chain.too_few import (
