@@ -343,7 +343,7 @@ def test_where_hits_or_false_alarms_ran_out_decides_what_is_advised(
 ):
     recipe = parse_recipe(recipe_text("flsar2004"))
     error = TooFewExamplesError("hits, got none")
-    message = str(steps_of(features, spent).told(error, recipe, shown))
+    message = str(steps_of(features, spent).error(error, recipe, shown))
     assert message.startswith(
         f"detector cannot be trained: it needs hits, got none: {lost}. Step by step: "
     )

@@ -266,7 +266,7 @@ class _Course:
                 )
             except TooFewExamplesError as error:
                 steps = count_alarm_steps(alarms, raised, spent, wanted, label_radius)
-                raise steps.told(error, self.recipe, table.on) from None
+                raise steps.error(error, self.recipe, table.on) from None
         self.model = replace(self.model, detector=detector)
 
     def learn_forecast(self) -> None:
