@@ -1,4 +1,4 @@
-"""Alarms on the image of every scan, for recipes that score by frames (Fuse et al. 2018, Sec. 4)."""
+"""Alarms on every scan's image, for recipes that score by frames (Fuse et al. 2018, Sec. 4)."""
 
 from __future__ import annotations
 
