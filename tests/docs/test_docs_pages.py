@@ -1,8 +1,8 @@
 """Every page: links lead somewhere, names exist, commands are ones the command line has, and programs run."""
 
 import ast
-import itertools
 import importlib
+import itertools
 import re
 import shlex
 import tomllib

@@ -11,7 +11,7 @@ import xarray as xr
 
 from flgpr.calibrate import channel_health, health_summary
 from flgpr.chain.recipe import Recipe, lane_of, load_recipe, recipe_names
-from flgpr.chain.recipe_for_run import fit_faults
+from flgpr.chain.recipe_fit import fit_faults
 from flgpr.door import Folder
 from flgpr.imaging import count_looks
 from flgpr.imaging.ground import covered_ground, grid_ahead
