@@ -41,12 +41,12 @@ from flgpr.simulate.ground.layers import (
     through_grass,
 )
 from flgpr.simulate.ground.roughness import surface_backscatter, surface_heights
-from flgpr.simulate.ground.shadow import Shadows, Strip, strips_of
+from flgpr.simulate.ground.shadow import Shadows, Strip, shadow_strips
 from flgpr.simulate.ground.subsurface import subsurface_layers
 from flgpr.simulate.ground.terrain import Terrain
 from flgpr.simulate.radar.impair import Impairments
 from flgpr.simulate.radar.spread import ArrayState, Spreader
-from flgpr.simulate.scene.scene import Scene, Soil, Surface, Target, Thing
+from flgpr.simulate.scene.scene import Scene, Soil, Surface, Target, SceneObject
 from flgpr.simulate.scene.scene_tables import Grass
 from flgpr.simulate.scene.world import MARGIN, draw_track, draw_world
 
@@ -59,9 +59,10 @@ _REACH = 45.0  # m beyond which single objects are left out
 class Simulator:
     """A scene seen by a sensor.
 
-    The same seed gives the same run; the world does not depend on the sensor, so that two sensors with one seed see the
-    same targets and objects. ``errors`` adds the sensor's own. ``pose`` (scan, 6) and ``time`` (scan,) are the true
-    ones of every scan, ``truth`` and ``objects`` the tables of the lane's targets and of all else.
+    The same seed gives the same run; the world does not depend on the sensor, so that two sensors
+    with one seed see the same targets and objects. ``errors`` adds the sensor's own. ``pose``
+    (scan, 6) and ``time`` (scan,) are the true ones of every scan, ``truth`` and ``objects`` the
+    tables of the lane's targets and of all else.
     """
 
     def __init__(self, scene: Scene, sensor: Sensor, seed: int, errors: bool = True) -> None:
@@ -76,7 +77,7 @@ class Simulator:
         level, self.time = draw_track(scene, sensor.height, seed)
         self.pose = self._terrain.follow(level)
         shadow = (self.world.targets, self.world.objects, self._terrain, scene.shadow.foliage)
-        self._strips = strips_of(*shadow) if scene.shadow.on else []
+        self._strips = shadow_strips(*shadow) if scene.shadow.on else []
         self.frequency = sensor.tones.axis()
         self.truth, self.objects = self.world.truth(), self.world.objects_table()
         surface = scene.surface
@@ -166,7 +167,9 @@ class Simulator:
         """Gather the echoes of targets and, if wanted, of all else that is no layer."""
         objects = self.world.objects if things else ()
         echoes = Echoes()
-        for index, one in enumerate(itertools.chain[Target | Thing](self.world.targets, objects)):
+        for index, one in enumerate(
+            itertools.chain[Target | SceneObject](self.world.targets, objects)
+        ):
             if _in_view(one, view.pose):
                 first = len(echoes.path)
                 array = self._above(one.x, one.y, view.array)
@@ -203,7 +206,7 @@ class Simulator:
             return
         through = np.ones((4, self.frequency.size), complex)
         if view.shadows is not None:
-            through *= view.shadows.of_body(
+            through *= view.shadows.body_factor(
                 np.array([x, y, ground + max(places[:, 2].mean(), 0.0)])
             )
         sine = view.sine(np.array([[x, y, 0.0]])).item() if grass.grown else 0.0
@@ -288,7 +291,8 @@ def sweep_drift(pose: FloatArray, time: FloatArray, sweep_time: float) -> FloatA
 def system_response(sensor: Sensor, frequency: FloatArray) -> FloatArray:
     """Compute what multiplies ``sqrt(σ)·pattern/(R_t·R_r)`` at every tone (frequency,).
 
-    Horns: ``G(f)·λ/(4π)^1.5`` with G growing as f². Dipoles: ``ωμ0/(4π)^1.5``, the field per unit current moment.
+    Horns: ``G(f)·λ/(4π)^1.5`` with G growing as f². Dipoles: ``ωμ0/(4π)^1.5``, the field per unit
+    current moment.
     """
     if sensor.antenna.kind == "dipole":
         return np.asarray(2 * np.pi * frequency * 4e-7 * np.pi / (4 * np.pi) ** 1.5)
@@ -310,7 +314,7 @@ def finest_cell(sensor: Sensor, distance: float = 10.0) -> float:
     return float(down * SPEED_OF_LIGHT / tones[-1] * slant / max(aperture, 0.1))
 
 
-def _in_view(one: Target | Thing | Strip, pose: FloatArray) -> bool:
+def _in_view(one: Target | SceneObject | Strip, pose: FloatArray) -> bool:
     dx = one.x - pose[0]
     dy = one.y - pose[1]
     forward = dx * math.sin(pose[3]) + dy * math.cos(pose[3])

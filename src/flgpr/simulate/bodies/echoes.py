@@ -18,7 +18,7 @@ from flgpr.simulate.ground.refraction import Ray, interface_path, reflection, re
 from flgpr.simulate.ground.roughness import HeightField
 from flgpr.simulate.radar.spread import ArrayState, antenna_terms
 from flgpr.simulate.scene.draw import stream
-from flgpr.simulate.scene.scene import Soil, Target, Thing
+from flgpr.simulate.scene.scene import Soil, Target, SceneObject
 
 _UPRIGHT = np.array([1.0, 1.0, 0.0])
 
@@ -27,8 +27,8 @@ _UPRIGHT = np.array([1.0, 1.0, 0.0])
 class Echoes:
     """Echoes to be summed: each a path per pair, a gain per antenna, a spectrum, and its weight in each pair.
 
-    Spectra have four rows: HH, VV, and the cross amplitudes' mean (HV + VH)/2 and half difference (HV - VH)/2; a
-    weight has one row for the first three and one for the last.
+    Spectra have four rows: HH, VV, and the cross amplitudes' mean (HV + VH)/2 and half difference
+    (HV - VH)/2; a weight has one row for the first three and one for the last.
     """
 
     path: list[FloatArray] = field(default_factory=list)
@@ -66,7 +66,7 @@ class Ground:
 
     def medium(self, depth: float) -> int:
         """Index of the layer that holds ``depth`` (m)."""
-        passed = self.soil.passed(depth)
+        passed = self.soil.thicknesses_above(depth)
         return max(i for i, d in enumerate(passed) if d > 0 or i == 0)
 
     def reflection(self, sine: float) -> ComplexArray:
@@ -88,7 +88,9 @@ class Ground:
         """Attenuation and phase against the path at the real index of the band's middle, both ways (frequency,)."""
         extra = sum(
             d * (np.sqrt(eps - sine**2) - math.sqrt(real - sine**2))
-            for d, eps, real in zip(self.soil.passed(depth), self.media, self.real, strict=True)
+            for d, eps, real in zip(
+                self.soil.thicknesses_above(depth), self.media, self.real, strict=True
+            )
         )
         return np.exp(-2j * self.wavenumber * extra)
 
@@ -97,7 +99,8 @@ class Ground:
         flat = points[:, :2] - antennas[:, :2]
         distance = np.hypot(*flat.T)
         passed = [
-            np.array(d) for d in zip(*(self.soil.passed(-z) for z in points[:, 2]), strict=True)
+            np.array(d)
+            for d in zip(*(self.soil.thicknesses_above(-z) for z in points[:, 2]), strict=True)
         ]
         ray = refracted_ray(distance, antennas[:, 2], passed, self.real)
         if self.heights is None:
@@ -165,7 +168,7 @@ def _level(copolar: ComplexArray) -> ComplexArray:
 
 
 def _add_ring_point(
-    echoes: Echoes, target: Target | Thing, reach: float, towards: FloatArray, z: float, spectrum: ComplexArray,
+    echoes: Echoes, target: Target | SceneObject, reach: float, towards: FloatArray, z: float, spectrum: ComplexArray,
     array: ArrayState,
 ) -> None:  # fmt: skip
     """Add an echo in air from the point of a ring that lies ``reach`` (m) towards the radar."""
@@ -180,14 +183,18 @@ def _air_path(point: FloatArray, array: ArrayState) -> FloatArray:
     return np.asarray(out + np.linalg.norm(array.position[array.rx] - point, axis=-1))
 
 
-def add_object(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, seed: int) -> None:
+def add_object(
+    echoes: Echoes, thing: SceneObject, ground: Ground, array: ArrayState, seed: int
+) -> None:
     """Add an object's echoes; ``seed`` draws the inside of bushes."""
     {"rock": _add_rock, "post": _add_post, "bush": _add_bush, "fiducial": _add_fiducial}[
         thing.kind
     ](echoes, thing, ground, array, seed)
 
 
-def _add_rock(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, seed: int) -> None:
+def _add_rock(
+    echoes: Echoes, thing: SceneObject, ground: Ground, array: ArrayState, seed: int
+) -> None:
     """Half-buried stone of permittivity 6, its dipole saturating, and its image in the ground half a radius up."""
     sine = incidence(thing.x, thing.y, 0.0, array)
     k = ground.wavenumber
@@ -204,7 +211,9 @@ def _add_rock(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, s
     echoes.add(_air_path(point, array), point[0], spectrum)
 
 
-def _add_post(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, seed: int) -> None:  # noqa: ARG001
+def _add_post(
+    echoes: Echoes, thing: SceneObject, ground: Ground, array: ArrayState, seed: int
+) -> None:  # noqa: ARG001
     """Upright cylinder on the ground: direct, image and corner echoes of its lit line, integrated over its height."""
     sine = incidence(thing.x, thing.y, thing.height / 2, array)
     k = ground.wavenumber
@@ -222,7 +231,9 @@ def _add_post(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, s
         _add_ring_point(echoes, thing, thing.radius, towards, z, _level(copolar), array)
 
 
-def bush_scatterers(thing: Thing, seed: int, count: int = 24) -> tuple[FloatArray, ComplexArray]:
+def bush_scatterers(
+    thing: SceneObject, seed: int, count: int = 24
+) -> tuple[FloatArray, ComplexArray]:
     """Scatter a bush's twigs: places (count, 3) and amplitudes (count, 3), m; cross 6 dB down, HH of ``rcs_db``."""
     rng = stream(seed, "bush", round(thing.x * 1000), round(thing.y * 1000))
     place = rng.normal(0, 0.5, (count, 3)) * thing.radius
@@ -235,7 +246,9 @@ def bush_scatterers(thing: Thing, seed: int, count: int = 24) -> tuple[FloatArra
     return place, z * level * np.array([1.0, 1.0, 0.5])
 
 
-def _add_bush(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, seed: int) -> None:
+def _add_bush(
+    echoes: Echoes, thing: SceneObject, ground: Ground, array: ArrayState, seed: int
+) -> None:
     """Twigs whose cross section grows by 5 dB per decade of frequency."""
     places, amplitude = bush_scatterers(thing, seed)
     growth = (ground.frequency / 1e9) ** 0.25
@@ -245,7 +258,7 @@ def _add_bush(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, s
 
 def _add_fiducial(
     echoes: Echoes,
-    thing: Thing,
+    thing: SceneObject,
     ground: Ground,
     array: ArrayState,
     seed: int,  # noqa: ARG001

@@ -36,8 +36,9 @@ def cylinder(radius: float, height: float) -> tuple[tuple[float, float], ...]:
 def wedge_coefficients(angle: float, exterior: float) -> tuple[float, float]:
     """Keller's coefficients D_s and D_h of backscatter from a perfectly conducting wedge, without 1/sqrt(2πk).
 
-    ``sin(π/n)/n · [1/(cos(π/n) - 1) ∓ 1/(cos(π/n) - cos(2φ/n))]`` (Keller 1962). The ray comes at ``angle`` φ from the
-    first face, ``exterior`` is nπ: 3π/2 for a right-angled edge. D_s is that of an electric field along the edge.
+    ``sin(π/n)/n · [1/(cos(π/n) - 1) ∓ 1/(cos(π/n) - cos(2φ/n))]`` (Keller 1962). The ray comes at
+    ``angle`` φ from the first face, ``exterior`` is nπ: 3π/2 for a right-angled edge. D_s is that
+    of an electric field along the edge.
     """
     n = exterior / math.pi
     front = math.sin(math.pi / n) / n
@@ -76,8 +77,8 @@ def visible_rims(profile: Profile, sine: float) -> list[Rim]:
 def rim_amplitude(rim: Rim, wavenumber: ArrayLike, sine: ArrayLike) -> ComplexArray:
     """Scattering amplitude, m, that multiplies a rim's coefficients; wavenumber and sine in the medium around.
 
-    ``sqrt(a/(4πk·sinθ))`` with the phase of the ring's stationary point; with D = cotθ/2 it is the physical-optics
-    disc's.
+    ``sqrt(a/(4πk·sinθ))`` with the phase of the ring's stationary point; with D = cotθ/2 it is the
+    physical-optics disc's.
     """
     k = np.asarray(wavenumber, dtype=float)
     s = np.asarray(sine, dtype=float)
@@ -90,8 +91,8 @@ def layered_reflection(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Reflection of a stack of plane layers for H and V, by recursion from the bottom.
 
-    ``media`` are relative permittivities from the side of incidence down, two more than there are thicknesses; sine and
-    wavenumber are those in air.
+    ``media`` are relative permittivities from the side of incidence down, two more than there are
+    thicknesses; sine and wavenumber are those in air.
     """
     if len(media) != len(thickness) + 2:
         raise ValueError(
@@ -113,11 +114,12 @@ def layers_strength(
 ) -> ComplexArray:
     """Coefficients (H and V, frequency) of the near rim of a body of dielectric layers, for :func:`rim_amplitude`.
 
-    The volume integral of the body's currents in its layers' own fields (Born's approximation, with the normal field
-    raised by continuity of D), its disc pattern taken as that of two flashes: ``k0/(4·sinθ)·Σ(ε_l -
-    ε_s)·g·∫e^{-2jqz}dz`` with g = 1 for H and ``(q² + (ε_s/ε_l)·k0²·sin²θ)/k_s²`` for V. The far rim has the opposite
-    sign. Unlike the specular reflection of a face it has no null at Brewster's angle. Layers are (thickness,
-    permittivity) from the top down; sine and wavenumber are those in air.
+    The volume integral of the body's currents in its layers' own fields (Born's approximation, with
+    the normal field raised by continuity of D), its disc pattern taken as that of two flashes:
+    ``k0/(4·sinθ)·Σ(ε_l - ε_s)·g·∫e^{-2jqz}dz`` with g = 1 for H and ``(q² +
+    (ε_s/ε_l)·k0²·sin²θ)/k_s²`` for V. The far rim has the opposite sign. Unlike the specular
+    reflection of a face it has no null at Brewster's angle. Layers are (thickness, permittivity)
+    from the top down; sine and wavenumber are those in air.
     """
     k = np.asarray(wavenumber, dtype=float)
     eps = np.asarray(soil, dtype=complex)

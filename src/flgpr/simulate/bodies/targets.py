@@ -81,8 +81,9 @@ def _add_signature(echoes: Echoes, target: Target, ground: Ground, array: ArrayS
 def mean_amplitude(target: Target, ground: Ground, array: ArrayState) -> ComplexArray:
     """Return a level body's amplitude in the ground, HH and VV (2, frequency), m, mean over the array's pairs.
 
-    It is the signature table's, without the way through the ground and back (:meth:`Ground.entry_squared` and
-    :meth:`Ground.dispersion`), for waves that are plane over the body.
+    It is the signature table's, without the way through the ground and back
+    (:meth:`Ground.entry_squared` and :meth:`Ground.dispersion`), for waves that are plane over the
+    body.
     """
     layer = ground.medium(target.depth)
     aspects, amplitudes = _amplitudes(target, ground.media[layer], ground.frequency)
@@ -111,8 +112,9 @@ def _taper(
 ) -> ComplexArray:
     """Relative growth per metre of ground range of the wave on a body, there and back, H and V (2, frequency).
 
-    Tables are for plane waves. Over a body at hand range, pattern and transmission change, and the wave front is
-    curved: to first order in size over range ``F + j·g/(2k0)·∂F/∂sinθ``, g being this growth plus 1/(2R·sinθ) for that.
+    Tables are for plane waves. Over a body at hand range, pattern and transmission change, and the
+    wave front is curved: to first order in size over range ``F + j·g/(2k0)·∂F/∂sinθ``, g being this
+    growth plus 1/(2R·sinθ) for that.
     """
     away = -bisectors(target.x, target.y, array).mean(axis=0)
     steps = np.array([[-_STEP], [_STEP]]) * away / np.linalg.norm(away)
@@ -161,10 +163,11 @@ def node_weights(
 ) -> FloatArray:
     """Weights (aspect, sine, separation, 3, pair) of a table's nodes for given directions.
 
-    Polynomials through all sines (clipped to the table's), even or odd polynomials in the separation, and in the aspect
-    cosines, or sines for what a box's mirror planes turn round. The three are for HH and VV, even in separation and
-    aspect, for (HV + VH)/2, odd in the aspect, and for (HV - VH)/2, odd in the separation. Separation is the azimuth of
-    the receiver counterclockwise from the transmitter, aspect that of their bisector from a box's long side.
+    Polynomials through all sines (clipped to the table's), even or odd polynomials in the
+    separation, and in the aspect cosines, or sines for what a box's mirror planes turn round. The
+    three are for HH and VV, even in separation and aspect, for (HV + VH)/2, odd in the aspect, and
+    for (HV - VH)/2, odd in the separation. Separation is the azimuth of the receiver
+    counterclockwise from the transmitter, aspect that of their bisector from a box's long side.
     """
     along = _lagrange(SINE, np.clip(sine, SINE[0] - 0.05, SINE[-1]))
     between = np.clip(separation, -SEPARATION[-1] * 1.3, SEPARATION[-1] * 1.3)
@@ -293,9 +296,9 @@ def _strength(
 def _cover_factor(sine: float, target: Target, ground: Ground) -> ComplexArray:
     """Waves that bounce between a metal top and the surface on their way to the far rim and back.
 
-    Each bounce ``r21·Γ·e^{-2jqd}`` starts ``2d·tanθ_t`` nearer the radar, where the top must reach: as many are summed
-    as fit on the diameter, the last in part. The near rim has no top before it and sees none. Squared, for by
-    reciprocity the way out has the same bounces as the way in.
+    Each bounce ``r21·Γ·e^{-2jqd}`` starts ``2d·tanθ_t`` nearer the radar, where the top must reach:
+    as many are summed as fit on the diameter, the last in part. The near rim has no top before it
+    and sees none. Squared, for by reciprocity the way out has the same bounces as the way in.
     """
     normal = np.sqrt(ground.media[0] - sine**2)
     delay = np.exp(-2j * ground.wavenumber * normal * target.depth)

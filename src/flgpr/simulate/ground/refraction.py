@@ -27,8 +27,9 @@ def refracted_ray(
 ) -> Ray:
     """Find the ray of stationary path (Fermat) through plane layers, given from the top down with real permittivities.
 
-    For one layer this minimises ``sqrt(H² + (x-q)²) + n·sqrt(d² + q²)`` over q. Snell's invariant s = sinθ is found by
-    Newton's rule on tanθ; the path is ``R_air + s·q + Σ d_i·sqrt(ε_i - s²)``, stationary in s. A thickness may be zero.
+    For one layer this minimises ``sqrt(H² + (x-q)²) + n·sqrt(d² + q²)`` over q. Snell's invariant s
+    = sinθ is found by Newton's rule on tanθ; the path is ``R_air + s·q + Σ d_i·sqrt(ε_i - s²)``,
+    stationary in s. A thickness may be zero.
     """
     x, h = np.broadcast_arrays(
         np.asarray(distance, dtype=np.float64), np.asarray(height, dtype=np.float64)
@@ -73,7 +74,8 @@ def apparent_shift(depth: ArrayLike, permittivity: float, sine: ArrayLike) -> Fl
 def reflection(sine: ArrayLike, above: ArrayLike, below: ArrayLike) -> tuple[ComplexArray, ...]:
     """Fresnel reflection of the electric field (H) and of the magnetic field (V) at a plane interface.
 
-    The sine is Snell's invariant, that in air, complex for waves that fade. A perfect conductor below gives -1 and +1.
+    The sine is Snell's invariant, that in air, complex for waves that fade. A perfect conductor
+    below gives -1 and +1.
     """
     s2 = np.asarray(sine) ** 2
     e1 = np.asarray(above, dtype=np.complex128)
@@ -92,8 +94,8 @@ def two_way_transmission(sine: ArrayLike, permittivity: ArrayLike) -> tuple[Comp
 def ray_divergence(sine: ArrayLike, permittivity: ArrayLike) -> ComplexArray:
     """Amplitude of a spherical wave that leaves the ground over a plane wave's, H and V: ``cosθ/sqrt(ε - sin²θ)``.
 
-    Seen from air the solid angle grows by ``n²·cosθ_t/cosθ``. Together with :func:`two_way_transmission` this is t12²,
-    as reciprocity demands.
+    Seen from air the solid angle grows by ``n²·cosθ_t/cosθ``. Together with
+    :func:`two_way_transmission` this is t12², as reciprocity demands.
     """
     s2 = np.asarray(sine, dtype=np.float64) ** 2
     return np.asarray(np.sqrt(1 - s2) / np.sqrt(np.asarray(permittivity, dtype=np.complex128) - s2))

@@ -1,7 +1,8 @@
 """What the radar adds to the echoes: antennas' errors, self-signature, noise, interference, lost sweeps, poses.
 
-Every antenna has a Jones matrix ``P·(1 + L)`` in transmission and ``(1 + L)·P`` in reception: L leaks between the
-polarizations, P holds what the ports do. A pair records ``P_r·(1 + L_r)·S·(1 + L_t)·P_t``.
+Every antenna has a Jones matrix ``P·(1 + L)`` in transmission and ``(1 + L)·P`` in reception: L
+leaks between the polarizations, P holds what the ports do. A pair records ``P_r·(1 + L_r)·S·(1 +
+L_t)·P_t``.
 """
 
 from __future__ import annotations
@@ -121,9 +122,10 @@ class Impairments:
 def reference_clutter(sensor: Sensor) -> float:
     """Variance of white noise that would equal the clutter of reference soil in the image.
 
-    The image of a cell of clutter has the power ``σ⁰·A·g²·(P·K)²`` (P pairs, K tones, A the cell's area, g the two-way
-    amplitude of a unit scatterer), that of white noise ``P·K`` times its variance. Range and band are those in the
-    sensor's ``errors``; the soil has ε = 3.4, s = 5 mm, l = 5 cm, and HH counts.
+    The image of a cell of clutter has the power ``σ⁰·A·g²·(P·K)²`` (P pairs, K tones, A the cell's
+    area, g the two-way amplitude of a unit scatterer), that of white noise ``P·K`` times its
+    variance. Range and band are those in the sensor's ``errors``; the soil has ε = 3.4, s = 5 mm, l
+    = 5 cm, and HH counts.
     """
     low, high = sensor.errors.noise_band
     axis = sensor.tones.axis()
@@ -267,8 +269,9 @@ def random_response(
 ) -> ComplexArray:
     """Draw smooth complex Gaussian functions of frequency with mean square one, (*shape, frequency).
 
-    They are sums of echoes whose delays are distributed exponentially, so that the correlation between tones Δf apart
-    is ``1/(1 + jΔf/bandwidth)``; the coherence, its square, is one half at ``bandwidth``.
+    They are sums of echoes whose delays are distributed exponentially, so that the correlation
+    between tones Δf apart is ``1/(1 + jΔf/bandwidth)``; the coherence, its square, is one half at
+    ``bandwidth``.
     """
     delay = rng.exponential(1 / (2 * np.pi * bandwidth), (*shape, _TAPS, 1))
     size = rng.normal(size=delay.shape) + 1j * rng.normal(size=delay.shape)

@@ -1,7 +1,7 @@
 """Echoes of many scatterers at once: spread into range profiles of every pair, then transformed to tones.
 
-The transpose of range-profile interpolation with a Kaiser-Bessel window (Jackson et al. 1991). A scatterer's cost does
-not depend on the number of tones.
+The transpose of range-profile interpolation with a Kaiser-Bessel window (Jackson et al. 1991). A
+scatterer's cost does not depend on the number of tones.
 """
 
 from __future__ import annotations
@@ -38,10 +38,11 @@ _TURN = 0.04
 class ArrayState:
     """Where the antennas of a scan, (antenna, 3) transmitters before receivers, are and look, in the lane frame.
 
-    ``tx`` and ``rx`` are the antennas of each pair; ``horizontal`` and ``vertical`` unit vectors along the H and V
-    dipoles. ``exponent`` is n of a horn's power pattern cos^n, negative for dipoles; ``growth`` that of a beam that
-    narrows with frequency, ``n = max(growth·f² - 1, 0)``, s², zero where ``exponent`` always holds. ``drift`` is how
-    far the antennas move during a sweep over all tones, m; they stand at ``position`` in its middle.
+    ``tx`` and ``rx`` are the antennas of each pair; ``horizontal`` and ``vertical`` unit vectors
+    along the H and V dipoles. ``exponent`` is n of a horn's power pattern cos^n, negative for
+    dipoles; ``growth`` that of a beam that narrows with frequency, ``n = max(growth·f² - 1, 0)``,
+    s², zero where ``exponent`` always holds. ``drift`` is how far the antennas move during a sweep
+    over all tones, m; they stand at ``position`` in its middle.
     """
 
     position: FloatArray
@@ -89,9 +90,10 @@ def antenna_terms(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Fill path (antenna, point) m, carrier phasor, and gain over distance (antenna, point, 3 or lane) of every ray.
 
-    ``extra`` (point,) is path beyond the straight line, m; it delays and does not spread. ``drift`` (3,) is how far
-    the antennas move in a sweep times carrier over bandwidth, m: so much later or earlier echoes seem to come.
-    ``beams`` (cosine, lane) are tabulated patterns; where there is none, ``exponent`` holds.
+    ``extra`` (point,) is path beyond the straight line, m; it delays and does not spread. ``drift``
+    (3,) is how far the antennas move in a sweep times carrier over bandwidth, m: so much later or
+    earlier echoes seem to come. ``beams`` (cosine, lane) are tabulated patterns; where there is
+    none, ``exponent`` holds.
     """
     lanes = beams.shape[1]
     steps = beams.shape[0] - 2
@@ -135,9 +137,10 @@ def antenna_terms(  # type: ignore[no-untyped-def]
 def _spreading(lanes: int, dipoles: bool) -> Any:
     """Compile the kernel for a number of lanes, which is known to the compiler, for it sums several at once.
 
-    It adds points to profiles (pair, bin, 2·lane): real parts first, then imaginary parts. ``coefficient``
-    (point, lane) holds h, v and cross, each for all ranks. For horns lanes are these, and every one has a gain of its
-    own; for dipoles lanes are HH, HV, VH and VV, each for all ranks.
+    It adds points to profiles (pair, bin, 2·lane): real parts first, then imaginary parts.
+    ``coefficient`` (point, lane) holds h, v and cross, each for all ranks. For horns lanes are
+    these, and every one has a gain of its own; for dipoles lanes are HH, HV, VH and VV, each for
+    all ranks.
     """
 
     @shared(cache=True, fastmath=True)
@@ -222,11 +225,11 @@ class Spreader:
     ) -> NDArray[np.complex64]:  # fmt: skip
         """Sum ``Σ_i g_t·g_r/(R_t·R_r)·Σ_r value_r·H_r(f)·exp(-j2πf(R_t + R_r + 2·extra)/c)``: (channel, pair, tone).
 
-        ``points`` (point, 3) have amplitudes HH, VV and cross, ``values`` (point, 3, rank), for every function H_r
-        (rank, frequency); ``extra`` is the electrical path beyond the straight line to each antenna. ``nodes`` are the
-        frequencies at which the horns' beam is taken for every function; None takes the beam of ``array.exponent`` for
-        all. For horns there are three channels, HH, VV and cross of the rays' own directions, for dipoles HH, HV, VH
-        and VV.
+        ``points`` (point, 3) have amplitudes HH, VV and cross, ``values`` (point, 3, rank), for
+        every function H_r (rank, frequency); ``extra`` is the electrical path beyond the straight
+        line to each antenna. ``nodes`` are the frequencies at which the horns' beam is taken for
+        every function; None takes the beam of ``array.exponent`` for all. For horns there are three
+        channels, HH, VV and cross of the rays' own directions, for dipoles HH, HV, VH and VV.
         """
         extra = np.zeros(len(points)) if extra is None else extra
         exponents = (

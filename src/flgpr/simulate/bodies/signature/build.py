@@ -47,8 +47,9 @@ def build_table(
 ) -> SignatureTable:
     """Compute a body's table, going on where an earlier call stopped; a box with metal is a ValueError.
 
-    ``work`` keeps what is done, a file per soil and tone; of another body or for other nodes it starts anew.
-    ``workers`` counts processes, ``progress`` is told the number of pieces done and of all.
+    ``work`` keeps what is done, a file per soil and tone; of another body or for other nodes it
+    starts anew. ``workers`` counts processes, ``progress`` is told the number of pieces done and of
+    all.
     """
     if body.shape == "box" and body.metal:
         raise ValueError(

@@ -13,7 +13,8 @@ All waves of a class are solved for together, with least residuals, in one block
 the system is symmetric, scattering amplitudes can be written so that their error is quadratic in
 the residuals.
 
-Fields vary as ``e^{+jωt}``. The origin of phases is the centre of the lattice's top face, z points up.
+Fields vary as ``e^{+jωt}``. The origin of phases is the centre of the lattice's top face, z points
+up.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ _SAMPLE = 2000  # unknowns on which the waves' common directions are found
 class Lattice(NamedTuple):
     """Quarter ``x > 0, y > 0`` of a body on a cubic lattice, from the axis outwards and from the top down.
 
-    ``permittivity`` (x, y, z, 3) is that for fields along x, y, z; the soil's where there is no body.
+    ``permittivity`` (x, y, z, 3) is that for fields along x, y, z; the soil's where there is no
+    body.
     """
 
     cell: float
@@ -64,11 +66,11 @@ def scattering_amplitudes(
 ) -> ComplexArray:
     """Give scattering amplitudes F (2, wave, 2, wave) of a body, m: H, V and wave of receiver, then transmitter.
 
-    A wave ``E = e·e^{-jk·r}`` has the wave vector ``k = (κcosφ, κsinφ, -q)``, ``q = sqrt(ε_s·k0² - κ²)``, complex in a
-    soil with loss (imaginary part of ε_s not positive). Its unit vector is ``h = z × κ/|κ|`` or ``v = (qcosφ, qsinφ,
-    κ)/k_s``. What goes back to a receiver is described by the wave that it would send, with the same unit vectors
-    (backscatter alignment): ``F = k0²/(4π)·∫(ε - ε_s)·E_receive·E dV``, so that ``E_s = F·e^{-jk_s·r}/r`` where the
-    soil has no loss.
+    A wave ``E = e·e^{-jk·r}`` has the wave vector ``k = (κcosφ, κsinφ, -q)``, ``q = sqrt(ε_s·k0² -
+    κ²)``, complex in a soil with loss (imaginary part of ε_s not positive). Its unit vector is ``h
+    = z × κ/|κ|`` or ``v = (qcosφ, qsinφ, κ)/k_s``. What goes back to a receiver is described by the
+    wave that it would send, with the same unit vectors (backscatter alignment): ``F = k0²/(4π)·∫(ε
+    - ε_s)·E_receive·E dV``, so that ``E_s = F·e^{-jk_s·r}/r`` where the soil has no loss.
     """
     k = wavenumber * np.sqrt(complex(soil))
     scale = _dipole_scale(lattice, soil, k)
@@ -96,9 +98,9 @@ def _dipole_scale(lattice: Lattice, soil: complex, k: complex) -> SingleArray:
 def filtered_green(size: complex, count: int) -> tuple[ComplexArray, ComplexArray]:
     """Give the filtered Green tensor ``A·1 + B·RR/R²`` of a unit lattice: A and B where R² = 0, 1, 2, ... cells.
 
-    Both are zero at R = 0, which the polarizability includes; ``size`` is wavenumber times cell. With ``g =
-    e^{-jkR}/R`` and the delta function δ without the wavenumbers above π: ``A = k²g + g'/R + 4π/3·δ``, ``B = g'' -
-    g'/R``.
+    Both are zero at R = 0, which the polarizability includes; ``size`` is wavenumber times cell.
+    With ``g = e^{-jkR}/R`` and the delta function δ without the wavenumbers above π: ``A = k²g +
+    g'/R + 4π/3·δ``, ``B = g'' - g'/R``.
     """
     r = np.sqrt(np.arange(1, count))
     sine = np.sin(size * r)
@@ -122,8 +124,8 @@ def filtered_green(size: complex, count: int) -> tuple[ComplexArray, ComplexArra
 def green_symbols(shape: tuple[int, ...], size: complex) -> list[list[SingleArray]]:
     """Fourier transform of the Green tensor over the lags of a lattice whose quarter has this shape.
 
-    3 x 3 arrays (2·x + 1, 2·y + 1, 2·z - 1) over cosines or sines in x and y (sines where the component is odd),
-    exponentials in z.
+    3 x 3 arrays (2·x + 1, 2·y + 1, 2·z - 1) over cosines or sines in x and y (sines where the
+    component is odd), exponentials in z.
     """
     lags = [np.arange(2 * n) for n in shape[:2]] + [np.arange(shape[2])]
     grid = np.meshgrid(*lags, indexing="ij", sparse=True)
@@ -267,7 +269,8 @@ def _parts(wavenumber: NDArray[Any], place: NDArray[Any], parity: int) -> list[S
 def _project(system: ClassSystem, columns: SingleArray) -> ComplexArray:
     """Compute ``aᵀ·M⁻¹·a`` of all columns from one block Krylov space that grows until all residuals are small.
 
-    With ``x ≈ M⁻¹·a`` of least residual the value is ``aᵀ·x + xᵀ·a - xᵀ·M·x``, stationary as M is symmetric.
+    With ``x ≈ M⁻¹·a`` of least residual the value is ``aᵀ·x + xᵀ·a - xᵀ·M·x``, stationary as M is
+    symmetric.
     """
     start = residual = _directions(columns)
     norm = float(np.linalg.norm(columns, axis=0).max())
@@ -324,10 +327,11 @@ def solve_box(
     metal, its long side along x.
 
     Origin of phases, unit vectors and F (HH, HV, VH, VV; "HV" transmits H) are those of
-    ``dipoles.scattering_amplitudes``. Transmitter and receiver stand at the azimuths ``aspect ∓ separation/2`` from x
-    as seen from the body; it is quickest where these are few. Of a square box, aspects from 0 to π/4 tell all: F does
-    not change when it turns by π/2, and its mirror image has -HV and -VH. Cells are those of the denser of soil and
-    body, at least two in the thinnest layer, and coarser where there would be more than ``most_cells``.
+    ``dipoles.scattering_amplitudes``. Transmitter and receiver stand at the azimuths ``aspect ∓
+    separation/2`` from x as seen from the body; it is quickest where these are few. Of a square
+    box, aspects from 0 to π/4 tell all: F does not change when it turns by π/2, and its mirror
+    image has -HV and -VH. Cells are those of the denser of soil and body, at least two in the
+    thinnest layer, and coarser where there would be more than ``most_cells``.
     """
     s, aspect, separation = (
         np.atleast_1d(np.asarray(x, dtype=float)) for x in (sines, aspects, separations)
@@ -392,8 +396,9 @@ def choose_cell(
 def lattice_of(body: Body, permittivity: complex, cell: float) -> Lattice:
     """Lay a quarter of a box on a lattice.
 
-    In a cell that a face cuts, the field along an axis meets the harmonic mean along that axis of the arithmetic means
-    across it: what the continuity of the field along a face, and of the displacement through it, asks for.
+    In a cell that a face cuts, the field along an axis meets the harmonic mean along that axis of
+    the arithmetic means across it: what the continuity of the field along a face, and of the
+    displacement through it, asks for.
     """
     widths = [0.0, *body.radii()]
     edges = [[body.elongation * w for w in widths], widths, body.drops()]

@@ -8,9 +8,10 @@ tests of it is ``T = ∫E_test·P dV``: 4π times the scattering amplitude.
 
 The origin of phases is the centre of the body's top face; fields vary as ``e^{+jωt}``.
 
-Signatures take all modes and depths of one frequency and soil, with the surface above to all orders. A body radiates
-upgoing waves only above its top, so its answer T to downgoing waves and the surface's reflection R make the whole:
-``S = T + T·R·T + T·R·T·R·T + ...``, summed in closed form over the horizontal wavenumber κ.
+Signatures take all modes and depths of one frequency and soil, with the surface above to all
+orders. A body radiates upgoing waves only above its top, so its answer T to downgoing waves and the
+surface's reflection R make the whole: ``S = T + T·R·T + T·R·T·R·T + ...``, summed in closed form
+over the horizontal wavenumber κ.
 """
 
 from __future__ import annotations
@@ -183,8 +184,8 @@ def wave_modes(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Azimuthal mode of downgoing plane waves along x, as components on edges: h and v, (edge, wave).
 
-    ``e^{-jκρcosφ} = Σ(-j)^n J_n(κρ)e^{jnφ}``; H is along y, V along (q, 0, κ)/k, with ``q = sqrt(k² - κ²)``. ``kind``
-    is 0, 1, 2 for components along ρ, φ, z; the mode may be negative.
+    ``e^{-jκρcosφ} = Σ(-j)^n J_n(κρ)e^{jnφ}``; H is along y, V along (q, 0, κ)/k, with ``q = sqrt(k²
+    - κ²)``. ``kind`` is 0, 1, 2 for components along ρ, φ, z; the mode may be negative.
     """
     order = abs(mode)
     radius, which_rho = np.unique(rho, return_inverse=True)
@@ -316,12 +317,13 @@ def solve_round(
 ) -> ComplexArray:  # fmt: skip
     """Scattering amplitudes (depth, sine, separation, 4) of a round body in the ground, m.
 
-    They are HH, VV, (HV + VH)/2, which is zero, and (HV - VH)/2 ("HV" transmits H and receives V; the receiver stands
-    counterclockwise of the transmitter as seen from above). The field in air is
-    ``t12²·e^{-2jqd}·F·e^{-jk(R_t+R_r)}/(R_t·R_r)`` by the alignment of backscatter, in which a level plate has HH = VV.
-    Phases refer to the centre of the top. Sines are those in air, the same for transmitter and receiver; separations
-    the azimuth between them as seen from the body; depths the soil over its top, infinity soil without a surface. Cells
-    are counted per wavelength in the denser of soil and body.
+    They are HH, VV, (HV + VH)/2, which is zero, and (HV - VH)/2 ("HV" transmits H and receives V;
+    the receiver stands counterclockwise of the transmitter as seen from above). The field in air is
+    ``t12²·e^{-2jqd}·F·e^{-jk(R_t+R_r)}/(R_t·R_r)`` by the alignment of backscatter, in which a
+    level plate has HH = VV. Phases refer to the centre of the top. Sines are those in air, the same
+    for transmitter and receiver; separations the azimuth between them as seen from the body; depths
+    the soil over its top, infinity soil without a surface. Cells are counted per wavelength in the
+    denser of soil and body.
     """
     k0 = 2 * math.pi * frequency / SPEED_OF_LIGHT
     path = spectral_path(k0 * np.sqrt(complex(permittivity)), body.radius)
@@ -389,11 +391,11 @@ def with_surface(
 ) -> ComplexArray:
     """Add the surface to a body's answer T of one azimuthal mode, for the path's nodes and then the waves of interest.
 
-    All H stand before all V. What comes out is S for the waves of interest, without the factor ``t12²·e^{-2jqd}`` of
-    ways in and out; ``depth`` is the soil above the body's top. With Weyl's integral an upgoing wave of the body meets
-    the surface, comes back with the reflection r_p and ``e^{-2jqd}`` and goes once more through T: ``K =
-    (-j/4π)·κ·dκ/q·(-1)^m·s_p·r_p·e^{-2jqd}``, s = -1 for H and +1 for V by the alignment of backscatter, and ``S = T +
-    T_n·(K^-1 - T_nn)^-1·T_n``.
+    All H stand before all V. What comes out is S for the waves of interest, without the factor
+    ``t12²·e^{-2jqd}`` of ways in and out; ``depth`` is the soil above the body's top. With Weyl's
+    integral an upgoing wave of the body meets the surface, comes back with the reflection r_p and
+    ``e^{-2jqd}`` and goes once more through T: ``K = (-j/4π)·κ·dκ/q·(-1)^m·s_p·r_p·e^{-2jqd}``, s =
+    -1 for H and +1 for V by the alignment of backscatter, and ``S = T + T_n·(K^-1 - T_nn)^-1·T_n``.
     """
     nodes = path.transverse.size
     count = answer.shape[0] // 2

@@ -40,9 +40,10 @@ class SignatureTable:
     """A body's scattering amplitudes at the nodes of the library."""
 
     body: Body
-    #: (permittivity, frequency, depth, aspect, sine, separation, 4): HH, VV, (HV + VH)/2 and (HV - VH)/2 in m, as
-    #: ``solve_round`` gives them. Round bodies have one aspect, square ones those of an eighth of a turn, other boxes
-    #: those of a quarter; boxes have one depth, infinity: the surface's multiples are left out
+    #: (permittivity, frequency, depth, aspect, sine, separation, 4): HH, VV, (HV + VH)/2 and (HV -
+    #: VH)/2 in m, as ``solve_round`` gives them. Round bodies have one aspect, square ones those of
+    #: an eighth of a turn, other boxes those of a quarter; boxes have one depth, infinity: the
+    #: surface's multiples are left out
     values: NDArray[np.complex64]
 
     @property
@@ -55,10 +56,10 @@ class SignatureTable:
     ) -> NDArray[np.complex64]:
         """Signature (aspect, sine, separation, 4, frequency) for given tones, soil and depth: HH, VV, (HV ± VH)/2, m.
 
-        Below the table's frequencies amplitudes fall as f², above them they stay. Between nodes they are cubic in the
-        refractive index, clipped to the table; they are analytic in it, so that a loss other than the table's is a step
-        aside in it, taken to first order and up to a loss tangent 0.06 away. ``depth`` is soil over the top; infinity
-        is soil without a surface.
+        Below the table's frequencies amplitudes fall as f², above them they stay. Between nodes
+        they are cubic in the refractive index, clipped to the table; they are analytic in it, so
+        that a loss other than the table's is a step aside in it, taken to first order and up to a
+        loss tangent 0.06 away. ``depth`` is soil over the top; infinity is soil without a surface.
         """
         real = np.clip(
             np.interp(FREQUENCY, frequency, permittivity.real), PERMITTIVITY[0], PERMITTIVITY[-1]
@@ -86,8 +87,9 @@ class SignatureTable:
     def _parts(self, depth: float, down: FloatArray) -> list[tuple[Any, float]]:
         """Split off what the surface adds, at a depth: each part, and the way (m) whose phase makes it smooth.
 
-        Echoes of a dielectric body's top and bottom lie about its middle, those of metal at its top; what the surface
-        adds comes later by its first bounce, and falls as 1/d below the last node.
+        Echoes of a dielectric body's top and bottom lie about its middle, those of metal at its
+        top; what the surface adds comes later by its first bounce, and falls as 1/d below the last
+        node.
         """
         way = 0.0 if self.body.metal else self.body.height
         deep = self.values[:, :, -1]
