@@ -179,7 +179,11 @@ def test_a_scene_told_thing_by_thing_is_the_same_scene(quiet):
     assert draw_world(one, 5).holes == draw_world(scene, 5).holes
     ours, theirs = (Simulator(some, quiet, 5).scan(0) for some in (one, scene))
     np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.abs(theirs).max())
-    assert not draw_world(Scene.model_validate(world_description(scene, 5) | {"targets": []}), 5).truth().size
+    assert (
+        not draw_world(Scene.model_validate(world_description(scene, 5) | {"targets": []}), 5)
+        .truth()
+        .size
+    )
 
 
 def test_bodies_are_what_their_absence_takes_away_but_for_the_disturbed_ground(quiet):

@@ -6,11 +6,11 @@ from scipy.stats import kstest
 
 from flgpr.imaging import ScanImager
 from flgpr.model import Antenna, Grid
+from flgpr.model.refraction import apparent_shift
 from flgpr.simulate import Scene, Simulator
 from flgpr.simulate.bodies.echoes import Ground
 from flgpr.simulate.ground import inclusions
 from flgpr.simulate.ground.layers import View
-from flgpr.simulate.ground.refraction import apparent_shift
 from flgpr.simulate.ground.subsurface import (
     _LENS,
     Buried,
@@ -70,7 +70,9 @@ def flat_layer(points, soil, sensor, scene=None):
     """Give the layer that holds the points with spectra that do not grow, and the soil."""
     ground = ground_of(soil, sensor)
     spectra = BuriedSpectra(ground, np.ones((60, ground.frequency.size)), 0.5)
-    return SubsurfaceLayer(Given(points), spectra, incidence_laws(scene or Scene(soil=soil), ground)), ground
+    return SubsurfaceLayer(
+        Given(points), spectra, incidence_laws(scene or Scene(soil=soil), ground)
+    ), ground
 
 
 def view_of(sensor):

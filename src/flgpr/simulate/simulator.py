@@ -46,7 +46,7 @@ from flgpr.simulate.ground.subsurface import subsurface_layers
 from flgpr.simulate.ground.terrain import Terrain
 from flgpr.simulate.radar.impair import Impairments
 from flgpr.simulate.radar.spread import ArrayState, Spreader
-from flgpr.simulate.scene.scene import Scene, Soil, Surface, Target, SceneObject
+from flgpr.simulate.scene.scene import Scene, SceneObject, Soil, Surface, Target
 from flgpr.simulate.scene.scene_tables import Grass
 from flgpr.simulate.scene.world import MARGIN, draw_track, draw_world
 

@@ -29,7 +29,7 @@ from flgpr.model import (
     vehicle_to_scan,
 )
 from flgpr.simulate import Scene
-from flgpr.simulate.scene.scene import Surface, TargetDraw, SceneObject
+from flgpr.simulate.scene.scene import SceneObject, Surface, TargetDraw
 from flgpr.simulate.scene.scene import Track as Drive
 from flgpr.simulate.simulator import Simulator
 from flgpr_papers.kit.cache import key_of, read_arrays, write_arrays

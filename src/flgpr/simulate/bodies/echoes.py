@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from flgpr.kernels.threads import shared
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import ComplexArray, FloatArray
+from flgpr.model.refraction import Ray, interface_path, reflection, refracted_ray
 from flgpr.simulate.bodies import rims as bodies
-from flgpr.simulate.ground.refraction import Ray, interface_path, reflection, refracted_ray
 from flgpr.simulate.ground.roughness import HeightField
 from flgpr.simulate.radar.spread import ArrayState, antenna_terms
 from flgpr.simulate.scene.draw import stream
-from flgpr.simulate.scene.scene import Soil, Target, SceneObject
+from flgpr.simulate.scene.scene import SceneObject, Soil, Target
 
 _UPRIGHT = np.array([1.0, 1.0, 0.0])
 
@@ -213,7 +213,7 @@ def _add_rock(
 
 def _add_post(
     echoes: Echoes, thing: SceneObject, ground: Ground, array: ArrayState, seed: int
-) -> None:  # noqa: ARG001
+) -> None:
     """Upright cylinder on the ground: direct, image and corner echoes of its lit line, integrated over its height."""
     sine = incidence(thing.x, thing.y, thing.height / 2, array)
     k = ground.wavenumber

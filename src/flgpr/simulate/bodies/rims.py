@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flgpr.model.arrays import ComplexArray
-from flgpr.simulate.ground.refraction import reflection
+from flgpr.model.refraction import reflection
 
 Profile = Sequence[tuple[float, float]]
 

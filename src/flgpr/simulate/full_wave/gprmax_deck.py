@@ -26,7 +26,7 @@ from flgpr.simulate.full_wave.gprmax_grid import (
 )
 from flgpr.simulate.ground.roughness import surface_heights
 from flgpr.simulate.ground.subsurface import buried_clutter
-from flgpr.simulate.scene.scene import Scene, Target, SceneObject
+from flgpr.simulate.scene.scene import Scene, SceneObject, Target
 from flgpr.simulate.scene.world import World, draw_track, draw_world
 
 FORMAT = "flgpr-gprmax-1"

@@ -144,7 +144,7 @@ class SurfaceField:
         return Scatterers(xy, z * np.sqrt(power)[:, None].astype(np.float32))
 
     def _unit_amplitudes(self, rng: np.random.Generator) -> NDArray[np.complex64]:
-        """Draw complex Gaussian amplitudes (point, 3) of HH, VV and cross, HH of mean square one."""
+        """Draw complex Gaussian amplitudes (point, 3): HH and VV of mean square one, and cross."""
         white = rng.standard_normal((self.per_tile, 6), dtype=np.float32)
         z = white.view(np.complex64) / np.float32(math.sqrt(2))
         rho = self.surface.correlation

@@ -159,7 +159,10 @@ class Shadows:
 
 @njit(cache=True, inline="always")
 def _fresnel(v: Any, table: Any) -> Any:
-    """Return G(v), linear between the table's samples; its last ripples, below 5 %, are left out."""
+    """Return G(v), linear between the table's samples.
+
+    Its last ripples, below 5 %, are left out.
+    """
     if v >= 6.0:
         return 1.0 + 0j
     if v <= -6.0:

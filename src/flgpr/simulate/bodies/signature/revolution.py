@@ -30,8 +30,8 @@ from scipy.special import jv
 
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import ComplexArray, FloatArray
+from flgpr.model.refraction import reflection
 from flgpr.simulate.bodies.signature.body import Body
-from flgpr.simulate.ground.refraction import reflection
 
 _GUARD = 4  # cells between the body and the absorbing layers
 _ABSORBER = 9  # cells of each absorbing layer
