@@ -1,4 +1,4 @@
-"""Echoes of many scatterers at once: spread into range profiles of every pair, then transformed to tones.
+"""Echoes of many scatterers at once: spread into range profiles, then transformed to tones.
 
 The transpose of range-profile interpolation with a Kaiser-Bessel window (Jackson et al. 1991). A
 scatterer's cost does not depend on the number of tones.
@@ -86,9 +86,22 @@ def _antenna_gain(
 
 @shared(cache=True)
 def antenna_terms(  # type: ignore[no-untyped-def]
-    points, antennas, boresight, horizontal, vertical, exponent, beams, wavenumber, extra, drift, distance, phasor,
-    gain, begin, end,
-):  # fmt: skip
+    points,
+    antennas,
+    boresight,
+    horizontal,
+    vertical,
+    exponent,
+    beams,
+    wavenumber,
+    extra,
+    drift,
+    distance,
+    phasor,
+    gain,
+    begin,
+    end,
+):
     """Fill path, carrier phasor and gain over distance of every ray.
 
     Paths and phasors are (antenna, point), m, gains (antenna, point, 3 or lane).
@@ -411,7 +424,7 @@ def _fold(taps, out, profile, begin, end):  # type: ignore[no-untyped-def]
 
 
 def _path_rates(points: FloatArray, antenna: FloatArray, drift: FloatArray) -> FloatArray:
-    """Return how much longer paths to points (point, 3) get while an antenna moves by a drift, m."""
+    """Return how much longer paths to points (point, 3) get as an antenna moves by a drift, m."""
     ray = points - antenna
     return np.asarray(-(ray @ drift) / np.linalg.norm(ray, axis=1))
 
