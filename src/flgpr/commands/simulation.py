@@ -28,7 +28,7 @@ from flgpr.simulate.bodies.signature import (
     packaged_bodies,
     save_table,
 )
-from flgpr.simulate.simulator import check_effort
+from flgpr.simulate.effort import check_effort
 from flgpr.store import lane_text, write_geojson, write_table, write_whole
 from flgpr.store.outputs import held_folder, other_output, tell_finished, whole_output
 
