@@ -153,10 +153,7 @@ def score_result(
     result_folder = Path(folder)
     lane_folders = results_at(result_folder)
     is_one_piece = lane_folders == [result_folder]
-    if is_one_piece:
-        result = read_result(result_folder)
-    else:
-        result = join_sections(result_folder, lane_folders)
+    result = _read_result(result_folder, lane_folders)
     target = score_folder(result_folder) if output is None else Path(output)
     other_objects = None if objects is None else read_table(objects, "objects")
     rules = {"halo": result.recipe.score.halo, "far": far}
@@ -188,6 +185,13 @@ def score_result(
         return read_result(target), scores
     write_score_files(target, files, overwrite)
     return result, scores
+
+
+def _read_result(folder: Path, lane_folders: Sequence[Path]) -> Result:
+    """Read a result; the sections of a lane are joined."""
+    if lane_folders == [folder]:
+        return read_result(folder)
+    return join_sections(folder, lane_folders)
 
 
 def _add_to_result(folder: Path, files: Mapping[str, bytes | str], overwrite: bool) -> None:
