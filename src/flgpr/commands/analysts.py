@@ -10,7 +10,7 @@ from flgpr.scoring import Agreement, agreement
 from flgpr.store import VERDICTS, read_verdicts, verdict_key
 
 PathLike = str | Path
-Verdicts = dict[tuple[str, ...], str]
+Verdicts = dict[tuple[str, str, str], str]
 PairAgreement = tuple[Agreement, int, int]
 """Agreement of two analysts, and how many alarms the first alone and the second alone judged."""
 

@@ -270,7 +270,7 @@ def _interleaved_times(runs: Sequence[Callable[[], NDArray[Any]]], rounds: int) 
     peaks = np.empty((rounds, 2))
     for i in range(rounds):
         peaks[i] = peak_flops(), peak_bandwidth()
-        for j in np.roll(np.arange(len(runs)), -i):
+        for j in np.roll(np.arange(len(runs)), -i).tolist():
             start = time.perf_counter()
             runs[j]()
             seconds[i, j] = time.perf_counter() - start

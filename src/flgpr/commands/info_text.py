@@ -140,7 +140,7 @@ def _recipe_lines(faults: dict[str, list[str]]) -> list[str]:
             sentences.append(f"{name}: {fault}")
     if any(faults.values()):
         sentences.append("`flgpr recipe for RUN` makes one that fits")
-    lines = []
+    lines: list[str] = []
     for sentence in sentences:
         heading = "" if lines else "recipe"
         lines.append(f"  {heading:<15}{sentence}")

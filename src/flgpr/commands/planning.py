@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from flgpr.commands.exporting import export_table
 from flgpr.commands.registering import REGISTER_COLUMN, default_register, recipe_hash
@@ -325,7 +326,7 @@ def require_unopened(lines: Sequence[Line], too_late: str) -> None:
 
 def _read_sheet(
     sheet: PathLike, planned: pd.DataFrame, within: float
-) -> tuple[pd.DataFrame, pd.Series[float]]:
+) -> tuple[pd.DataFrame, NDArray[np.float64]]:
     """Read what was emplaced, and how far each target lies from its plan, m."""
     path = existing(sheet, "sheet")
     with faults_of(path):
@@ -333,7 +334,10 @@ def _read_sheet(
         truth = _emplaced_targets(planned, filled_in, within)
     planned_x = truth.pop("planned_x")
     planned_y = truth.pop("planned_y")
-    return truth, np.hypot(truth["x"] - planned_x, truth["y"] - planned_y)
+    offset = np.hypot(
+        truth["x"].to_numpy() - planned_x.to_numpy(), truth["y"].to_numpy() - planned_y.to_numpy()
+    )
+    return truth, offset
 
 
 def _emplaced_targets(plan: pd.DataFrame, sheet: pd.DataFrame, within: float) -> pd.DataFrame:
@@ -395,7 +399,7 @@ def _rows_in_order(
     return sheet.iloc[order].reset_index(drop=True)
 
 
-def _ticked(recorded: pd.DataFrame, keys: Sequence[tuple[str, ...]]) -> np.ndarray:
+def _ticked(recorded: pd.DataFrame, keys: Sequence[tuple[str, ...]]) -> NDArray[np.bool_]:
     """Return by target whether it was emplaced; the crew must say yes or no."""
     # A spreadsheet turns a tick of 1 into 1.0.
     ticks = recorded["emplaced"].fillna("").astype(str).str.strip().str.lower()
@@ -412,7 +416,7 @@ def _recorded_values(
     recorded: pd.DataFrame,
     keys: Sequence[tuple[str, ...]],
     within: float,
-) -> np.ndarray:
+) -> NDArray[np.float64]:
     """Return a coordinate of all targets, m: the crew's to a millimetre, or the planned one."""
     cells = recorded[f"emplaced_{name}_m"]
     values = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64)

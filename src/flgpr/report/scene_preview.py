@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -37,7 +38,7 @@ def scene_figure(
     lane: Lane,
     targets: pd.DataFrame,
     objects: pd.DataFrame,
-    patches: NDArray,
+    patches: NDArray[np.float64],
     half_width: float,
 ) -> Figure:
     """Draw a scene from above, targets and objects by kind, and the targets in section.
