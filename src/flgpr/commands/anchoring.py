@@ -48,6 +48,7 @@ def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
     is_finite = np.isfinite(rows).all(axis=1)
     if not is_finite.all():
         raise ValueError(f"{path}: every value must be finite, got {rows[~is_finite][0].tolist()}")
+
     lines = [f"crs = {json.dumps(crs)}", f"accuracy = {accuracy!r}"]
     for x, y, *coordinates in rows.tolist():
         lines += ["", "[[point]]", f"lane = [{x!r}, {y!r}]"]
@@ -128,6 +129,7 @@ def tie_lane(
         "crs_accuracy_m": None if math.isnan(crs_accuracy) else crs_accuracy,
         "heights_known": lane_anchor.heights_known,
     }
+
     if lane is not None:
         fit["corners"] = _corners(read_lane(lane), lane_anchor)
     if outline is not None:

@@ -29,6 +29,7 @@ Quick = Annotated[
 
 
 def _table_lines(text: str, _: Arguments) -> Iterator[str]:
+    """Yield the table of the scores."""
     yield text
 
 
@@ -117,6 +118,7 @@ def benchmark_table(
 
 
 def _listing_lines(lines: list[str], _: Arguments) -> Iterator[str]:
+    """Yield the lines of a listing."""
     yield from lines
 
 

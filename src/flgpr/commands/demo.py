@@ -22,12 +22,14 @@ VIEW = Annotated[bool, Option("--view", help="Open the result in the browser.")]
 
 
 def _lines(returned: tuple[Result, list[Score]], _: Arguments) -> Iterator[Any]:
+    """Yield what became of each target, and the report."""
     result, scores = returned
     yield from score_lines(scores)
     yield f"report: {(result.folder / 'report.html').resolve()}"
 
 
 def _as_json(returned: tuple[Result, list[Score]], _: Arguments) -> dict[str, Any]:
+    """Return the figures of the score."""
     result, scores = returned
     return score_summary(result.folder, scores)
 
@@ -76,11 +78,14 @@ def demo(
     lane_folder = sample_lane()
     store = lane_folder / "run.zarr"
     folder = check_free(output)
+
     text = recipe_text("demo")
     compared = {name: recipe_text(f"demo-{name}") for name in DEMO_COMPARISONS}
+
     run = open_run(store)
     recipe = parse_recipe(text)
     description = describe_run(run, store, recipe.motion)
+
     if not overwrite and _holds_demo(folder, description, text, compared):
         tell_finished(folder, OVERWRITE)
     else:
@@ -89,6 +94,7 @@ def demo(
         for name, compared_text in compared.items():
             detections.append(detect_compared(run, name, compared_text, lane, track))
         write_result(folder, detections, text, lane, description)
+
     truth = lane_folder / "truth.csv"
     objects = lane_folder / "objects.csv"
     return score_result(folder, truth, objects, track=track, overwrite=overwrite)
@@ -109,15 +115,18 @@ def _holds_demo(
 
     if not any((folder / name).is_file() for name in ("manifest.json", SECTIONS)):
         return False
+
     refusal = other_output(folder, f"{OVERWRITE}, or choose another output")
     try:
         result = read_result(folder)
     except ResultError:
         raise refusal from None
+
     recipes = {detection.name: detection.recipe_text for detection in result.detections[1:]}
     same_run = result.manifest["run"].get("store_sha256") == description["store_sha256"]
     same_version = result.manifest["flgpr"] == flgpr.__version__
     same_recipes = (result.recipe_text, recipes) == (text, compared)
+
     if not (same_run and same_version and same_recipes):
         raise refusal
     return True

@@ -159,8 +159,10 @@ def detect(
     lanes = one_or_more(lane) or None
     options = run_options(workers, scheduler, max_memory, track, note, pass_cache)
     other_runs = runs_by_name(others, len(run_list))
+
     if not run_list:
         raise ValueError("runs must hold at least one run, got none")
+
     if len(run_list) == 1:
         if lanes is not None and len(lanes) > 1:
             raise ValueError(f"lane must be one per run, got {len(lanes)} for 1 run")
@@ -168,10 +170,12 @@ def detect(
         with _Locations(run_list[0], output, other_runs[0]) as locations:
             _detect_lane(locations, recipe, lane_file, model, section, report, options, overwrite)
             return locations.result()
+
     if output is None:
         raise ValueError(f"output must be given for several runs, got none for {len(run_list)}")
     if any(_is_in_memory(run) for run in run_list):
         raise ValueError("runs of a survey must be stored, got one in memory: give each alone")
+
     lane_names(run_list)  # refuses runs of one name before a recipe is made
     text = _recipe_of_survey(run_list, recipe, lanes, model, options)
     folders = detect_survey(
@@ -202,6 +206,7 @@ def _detect_lane(
     parsed = parse_recipe(text, str(recipe))
     lane = None if lane_file is None else read_lane(lane_file)
     area = area_of(open_run(locations.run, options.max_memory), parsed, lane)
+
     job = make_job(
         locations.run, text, area, locations.output, report, model, options.max_memory,
         locations.other_runs, pass_cache=options.pass_cache,

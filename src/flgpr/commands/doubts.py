@@ -38,6 +38,7 @@ def table_doubts(table: pd.DataFrame, kind: str, lanes: LaneLike) -> list[str]:
     count = len(table)
     if not count:
         return [f"it holds no {row_name}: a header and no row"]
+
     doubts: list[str] = []
     keys = [name for name in ("x", "y", "confidence", "kind", "lane") if name in table.columns]
     repeated = int(table.duplicated(keys).sum())
@@ -45,6 +46,7 @@ def table_doubts(table: pd.DataFrame, kind: str, lanes: LaneLike) -> list[str]:
         doubts.append(
             f"{repeated} of {count} {row_name} repeat another one at the same place; all are kept"
         )
+
     inside = _count_inside(table, lanes, "x", "y")
     inside_if_swapped = _count_inside(table, lanes, "y", "x")
     outside = count - inside

@@ -15,6 +15,7 @@ FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "geotiff", "qgis", "cphd")
 
 
 def _lines(written: Path, _: Arguments) -> Iterator[Path]:
+    """Yield the file that was written."""
     yield written
 
 

@@ -177,6 +177,7 @@ def export_qgis(
     if Path(output).suffix != ".zip":
         raise ValueError(f"output must end in .zip, got {output}")
     target = check_parent_folder(output)
+
     loaded = read_result(result)
     chosen = _detection_of(loaded, detection)
     identity = _processing_id(loaded)
@@ -184,6 +185,7 @@ def export_qgis(
     scored = read_scored_truth(loaded, None if score is None else Path(score))
     truth, objects = (None, None) if scored is None else scored
     tables = {"truth": truth, "alarms": chosen.alarms, "objects": objects}
+
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         layers = []
@@ -261,9 +263,11 @@ def _shading(result: Result, detection: Detection) -> ElementTree.Element:
     for polarization in view["polarization"].values:
         for subband in view["subband"].values:
             names.append((str(polarization), str(subband)))
+
     channel = tuple(result.files().json("view/index.json")["channel"])
     band = names.index(channel) if channel in names else 0
     values = view.values.reshape(len(names), -1)[band]
+
     finite = values[np.isfinite(values)]
     low, high = np.quantile(finite, _SHADED_QUANTILES) if finite.size else (0.0, 1.0)
     return qgis.shaded(band + 1, float(low), float(high))

@@ -231,10 +231,12 @@ def image(
             permittivity=permittivity,
         )
         return make_radargram(run, radargram_view, outputs)
+
     steps = {"dewow": dewow, "background": background, "gain": gain}
     _refuse_options_of_recordings(steps, (channel, until, step_window))
     if scan is not None and scans is not None:
         raise ValueError("give scan or scans, got both")
+
     from flgpr.chain.progress import silent
     from flgpr.commands.picture import make_picture
     from flgpr.commands.slices import make_slices
@@ -253,6 +255,7 @@ def image(
         half_space=ground,
         reach=math.inf if reach is None else reach,
     )
+
     if depth:
         return make_slices(run, depth, view, outputs, track or silent)
     return make_picture(run, view, outputs, anchor, points, track or silent)

@@ -76,11 +76,13 @@ def sri_scan() -> Scan:
     tx, rx = (np.asarray(position) + height for position in sensor.pairs())
     frequency = sensor.tones.axis()
     pixels = GRID.points().reshape(-1, 3)
+
     scatterers = rng.uniform([-6, 7, 0], [6, 26, 0], size=(_SCATTERERS, 3))
     amplitude = complex_noise(rng, (3, _SCATTERERS))
     path = np.linalg.norm(scatterers - tx[:, None], axis=2) + np.linalg.norm(
         scatterers - rx[:, None], axis=2
     )
+
     echoes = []
     for pair_path in path:
         phase = -2j * np.pi * np.outer(pair_path, frequency) / SPEED_OF_LIGHT
@@ -88,6 +90,7 @@ def sri_scan() -> Scan:
     signal = np.stack(echoes).transpose(1, 0, 2)
     noise = complex_noise(rng, (3, tx.shape[0], frequency.size))
     data = signal + noise * np.sqrt(_SCATTERERS)
+
     image = complex_noise(rng, (3, 1, pixels.shape[0]))
     return Scan(
         frequency,

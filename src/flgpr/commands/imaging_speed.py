@@ -81,6 +81,7 @@ def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> 
     if rounds < 1:
         raise ValueError(f"rounds must be at least 1, got {rounds}")
     _require_device(device)
+
     scan = sri_scan()
     exact = direct_sums(scan)
     cases = own_cases(scan, exact, device)
@@ -91,17 +92,20 @@ def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> 
         missing = missing_peers(device)
         if device == "cpu":
             cases += peer_cases(scan, exact)
+
     errors = [_error(case, exact) for case in cases]
     times = _interleaved_times([case.run for case in cases], rounds)
     rows = []
     for case, error, seconds in zip(cases, errors, times.seconds, strict=True):
         rows.append(_row(case, error, seconds, scan, times, device))
+
     if device == "cuda":
         rows += _device_rows(scan, {row[0]: row for row in rows}, rounds)
         if peers and not missing:
             from flgpr.commands.imaging_peers import cufinufft_rows
 
             rows += cufinufft_rows(scan, exact, rounds)
+
     table = pd.DataFrame(rows, columns=_COLUMNS)
     own_times = table[table["code"] == f"flgpr {device}"].set_index("work")["time"]
     table["ratio"] = table["time"] / table["work"].map(own_times)
@@ -289,6 +293,7 @@ def format_bench(table: pd.DataFrame) -> str:
         rate = f"{row['rate'] / 1e9:.2f}"
         cells = (row["work"], row["code"], milliseconds, f"{row['error']:.1e}", rate, ratio, share)
         lines.append(f"| {' | '.join(cells)} |")
+
     flops = table.attrs["flops"] / 1e9
     bandwidth = table.attrs["bandwidth"] / 1e9
     lines.append("")

@@ -157,6 +157,7 @@ def import_line(
         anchor, anchor_notes = anchor_of_line(section)
     else:
         anchor = read_optional_anchor(positions.anchor)
+
     run = gpr_run(section, channel, anchor=anchor, **headers)
     run.attrs["import_notes"] = [*run.attrs["import_notes"], *anchor_notes]
     run = tied_run(with_doubts(run), anchor)
@@ -185,9 +186,11 @@ def import_lines(
     """
     target = check_parent_folder(output)
     _check_line_positions(positions)
+
     sections = [read_gpr(path, max_memory) for path in paths]
     if positions.mark_spacing is not None:
         sections = [place_by_marks(section, positions.mark_spacing) for section in sections]
+
     anchor = read_optional_anchor(positions.anchor)
     anchor_notes: list[str] = []
     if positions.anchor_from_track:
@@ -196,8 +199,10 @@ def import_lines(
     ends = None
     if positions.lines is not None:
         ends = read_line_ends(positions.lines, [section.path.name for section in sections])
+
     layout = LineLayout(positions.line_spacing, positions.zigzag, ends)
     run = tied_run(survey_run(sections, layout, anchor, **headers), anchor)
+
     # Nothing is measured from the end of a line to the beginning of the next: a jump is expected.
     doubts = judge_run(run).notes() if len(sections) == 1 else []
     run.attrs["import_notes"] = [*anchor_notes, *run.attrs["import_notes"], *doubts]
@@ -270,6 +275,7 @@ def import_gprmax_decks(
             raise
         tell_finished(store)
         return [store]
+
     with begun as writer:
         done = len(writer)
         total = len(results)

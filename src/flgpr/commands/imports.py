@@ -36,6 +36,7 @@ FromTrack = Annotated[
 
 
 def _written_lines(written: list[Path], _: Arguments) -> Iterator[Path]:
+    """Yield the files that were written."""
     yield from written
 
 
@@ -222,6 +223,7 @@ def import_mapped(
 
 
 def _table_lines(rows: pd.DataFrame, call: Arguments) -> Iterator[str | Path]:
+    """Yield the number of rows and the file."""
     yield f"{len(rows)} rows"
     yield call.output
 

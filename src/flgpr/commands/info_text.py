@@ -36,6 +36,7 @@ def info_lines(report: dict[str, Any]) -> list[str]:
 
 
 def _title(report: dict[str, Any]) -> str:
+    """Return the title of a run, and its source if that is known."""
     source = report["source"]
     return f"{report['title']} ({source})" if source else str(report["title"])
 

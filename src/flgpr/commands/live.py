@@ -200,6 +200,7 @@ def live(
 
 
 def _played_lines(count: int, _: Arguments) -> Iterator[str]:
+    """Yield the number of scans."""
     yield f"played {count} scans"
 
 

@@ -83,6 +83,7 @@ def make_picture(
     lane_anchor = None if anchor is None else read_anchor(anchor)
     if lane_anchor is None and any(path.suffix.lower() == ".tif" for path in files):
         raise ValueError("a GeoTIFF needs an anchor, got none")
+
     dataset = open_run(run)
     picture = picture_of(dataset, view, points, track, title=Path(run).name)
     poses = dataset["pose"].values[chosen_scans(dataset, view.scans)]

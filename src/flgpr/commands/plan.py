@@ -69,6 +69,7 @@ def plan_mines(
 def _lane_lines(
     returned: tuple[pd.DataFrame, dict[str, Any]], call: Arguments
 ) -> Iterator[str | Path]:
+    """Yield the files, the seed and the time of the register line."""
     from flgpr.commands.planning import plan_files
 
     plan, line = returned
@@ -138,6 +139,7 @@ def plan_lane(
 
 
 def _register_lines(line: dict[str, Any], call: Arguments) -> Iterator[str]:
+    """Yield where a recipe stands in the register."""
     digest = line["recipe"][:12]
     yield f"{call.recipe} is line {line['number']} of {call.book}, {digest}..., {line['time']}"
 
@@ -182,6 +184,7 @@ def _head(lines: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _check_lines(returned: Checked, call: Arguments) -> Iterator[str]:
+    """Yield the lines of a register, its head, and what witnesses know of it."""
     lines, heads = returned
     for line in lines:
         yield f"  {line['number']:4d}  {line['time']}  {json.dumps(line.get('event', ''))}"
@@ -194,6 +197,7 @@ def _check_lines(returned: Checked, call: Arguments) -> Iterator[str]:
 
 
 def _check_json(returned: Checked, _: Arguments) -> dict[str, Any]:
+    """Return the head of a register and those that reports know."""
     lines, heads = returned
     return _head(lines) | {"reports": {str(name): head for name, head in heads.items()}}
 
@@ -236,6 +240,7 @@ def check_register(
 def _survey_lines(
     returned: tuple[pd.DataFrame, dict[str, Any]], call: Arguments
 ) -> Iterator[str | Path]:
+    """Yield the truth, and how it differs from the plan."""
     truth, line = returned
     yield call.output
     yield (

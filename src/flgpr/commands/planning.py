@@ -103,13 +103,16 @@ def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, Line]:
     files = plan_files(order.output, order.anchor is not None)
     register = order.register_path()
     too_late = f"book must be one under which no truth was opened yet, got {register}"
+
     lanes = read_lanes(order.lane)
     plan = _drawn_plan(order, lanes)
     anchor = None if order.anchor is None else read_anchor(order.anchor)
     if anchor is not None:
         optional("geopandas", "gis")
+
     entry = _plan_entry(order, lanes)
     lines = read_register(register)
+
     if os.path.lexists(files["plan"]):
         plan = _existing_plan(files["plan"], plan, order.seed)
         entry["plan"] = content_hash(files["plan"])
@@ -124,6 +127,7 @@ def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, Line]:
         require_unopened(lines, too_late)
         write_new(files["plan"], table_text(plan))
         entry["plan"] = content_hash(files["plan"])
+
     _write_crew_papers(plan, lanes, files, entry["plan"], anchor)
     if order.anchor is not None:
         for kind in ("gpkg", "gpx"):
@@ -280,14 +284,17 @@ def register_survey(
     if path is None:
         raise ValueError(f"book must be given: {plan} names no register")
     lines = read_register(existing(path, "register"))
+
     plan_line = _entered_plan(lines, content_hash(data))
     if plan_line is None:
         raise ValueError(f"plan must be one that stands in {path}, unaltered, got {plan}")
     too_late = (
         f"what was emplaced must be entered before the truth is opened; {path} tells of an opening"
     )
+
     truth, offset = _read_sheet(sheet, planned, within)
     text = table_text(truth)
+
     entry: Line = {"event": "survey"}
     for name in ("plan", "lanes", "rules"):
         if name in plan_line:
@@ -296,6 +303,7 @@ def register_survey(
     entry["largest_offset"] = round(float(offset.max()), 3)
     entry["left_out"] = len(planned) - len(truth)
     entry["truth"] = content_hash(text)
+
     same = [line for line in lines if entry.items() <= line.items()]
     if not same:
         require_unopened(lines, too_late)
@@ -351,12 +359,14 @@ def _emplaced_targets(plan: pd.DataFrame, sheet: pd.DataFrame, within: float) ->
     truth = plan.assign(planned_x=plan["x"], planned_y=plan["y"])
     for name in ("x", "y", "depth"):
         truth[name] = _recorded_values(name, plan, recorded, keys, within)
+
     is_half = recorded["emplaced_x_m"].isna() != recorded["emplaced_y_m"].isna()
     if is_half.any():
         key = keys[int(np.flatnonzero(is_half)[0])]
         raise ValueError(
             f"{' '.join(key)}: emplaced_x_m and emplaced_y_m must be filled in together"
         )
+
     emplaced = check_truth(truth[is_emplaced].reset_index(drop=True))
     if emplaced.empty:
         raise ValueError("sheet must have a target that was emplaced, got none")
@@ -375,6 +385,7 @@ def _target_keys(plan: pd.DataFrame, sheet: pd.DataFrame) -> list[tuple[str, ...
 
 
 def _key_columns(plan: pd.DataFrame) -> list[str]:
+    """Return the columns that identify a target."""
     return ["lane", "target_id"] if "lane" in plan else ["target_id"]
 
 
@@ -420,6 +431,7 @@ def _recorded_values(
     """Return a coordinate of all targets, m: the crew's to a millimetre, or the planned one."""
     cells = recorded[f"emplaced_{name}_m"]
     values = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64)
+
     is_empty = cells.isna().to_numpy()
     difference = np.abs(values - plan[name].fillna(0.0).to_numpy())
     is_off = ~is_empty & ~(difference <= within)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 
 def _lines(_: xr.Dataset, call: Arguments) -> Iterator[Path]:
+    """Yield the store that was written."""
     yield call.output
 
 
@@ -80,10 +81,12 @@ def prepare(
         "power": _entry(power, exponent=power),
         "agc": _entry(agc, window_ns=agc),
     }
+
     entries: list[dict[str, Any]] = []
     for name, values in in_order.items():
         if values is not None:
             entries.append({"do": name, **values})
+
     if steps is None:
         listed = check_steps(entries)
     elif not isinstance(steps, str | Path):

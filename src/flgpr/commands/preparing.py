@@ -131,6 +131,8 @@ Step = Subtract | TimeZero | Dewow | Gate | Background | Band | Power | Agc
 
 
 class _Steps(BaseModel):
+    """A file of steps."""
+
     model_config = ConfigDict(extra="forbid")
     step: list[Annotated[Step, Field(discriminator="do")]] = Field(min_length=1)
 
@@ -190,12 +192,14 @@ def prepare_run(
             f"run must fit into max-memory = {max_memory / 1e9:.3g} GB, "
             f"it takes {size / 1e9:.3g} GB"
         )
+
     prepared = stored.compute()
     for number, step in enumerate(steps, 1):
         try:
             prepared = step.apply(prepared)
         except ValueError as error:
             raise ValueError(f"step {number}, {step.do}: {error}") from None
+
     history = list(stored.attrs.get("history", []))
     for step in steps:
         history.append(step.model_dump(exclude_none=True, mode="json"))

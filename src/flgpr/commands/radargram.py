@@ -1,6 +1,6 @@
 """A radargram: the traces of a recording over time, as recorded or after the usual steps.
 
-No import is needed. The steps are in :mod:`flgpr.clutter.radargram`.
+No import is needed. The steps are in :mod:`flgpr.clutter.radargram_steps`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.clutter.radargram import (
+from flgpr.clutter.radargram_steps import (
     assumed_window,
     process_traces,
     samples_until,
@@ -125,6 +125,7 @@ def radargram(section: GprSection, view: RadargramView = RadargramView()) -> Rad
         raise ValueError(f"channel must be from 0 to {channels - 1}, got {view.channel}")
     if view.permittivity is not None and not 1 <= view.permittivity <= 100:
         raise ValueError(f"permittivity must be from 1 to 100, got {view.permittivity:g}")
+
     number = _chosen_traces(len(section.traces), view.traces)
     delay = section.delay_of(view.channel)
     samples = samples_until(delay, view.until)
@@ -133,11 +134,13 @@ def radargram(section: GprSection, view: RadargramView = RadargramView()) -> Rad
             f"a radargram must have at most {_MOST_SAMPLES:g} samples, "
             f"got {number.size} x {delay.size}: give scans"
         )
+
     traces = section.traces[number, view.channel].astype(np.float64)
     frequency = section.frequencies[view.channel]
     window = window_samples(delay, frequency, view.window)
     # The steps see the record to its end, also where only its beginning is drawn.
     processed = process_traces(traces, window, view.dewow, view.background, view.gain)
+
     notes = list(section.history)
     missing = int(np.count_nonzero(~np.isfinite(traces).all(axis=1)))
     if missing:
@@ -190,6 +193,7 @@ def _write(drawn: Radargram, path: Path) -> None:
 
 
 def _write_png(drawn: Radargram, path: Path) -> None:
+    """Draw a radargram as PNG."""
     from flgpr.report.radargram import radargram_figure  # loads Matplotlib
 
     figure = radargram_figure(
@@ -206,6 +210,7 @@ def _write_png(drawn: Radargram, path: Path) -> None:
 
 
 def _write_npz(drawn: Radargram, path: Path) -> None:
+    """Write a radargram as NumPy archive; without distances they are an empty array."""
     np.savez(
         path,
         values=drawn.values,

@@ -124,11 +124,14 @@ class RawRun:
         # Recordings begin before their time zero.
         start = min(float(self._run.attrs.get("first_sample_s", 0.0)), 0.0)
         bins = _delay_bins(query, len(signal), frequency, start)
+
         values = range_profiles(signal, frequency, bins, amplitude=query.scale == "db")
         is_missing = ~channel["known"].values
         values[is_missing] = np.nan
+
         amplitudes = np.abs(values[~is_missing])
         top = float(np.percentile(amplitudes, _TOP_PERCENTILE)) if amplitudes.size else 0.0
+
         unit = 1.0
         if query.scale == "db":
             values = np.asarray(levels(values))
@@ -179,6 +182,7 @@ class RawRun:
         if is_known.any():
             median = np.median(level, axis=0)
         channel["median_db"] = ("frequency", median)
+
         recorded = self._polarization(query.polarization)
         is_disturbed = disturbed_tones(recorded["signal"].values[is_known, 0, query.pair])
         disturbed = recorded["frequency"].values[is_disturbed] * 1e-9
@@ -199,6 +203,7 @@ class RawRun:
                 "whole must be true for antennas on the ground: one scan has no section, "
                 "all of them do"
             )
+
         pixels = int(np.clip(_UPDATES / (run.sizes["scan"] * run.sizes["pair"]), *_PIXELS))
         picture = picture_of(run, View(permittivity=query.permittivity), pixels=pixels)
         return _image_answer(picture) | {"toml": _toml(self._steps(query.steps))}
@@ -208,6 +213,7 @@ class RawRun:
         stride = self._stride(self._run["signal"].nbytes)
         table = channel_health(self._run.isel(scan=slice(None, None, stride)).compute())
         table["missing"] = (~self._run["valid"].values).sum(axis=0).ravel()
+
         channels: dict[str, list[Any]] = {}
         for name in ("polarization", "pair", "missing", "dead"):
             channels[name] = table[name].tolist()
@@ -261,6 +267,7 @@ class RawRun:
         pairs = self._run.sizes["pair"]
         if query.pair >= pairs:
             raise ValueError(f"pair must be less than {pairs}, got {query.pair}")
+
         channel = self._processed(query, {"pair": [query.pair]})
         channel["known"] = ("scan", self._known_sweeps(query))
         self._last_channel = key, channel
@@ -273,6 +280,7 @@ class RawRun:
         """
         steps = self._steps(query.steps)
         run = self._polarization(query.polarization)
+
         needs_all = any(isinstance(step, Background) for step in steps)
         if not needs_all:
             run = run.isel(chosen)
@@ -300,11 +308,13 @@ class RawRun:
         # Memory is freed before other data are read.
         self._last_polarization = None
         self._last_channel = None
+
         stride = self._stride(self._run["signal"].nbytes // len(labels))
         number = np.arange(0, self._run.sizes["scan"], stride)
         index = labels.index(label)
         shown = slice(None, None, stride)
         run = self._run.isel(scan=shown, polarization=[index]).compute()
+
         is_complete = self._complete[number][:, None, None]
         valid = np.broadcast_to(is_complete, run["valid"].shape)
         run = run.assign(valid=(run["valid"].dims, valid), number=("scan", number))
@@ -339,9 +349,11 @@ def _delay_bins(
     else:
         rate = 4 * float(frequency[-1])
         longest = MOST_BINS / rate
+
     unambiguous = 1 / float(np.median(np.diff(frequency)))
     last = start + min(unambiguous, longest)
     stop = last if query.to_ns is None else query.to_ns * 1e-9
+
     span = stop - start
     if stop > last + 1e-9 * span:
         reason = f"what {query.scale} pictures of this run hold"
@@ -353,6 +365,7 @@ def _delay_bins(
             f"to_ns must be at least {(start + 1 / band) * 1e9:.3g}, what the band resolves, "
             f"got {stop * 1e9:g}"
         )
+
     sums_per_bin = 1
     if query.scale == "db":
         sums_per_bin = max(math.ceil(span * rate / MOST_BINS), 1)
@@ -372,6 +385,7 @@ def _image_answer(picture: Picture) -> dict[str, Any]:
     for name in flat.dims:
         positions = flat[name]
         axes.append([str(name), float(positions[0]), float(positions[-1]), flat.sizes[name]])
+
     up, across = axes
     fixed = {}
     for name in "xyz":

@@ -43,6 +43,7 @@ def list_recipes() -> dict[str, str]:
 
 
 def _text_lines(text: str, _: Arguments) -> Iterator[str]:
+    """Yield the TOML of a recipe as it is."""
     yield Unfinished(text)
 
 
@@ -97,6 +98,7 @@ def recipe_for(
 
 
 def _good_lines(recipe: Recipe, call: Arguments) -> Iterator[str]:
+    """Yield that a recipe is good, and its description."""
     yield f"{call.name}: good ({recipe.description})"
 
 

@@ -108,12 +108,14 @@ def _entrant_of_result(folder: Path, recipe: PathLike | None) -> Entrant:
     path = existing(folder / "alarms.csv", "alarms file")
     manifests = [read_result_manifest(result) for result in results_at(folder)]
     data = _listed_alarms(folder, manifests[0])
+
     recipes = {manifest["recipe_sha256"] for manifest in manifests}
     models = {manifest["files"].get(f"{MODEL}/{MODEL_FILE}") for manifest in manifests}
     if len(recipes) > 1 or len(models) > 1:
         raise ValueError(f"{folder} must be made by one recipe and model, got sections of several")
     [recipe_digest] = recipes
     [model_digest] = models
+
     if recipe is not None:
         hashes = recipe_hash(recipe)
         if recipe_digest not in hashes:
@@ -189,6 +191,7 @@ def enter_recipe(recipe: PathLike, register: Book, model: PathLike | None = None
     if model is not None:
         existing(Path(model) / MODEL_FILE, "model")
         entry["model"] = content_hash(read_model(model))
+
     earlier = before_opening(read_book(register))
     same = [line for line in earlier if _is_entry(line, entry)]
     if same:
@@ -362,6 +365,7 @@ def open_truth(
     data = read_named(existing(truth, "truth file"))
     targets = parse_table(data, "truth", truth, reading)
     digest = content_hash(data)
+
     named_register = default_register(truth, targets)
     if register is None:
         register = named_register
@@ -371,10 +375,12 @@ def open_truth(
                 f"recipe and book must be given together, got no book, and {truth} names none"
             )
         return targets, _notes_on(entrants, [None] * len(entrants), digest)
+
     lines = _lines_of_entrants(entrants, register)
     path, _ = parts_of(register)
     require_truth(path, digest, lanes, rules, planned=named_register is not None)
     notes = _notes_on(entrants, lines, digest)
+
     for entrant, note in zip(entrants, notes, strict=True):
         note["register"] = _enter_opening(register, entrant, note)
     return targets, notes

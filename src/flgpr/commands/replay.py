@@ -30,6 +30,7 @@ def _lines(outcome: dict[str, Any], _: Arguments) -> Iterator[str]:
 
 
 def _status(outcome: dict[str, Any]) -> int:
+    """Return 1 where the results do not agree."""
     return 0 if outcome["agrees"] else 1
 
 
@@ -76,8 +77,10 @@ def replay(
             "run must be the one the result was made of "
             f"({recorded['store_sha256'][:12]}…), got {run}"
         )
+
     if "others" in recorded:
         description["others"] = recorded["others"]
+
     with TemporaryDirectory() as temporary:
         folder = Path(temporary) / "result"
         _detect_again(old, dataset, description, folder, track or silent)
@@ -94,11 +97,13 @@ def _detect_again(
 
     model = old.model()
     other_runs = _other_runs(description.get("others", {}))
+
     section_note = old.manifest.get("section")
     lane = old.lane
     section = None
     if section_note is not None:
         lane, section = noted_section(section_note)
+
     detections = [detect(run, old.recipe, lane, track, model, section, other_runs)]
     for compared in old.detections[1:]:
         detections.append(detect_compared(run, compared.name, compared.recipe_text, lane, track))
@@ -111,6 +116,7 @@ def _comparison(old: Result, new: Result, tolerance: float) -> dict[str, Any]:
     new_files = new.manifest["files"]
     names = old_files.keys() | new_files.keys()
     differing = sorted(name for name in names if old_files.get(name) != new_files.get(name))
+
     difference = 0.0
     same_positions = True
     for first, second in zip(old.detections, new.detections, strict=True):

@@ -77,16 +77,20 @@ def run_info(
     motion = judge_run(stored, motion_rules)
     description = describe_run(stored, run, motion_rules)
     dataset = plausible_run(stored, motion_rules)
+
     if not complete_scans(dataset).any():
         count = dataset.sizes["scan"]
         raise ValueError(f"run must have a scan without missing sweeps, got none among {count}")
+
     poses = plausible_poses(description)
     lane, looks = _coverage(dataset, parsed, poses)
     if plot is not None:
         _write_plot(plot, description, lane, looks)
+
     checked = [] if recipe is None else [str(recipe)]
     if recipes:
         checked += recipe_names()
+
     doubts = geometry_doubts(dataset) + motion.notes()
     import_notes = dataset.attrs.get("import_notes", [])
     return {
@@ -151,10 +155,12 @@ def _coverage(
         lane = lane_of(run, recipe)
         if recipe.image.frames == "all":
             scan_poses = aperture_pose(run)[None]
+
     width = lane.x_max - lane.x_min
     length = lane.y_max - lane.y_min
     cell = max(width / _MAP_COLUMNS, length / _MAP_ROWS)
     coarse = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), cell)
+
     counts = count_looks(scan_poses, grid, coarse.points())
     return lane, xr.DataArray(counts, dims=("y", "x"), coords={"y": coarse.y, "x": coarse.x})
 
@@ -208,6 +214,7 @@ def geometry_doubts(run: xr.Dataset) -> list[str]:
             f"antennas lie up to {widest:.4g} m apart, more than {_WIDEST:g} m: are positions "
             "metres, and relative to the vehicle, not to the Earth?"
         )
+
     height = float(run["pose"].values[:, 2].mean() + antennas[:, 2].mean())
     if height <= 0 and run.attrs.get("sounding") != "ground-coupled":
         warnings.append(

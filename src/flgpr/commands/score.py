@@ -74,6 +74,7 @@ def _as_json(returned: Any, call: Arguments) -> Any:
 
 
 def _output_folder(call: Arguments) -> Path:
+    """Return the folder of the report."""
     return Path(call.output or "score")
 
 
@@ -227,19 +228,24 @@ def score(
         "truth-columns": truth_columns,
         "anchor": anchor,
     }
+
     if witness is not None and book is None and sealed is None:
         raise ValueError(f"--witness goes with --book or --sealed, got --witness {witness} alone")
     register = None if book is None else with_witness(book, witness)
+
     if agreement:
         options |= {"output": output, "book": book, "seal": seal or None}
         _refuse(options, (), "--agreement compares verdicts with one another and prints the table")
         return analyst_agreement(lists)
+
     if seal:
         _refuse(options, ("lane", "halo", "show"), "--seal seals a truth with its lane and halo")
         rules = _without_none({"halo": halo, "show": show and str(show), "register": register})
         return _seal_truth(lists, lane, output, passphrase, rules)
+
     if len(lists) == 1 and len(recipes) > 1:
         raise ValueError(f"recipe must be given once per alarm list, got {len(recipes)} for 1 list")
+
     if sealed is not None:
         why = "--sealed scores by the rules that the truth was sealed with"
         _refuse(options, ("sealed", "recipe"), why)
@@ -249,14 +255,17 @@ def score(
         return _score_sealed(
             lists, sealed, passphrase, folder, recipes, register, log_witness, overwrite
         )
+
     _refuse({"show": show}, (), "--show goes with --seal")
     if truth is None:
         raise ValueError("score needs --truth or --sealed, got neither")
+
     score_options = _without_none(
         {"halo": halo, "far": far, "reading": table_reading(columns, anchor)}
     )
     score_options["truth_reading"] = table_reading(truth_columns, anchor)
     score_options |= {"register": register, "overwrite": overwrite}
+
     if len(lists) > 1:
         from flgpr.commands.scoring import compare_alarms
 

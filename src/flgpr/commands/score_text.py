@@ -163,6 +163,7 @@ def blind_lines(blind: BlindScore) -> Iterator[str]:
 
 
 def _three_digits(value: float) -> str:
+    """Return a number to three digits."""
     return f"{value:.3g}"
 
 

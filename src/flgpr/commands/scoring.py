@@ -71,6 +71,7 @@ class Scored:
         return outcome_table(self.scores)
 
     def _repr_html_(self) -> str:
+        """Return the summary and the outcomes for a notebook."""
         summary = html.escape(f"{self.scores[0].name}: {self.scores[0].in_words()}")
         table = self.outcomes().to_html(index=False, float_format="{:.3g}".format, border=0)
         return f"<p>{summary}</p>{table}"
@@ -154,13 +155,16 @@ def score_result(
     lane_folders = results_at(result_folder)
     is_one_piece = lane_folders == [result_folder]
     result = _read_result(result_folder, lane_folders)
+
     target = score_folder(result_folder) if output is None else Path(output)
     other_objects = None if objects is None else read_table(objects, "objects")
+
     rules = {"halo": result.recipe.score.halo, "far": far}
     entrant = find_entrant(result_folder, recipe)
     lane_borders = borders(result.lane)
     targets, [notes] = open_truth(truth, [entrant], lane_borders, rules, register, truth_reading)
     tell_doubts(targets, "truth", Path(truth).name, result.lane)
+
     of_lane = score_detections(result, targets, far)
     of_frames = []
     if result.recipe.score.area == "frames":
@@ -168,6 +172,7 @@ def score_result(
     pages = {}
     if not is_one_piece:
         pages = {section.name: _page_address(section, target) for section in lane_folders}
+
     files: dict[str, bytes | str] = {}
     for _ in track(["report.html"], "drawing the report", 1):
         if of_frames:
@@ -178,6 +183,7 @@ def score_result(
             )
     if is_one_piece:
         files[VIEW_SCORE] = view_score(result, of_lane, other_objects)
+
     scores = of_frames or of_lane
     target.mkdir(parents=True, exist_ok=True)
     if target.resolve() == result_folder.resolve():
@@ -271,13 +277,16 @@ def score_alarms(
     entrant = find_entrant(alarms, recipe, reading)
     lanes = read_lanes(lane)
     score_rules = Rules(**rules)
+
     table = entrant.table()
     tell_doubts(table, "alarms", entrant.path.name, lanes)
+
     entered = {"halo": score_rules.halo, "far": score_rules.far}
     targets, [notes] = open_truth(
         truth, [entrant], borders(lanes), entered, register, truth_reading
     )
     tell_doubts(targets, "truth", Path(truth).name, lanes)
+
     notes |= _reading_notes(table, targets)
     scores = [score_list(table, targets, lanes, score_rules)]
     write_score_files(Path(output), score_files(scores, notes, title=title), overwrite)
@@ -361,20 +370,25 @@ def compare_alarms(
     lanes, rules = _common_lanes_and_rules(entrants, lane, halo, far)
     names = entrant_names(entrants)
     tables = [entrant.table() for entrant in entrants]
+
     entered = {"halo": rules.halo, "far": far}
     targets, notes = open_truth(truth, entrants, borders(lanes), entered, register, truth_reading)
+
     for entrant, table in zip(entrants, tables, strict=True):
         tell_doubts(table, "alarms", entrant.path.name, lanes)
     tell_doubts(targets, "truth", Path(truth).name, lanes)
+
     scores = {}
     notes_by_name = {}
     for name, table, note in zip(names, tables, notes, strict=True):
         scores[name] = score_list(table, targets, lanes, rules)
         notes_by_name[name] = note | _reading_notes(table, targets)
+
     first_score = scores[names[0]]
     far_points = first_score.operating_points()["far_allowed"].tolist()
     matches = {name: score.matched for name, score in scores.items()}
     comparison = side_by_side(matches, far_points, rules)
+
     curves = {name: score.curve for name, score in scores.items()}
     stated_rules = {**first_score.told_rules(), "far_max": rules.far_max}
     write_comparison(output, comparison, curves, stated_rules, notes_by_name, overwrite)
@@ -397,6 +411,7 @@ def _common_lanes_and_rules(
             result_lanes.add(result_lane)
             result_halos.add(result_halo)
             count += 1
+
     lanes: Lane | dict[str, Lane]
     if lane is not None:
         lanes = read_lanes(lane)
@@ -407,6 +422,7 @@ def _common_lanes_and_rules(
             "alarm lists need --lane to be compared, and results one and the same; "
             f"got {len(result_lanes)} lanes"
         )
+
     halos = result_halos if halo is None else {halo}
     if len(halos) > 1:
         raise ValueError(

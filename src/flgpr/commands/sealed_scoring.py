@@ -96,6 +96,7 @@ def seal_truth_file(
     data = read_named(existing(truth, "truth file"))
     table = parse_table(data, "truth", truth)
     lanes = read_lanes(lane)
+
     named_register = default_register(truth, table)
     if register is None:
         register = named_register
@@ -103,6 +104,7 @@ def seal_truth_file(
     if register is not None:
         is_planned = named_register is not None
         bound_register = _bound_register(register, data, lanes, halo, is_planned)
+
     rules: dict[str, Any] = {"halo": halo, "area": area, "by": by, "show": show}
     path = Path(output)
     if os.path.lexists(path):
@@ -111,6 +113,7 @@ def seal_truth_file(
     else:
         with whole_output(path) as partial:
             seal_truth(table, lanes, partial, passphrase, **rules, book=bound_register)
+
     if register is not None:
         _enter_sealed(register, path, bound_register)
     return path
@@ -200,10 +203,12 @@ def score_sealed(
     """
     entrant = find_entrant(alarms, recipe)
     check_registered([entrant], register)
+
     path = existing(sealed, "sealed truth")
     table = entrant.table()
     registration = registration_of(entrant, register)
     blind = score_blind(table, path, passphrase, log, registration, witness)
+
     if output is not None:
         notes = {
             **entrant.provenance(blind.registered),
@@ -241,6 +246,7 @@ def compare_sealed(
     names = entrant_names(entrants)
     tables = [entrant.table() for entrant in entrants]
     phrase = passphrase() if callable(passphrase) else passphrase
+
     matches = {}
     notes = {}
     for name, entrant, table in zip(names, entrants, tables, strict=True):
@@ -254,11 +260,14 @@ def compare_sealed(
             "sealed_sha256": content_hash(path),
         }
         sealed_rules = look.rules
+
     rules = Rules(halo=sealed_rules["halo"], area=sealed_rules["area"])
     comparison = side_by_side(matches, FAR_GRID, rules, means=False)
+
     # Two digits, as a blind score has them: more would tell where targets lie.
     rounded_points = comparison.points.round({"chance": 2})
     comparison = dataclasses.replace(comparison, points=rounded_points)
+
     stated_rules = {
         "halo_radius": rules.halo,
         "area_rule": rules.area,
@@ -286,6 +295,7 @@ def holds_sealed_score(
     file = folder / ("comparison.json" if is_comparison else "roc.json")
     if not os.path.lexists(file):
         return False
+
     entrants = find_entrants(alarms, recipes)
     digest = content_hash(existing(sealed, "sealed truth"))
     wanted = sorted(_wanted_digests(entrants, digest, with_recipe=register is not None))
@@ -295,6 +305,7 @@ def holds_sealed_score(
         is_same = stated == wanted and report["flgpr"] == flgpr.__version__
     except (ValueError, KeyError, TypeError, AttributeError):
         is_same = False
+
     if not is_same:
         raise other_output(file, f"{OVERWRITE}, or choose another output")
     tell_finished(folder, f"{OVERWRITE}, which is another look")

@@ -132,6 +132,7 @@ def _shell_parameters(described: Command) -> list[inspect.Parameter]:
             required.append(keyword)
         else:
             options.append(keyword)
+
     for name, (annotation, default) in described.extra.items():
         options.append(_keyword(name, annotation, default))
     if described.quiet:

@@ -111,6 +111,7 @@ def simulate_lane(
     array = load_sensor(sensor)
     is_simulated = output is not None and engine == "flgpr"
     check_effort(loaded_scene, array if is_simulated else None, force)
+
     paths = []
     lines: list[str] = []
     if preview is not None:

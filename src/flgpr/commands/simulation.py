@@ -166,6 +166,7 @@ def make_signature(
         shutil.rmtree(work_folder, ignore_errors=True)
         tell_finished(path)
         return [path]
+
     path.parent.mkdir(parents=True, exist_ok=True)
     with held_folder(work_folder):
         table = _computed_table(loaded_body, work_folder, workers, track)

@@ -73,6 +73,7 @@ def make_slices(
     depth_axis = _checked_depths(depths)
     if view.z is not None:
         raise ValueError("depth and z both say how deep: give one")
+
     dataset = open_run(run)
     poses = dataset["pose"].values
     x = _limits(poses[:, 0]) if view.x is None else view.x
@@ -81,6 +82,7 @@ def make_slices(
     for depth in track(depth_axis.tolist(), "depth slices", depth_axis.size):
         plane = replace(view, x=x, y=y, z=-depth)
         planes.append(focus(dataset, plane, title=Path(run).name, pixels=_PIXELS))
+
     images = [plane.image for plane in planes]
     image = xr.concat(images, dim="z", combine_attrs="override", join="exact")
     slices = Slices(image, planes[0].spacing, planes[0].scans)

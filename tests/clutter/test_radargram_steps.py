@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flgpr.clutter import dewow_traces, level_traces, remove_mean_trace
-from flgpr.clutter.radargram import (
+from flgpr.clutter.radargram_steps import (
     assumed_window,
     process_traces,
     samples_until,
