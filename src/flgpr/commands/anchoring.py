@@ -80,6 +80,7 @@ def write_anchor(text: str, path: PathLike) -> Path:
     Points that do not fit are a ValueError, another file at the path is a FileExistsError.
     """
     target = Path(path)
+    # The reader checks the fit; only what it accepts gets the name of the output.
     with whole_output(target) as trial:
         write_whole(trial, text)
         try:
@@ -149,6 +150,7 @@ def _corners(lane: Lane, anchor: Anchor) -> list[dict[str, float]]:
         (lane.x_max, lane.y_max),
         (lane.x_min, lane.y_max),
     ]
+    # The lane is level: its ground is z = 0.
     geodetic = anchor.to_geodetic([(x, y, 0.0) for x, y in positions])
     corners = []
     for (x, y), (longitude, latitude, *_) in zip(positions, geodetic, strict=True):

@@ -165,6 +165,7 @@ def calibrate_clock(
         tuple(rate or [1.0]),
     )
     calibration.refuse_doubt(fit, run, keep_standing)
+    # The search was without the standing part; the stored run has all of the data.
     if output is not None:
         calibrated = with_track(dataset, track_table, fit.offset, fit.rate)
         figures = {"clock_offset_s": fit.offset, "clock_rate": fit.rate}

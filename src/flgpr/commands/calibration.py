@@ -20,7 +20,7 @@ from flgpr.store.tables import read_text_table
 
 PathLike = str | Path
 _MOST_PIXELS = 2_000_000  # pixels of the area that is focused for every trial
-_MOST_OFFSETS = 10_000
+_MOST_OFFSETS = 10_000  # a trial each
 
 
 def pixels_of_area(
@@ -57,6 +57,7 @@ def offsets_to_try(limits: tuple[float, float], step: float) -> FloatArray:
         raise ValueError(
             f"offsets must be at most {_MOST_OFFSETS:,}, got {low:g} to {high:g} s by {step:g} s"
         )
+    # Half a step more: rounding must not cost the last offset.
     return np.arange(low, high + step / 2, step)
 
 

@@ -86,6 +86,7 @@ def demo(
     recipe = parse_recipe(text)
     description = describe_run(run, store, recipe.motion)
 
+    # The same recipes on the same run: there is nothing to do but to score.
     if not overwrite and _holds_demo(folder, description, text, compared):
         tell_finished(folder, OVERWRITE)
     else:

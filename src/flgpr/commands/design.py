@@ -138,6 +138,7 @@ def design(
             "--measure": measure,
         }
         _check_page_options(only_for_table, depth)
+        # The page has one depth; a table may have several.
         page_depth = depth[0] if depth else _DEPTH
         return _pages(sensors, output, (band, window, site, page_depth, rms), track)
     from flgpr.chain.progress import silent

@@ -179,9 +179,18 @@ def detect(
     lane_names(run_list)  # refuses runs of one name before a recipe is made
     text = _recipe_of_survey(run_list, recipe, lanes, model, options)
     folders = detect_survey(
-        run_list, text, output, lanes, model, section, other_runs, report, lanes_at_once, options,
-        overwrite,
-    )  # fmt: skip
+        run_list,
+        text,
+        output,
+        lanes=lanes,
+        model=model,
+        section=section,
+        others=other_runs,
+        report=report,
+        at_once=lanes_at_once,
+        how=options,
+        overwrite=overwrite,
+    )
     return Survey(Path(output), folders)
 
 
@@ -208,9 +217,16 @@ def _detect_lane(
     area = area_of(open_run(locations.run, options.max_memory), parsed, lane)
 
     job = make_job(
-        locations.run, text, area, locations.output, report, model, options.max_memory,
-        locations.other_runs, pass_cache=options.pass_cache,
-    )  # fmt: skip
+        locations.run,
+        text,
+        area,
+        locations.output,
+        report=report,
+        model=model,
+        max_memory=options.max_memory,
+        others=locations.other_runs,
+        pass_cache=options.pass_cache,
+    )
     with options.executor() as executor:
         detect_lane(job, executor, options.track, options.note, section, overwrite)
 
@@ -224,6 +240,7 @@ def _recipe_text(
 
     if recipe is not None:
         return recipe_text(recipe)
+    # A model holds what the stages of its own recipe have learnt.
     if model is not None:
         raise ValueError("recipe must be given with a model: the one it was trained with, got none")
     return recipe_for(run, max_memory=options.max_memory)
@@ -283,6 +300,7 @@ class _Locations:
         from flgpr.results.result import read_lane_result
 
         result = read_lane_result(self.output)
+        # The result reads its files when it is asked: the folder must live as long.
         if self._temporary is not None:
             weakref.finalize(result, self._temporary.cleanup)
         return result

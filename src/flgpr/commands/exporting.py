@@ -92,6 +92,7 @@ def export_table(
     if columns is not None:
         reading = TableReading(parse_columns_option(columns), lane_anchor)
     rows = parse_table(data, kind, table, reading)
+    # A table has no processing behind it that could be named: its own digest identifies it.
     identity = f"sha256:{sha256(data)}"
     return _write_points(rows, Path(output), to, lane_anchor, kind, identity, time)
 

@@ -219,6 +219,7 @@ def image(
             "anchor": anchor,
             "depth": depth or None,
         }
+        # A recording has no poses and no aperture: these options would have no effect.
         _refuse_options_of_runs(of_runs)
         radargram_view = RadargramView(
             channel=channel,

@@ -271,6 +271,7 @@ def import_gprmax_decks(
             inputs={"results": results.digest(), "flgpr": __version__},
         )
     except RunExistsError as error:
+        # The same run is complete already; any other one is refused.
         if not error.same:
             raise
         tell_finished(store)

@@ -77,6 +77,7 @@ def _array_line(report: dict[str, Any]) -> str:
     pose_heights = [pose[2] for pose in report["pose"]]
     mean_pose_height = sum(pose_heights) / len(pose_heights)
     heights = [report["height_m"] + height - mean_pose_height for height in pose_heights]
+    # The extent upwards is in the heights.
     across, along, _ = report["array_m"]
     return (
         f"  array          {len(report['tx_m'])} transmitter and {len(report['rx_m'])} receiver "

@@ -56,6 +56,7 @@ def _page(call: Arguments) -> Iterator[None]:
     command = [sys.executable, "-m", "flgpr", "view", "--live", str(call.output)]
     if call.no_browser:
         command.append("--no-browser")
+    # In a session of its own an interrupt on the terminal reaches the detection alone.
     with subprocess.Popen(command, stdout=sys.stderr.fileno(), start_new_session=True) as page:  # noqa: S603
         previous_handler = signal.signal(signal.SIGTERM, _exit)
         try:

@@ -23,6 +23,7 @@ def plain_errors(quiet: bool = False) -> Iterator[None]:
 
     An output that was left as it was is reported in a line unless ``quiet``, and is no error.
     """
+    # Several commands may run in one process, as tests do.
     _unchanged_outputs.clear()
     unchanged = _attached("flgpr.outputs", _UnchangedOutputs(quiet))
     reading = _attached("flgpr.notes", _ReadingNotes(quiet))

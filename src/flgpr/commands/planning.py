@@ -107,6 +107,7 @@ def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, Line]:
     lanes = read_lanes(order.lane)
     plan = _drawn_plan(order, lanes)
     anchor = None if order.anchor is None else read_anchor(order.anchor)
+    # What may be missing is looked for before anything is written.
     if anchor is not None:
         optional("geopandas", "gis")
 
@@ -122,6 +123,7 @@ def draw_and_register(order: PlanOrder) -> tuple[pd.DataFrame, Line]:
             return plan, registered
         require_unopened(lines, too_late)
     else:
+        # A plan without its papers, or papers of another plan, would mislead the crew.
         for file in files.values():
             check_new(file)
         require_unopened(lines, too_late)

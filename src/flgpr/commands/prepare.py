@@ -71,6 +71,7 @@ def prepare(
     """
     from flgpr.commands.preparing import check_steps, prepare_run, read_steps
 
+    # The order is that of usual processing: geometry and noise first, amplitudes last.
     in_order: dict[str, dict[str, Any] | None] = {
         "subtract": _entry(subtract, run=str(subtract)),
         "time-zero": _entry(time_zero, delay_ns=time_zero),

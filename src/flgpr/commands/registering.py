@@ -117,6 +117,7 @@ def _entrant_of_result(folder: Path, recipe: PathLike | None) -> Entrant:
     [model_digest] = models
 
     if recipe is not None:
+        # The result knows the text; the register may hold the file, with other ends of lines.
         hashes = recipe_hash(recipe)
         if recipe_digest not in hashes:
             raise ValueError(f"recipe must be the one that {folder} was made with, got {recipe}")
@@ -189,6 +190,7 @@ def enter_recipe(recipe: PathLike, register: Book, model: PathLike | None = None
     path = existing(parts_of(register)[0], "register")
     entry = {"event": "recipe", "recipe": recipe_hash(recipe).of_file}
     if model is not None:
+        # The model is read, and so checked, before its hash is entered for good.
         existing(Path(model) / MODEL_FILE, "model")
         entry["model"] = content_hash(read_model(model))
 

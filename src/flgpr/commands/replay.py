@@ -99,6 +99,7 @@ def _detect_again(
     other_runs = _other_runs(description.get("others", {}))
 
     section_note = old.manifest.get("section")
+    # A section is processed with scans around it: its note states the lane with these.
     lane = old.lane
     section = None
     if section_note is not None:

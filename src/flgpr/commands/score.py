@@ -215,6 +215,7 @@ def score(
 
     lists = [Path(path) for path in one_or_more(alarms)]
     recipes = one_or_more(recipe)
+    # Options that have no effect are refused, not dropped without a word.
     options: dict[str, Any] = {
         "truth": truth,
         "objects": objects,
@@ -301,6 +302,7 @@ def _score_single(
     from flgpr.chain.progress import silent
     from flgpr.commands.scoring import Scored, score_alarms, score_folder, score_result
 
+    # The list inside a result is scored with the result, by its recipe's rules.
     is_list = alarms.suffix == ".csv" and not (alarms.parent / "manifest.json").is_file()
     if lane is None and is_list:
         raise ValueError(

@@ -174,6 +174,7 @@ def score_result(
         pages = {section.name: _page_address(section, target) for section in lane_folders}
 
     files: dict[str, bytes | str] = {}
+    # A single item: the bar shows that the report is being drawn.
     for _ in track(["report.html"], "drawing the report", 1):
         if of_frames:
             files |= score_files(of_frames, notes, title=of_frames[0].title)
@@ -186,6 +187,7 @@ def score_result(
 
     scores = of_frames or of_lane
     target.mkdir(parents=True, exist_ok=True)
+    # A result states the digests of its files, those of a score inside it among them.
     if target.resolve() == result_folder.resolve():
         _add_to_result(target, files, overwrite)
         return read_result(target), scores
@@ -369,6 +371,7 @@ def compare_alarms(
     entrants = find_entrants(alarms, recipes, reading)
     lanes, rules = _common_lanes_and_rules(entrants, lane, halo, far)
     names = entrant_names(entrants)
+    # All lists are read before the truth is opened, which is entered in the register.
     tables = [entrant.table() for entrant in entrants]
 
     entered = {"halo": rules.halo, "far": far}

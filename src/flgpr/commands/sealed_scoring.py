@@ -146,6 +146,7 @@ def _require_same_seal(
     if bound_register is None or sealed_register is None:
         is_same = is_same and bound_register is None and sealed_register is None
     else:
+        # The register may have grown since: its last line may be another one.
         is_same = is_same and sealed_register["truth"] == bound_register["truth"]
     if not is_same:
         raise other_output(path, "or was sealed with another passphrase: choose another output")
@@ -244,6 +245,7 @@ def compare_sealed(
     check_registered(entrants, register)
     path = existing(sealed, "sealed truth")
     names = entrant_names(entrants)
+    # All lists are read before the passphrase is asked for and a look is entered.
     tables = [entrant.table() for entrant in entrants]
     phrase = passphrase() if callable(passphrase) else passphrase
 

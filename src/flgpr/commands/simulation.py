@@ -163,6 +163,7 @@ def make_signature(
     if os.path.lexists(path):
         if not _is_table_of(loaded_body, path):
             raise other_output(path)
+        # An earlier call may have been interrupted between the table and this.
         shutil.rmtree(work_folder, ignore_errors=True)
         tell_finished(path)
         return [path]
@@ -196,6 +197,7 @@ def _computed_table(body: Body, work_folder: Path, workers: int, track: Track) -
             next(bar, None)
             shown += 1
 
+    # The bar goes on by steps; pieces of an earlier call are counted at once.
     table = build_table(body, work_folder, workers, show_progress)
     next(bar, None)
     return table

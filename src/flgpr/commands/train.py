@@ -100,6 +100,7 @@ def train(
     if output is not None:
         target = Path(output)
         return train_on_lanes(text, examples, target, features, label_radius, options, overwrite)
+    # Without an output nothing can resume: what is written on the way is temporary.
     with tempfile.TemporaryDirectory(prefix="flgpr-") as folder:
         target = Path(folder) / "model"
         return train_on_lanes(text, examples, target, features, label_radius, options, overwrite)
