@@ -80,6 +80,17 @@ def unlearnt(recipe: Recipe, model: Model, training: bool = False) -> list[str]:
     return names
 
 
+def trained_on(model: Model | None, store_sha256: str) -> bool:
+    """Return whether a model was trained on the run of this digest, by its own notes.
+
+    A model that was made by another program may have no such note; it counts as not trained on it.
+    """
+    if model is None:
+        return False
+    runs = model.notes.get("runs", [])
+    return isinstance(runs, list) and store_sha256 in runs
+
+
 def save_model(
     model: Model | Detector, folder: str | Path, notes: Mapping[str, Any] | None = None
 ) -> Path:

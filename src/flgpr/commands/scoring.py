@@ -17,6 +17,7 @@ import pandas as pd
 
 from flgpr.chain.progress import Track, silent
 from flgpr.commands.doubts import tell_doubts
+from flgpr.commands.reach import targets_in_reach
 from flgpr.commands.registering import Entrant, find_entrant, open_truth
 from flgpr.commands.score_files import must_write, with_last, write_score_files
 from flgpr.door import Folder, parse_toml, read_named
@@ -164,6 +165,10 @@ def score_result(
     lane_borders = borders(result.lane)
     targets, [notes] = open_truth(truth, [entrant], lane_borders, rules, register, truth_reading)
     tell_doubts(targets, "truth", Path(truth).name, result.lane)
+    targets, outside = targets_in_reach(
+        targets, result.lane, result.recipe.score.halo, Path(truth).name
+    )
+    notes |= outside
 
     of_lane = score_detections(result, targets, far)
     of_frames = []
@@ -288,6 +293,8 @@ def score_alarms(
         truth, [entrant], borders(lanes), entered, register, truth_reading
     )
     tell_doubts(targets, "truth", Path(truth).name, lanes)
+    targets, outside = targets_in_reach(targets, lanes, score_rules.halo, Path(truth).name)
+    notes |= outside
 
     notes |= _reading_notes(table, targets)
     scores = [score_list(table, targets, lanes, score_rules)]
@@ -380,12 +387,13 @@ def compare_alarms(
     for entrant, table in zip(entrants, tables, strict=True):
         tell_doubts(table, "alarms", entrant.path.name, lanes)
     tell_doubts(targets, "truth", Path(truth).name, lanes)
+    targets, outside = targets_in_reach(targets, lanes, rules.halo, Path(truth).name)
 
     scores = {}
     notes_by_name = {}
     for name, table, note in zip(names, tables, notes, strict=True):
         scores[name] = score_list(table, targets, lanes, rules)
-        notes_by_name[name] = note | _reading_notes(table, targets)
+        notes_by_name[name] = note | outside | _reading_notes(table, targets)
 
     first_score = scores[names[0]]
     far_points = first_score.operating_points()["far_allowed"].tolist()

@@ -26,8 +26,9 @@ import flgpr
 from flgpr.chain.engine import BLOCK, Arrays, Engine, block_name, worker_state
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.method import detection_of, engine_of
-from flgpr.chain.model import Model, load_model, read_model
+from flgpr.chain.model import Model, load_model, read_model, trained_on
 from flgpr.chain.recipe import parse_recipe
+from flgpr.chain.searched import searched_ground
 from flgpr.chain.sections import Section, section_lane, section_note
 from flgpr.door import read_named
 from flgpr.execution.checkpoint import BlockCheckpoint, Checkpoint
@@ -69,6 +70,7 @@ class LaneJob:
     ] = ()  #: name, store and digest of every run taken together with it
     truth: tuple[str, str] = ("", "")  #: file and digest of a training lane's targets
     explains: bool = True
+    lane_source: str = ""  #: where the lane's borders come from; "" is the recipe or the run
     pass_cache: str = (
         ""  #: folder of passes that jobs of other recipes share, see :func:`cached_pass`
     )
@@ -113,6 +115,7 @@ def make_job(
     others: Mapping[str, str | Path] | None = None,
     truth: str | Path | None = None,
     pass_cache: str | Path | None = None,
+    lane_source: str = "",
 ) -> LaneJob:
     """Describe a detection; a run or model that is not valid is refused."""
     beside = []
@@ -135,6 +138,7 @@ def make_job(
         max_memory,
         others=tuple(beside),
         truth=targets,
+        lane_source=lane_source,
         pass_cache="" if pass_cache is None else str(Path(pass_cache).resolve()),
     )
 
@@ -252,6 +256,10 @@ def do_finish(job: LaneJob) -> Report:
         lane, _, _ = _open(job)
         detection = detection_of(lane)
         described = describe_run(lane.run, job.run, lane.recipe.motion)
+        searched = searched_ground(lane.run, lane.recipe, Lane(*job.lane), job.lane_source)
+        described["searched"] = searched.as_json()
+        if trained_on(lane.model, job.store_sha256):
+            described["trained_on_this_run"] = True
         if job.others:
             described["others"] = {}
             for name, path, digest in job.others:

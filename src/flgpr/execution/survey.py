@@ -16,9 +16,10 @@ from flgpr.chain.recipe_fit import area_of
 from flgpr.door import read_named
 from flgpr.execution.driver import Note, detect_lane, holds_result, is_done, results_at, unnoted
 from flgpr.execution.job import LaneJob, make_job
+from flgpr.execution.lane_choice import choose_lane
 from flgpr.execution.workers import Cluster, Executor, InProcess, Processes
 from flgpr.results.result import check_free, read_result
-from flgpr.store import MAX_MEMORY, open_run, read_lane, write_whole
+from flgpr.store import MAX_MEMORY, open_run, write_whole
 from flgpr.store.outputs import OVERWRITE, tell_finished
 
 PathLike = str | Path
@@ -84,7 +85,8 @@ def detect_survey(
         raise ValueError(f"lanes must be one per run, got {len(lanes)} for {len(runs)} runs")
     jobs = []
     for number, (run, name) in enumerate(zip(runs, names, strict=True)):
-        lane = None if lanes is None else read_lane(lanes[number])
+        lane_file = None if lanes is None else lanes[number]
+        lane, lane_source = choose_lane(run, lane_file, recipe)
         beside = None if others is None else others[number]
         dataset = open_run(run, how.max_memory)
         area = area_of(dataset, recipe, lane)
@@ -99,6 +101,7 @@ def detect_survey(
                 how.max_memory,
                 beside,
                 pass_cache=how.pass_cache,
+                lane_source=lane_source,
             )
         )
         check_free(survey / name)

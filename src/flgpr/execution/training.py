@@ -36,6 +36,7 @@ from flgpr.chain.too_few import (
 from flgpr.door import read_named
 from flgpr.execution.driver import passes_of_lane
 from flgpr.execution.job import code_versions, make_job, report
+from flgpr.execution.lane_choice import choose_lane
 from flgpr.execution.survey import RunOptions
 from flgpr.execution.workers import Executor
 from flgpr.live import forecast
@@ -45,7 +46,6 @@ from flgpr.store import (
     canonical_json,
     describe_for_live,
     open_run,
-    read_lane,
     read_manifest,
     read_table,
     sha256,
@@ -76,8 +76,9 @@ def training_lanes(
     tables = [read_table(truth, "truth") for truth in truths]
     lanes = []
     for number, run in enumerate(runs):
-        given = None if borders is None else read_lane(borders[number])
-        area = area_of(open_run(run, max_memory), recipe, given)
+        lane_file = None if borders is None else borders[number]
+        lane, _ = choose_lane(run, lane_file, recipe)
+        area = area_of(open_run(run, max_memory), recipe, lane)
         lanes.append(TrainingLane(run, truths[number], tables[number], area, others[number]))
     return lanes
 
