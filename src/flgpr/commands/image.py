@@ -214,6 +214,7 @@ def image(
             channel, limits, seconds[0], dewow, background, gain, seconds[1], permittivity
         )
         return make_radargram(run, drawn, outputs)
+    _refuse_other_files(Path(run))
     _refuse_options_of_recordings(
         {"dewow": dewow, "background": background, "gain": gain}, (channel, until, step_window)
     )
@@ -247,6 +248,20 @@ def _extent(name: str, limits: Limits | None, value: float | None) -> Limits | f
     if limits is not None and value is not None:
         raise ValueError(f"{name} must be told once, got limits and --at-{name}")
     return limits if value is None else value
+
+
+def _refuse_other_files(path: Path) -> None:
+    """Refuse a file that is no recording, with what can be drawn; a run is a folder."""
+    if not path.is_file():
+        return
+    from flgpr.formats.gpr_files import READERS
+    from flgpr.store.files import existing
+
+    existing(path)  # tells a pointer of Git LFS
+    raise ValueError(
+        f"{path}: a run or a recording ({', '.join(READERS)}) can be drawn, got the ending {path.suffix!r}; "
+        "flgpr info tells how arrays are imported"
+    )
 
 
 def _refuse_options_of_runs(options: dict[str, Any]) -> None:

@@ -35,6 +35,7 @@ _NOT_MEASURED = {"6": "dead reckoning", "7": "put in by hand", "8": "simulated"}
 """Qualities of GGA (NMEA 0183) that are no measurement of a satellite receiver."""
 _ROW = re.compile(r"\s*\"?(\d{1,9})\"?\s*[,;\t]")
 _ANGLE = re.compile(r"([NSEW]?)([-+]?[\d.:]+)([NSEW]?)")
+_ANGLE_SIGNS = re.compile("[°º'’′\"”″]+")  # of degrees, minutes and seconds
 _HEIGHT = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 _MOST_WAYPOINTS = 1_000_000
 _AGREE = 0.05  # share by which two spacings of one file may differ
@@ -171,7 +172,8 @@ def cor_fixes(path: Path | None, count: int, notes: list[str]) -> Fixes:
     """Return the positions of a ``.cor``: trace (from 1), date, time, latitude, N or S, longitude, E or W, height.
 
     Columns are parted by tabs, blanks, semicolons or commas; decimals may have commas where commas do not part the
-    columns. Latitude and longitude may be ``deg:min:s``, and may carry their letter or a sign.
+    columns. Latitude and longitude may be ``deg:min:s``, or have the signs of these, and may carry their letter or a
+    sign. Another letter makes a row that is not understood: O is east in German, and west in French and Spanish.
     """
     if path is None:
         return Fixes()
@@ -184,7 +186,8 @@ def cor_fixes(path: Path | None, count: int, notes: list[str]) -> Fixes:
     strange = 0
     for number, line in enumerate(lines):
         names_columns = not found and is_header_line(line)
-        if not line.strip() or names_columns or (number == 0 and not line.strip()[0].isdigit()):
+        is_text = number == 0 and not line.strip().lstrip("\"'")[:1].isdigit()
+        if not line.strip() or names_columns or is_text:
             continue
         fix = _fix_of_row(_cor_cells(line))
         if fix is None:
@@ -231,7 +234,8 @@ def _angle_at(cells: Sequence[str], at: int, letters: str) -> tuple[float | None
         at = at + 1
     else:
         side = ""
-    found = _ANGLE.fullmatch(cells[at].upper()) if at < len(cells) else None
+    text = _ANGLE_SIGNS.sub(":", cells[at].upper()) if at < len(cells) else ""
+    found = _ANGLE.fullmatch(re.sub(r":(?=[NSEW]?$)", "", text))
     if found is None:
         return None, at
     side = side or found[1] or found[3]
@@ -239,7 +243,9 @@ def _angle_at(cells: Sequence[str], at: int, letters: str) -> tuple[float | None
     if not side and at < len(cells) and cells[at].upper() in tuple(letters):
         side = cells[at].upper()
         at = at + 1
-    if side and side not in letters:
+    # M behind a longitude is the unit of a height that is missing.
+    strange = at < len(cells) and re.fullmatch(r"[^\W\d_Mm]", cells[at]) is not None
+    if strange or (side and side not in letters):
         return None, at
     try:
         parts = [float(part) for part in found[2].split(":")]

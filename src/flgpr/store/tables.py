@@ -319,6 +319,9 @@ def _parse_lines(lines: list[tuple[int, str]], notes: list[str]) -> dict[str, ND
     rows = _rows(lines, notes)
     if not rows:
         raise ValueError("there is no line with values")
+    if len(rows[0][1]) > 1 and not any(cells[-1].strip() for _, cells in rows):
+        # A mark at the end of every line, as some network analysers write it, parts nothing.
+        rows = [(line, cells[:-1]) for line, cells in rows]
     heads = [str(plain_text(cell.strip())) for cell in rows[0][1]]
     names = None if all(_number(cell) is not None for cell in rows[0][1]) else heads
     if names is not None:
