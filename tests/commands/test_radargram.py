@@ -187,7 +187,7 @@ def test_what_does_not_fit_is_refused(words, rule, tmp_path):
     ("name", "content", "rule"),
     [
         ("a.gpr", b"what", "a run or a recording (.dt1, .dzt, .rd3"),
-        ("a.npz", b"PK", "flgpr info tells how arrays are imported"),
+        ("a.npz", b"PK", "flgpr info describes how arrays are imported"),
         (
             "a.mcap",
             b"version https://git-lfs.github.com/spec/v1\noid sha256:" + b"a" * 64 + b"\nsize 12\n",
