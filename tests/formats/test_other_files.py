@@ -18,6 +18,7 @@ from flgpr.formats.mapped import import_mapped
 from flgpr.store import open_run
 from flgpr.store.text import decode_text
 from flgpr.store.text_tables import read_text_table
+from io_open import write_su
 
 # --- one bad part never blocks the rest
 
@@ -61,6 +62,19 @@ def test_parts_of_an_hdf5_that_are_no_numbers_are_named(odd_hdf5):
     np.testing.assert_array_equal(opened.read("radar/short"), ["HH", "VV"])
     assert opened.read("radar/pair").dtype == np.complex64
     np.testing.assert_array_equal(opened.read("radar/data"), np.arange(12.0).reshape(3, 4))
+
+
+def test_a_file_without_a_signal_and_one_without_a_mapping_are_told_apart(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["names"] = np.array(["left", "right"], dtype=h5py.string_dtype())
+        file["flags"] = np.array([True, False])
+    with pytest.raises(ValueError, match="no array of this HDF5 file can be a signal"):
+        propose_mapping(tmp_path / "a.h5")
+    (tmp_path / "a.nmea").write_text("$GPGGA,123519.25,,,,,0,,,,M,,M,,*00\n")
+    with pytest.raises(ValueError, match="a NMEA 0183 log is read without a mapping"):
+        propose_mapping(tmp_path / "a.nmea")
+    with pytest.raises(ValueError, match="a Seismic Unix is read without a mapping"):
+        propose_mapping(write_su(tmp_path / "a.su", np.ones((4, 64))))
 
 
 def test_members_of_an_archive_that_are_no_numbers_are_named(tmp_path):
