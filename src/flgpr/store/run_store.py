@@ -424,6 +424,15 @@ class RunWriter:
         )
 
 
+def is_finished(path: str | Path) -> bool:
+    """Tell whether a store has its name and its writer came to an end.
+
+    One that was killed in between leaves its journal in the store, which the next writer takes away.
+    """
+    root = Path(path)
+    return root.is_dir() and not os.path.lexists(root / JOURNAL)
+
+
 def is_stored(run: xr.Dataset, path: str | Path) -> bool:
     """Tell whether a place holds a whole store of exactly this run; anything else there is a RunExistsError."""
     root = Path(path)
