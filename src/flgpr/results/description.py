@@ -67,6 +67,24 @@ def describe_run(
     return description
 
 
+def described_store(description: Any) -> tuple[str, str]:
+    """Return the path and the digest of the store of a run, as its description in a manifest tells.
+
+    Raises
+    ------
+    ValueError
+        If it does not tell them as text: the run was in memory, or the manifest is forged.
+    """
+    path = description.get("path") if isinstance(description, Mapping) else None
+    digest = description.get("store_sha256") if isinstance(description, Mapping) else None
+    if not isinstance(path, str) or not isinstance(digest, str):
+        raise ValueError(
+            "the manifest of the result must name the store of its run by path and digest, got "
+            f"{str(path)[:60]!r} and {str(digest)[:60]!r}"
+        )
+    return path, digest
+
+
 def left_out_scans(description: Mapping[str, Any]) -> list[int]:
     """Return the scans of a described run that no image is made of, ascending.
 
