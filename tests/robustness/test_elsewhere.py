@@ -246,6 +246,17 @@ def test_a_result_can_name_nothing_as_its_run_but_a_store(own_result, tmp_path, 
 @pytest.mark.parametrize(
     ("name", "value"),
     [
+        ("title", 5),
+        ("scans", [{}]),
+        ("scans", -1),
+        ("masked_scans", 5),
+        ("masked_scans", [{}]),
+        ("motion", 5),
+        ("motion", {"scans": ["a"]}),
+        ("motion", {"notes": 5}),
+        ("polarizations", 5),
+        ("pose", [[{}]]),
+        ("frequency_hz", [1.0]),
         ("store_sha256", 5),
         ("others", ["a"]),
         ("others", {"x": "/etc/passwd"}),
@@ -255,7 +266,7 @@ def test_a_result_can_name_nothing_as_its_run_but_a_store(own_result, tmp_path, 
     ],
 )
 def test_what_a_forged_manifest_says_of_runs_and_sections_is_refused(own_result, name, value):
-    ran = own_result(**{name: value})
+    ran = own_result(**{name: value})  # as every command that reads the result
     assert ran.exit_code == 2, (ran.output, ran.exception)
     assert ran.stderr.count("error: ") == 1
 

@@ -132,13 +132,11 @@ def _comparison(old: Result, new: Result, tolerance: float) -> dict[str, Any]:
     }
 
 
-def _other_runs(recorded: Any) -> dict[str, xr.Dataset]:
+def _other_runs(recorded: dict[str, Any]) -> dict[str, xr.Dataset]:
     """Open the runs that were taken together with that of a result."""
     from flgpr.results.description import described_store
     from flgpr.store import open_run, read_manifest
 
-    if not isinstance(recorded, dict):
-        raise ValueError(f"others must name runs by description, got {str(recorded)[:60]!r}")
     runs = {}
     for name, description in recorded.items():
         store, digest = described_store(description)
