@@ -40,11 +40,16 @@ test: $(VENV)/.test
 lint: $(VENV)/.test
 	$(LINT)
 
+# Tests of what docs/evidence/robustness.md promises.
+ROBUSTNESS := robustness test_bounds.py chain/test_demo.py commands/test_implausible_poses.py detect/test_scorers.py \
+    formats/test_fuzz_exchange.py live/test_event_rate.py live/test_live_fuzz.py live/test_live_machines.py \
+    live/test_live_positions.py live/test_senders.py live/test_session.py model/test_plausible.py \
+    store/test_csv_formulas.py store/test_outputs.py store/test_run_races.py store/test_run_store.py \
+    store/test_store_machines.py trials/test_ledger.py viewer/test_limits.py
+
 # Many more random kills and damaged files than `make test` tries.
 robustness: $(VENV)/.test
-	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(PYTEST) \
-	    tests/robustness tests/formats/test_fuzz_exchange.py tests/store/test_outputs.py tests/store/test_store_machines.py \
-	    tests/live/test_live_fuzz.py tests/live/test_live_machines.py
+	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(PYTEST) $(addprefix tests/,$(ROBUSTNESS))
 
 docs: $(VENV)/.docs
 	$(BIN)/codespell *.md docs src tests benchmarks evidence viewer

@@ -308,3 +308,16 @@ def test_programs_are_valid_and_import_what_exists(page, body):
             assert all(
                 resolves(alias.name) for alias in node.names if alias.name.startswith("flgpr")
             )
+
+
+def test_make_robustness_runs_every_test_that_the_page_of_promises_names():
+    page = read(ROOT / "docs" / "evidence" / "robustness.md")
+    listed = re.search(r"^ROBUSTNESS := ((?:.*\\\n)*.*)$", read(ROOT / "Makefile"), re.MULTILINE)
+    run = listed[1].replace("\\", "").split()
+    folder = ROOT / "tests" / "robustness"
+    named = set(re.findall(r"`(?:tests/)?((?:\w+/)*test_\w+\.py)`", page))
+    elsewhere = {name for name in named if not (folder / Path(name).name).is_file()}
+    assert len(elsewhere) > 15
+    assert elsewhere <= set(run), "named on the page and not run"
+    assert {path.name for path in folder.glob("test_*.py")} <= {Path(name).name for name in named}
+    assert all((ROOT / "tests" / name).exists() for name in run)

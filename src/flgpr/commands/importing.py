@@ -64,17 +64,16 @@ def store_with_tables(
 ) -> list[Path]:
     """Store a run with tables beside it, ``NAME-truth.csv`` and so on; return what was written."""
     written = [store]
-    if is_stored(run, store):
-        tell_finished(store)
-        return written
-    store.parent.mkdir(parents=True, exist_ok=True)
-    for name, table in tables.items():
-        if table is not None:
-            path = store.with_name(f"{store.stem}-{name}.csv")
-            write_table(table, path)
-            write_geojson(table, path.with_suffix(".json"))
-            written.append(path)
-    save_run(run, store, resume=True)
+    # The tables come before the run, whose presence says that all is there.
+    if not is_stored(run, store):
+        store.parent.mkdir(parents=True, exist_ok=True)
+        for name, table in tables.items():
+            if table is not None:
+                path = store.with_name(f"{store.stem}-{name}.csv")
+                write_table(table, path)
+                write_geojson(table, path.with_suffix(".json"))
+                written.append(path)
+    save_run(run, store, resume=True)  # takes away what a killed writer left in a whole store
     return written
 
 

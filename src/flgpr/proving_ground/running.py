@@ -25,6 +25,7 @@ from flgpr.execution.training import train_on_lanes, training_lanes
 from flgpr.execution.workers import Report
 from flgpr.proving_ground.ground import Ground, GroundLane, load_ground
 from flgpr.store import open_run, read_manifest, sha256, write_table, write_whole
+from flgpr.store.run_writer import is_finished
 from flgpr.store.tables import parse_columns, read_table_in
 from flgpr.trials import seal_truth
 
@@ -140,7 +141,7 @@ def make_lanes(
 
 
 def _is_made(home: Path, name: str) -> bool:
-    return (home / f"{name}.zarr").is_dir()
+    return is_finished(home / f"{name}.zarr")
 
 
 def seal_tested(ground: Ground, home: Path) -> None:

@@ -25,6 +25,7 @@ from flgpr.chain.model import MODEL_FILE, Detector, Model, as_model, load_model,
 from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.door import DoorError, Folder
 from flgpr.model import Lane
+from flgpr.results.description import check_description
 from flgpr.results.errors import ResultError
 from flgpr.results.sections import SECTIONS, read_sections
 from flgpr.results.view_files import plain_json, write_view
@@ -344,6 +345,7 @@ def read_result_manifest(folder: str | Path) -> dict[str, Any]:
         manifest = read_sealed(folder, MANIFEST)
         if (manifest["format"], manifest["version"]) != (FORMAT, VERSION):
             raise ValueError(f"format must be {FORMAT} version {VERSION}")
+        check_description(manifest["run"])
         return manifest
     except OSError as error:
         raise ResultError(

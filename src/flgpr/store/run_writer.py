@@ -441,6 +441,16 @@ def save_run(
     return Path(path)
 
 
+def is_finished(path: str | Path) -> bool:
+    """Return whether a store has its name and its writer came to an end.
+
+    A writer that was killed in between leaves its journal in the store, which the next writer takes
+    away.
+    """
+    root = Path(path)
+    return root.is_dir() and not os.path.lexists(root / JOURNAL)
+
+
 def is_stored(run: xr.Dataset, path: str | Path) -> bool:
     """Return whether a path holds a complete store of exactly this run.
 
