@@ -1,8 +1,8 @@
 """Every page: links lead somewhere, names exist, commands are ones the command line has, and programs run."""
 
 import ast
-import itertools
 import importlib
+import itertools
 import re
 import shlex
 import tomllib
@@ -42,6 +42,13 @@ def test_links_lead_to_files_and_headings(page):
             assert anchor in anchors(file), f"{target}: no such heading"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=identify)
+def test_files_that_a_page_includes_exist(page):
+    included = re.findall(r"^```\{literalinclude\} (\S+)", read(page), re.MULTILINE)
+    included += re.findall(r"^:file: (\S+)", read(page), re.MULTILINE)
+    assert not [name for name in included if not (page.parent / name).is_file()]
+
+
 # The changelog names files where they were when its line was written.
 CURRENT = [page for page in PAGES if page.name != "CHANGELOG.md"]
 
@@ -49,7 +56,8 @@ CURRENT = [page for page in PAGES if page.name != "CHANGELOG.md"]
 @pytest.mark.parametrize("page", CURRENT, ids=identify)
 def test_files_of_the_repository_named_in_the_text_exist(page):
     named = re.findall(
-        r"`((?:src|tests|docs|benchmarks|viewer|evidence(?=/\w+\.py))/[\w./-]*\w)/?`", FENCE.sub("", read(page))
+        r"`((?:src|tests|docs|benchmarks|viewer|evidence(?=/\w+\.py))/[\w./-]*\w)/?`",
+        FENCE.sub("", read(page)),
     )
     wrong = [
         name
