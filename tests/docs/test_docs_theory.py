@@ -9,13 +9,13 @@ import pytest
 
 from flgpr.features import cameron, entropy_alpha
 from flgpr.model import SPEED_OF_LIGHT, load_sensor
-from flgpr.scoring import clopper_pearson
-from flgpr.simulate import Scene
-from flgpr.simulate.ground.refraction import (
+from flgpr.model.refraction import (
     interface_path,
     two_way_attenuation,
     two_way_transmission,
 )
+from flgpr.scoring import clopper_pearson
+from flgpr.simulate import Scene
 from flgpr.simulate.ground.roughness import surface_backscatter
 from flgpr.simulate.ground.soil import mironov, one_way_loss
 from flgpr.trials import sample_size

@@ -19,18 +19,18 @@ from flgpr.features import entropy_alpha
 from flgpr.features.polarimetry import entropy_alpha_of
 from flgpr.imaging import ImagingOperator
 from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, load_sensor
-from flgpr.scoring import clopper_pearson, roc
-from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.bodies.rims import cylinder, rim_amplitude, visible_rims
-from flgpr.simulate.bodies.signature import packaged_table
-from flgpr.simulate.bodies.targets import node_weights
-from flgpr.simulate.ground.refraction import (
+from flgpr.model.refraction import (
     apparent_shift,
     interface_path,
     reflection,
     two_way_attenuation,
     two_way_transmission,
 )
+from flgpr.scoring import clopper_pearson, roc
+from flgpr.simulate import Scene, Simulator
+from flgpr.simulate.bodies.rims import cylinder, rim_amplitude, visible_rims
+from flgpr.simulate.bodies.signature import packaged_table
+from flgpr.simulate.bodies.targets import node_weights
 from flgpr.simulate.ground.roughness import surface_backscatter
 from flgpr.simulate.ground.soil import mironov, one_way_loss, peplinski_conductivity, topp
 

@@ -4,7 +4,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import jv
 
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.simulate.ground.refraction import (
+from flgpr.model.refraction import (
     apparent_shift,
     interface_path,
     ray_divergence,
