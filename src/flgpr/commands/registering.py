@@ -1,7 +1,7 @@
 """Registers of recipes, plans and openings.
 
 A register demands that a recipe is entered before a truth is opened, and every opening is entered
-there. See :mod:`flgpr.trials.ledger` for the file.
+there. See ``flgpr/trials/ledger.py`` for the file.
 """
 
 from __future__ import annotations

@@ -94,7 +94,7 @@ class GprmaxOutput:
         Parameters
         ----------
         waveform : str
-            Its type, see :func:`pulse`.
+            Its type, see ``pulse``.
         centre : float
             Its frequency, Hz.
         frequency : (frequency,) ndarray
