@@ -10,14 +10,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from flgpr.model.refraction import apparent_shift
+
 
 def refraction_shift(
     depth: ArrayLike, permittivity: float, height: float, distance: ArrayLike
 ) -> Any:
     """Compute how far behind its position a buried object shows in an image of the surface.
 
-    With θ the incidence angle from the vertical, Δ = d·sqrt(ε - sin²θ)/sinθ: the delay d·sqrt(ε -
-    sin²θ) that the soil adds to a one-way path, turned into ground range.
+    This is :func:`flgpr.model.refraction.apparent_shift` at the angle of incidence from the
+    vertical.
 
     Parameters
     ----------
@@ -56,7 +58,7 @@ def refraction_shift(
         raise ValueError(f"height and distance must be positive, got {height} m and {distances} m")
     sine = distances / np.hypot(distances, height)
     below = np.maximum(np.asarray(depth, dtype=np.float64), 0)
-    return below * np.sqrt(permittivity - sine**2) / sine
+    return apparent_shift(below, permittivity, sine)[()]  # a number for a number
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from flgpr.model.figure_text import show_dollar_signs
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -174,8 +176,9 @@ def figure_bytes(figure: Figure, kind: str = "png") -> bytes:
     Returns
     -------
     bytes
-        Content of the file.
+        Content of the file. Text is shown as it is: dollar signs in names do not make formulas.
     """
+    show_dollar_signs(figure)
     stream = io.BytesIO()
     figure.savefig(stream, format=kind, metadata=_NO_METADATA[kind])
     return stream.getvalue()
