@@ -38,7 +38,7 @@ from flgpr.store.outputs import OVERWRITE, other_output, tell_finished, whole_ou
 from flgpr.store.tables import parse_table
 from flgpr.trials import BlindScore, content_hash, require_truth
 from flgpr.trials.blind import FAR_GRID, Phrase, match_blind, score_blind, seal_truth, seals
-from flgpr.trials.ledger import Book, parts_of, read_book
+from flgpr.trials.ledger import RegisterLike, read_checked_register, register_paths
 
 PathLike = str | Path
 
@@ -62,7 +62,7 @@ def seal_truth_file(
     area: Literal["union", "paper"] = "union",
     by: str | None = "kind",
     show: Literal["curve", "targets"] = "curve",
-    register: Book | None = None,
+    register: RegisterLike | None = None,
 ) -> Path:
     """Encrypt a truth with its lane or lanes and rules for blind scoring.
 
@@ -112,7 +112,7 @@ def seal_truth_file(
         tell_finished(path)
     else:
         with whole_output(path) as partial:
-            seal_truth(table, lanes, partial, passphrase, **rules, book=bound_register)
+            seal_truth(table, lanes, partial, passphrase, **rules, register=bound_register)
 
     if register is not None:
         _enter_sealed(register, path, bound_register)
@@ -120,11 +120,11 @@ def seal_truth_file(
 
 
 def _bound_register(
-    register: Book, truth: bytes, lanes: LaneLike, halo: float, is_planned: bool
+    register: RegisterLike, truth: bytes, lanes: LaneLike, halo: float, is_planned: bool
 ) -> dict[str, Any]:
     """Return what a sealed file states of its register: the truth's digest and the last line."""
-    path = existing(parts_of(register)[0], "register")
-    lines = read_book(register)
+    path = existing(register_paths(register)[0], "register")
+    lines = read_checked_register(register)
     digest = content_hash(truth)
     require_truth(path, digest, borders(lanes), {"halo": halo}, planned=is_planned)
     if not lines:
@@ -152,10 +152,12 @@ def _require_same_seal(
         raise other_output(path, "or was sealed with another passphrase: choose another output")
 
 
-def _enter_sealed(register: Book, path: Path, bound_register: Mapping[str, Any] | None) -> None:
+def _enter_sealed(
+    register: RegisterLike, path: Path, bound_register: Mapping[str, Any] | None
+) -> None:
     """Enter a sealed file into a register that does not hold it yet."""
     digest = content_hash(path)
-    if any(line.get("sealed") == digest for line in read_book(register)):
+    if any(line.get("sealed") == digest for line in read_checked_register(register)):
         return
     truth = None if bound_register is None else bound_register["truth"]
     trials.register(register, event="sealed", truth=truth, sealed=digest)
@@ -169,7 +171,7 @@ def score_sealed(
     log: PathLike | None = None,
     *,
     recipe: PathLike | None = None,
-    register: Book | None = None,
+    register: RegisterLike | None = None,
     witness: PathLike | None = None,
 ) -> BlindScore:
     """Score an alarm list, or that of a result, against a sealed truth; no position is shown.
@@ -232,7 +234,7 @@ def compare_sealed(
     log: PathLike | None = None,
     *,
     recipes: Sequence[PathLike] = (),
-    register: Book | None = None,
+    register: RegisterLike | None = None,
     witness: PathLike | None = None,
 ) -> SideBySide:
     """Compare alarm lists against a sealed truth; each of them is a look.
@@ -285,7 +287,7 @@ def holds_sealed_score(
     sealed: PathLike,
     output: PathLike,
     recipes: Sequence[PathLike] = (),
-    register: Book | None = None,
+    register: RegisterLike | None = None,
 ) -> bool:
     """Return, before anybody looks, whether a folder has this very score against a sealed truth.
 
