@@ -71,7 +71,7 @@ def test_an_output_folder_may_be_new_empty_or_older_output(tmp_path):
     folder.mkdir()
     check_free_folder(folder, ["mark"], "result")
     (folder / "notes.txt").touch()
-    with pytest.raises(FileExistsError, match="an older result, got .* which holds other files"):
+    with pytest.raises(FileExistsError, match=r"an older result, got .* which holds other files"):
         check_free_folder(folder, ["mark"], "result")
     (folder / "mark").touch()
     check_free_folder(folder, ["mark"], "result")

@@ -44,7 +44,7 @@ def test_without_resuming_it_begins_anew(folder):
 
 
 def test_another_run_is_named_by_what_differs(folder):
-    with pytest.raises(OtherRunError, match="its inputs.scene is"):
+    with pytest.raises(OtherRunError, match=r"its inputs\.scene is"):
         resumed(folder, {**ABOUT, "inputs": {"scene": "two"}})
 
 

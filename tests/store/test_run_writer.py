@@ -17,11 +17,19 @@ def append(writer, run, scan):
     writer.append(run["signal"][scan].values, run["pose"].values[scan], float(scan))
 
 
+def stop_after_a_scan(run, *arguments, **options):
+    """Write a scan of a run and leave the writer by an exception."""
+    try:
+        with RunWriter(*arguments, **options) as writer:
+            append(writer, run, 0)
+            raise RuntimeError
+    except RuntimeError:
+        return
+
+
 def test_a_stopped_writer_resumes_after_its_last_scan(small_run, fixed, tmp_path):
     path = tmp_path / "a.zarr"
-    with pytest.raises(RuntimeError), RunWriter(path, *fixed, resume=True) as writer:
-        append(writer, small_run, 0)
-        raise RuntimeError
+    stop_after_a_scan(small_run, path, *fixed, resume=True)
     assert not path.exists()
     with RunWriter(path, *fixed, resume=True) as writer:
         assert len(writer) == 1
@@ -30,18 +38,14 @@ def test_a_stopped_writer_resumes_after_its_last_scan(small_run, fixed, tmp_path
 
 
 def test_a_stopped_writer_leaves_nothing_unless_it_resumes(small_run, fixed, tmp_path):
-    with pytest.raises(RuntimeError), RunWriter(tmp_path / "a.zarr", *fixed) as writer:
-        append(writer, small_run, 0)
-        raise RuntimeError
+    stop_after_a_scan(small_run, tmp_path / "a.zarr", *fixed)
     assert not list(tmp_path.iterdir())
 
 
 def test_another_unfinished_run_is_not_resumed(small_run, fixed, tmp_path):
     path = tmp_path / "a.zarr"
-    with pytest.raises(RuntimeError), RunWriter(path, *fixed, resume=True) as writer:
-        append(writer, small_run, 0)
-        raise RuntimeError
-    with pytest.raises(RunStoreError, match="another unfinished run: its inputs.seed is null"):
+    stop_after_a_scan(small_run, path, *fixed, resume=True)
+    with pytest.raises(RunStoreError, match=r"another unfinished run: its inputs\.seed is null"):
         RunWriter(path, *fixed, resume=True, inputs={"seed": 1})
     with RunWriter.resumed(path, *fixed, inputs={"seed": 1}) as writer:
         assert len(writer) == 0

@@ -27,5 +27,5 @@ def test_the_encoding_is_found_and_noted(data, encoding):
 
 
 def test_text_that_breaks_its_mark_is_refused():
-    with pytest.raises(ValueError, match="a.csv begins as UTF-16 and is none at byte 2"):
+    with pytest.raises(ValueError, match=r"a\.csv begins as UTF-16 and is none at byte 2"):
         decode_text(codecs.BOM_UTF16_LE + b"\x00\xd8\x00", "a.csv")
