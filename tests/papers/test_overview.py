@@ -177,7 +177,7 @@ def test_a_study_that_is_there_is_told_and_its_other_form_is_refused(tmp_path, m
     assert "there already" not in CliRunner().invoke(app, [*words, "--quick"]).stderr
     again = CliRunner().invoke(app, [*words, "--quick"])
     assert again.exit_code == 0
-    assert "index.html is there already" in again.stderr
+    assert "index.html exists already" in again.stderr
     full = CliRunner().invoke(app, words)
     assert full.exit_code == 2
     assert "with the quick form: choose another output" in full.stderr

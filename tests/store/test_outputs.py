@@ -25,7 +25,7 @@ def test_a_new_file_stays_if_it_is_the_same_and_is_never_written_over(tmp_path, 
     before = (tmp_path / "a").stat()
     with caplog.at_level("INFO", "flgpr.outputs"):
         write_new(tmp_path / "a", b"one")
-    assert "a is there already" in caplog.text
+    assert "a exists already" in caplog.text
     with pytest.raises(
         FileExistsError, match=r"must not exist yet, got .*a, which holds something else"
     ):

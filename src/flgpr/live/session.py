@@ -467,7 +467,7 @@ class LiveRun:
         counts = dict(intake.counts)
         table = detector.table()
         if not self._frames and (self.output / REPORT_FILE).is_file():
-            tell_finished(self.output, "--fresh makes it anew")
+            tell_finished(self.output, "--fresh makes it again")
             return LiveReport(counts, _percentiles([]), len(table), float("nan"))
         write_table(table, self.output / "alarms.csv")
         report = LiveReport(counts, _percentiles(self._latency), len(table), self._rate())

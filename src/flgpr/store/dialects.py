@@ -143,7 +143,7 @@ def without_comments(text: str, kind: str) -> tuple[str, list[str]]:
         if _count_cells(header) == _count_cells(body[0]):
             comments = comments[:-1]
             body = [header, *body]
-            notes.append(f"the header stands behind a #: {header[:80]}")
+            notes.append(f"the header is commented out by a #: {header[:80]}")
     rows = _rows_without_comments(body, kind)
     dropped = len(comments) + len(body) - len(rows)
     if dropped:
@@ -259,7 +259,7 @@ def _columns_by_user(
             )
         numbers = [number for number, name in enumerate(names) if name.strip() == column]
         if len(numbers) > 1:
-            raise ValueError(f"columns: {column!r} stands {len(numbers)} times in the header")
+            raise ValueError(f"columns: {column!r} is {len(numbers)} times in the header")
         if numbers:
             targets[numbers[0]] = target
     return targets

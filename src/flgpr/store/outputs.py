@@ -19,8 +19,8 @@ from flgpr.append_log import sync_directory
 from flgpr.store.files import replace_folder, sync_file, writing
 
 _LOG = logging.getLogger("flgpr.outputs")
-DELETE = "delete it to make it anew"
-OVERWRITE = "--overwrite makes it anew"
+DELETE = "delete it to make it again"
+OVERWRITE = "--overwrite makes it again"
 
 
 class BusyError(ValueError):
@@ -29,7 +29,7 @@ class BusyError(ValueError):
 
 def tell_finished(output: str | Path, anew: str = DELETE) -> None:
     """Log that an output exists as this call would make it, and how to make it again (``anew``)."""
-    message = "%s is there already, made from the same: nothing was written; %s"
+    message = "%s exists already, made from the same inputs: nothing was written; %s"
     _LOG.info(message, output, anew, extra={"output": output})
 
 

@@ -107,7 +107,7 @@ def _parse_dialect(data: bytes, kind: str, reading: TableReading) -> tuple[pd.Da
         raise ValueError(f"{kind} must have a header, got an empty file")
     head = body.splitlines()[0]
     if mark_of(head) == "\t":
-        notes.append("columns are parted by tabs")
+        notes.append("columns are separated by tabs")
 
     known = tuple(column.name for column in _COLUMNS[kind])
     header = _header_of(head)
