@@ -58,57 +58,127 @@ class Anchor:
     heights_known: bool
 
     def to_geocentric(self, position: ArrayLike) -> FloatArray:
-        """Return points (..., 3) of the lane frame in geocentric WGS 84 coordinates, m.
+        """Return points of the lane frame in geocentric WGS 84 coordinates.
 
         These axes are centred in the Earth and fixed to it.
+
+        Parameters
+        ----------
+        position : (..., 3) array_like
+            Points in the lane frame, m.
+
+        Returns
+        -------
+        (..., 3) ndarray
+            Geocentric coordinates, m.
         """
         return geocentric(self.origin) + self.turn(position, shifted=True)
 
     def turn(self, vector: ArrayLike, shifted: bool = False) -> FloatArray:
-        """Return vectors (..., 3) of the lane frame in geocentric axes.
+        """Return vectors of the lane frame in geocentric axes.
 
-        With ``shifted`` they are points, to which the anchor's shift is added first.
+        Parameters
+        ----------
+        vector : (..., 3) array_like
+            Vectors, or with ``shifted`` points, m.
+        shifted : bool
+            Add the anchor's shift first.
+
+        Returns
+        -------
+        (..., 3) ndarray
+            The vectors, m, from the contact point for points.
         """
         enu = np.asarray(vector, dtype=np.float64) @ heading_matrix(self.azimuth).T
         shift = self.shift if shifted else 0.0
         return (enu + shift) @ east_north_up(self.origin)
 
     def from_geocentric(self, position: ArrayLike) -> FloatArray:
-        """Return geocentric points (..., 3), m, in the lane frame.
+        """Return geocentric points in the lane frame, the inverse of :meth:`to_geocentric`.
 
-        It is the inverse of :meth:`to_geocentric`.
+        Parameters
+        ----------
+        position : (..., 3) array_like
+            Geocentric coordinates, m.
+
+        Returns
+        -------
+        (..., 3) ndarray
+            Points in the lane frame, m.
         """
         step = np.asarray(position, dtype=np.float64) - geocentric(self.origin)
         enu = step @ east_north_up(self.origin).T
         return (enu - self.shift) @ heading_matrix(self.azimuth)
 
     def to_lonlat(self, points: ArrayLike) -> FloatArray:
-        """Return WGS 84 longitude and latitude (..., 2), degrees, of points in the anchor's system.
+        """Return WGS 84 longitude and latitude of points in the anchor's system.
 
-        Points are easting and northing (..., 2), m. A system that is not projected is a ValueError.
+        Parameters
+        ----------
+        points : (..., 2) array_like
+            Easting and northing, m.
+
+        Returns
+        -------
+        (..., 2) ndarray
+            Longitude and latitude, degrees.
+
+        Raises
+        ------
+        ValueError
+            If the system is not projected, or the points do not lie where it holds.
         """
         return lonlat_of(points, self.crs)
 
     def to_geodetic(self, position: ArrayLike) -> FloatArray:
-        """Return WGS 84 longitude, latitude (degrees) and height (m) of lane points (..., 3)."""
+        """Return WGS 84 longitude, latitude and height of points in the lane frame.
+
+        Parameters
+        ----------
+        position : (..., 3) array_like
+            Points in the lane frame, m.
+
+        Returns
+        -------
+        (..., 3) ndarray
+            Longitude and latitude, degrees, and ellipsoidal height, m.
+        """
         xyz = self.to_geocentric(position)
         lon, lat, height = _geodesy(GEOCENTRIC, GEODETIC).transform(*np.moveaxis(xyz, -1, 0))
         return np.stack([lon, lat, height], axis=-1)
 
     def from_geodetic(self, position: ArrayLike) -> FloatArray:
-        """Return points (..., 3) in the lane frame, m.
+        """Return points of WGS 84 longitude, latitude and height in the lane frame.
 
-        They are WGS 84 longitude, latitude (degrees) and height (m).
+        Parameters
+        ----------
+        position : (..., 3) array_like
+            Longitude and latitude, degrees, and ellipsoidal height, m.
+
+        Returns
+        -------
+        (..., 3) ndarray
+            Points in the lane frame, m.
         """
         components = np.moveaxis(np.asarray(position, dtype=np.float64), -1, 0)
         xyz = _geodesy(GEODETIC, GEOCENTRIC).transform(*components)
         return self.from_geocentric(np.stack(xyz, axis=-1))
 
     def uncertainty(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Compute the standard deviation of a position in the worst horizontal direction, m.
+        """Compute the standard deviation of a position in the worst horizontal direction.
 
-        Across the line from the points' mean, at distance r, the variance is ``σ²·(1/n + r²/spread)
-        + r²·σ_azimuth²``, that of a least-squares fit. The error of the radar is not part of it.
+        Across the line from the points' mean, at distance r, the variance is ``σ²·(1/n + r²/spread) +
+        r²·σ_azimuth²``, that of a least-squares fit. The error of the radar is not part of it.
+
+        Parameters
+        ----------
+        x, y : array_like
+            Positions in the lane frame, m.
+
+        Returns
+        -------
+        ndarray
+            Standard deviation of each, m.
         """
         dx = np.asarray(x, dtype=np.float64) - self.center[0]
         dy = np.asarray(y) - self.center[1]
