@@ -167,8 +167,9 @@ class Anchor:
     def uncertainty(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Compute the standard deviation of a position in the worst horizontal direction.
 
-        Across the line from the points' mean, at distance r, the variance is ``σ²·(1/n + r²/spread) +
-        r²·σ_azimuth²``, that of a least-squares fit. The error of the radar is not part of it.
+        At distance r from the points' mean, the variance across that line is the one of a
+        least-squares fit, ``σ²·(1/n + r²/spread) + r²·σ_azimuth²``. The error of the radar is not
+        part of it.
 
         Parameters
         ----------

@@ -117,8 +117,8 @@ def score_frames(
 
     It is the score of Fuse et al. 2018, Sec. 4, Fig. 9. A target counts once in every frame whose
     detection area holds it. An alarm in the halo of a target outside the area is neither detection
-    nor false. In the bootstrap all looks at a target are drawn together, and so are the false alarms
-    of ten frames. The exact intervals take looks as independent, which they are not.
+    nor false. In the bootstrap all looks at a target are drawn together, and so are the false
+    alarms of ten frames. The exact intervals take looks as independent, which they are not.
 
     Parameters
     ----------
