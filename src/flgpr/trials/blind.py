@@ -520,7 +520,8 @@ def _admitted(
     if bound is not None:
         if bound["line"] not in {line["hash"] for line in lines}:
             raise ValueError(
-                f"book must be the register that {sealed} was sealed with, unaltered, got {register}"
+                f"book must be the register that {sealed} was sealed with, unaltered, "
+                f"got {register}"
             )
         require_truth(
             register, bound["truth"], opened.lanes, {"halo": opened.rules["halo"]}, planned=True
