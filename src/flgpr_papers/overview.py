@@ -11,7 +11,7 @@ from typing import Any
 from flgpr.chain.progress import Track, silent
 from flgpr.execution.workers import InProcess, Processes
 from flgpr.store import write_whole
-from flgpr.store.outputs import tell_finished
+from flgpr.store.outputs import log_finished
 from flgpr_papers.kit.findings import OPEN, read_findings
 from flgpr_papers.kit.page import study_html
 from flgpr_papers.kit.settings import PAPERS
@@ -130,7 +130,7 @@ def run_study(
     before = _bytes_of_page(folder)
     page: Path = study_of(paper).reproduce(folder, quick, track, world=world)
     if page.read_bytes() == before:
-        tell_finished(page)
+        log_finished(page)
     return page
 
 

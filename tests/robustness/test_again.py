@@ -8,7 +8,7 @@ import pytest
 from every_command import COMMANDS, make_inputs, make_signatures_cheap, names_of_commands
 from flgpr.results.result import are_settled
 from flgpr.store.files import write_whole
-from flgpr.store.outputs import held_folder
+from flgpr.store.outputs import locked_folder
 from robust import digests
 
 
@@ -107,7 +107,7 @@ def test_a_live_run_takes_away_what_a_killed_one_left_and_refuses_a_second_one(c
     want = command.content(output)
     for name in ("snapshot.bundle.123-abcd.partial", "alarms.csv.partial", "live.json.partial"):
         (output / "live" / name).write_bytes(b"half")
-    with held_folder(output / "live"):
+    with locked_folder(output / "live"):
         told = command.run(output)
         assert told.exit_code == 2
         assert "another process is writing here" in told.stderr
@@ -144,7 +144,7 @@ def test_a_training_at_the_same_output_is_refused(commands, tmp_path):
     command = commands["train"]
     output = tmp_path / "out"
     command.start(output)
-    with held_folder(output / ".partial-model"):
+    with locked_folder(output / ".partial-model"):
         told = command.run(output)
     assert told.exit_code == 2
     assert "another process is writing here" in told.stderr

@@ -21,7 +21,7 @@ from flgpr.results.result import MODEL, read_result_manifest
 from flgpr.results.sections import SECTIONS, read_sections
 from flgpr.store.dialects import TableReading
 from flgpr.store.files import existing, listed_files
-from flgpr.store.outputs import tell_finished
+from flgpr.store.outputs import log_finished
 from flgpr.store.tables import parse_own_table, parse_table
 from flgpr.trials import (
     Registration,
@@ -206,7 +206,7 @@ def enter_recipe(
     earlier = before_opening(read_checked_register(register))
     same = [line for line in earlier if _is_entry(line, entry)]
     if same:
-        tell_finished(f"recipe {recipe} in {path}", "a register only grows")
+        log_finished(f"recipe {recipe} in {path}", "a register only grows")
         return same[-1]
 
     def entry_unless_opened(lines: list[dict[str, Any]]) -> dict[str, Any]:

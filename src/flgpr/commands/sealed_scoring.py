@@ -34,7 +34,7 @@ from flgpr.results.score import blind_roc_json
 from flgpr.scoring import Rules, SideBySide, side_by_side
 from flgpr.scoring.matching import LaneLike
 from flgpr.store.files import existing
-from flgpr.store.outputs import OVERWRITE, other_output, tell_finished, whole_output
+from flgpr.store.outputs import OVERWRITE, atomic_output, log_finished, output_exists_error
 from flgpr.store.tables import parse_table
 from flgpr.trials import BlindScore, content_hash, require_truth
 from flgpr.trials.blind import FAR_GRID, Phrase, match_blind, score_blind, seal_truth, seals
@@ -109,9 +109,9 @@ def seal_truth_file(
     path = Path(output)
     if os.path.lexists(path):
         _require_same_seal(path, passphrase, table, lanes, rules, bound_register)
-        tell_finished(path)
+        log_finished(path)
     else:
-        with whole_output(path) as partial:
+        with atomic_output(path) as partial:
             seal_truth(table, lanes, partial, passphrase, **rules, register=bound_register)
 
     if register is not None:
@@ -149,7 +149,9 @@ def _require_same_seal(
         # The register may have grown since: its last line may be another one.
         is_same = is_same and sealed_register["truth"] == bound_register["truth"]
     if not is_same:
-        raise other_output(path, "or was sealed with another passphrase: choose another output")
+        raise output_exists_error(
+            path, "or was sealed with another passphrase: choose another output"
+        )
 
 
 def _enter_sealed(
@@ -311,8 +313,8 @@ def holds_sealed_score(
         is_same = False
 
     if not is_same:
-        raise other_output(file, f"{OVERWRITE}, or choose another output")
-    tell_finished(folder, f"{OVERWRITE}, which is another look")
+        raise output_exists_error(file, f"{OVERWRITE}, or choose another output")
+    log_finished(folder, f"{OVERWRITE}, which is another look")
     return True
 
 

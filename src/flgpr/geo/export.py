@@ -25,7 +25,7 @@ from flgpr.geo.anchor import Anchor, transform_lonlat
 from flgpr.model.lane import Lane
 from flgpr.store.extras import optional
 from flgpr.store.files import write_whole
-from flgpr.store.outputs import whole_output
+from flgpr.store.outputs import atomic_output
 from flgpr.store.tables import json_value, write_features, write_table
 
 STATEMENT = (
@@ -289,7 +289,7 @@ def _write_layer(frame: Any, path: Path, layer: str) -> None:
     """Write a layer as a GeoPackage without the time of writing: equal points give equal bytes."""
     pyogrio = optional("pyogrio", "gis")
     pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z"})
-    with whole_output(path, replace=True) as partial, _disk_errors():
+    with atomic_output(path, replace=True) as partial, _disk_errors():
         frame.to_file(partial, layer=layer, driver="GPKG", engine="pyogrio")
 
 
@@ -379,7 +379,7 @@ def write_geotiff(
         "crs": crs,
         "transform": transform,
     }
-    with whole_output(Path(path), replace=True) as partial, _disk_errors():
+    with atomic_output(Path(path), replace=True) as partial, _disk_errors():
         with rasterio.open(partial, "w", **profile) as file:
             file.write(bands)
             file.update_tags(**tags)

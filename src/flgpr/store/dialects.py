@@ -179,7 +179,7 @@ def _is_numbers(line: str) -> bool:
     return all(_NUMBER_OR_EMPTY.fullmatch(cell) for cell in cells) and any(cells)
 
 
-def mark_of(head: str) -> str:
+def separator_of(head: str) -> str:
     """Return the separator of a header's columns: semicolons, else tabs, else commas."""
     for mark in _MARKS:
         if mark in head:
@@ -189,7 +189,7 @@ def mark_of(head: str) -> str:
 
 def _split(line: str) -> list[str]:
     """Return the cells of a line."""
-    return next(csv.reader(io.StringIO(line), delimiter=mark_of(line)), [""])
+    return next(csv.reader(io.StringIO(line), delimiter=separator_of(line)), [""])
 
 
 def _count_cells(line: str) -> int:
