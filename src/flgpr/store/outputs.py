@@ -28,7 +28,7 @@ class BusyError(ValueError):
 
 
 def log_finished(output: str | Path, remedy: str = DELETE) -> None:
-    """Log that an output exists as this call would make it, and how to make it again (``remedy``)."""
+    """Log that an output exists as this call would make it, and the ``remedy`` to make it again."""
     message = "%s exists already, made from the same inputs: nothing was written; %s"
     _LOG.info(message, output, remedy, extra={"output": output})
 
