@@ -421,16 +421,10 @@ def fit_anchor(
     turned = local @ heading_matrix(azimuth).T
     shift = (enu - turned).mean(axis=0)
     misfit = np.linalg.norm((enu - turned - shift)[:, :2], axis=1)
+    _check_misfit(misfit, accuracy)
     parameters = 3 if math.isfinite(spread) else 2
     freedom = 2 * len(local) - parameters
     sigma_by_misfit = math.sqrt(float((misfit**2).sum()) / freedom) if freedom > 0 else 0.0
-    if misfit.max() > max(5 * accuracy, 0.05):
-        worst = int(misfit.argmax())
-        raise ValueError(
-            "anchor points must fit one another within five times the accuracy of "
-            f"{accuracy:g} m, point {worst + 1} is off by {misfit[worst]:.3g} m: "
-            "are two points swapped, or x and y?"
-        )
     return Anchor(
         origin=origin,
         azimuth=azimuth,
@@ -445,6 +439,17 @@ def fit_anchor(
         crs_accuracy=crs_accuracy,
         heights_known=heights_known,
     )
+
+
+def _check_misfit(misfit: FloatArray, accuracy: float) -> None:
+    """Refuse points of which one is off by more than five times the accuracy and 5 cm."""
+    if misfit.max() > max(5 * accuracy, 0.05):
+        worst = int(misfit.argmax())
+        raise ValueError(
+            "anchor points must fit one another within five times the accuracy of "
+            f"{accuracy:g} m, point {worst + 1} is off by {misfit[worst]:.3g} m: "
+            "are two points swapped, or x and y?"
+        )
 
 
 def _all_known(height: Sequence[float | None] | None) -> bool:
