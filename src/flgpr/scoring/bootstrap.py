@@ -101,7 +101,7 @@ def band(
 ) -> pd.DataFrame:
     """Compute a simultaneous confidence band of Pd over FAR by bootstrap.
 
-    Targets are drawn in clusters, lanes and blocks of lane beside them. The band is Pd ± c·s: s is
+    Targets are drawn in clusters, and so are lanes and blocks of lane. The band is Pd ± c·s: s is
     the standard deviation of the resampled curves, not less than the binomial one with two
     successes and two failures added (resampling sees no spread where all targets are found), and c
     the level's quantile of the largest standardised deviation over the whole grid, not less than
@@ -171,9 +171,9 @@ def band(
     return result
 
 
-def _binomial_deviation(pd: FloatArray, mines: int) -> FloatArray:
+def _binomial_deviation(detection: FloatArray, mines: int) -> FloatArray:
     """Return the standard deviation of Pd with two successes and two failures added."""
-    shrunk = (pd * mines + 2) / (mines + 4)
+    shrunk = (detection * mines + 2) / (mines + 4)
     return np.asarray(np.sqrt(shrunk * (1 - shrunk) / (mines + 4)))
 
 
