@@ -174,7 +174,7 @@ def test_a_study_that_is_there_is_told_and_its_other_form_is_refused(tmp_path, m
 
     monkeypatch.setattr(overview, "study_of", lambda _: Study)
     words = ["reproduce", "wang2007", "-o", str(tmp_path / "w")]
-    assert "there already" not in CliRunner().invoke(app, [*words, "--quick"]).stderr
+    assert "exists already" not in CliRunner().invoke(app, [*words, "--quick"]).stderr
     again = CliRunner().invoke(app, [*words, "--quick"])
     assert again.exit_code == 0
     assert "index.html exists already" in again.stderr

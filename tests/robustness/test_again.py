@@ -48,7 +48,7 @@ def test_given_again_it_says_so_and_on_another_input_it_is_refused(
     assert "Traceback" not in again.output
     assert command.content(output) == want
     if name not in GROWS:
-        assert "there already" in again.stderr
+        assert "exists already" in again.stderr
         assert stamps(output) == times
     if command.other:
         before = digests(output)
