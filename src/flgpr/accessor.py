@@ -71,7 +71,7 @@ class RunPlots:
             ("rx_position", "o", "tab:blue"),
         ):
             antennas = np.unique(self._run[name].values, axis=0)
-            style = {"color": color, "markersize": 4, "markerfacecolor": "none"}
+            style: dict[str, Any] = {"color": color, "markersize": 4, "markerfacecolor": "none"}
             for scan in (0, -1):
                 in_lane = vehicle_to_lane(antennas, pose[scan])
                 label = f"{name[:2]} antennas, first and last scan" if scan == 0 else None
