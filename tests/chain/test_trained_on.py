@@ -1,13 +1,13 @@
 """A model says which runs it was trained on, and a detection on one of them says so."""
 
 import pytest
-from robustness.test_flips import small_classifier
 from typer.testing import CliRunner
 
 from flgpr.chain.model import Model, save_model, trained_on
 from flgpr.commands.app import app
 from flgpr.results.result import read_result
 from flgpr.store import read_manifest, save_run
+from robustness.test_flips import small_classifier
 from small_lane import LANE_TOML, small_recipe, small_run
 
 WARNING = "the model was trained on this very run"

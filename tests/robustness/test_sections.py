@@ -259,12 +259,12 @@ def test_the_command_line_takes_and_scores_sections(lane, tmp_path):
     ]
     told = CliRunner().invoke(app, [*words, "--section", "4", "--quiet"])
     assert told.exit_code == 2
-    assert "--overwrite makes it anew" in told.stderr
+    assert "--overwrite makes it again" in told.stderr
     assert content(output) == lane.content
     for again in (["--overwrite", "--quiet"], []):
         told = CliRunner().invoke(app, [*words, "--section", "4", *again])
         assert told.exit_code == 0, told.output
-    assert told.stderr.startswith(f"{output} is there already")
+    assert told.stderr.startswith(f"{output} exists already")
     assert len(results_at(output)) == 2
     assert not (output / "manifest.json").exists()
     told = CliRunner().invoke(app, ["score", str(output), "--truth", str(truth), "--json"])

@@ -16,7 +16,7 @@ from flgpr.chain.estimators import TrainedEstimator
 from flgpr.chain.recipe import Recipe
 from flgpr.door import Folder
 from flgpr.store import Bundle, check_free_folder, sha256, write_bundle
-from flgpr.store.outputs import whole_output
+from flgpr.store.outputs import atomic_output
 
 FORMAT = "flgpr-model"
 VERSION = 1
@@ -135,7 +135,7 @@ def save_model(
         for name, array in group.items():
             arrays[f"{stage}.{name}"] = array
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with whole_output(folder, replace=True) as partial:
+    with atomic_output(folder, replace=True) as partial:
         partial.mkdir()
         write_bundle(partial / MODEL_FILE, arrays, head, lasting=True)
     return folder

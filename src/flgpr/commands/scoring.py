@@ -40,7 +40,7 @@ from flgpr.store import read_table
 from flgpr.store.dialects import TableReading
 from flgpr.store.files import existing, faults_of
 from flgpr.store.tables import read_columns
-from flgpr.trials.ledger import Book
+from flgpr.trials.ledger import RegisterLike
 
 PathLike = str | Path
 _OUTCOME_COLUMNS = [
@@ -108,7 +108,7 @@ def score_result(
     track: Track = silent,
     *,
     recipe: PathLike | None = None,
-    register: Book | None = None,
+    register: RegisterLike | None = None,
     far: float = Rules.far,
     overwrite: bool = True,
     truth_reading: TableReading | None = None,
@@ -238,7 +238,7 @@ def score_alarms(
     output: PathLike,
     *,
     recipe: PathLike | None = None,
-    register: Book | None = None,
+    register: RegisterLike | None = None,
     title: str = "Detection report",
     overwrite: bool = True,
     reading: TableReading | None = None,
@@ -331,7 +331,7 @@ def compare_alarms(
     lane: PathLike | None = None,
     *,
     recipes: Sequence[PathLike] = (),
-    register: Book | None = None,
+    register: RegisterLike | None = None,
     halo: float | None = None,
     far: float = Rules.far,
     overwrite: bool = True,

@@ -45,7 +45,7 @@ from flgpr.results.result import MODEL, check_free, read_result, read_result_man
 from flgpr.results.sections import SECTIONS, read_sections, write_sections
 from flgpr.store import lane_text, write_table
 from flgpr.store.files import listed_files, replace_folder, replaced_by, write_whole
-from flgpr.store.outputs import OVERWRITE, other_output, tell_finished
+from flgpr.store.outputs import OVERWRITE, log_finished, output_exists_error
 from flgpr.store.tables import parse_own_table
 
 Note = Callable[[Report], None]
@@ -78,7 +78,7 @@ def detect_lane(
         sizes_of(first.setup.run), first.recipe, first.lane, job.max_memory, longest
     )
     if not overwrite and holds_result(job, sections):
-        tell_finished(folder, OVERWRITE)
+        log_finished(folder, OVERWRITE)
         return results_at(folder)
 
     def plan(wanted: Callable[[PlannedPass], bool], section: Section | None = None) -> Plan:
@@ -330,7 +330,7 @@ def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
         or not _is_whole(replace(job, report=False))
         or not _of_this_version(folder)
     ):
-        raise other_output(folder, f"{OVERWRITE}, or choose another output")
+        raise output_exists_error(folder, f"{OVERWRITE}, or choose another output")
     if not _is_whole(job):
         return False
     for left in (job.work.with_name(f"{job.work.name}.done"), replaced_by(folder)):

@@ -21,7 +21,7 @@ from flgpr.store import (
     write_table,
     write_whole,
 )
-from flgpr.store.outputs import tell_finished, whole_output
+from flgpr.store.outputs import atomic_output, log_finished
 from flgpr.store.run_writer import RunExistsError
 
 
@@ -66,7 +66,7 @@ def simulate_to_store(
     except RunExistsError as error:
         if not error.same:
             raise
-        tell_finished(store)
+        log_finished(store)
         if truth is not None and not blind:
             _write_own_truth(Path(truth), simulator)
         return [store]
@@ -101,7 +101,7 @@ def _write_truth(store: Path, simulator: Simulator, truth: str | Path | None) ->
 def _write_own_truth(path: Path, simulator: Simulator) -> Path:
     """Write the truth to a file that the user named, where no other is yet."""
     for file, write in ((path, write_table), (path.with_suffix(".json"), write_geojson)):
-        with whole_output(file) as made:
+        with atomic_output(file) as made:
             write(simulator.truth, made)
     return path
 

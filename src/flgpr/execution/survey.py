@@ -20,7 +20,7 @@ from flgpr.execution.lane_choice import choose_lane
 from flgpr.execution.workers import Cluster, Executor, InProcess, Processes
 from flgpr.results.result import check_free, read_result
 from flgpr.store import MAX_MEMORY, open_run, write_whole
-from flgpr.store.outputs import OVERWRITE, tell_finished
+from flgpr.store.outputs import OVERWRITE, log_finished
 
 PathLike = str | Path
 
@@ -112,7 +112,7 @@ def detect_survey(
     survey.mkdir(parents=True, exist_ok=True)
     left = [job for job in jobs if not is_done(job)]
     if not left:
-        tell_finished(survey, OVERWRITE)
+        log_finished(survey, OVERWRITE)
 
     def detect(job: LaneJob) -> None:
         detect_lane(

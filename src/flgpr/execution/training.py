@@ -51,7 +51,7 @@ from flgpr.store import (
     sha256,
 )
 from flgpr.store.files import replaced_by
-from flgpr.store.outputs import OVERWRITE, other_output, tell_finished, whole_output
+from flgpr.store.outputs import OVERWRITE, atomic_output, log_finished, output_exists_error
 
 PathLike = str | Path
 
@@ -103,10 +103,10 @@ def train_on_lanes(
     }
     if not overwrite and _holds_model(output, notes):
         _clear_work_folders(output, how)
-        tell_finished(output, OVERWRITE)
+        log_finished(output, OVERWRITE)
         return load_model(output)
     # The output is held open for one training at a time.
-    with whole_output(output, replace=True) as partial, how.executor() as executor:
+    with atomic_output(output, replace=True) as partial, how.executor() as executor:
         course = _Course(recipe, text, lanes, output, executor, how)
         course.learn_stages()
         if learns_detector(recipe, features):
@@ -141,7 +141,7 @@ def _holds_model(folder: Path, notes: Mapping[str, Any]) -> bool:
     except ValueError:
         there = {}
     if any(there.get(name) != value for name, value in notes.items()):
-        raise other_output(folder, f"{OVERWRITE}, or choose another output")
+        raise output_exists_error(folder, f"{OVERWRITE}, or choose another output")
     return True
 
 

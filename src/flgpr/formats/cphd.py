@@ -27,7 +27,7 @@ from flgpr.model import POSE_COMPONENTS, SPEED_OF_LIGHT, Grid, check_run, make_r
 from flgpr.model.phase import lengthen
 from flgpr.store.extras import MissingExtraError, optional
 from flgpr.store.files import canonical_json, existing
-from flgpr.store.outputs import whole_output
+from flgpr.store.outputs import atomic_output
 
 FloatArray = NDArray[np.float64]
 _Vectors = dict[str, NDArray[Any]]
@@ -131,7 +131,7 @@ def write_cphd(
         root["ReferenceGeometry"] = sarkit.compute_reference_geometry(tree, records[names[0]])
     metadata = sarkit.Metadata(xmltree=tree)
     with (
-        whole_output(path, replace=True) as partial,
+        atomic_output(path, replace=True) as partial,
         partial.open("wb") as file,
         sarkit.Writer(file, metadata) as writer,
     ):

@@ -36,7 +36,7 @@ from flgpr.scoring import chance, clopper_pearson, compare, match, operating_row
 from flgpr.scoring.matching import Match
 from flgpr.store import sha256, write_whole
 from flgpr.store.files import existing
-from flgpr.store.outputs import tell_finished
+from flgpr.store.outputs import log_finished
 from flgpr.store.tables import parse_columns, read_table_in
 from flgpr.trials import alarm_hash
 from flgpr.trials.blind import match_blind
@@ -350,7 +350,7 @@ def write_table(folders: Sequence[str | Path], output: str | Path) -> str:
     if (to / "index.html").is_file() and read_named(to / "index.html").decode(
         "utf-8", "replace"
     ) == page:
-        tell_finished(to / "index.html")
+        log_finished(to / "index.html")
     write_whole(to / "index.html", page)
     return "\n".join([table_text(ground, scores, costs), *faults])
 

@@ -21,7 +21,7 @@ _MARKS = ";\t,"
 _BEGIN = re.compile(r"BEGIN\b[\s,;]*([^\s,;]*)[\s,;]*", re.IGNORECASE)
 _SIGN = re.compile(r"\s*([+-])\s*")
 _BLANKS_AND_COMMAS = re.compile(r"\d,\d+\s+[-+]?\d+,\d")
-_HINT = "decimal commas are read where semicolons or tabs part the columns"
+_HINT = "decimal commas are read where semicolons or tabs separate the columns"
 
 
 class _Line(NamedTuple):
