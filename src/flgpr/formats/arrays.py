@@ -160,9 +160,9 @@ def _faults_of_parser(path: Path, kind: str) -> Iterator[None]:
     except MissingExtraError:
         raise
     except Exception as error:
-        words = " ".join(str(error).split())[:200] or type(error).__name__
+        message = " ".join(str(error).split())[:200] or type(error).__name__
         raise ValueError(
-            f"{path}: cannot be read as a {kind}: it is damaged or of another kind ({words})"
+            f"{path}: cannot be read as a {kind}: it is damaged or of another kind ({message})"
         ) from None
 
 

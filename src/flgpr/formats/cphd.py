@@ -184,8 +184,8 @@ def read_cphd(path: str | Path, anchor: Anchor | None = None) -> xr.Dataset:
     except (MissingExtraError, FileNotFoundError):
         raise
     except Exception as error:
-        words = " ".join(str(error).split())[:200] or type(error).__name__
-        raise ValueError(f"{path}: cannot be read as CPHD: {words}") from None
+        message = " ".join(str(error).split())[:200] or type(error).__name__
+        raise ValueError(f"{path}: cannot be read as CPHD: {message}") from None
 
 
 @contextmanager
@@ -259,12 +259,10 @@ def _channel(
     scans = len(pose)
     velocity_tx = _velocity(tx, time)
     velocity_rx = _velocity(rx, time)
-    closing = 0.5 * sum(
-        (
-            _along(velocity_tx, tx - center, range_tx),
-            _along(velocity_rx, rx - center, range_rx),
-        )
-    )
+    closing = np.zeros(scans)
+    closing += _along(velocity_tx, tx - center, range_tx)
+    closing += _along(velocity_rx, rx - center, range_rx)
+    closing *= 0.5
     vectors: _Vectors = {
         "TxTime": time,
         "TxPos": anchor.to_geocentric(tx),
@@ -401,7 +399,7 @@ def _elements(block: str, name: str, records: list[dict[str, Any]]) -> Iterator[
 
 def _data(root: Any, names: list[str], scans: int, tones: int) -> None:
     """Add how the arrays of the channels lie in the file."""
-    words = len(_ORDER) + 2 * len(_VECTORS) + len(_ADDED)  # of 8 bytes in a vector
+    vector_words = len(_ORDER) + 2 * len(_VECTORS) + len(_ADDED)  # of 8 bytes in a vector
     channels = []
     for number, name in enumerate(names):
         channel = {
@@ -409,12 +407,12 @@ def _data(root: Any, names: list[str], scans: int, tones: int) -> None:
             "NumVectors": scans,
             "NumSamples": tones,
             "SignalArrayByteOffset": number * scans * tones * 8,
-            "PVPArrayByteOffset": number * scans * words * 8,
+            "PVPArrayByteOffset": number * scans * vector_words * 8,
         }
         channels.append(channel)
     root["Data"] = {
         "SignalArrayFormat": "CF8",
-        "NumBytesPVP": 8 * words,
+        "NumBytesPVP": 8 * vector_words,
         "NumCPHDChannels": len(names),
         "Channel": _elements("Data", "Channel", channels),
         "NumSupportArrays": 0,

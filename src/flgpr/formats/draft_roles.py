@@ -304,8 +304,8 @@ class Roles:
         for source in self._unused():
             if source.group is not group or not _is_vector(source):
                 continue
-            for name, words in _POSE_NAMES.items():
-                if name not in columns and name_token(source.info.name, words) is not None:
+            for name, vocabulary in _POSE_NAMES.items():
+                if name not in columns and name_token(source.info.name, vocabulary) is not None:
                     columns[name] = source
                     break
             if TIME_NAMES.search(source.info.name):
@@ -427,6 +427,6 @@ def _have_axis_each(tx: int, rx: int, sizes: list[int]) -> bool:
     """Return whether there is an axis for so many transmitters, and another for the receivers."""
     if tx not in sizes:
         return False
-    others = list(sizes)
-    others.remove(tx)
-    return rx in others
+    sizes_left = list(sizes)
+    sizes_left.remove(tx)
+    return rx in sizes_left

@@ -241,9 +241,9 @@ def _largest(infos: list[ArrayInfo]) -> ArrayInfo:
 def _imaginary_of(info: ArrayInfo, opened: ArrayFile) -> str | None:
     """Return the array whose name and shape make it the imaginary part of another."""
     for real, imaginary in _IMAGINARY:
-        wanted = re.sub(real, imaginary, info.name, flags=re.IGNORECASE).lower()
+        expected = re.sub(real, imaginary, info.name, flags=re.IGNORECASE).lower()
         for name, other in opened.arrays.items():
-            if name.lower() == wanted and name != info.name:
+            if name.lower() == expected and name != info.name:
                 if other.shape == info.shape:
                     return name
                 break
@@ -264,16 +264,19 @@ def _find_signal_axis(draft: _Draft, sizes: list[int]) -> _Axis:
 
 
 def _find_axis(
-    opened: ArrayFile, candidates: Iterable[ArrayInfo], words: tuple[str, ...], sizes: list[int]
+    opened: ArrayFile,
+    candidates: Iterable[ArrayInfo],
+    vocabulary: tuple[str, ...],
+    sizes: list[int],
 ) -> ArrayInfo | None:
     """Return the first array of increasing values whose length is among ``sizes``.
 
-    One of the ``words`` must be in its name.
+    One of the ``vocabulary`` must be in its name.
     """
     for info in candidates:
         count = math.prod(info.shape)
         is_vector = max(info.shape, default=0) == count > 1
-        if not is_vector or count not in sizes or not _is_called(info, words):
+        if not is_vector or count not in sizes or not _is_called(info, vocabulary):
             continue
         values = small_values(opened, info)
         if values is None or values.dtype.kind not in "fiu":
@@ -283,14 +286,14 @@ def _find_axis(
     return None
 
 
-def _is_called(info: ArrayInfo, words: tuple[str, ...]) -> bool:
+def _is_called(info: ArrayInfo, vocabulary: tuple[str, ...]) -> bool:
     """Return whether the name of an array holds one of the words, or is their letter."""
     name = info.name.lower().replace("/", ".").split(".")[-1]
-    if "freq" in words and name == "f":
+    if "freq" in vocabulary and name == "f":
         return True
-    if "time" in words and name == "t":
+    if "time" in vocabulary and name == "t":
         return True
-    return any(word in name for word in words)
+    return any(word in name for word in vocabulary)
 
 
 def _find_samples(draft: _Draft, sizes: list[int]) -> _Axis:
@@ -301,8 +304,8 @@ def _find_samples(draft: _Draft, sizes: list[int]) -> _Axis:
     """
     unused = draft.unused()
     for tried in (sizes[-1:], sizes):
-        words = ("range", "delay", "t_ns", "twt", "fast")
-        samples = _find_axis(draft.opened, unused, words, tried)
+        vocabulary = ("range", "delay", "t_ns", "twt", "fast")
+        samples = _find_axis(draft.opened, unused, vocabulary, tried)
         if samples is not None:
             return _Axis(samples=samples)
     times = []
@@ -376,8 +379,8 @@ def _find_track(
             continue
         topic = info.name.rsplit("/", 1)[0] if draft.topic else ""
         candidates = _Draft(draft.opened, draft.used, topic).unused()
-        words = ("time", "t_", "stamp")
-        clock = _find_axis(draft.opened, candidates, words, [info.shape[0]])
+        vocabulary = ("time", "t_", "stamp")
+        clock = _find_axis(draft.opened, candidates, vocabulary, [info.shape[0]])
         if clock is not None:
             draft.used.add(clock.name)
             del positions[side]
@@ -410,9 +413,9 @@ def _find_pose(
         is_vector = bool(info.shape) and max(info.shape) == count
         if is_vector and count in scans and not _ANTENNA.search(info.name.lower()):
             vectors.append(info)
-    for name, words in _COMPONENTS.items():
+    for name, vocabulary in _COMPONENTS.items():
         for info in vectors:
-            if set(re.split(r"[_\W]+", info.name.lower())) & words:
+            if set(re.split(r"[_\W]+", info.name.lower())) & vocabulary:
                 components.setdefault(name, info)
     if position is not None or "xyz" in positions:
         _leave_out(components, "xyz")

@@ -84,11 +84,11 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
     pose = np.zeros((scans, 6))
     pose[:, :3] = origin
     attrs: dict[str, Any] = {"source": "full-wave (FDTD) lane", "title": path.stem}
-    world = parse_json(str(arrays["truth"])) if "truth" in arrays else None
-    if world is not None and "soil_eps" in world:
+    truth = parse_json(str(arrays["truth"])) if "truth" in arrays else None
+    if truth is not None and "soil_eps" in truth:
         attrs["soil"] = {
-            "permittivity": float(world["soil_eps"]),
-            "conductivity": float(world.get("soil_sigma", 0.0)),
+            "permittivity": float(truth["soil_eps"]),
+            "conductivity": float(truth.get("soil_sigma", 0.0)),
         }
     run = make_run(
         signal,
@@ -99,9 +99,9 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
         pose,
         attrs=attrs,
     )
-    if world is None:
+    if truth is None:
         return FullwaveLane(run, None, None)
-    return FullwaveLane(run, _truth(world), _objects(world))
+    return FullwaveLane(run, _truth_table(truth), _object_table(truth))
 
 
 def _load(path: Path, max_memory: int) -> dict[str, NDArray[Any]]:
@@ -127,27 +127,27 @@ def _check_shapes(path: Path, data: NDArray[Any], tx: NDArray[Any], rx: NDArray[
     )
 
 
-def _truth(world: dict[str, Any]) -> pd.DataFrame:
+def _truth_table(truth: dict[str, Any]) -> pd.DataFrame:
     """Return the mines of a world as a table of truth."""
     rows = []
-    for number, (kind, x, y, depth) in enumerate(world.get("mines", []), start=1):
+    for number, (kind, x, y, depth) in enumerate(truth.get("mines", []), start=1):
         row = {
             "target_id": f"mine-{number}",
             "x": x,
             "y": y,
             "kind": kind,
             "depth": depth,
-            "radius": world.get("mine_radius_m", np.nan),
-            "height": world.get("mine_height_m", np.nan),
+            "radius": truth.get("mine_radius_m", np.nan),
+            "height": truth.get("mine_height_m", np.nan),
         }
         rows.append(row)
     return check_truth(pd.DataFrame(rows)) if rows else empty_table(TRUTH_COLUMNS)
 
 
-def _objects(world: dict[str, Any]) -> pd.DataFrame:
+def _object_table(truth: dict[str, Any]) -> pd.DataFrame:
     """Return the rocks and posts of a world as a table of objects."""
     rows = []
-    for number, (x, y, radius) in enumerate(world.get("rocks", []), start=1):
+    for number, (x, y, radius) in enumerate(truth.get("rocks", []), start=1):
         row = {
             "object_id": f"rock-{number}",
             "x": x,
@@ -157,7 +157,7 @@ def _objects(world: dict[str, Any]) -> pd.DataFrame:
             "height": np.nan,
         }
         rows.append(row)
-    for number, (x, y, height) in enumerate(world.get("posts", []), start=1):
+    for number, (x, y, height) in enumerate(truth.get("posts", []), start=1):
         row = {
             "object_id": f"post-{number}",
             "x": x,

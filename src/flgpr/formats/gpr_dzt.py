@@ -93,7 +93,7 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     sample, offset = _TYPES[head.bits]
     record = np.dtype((sample, (channels, samples)))
     table = read_records(path, begin, record, None, notes, limit)
-    words = table[:, 0, :2].astype(np.int64)
+    trace_words = table[:, 0, :2].astype(np.int64)
     traces = exact_floats(table, notes)
     traces -= offset
     traces[..., :2] = traces[..., 2:3]
@@ -105,7 +105,7 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     dzx = read_dzx(find_companion(path, ".dzx"), count, notes)
     distance = _distance(count, head.per_metre, dzx, notes)
     time = _time(count, head.per_second, distance is None, notes)
-    fixes = nmea_fixes(find_companion(path, ".dzg"), count, notes, words[:, 0])
+    fixes = nmea_fixes(find_companion(path, ".dzg"), count, notes, trace_words[:, 0])
     note_unread(path, (".dza", ".plt", ".tmf"), notes)
     return {
         "traces": traces,
@@ -115,7 +115,7 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
         "time": time,
         "fixes": fixes.table,
         "fix_time": fixes.time,
-        "marks": _marks(words[:, 1], dzx, notes),
+        "marks": _marks(trace_words[:, 1], dzx, notes),
         "frequencies": _frequencies(raw[: max(begin, _HEADER)], channels, notes),
         "history": tuple(notes),
     }
@@ -252,17 +252,17 @@ def _between_waypoints(count: int, waypoints: FloatArray, notes: list[str]) -> F
     return distance
 
 
-def _marks(words: NDArray[np.int64], dzx: DzxContent, notes: list[str]) -> tuple[int, ...]:
+def _marks(mark_words: NDArray[np.int64], dzx: DzxContent, notes: list[str]) -> tuple[int, ...]:
     """Return the traces with a mark.
 
     Their second word differs from the usual one, or the DZX marks them.
     """
-    values, which = np.unique(words, return_inverse=True)
+    values, which = np.unique(mark_words, return_inverse=True)
     usual = values[np.bincount(which).argmax()]
-    marked = np.flatnonzero(words != usual)
-    if 2 * marked.size >= words.size:
+    marked = np.flatnonzero(mark_words != usual)
+    if 2 * marked.size >= mark_words.size:
         notes.append(
-            f"the mark words of {marked.size} of {words.size} traces differ from the rest: "
+            f"the mark words of {marked.size} of {mark_words.size} traces differ from the rest: "
             "none is taken for a mark"
         )
         marked = marked[:0]

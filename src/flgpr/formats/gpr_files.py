@@ -124,9 +124,9 @@ def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
     except MissingHeaderError:
         raise
     except Exception as error:
-        words = " ".join(str(error).split())[:240] or type(error).__name__
-        raise ValueError(f"{path}: cannot be read as {format_name}: {words}") from None
-    defaults = {"title": path.stem, "max_memory": max_memory}
+        message = " ".join(str(error).split())[:240] or type(error).__name__
+        raise ValueError(f"{path}: cannot be read as {format_name}: {message}") from None
+    defaults: dict[str, Any] = {"title": path.stem, "max_memory": max_memory}
     return GprSection(path, format_name, **(defaults | entries))
 
 

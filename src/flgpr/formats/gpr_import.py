@@ -255,14 +255,15 @@ def _half_separation(
 
 
 def _band(
-    given: tuple[float, float] | ReasonedBand | None,
+    band: tuple[float, float] | ReasonedBand | None,
     nominal: float | None,
     delay: FloatArray,
     notes: list[str],
 ) -> tuple[float, float]:
     """Return the band to keep, Hz.
 
-    It is the given one, one about the antenna's ``nominal`` frequency, or one by the sampling.
+    It is ``band`` if that is given, one about the antenna's ``nominal`` frequency, or one by the
+    sampling.
     """
     interval = float(delay[1] - delay[0])
     nyquist = 0.5 / interval
@@ -273,11 +274,11 @@ def _band(
             f"apart, which hold frequencies up to {nyquist / 1e6:g} MHz: "
             "are antenna and time window right?"
         )
-    if given is None:
+    if band is None:
         low, high, reason = _usual_band(nominal, lowest, nyquist)
     else:
-        low, high = given[:2]
-        reason = given.reason if isinstance(given, ReasonedBand) else "given"
+        low, high = band[:2]
+        reason = band.reason if isinstance(band, ReasonedBand) else "given"
     if not lowest * (1 - 1e-9) <= low < high <= nyquist:
         raise ValueError(
             f"band must lie between {lowest / 1e6:g} MHz and half the sampling rate, "
@@ -319,12 +320,13 @@ def _replaced(
         "time zero": (time_zero, -float(delay[0]), "s"),
     }
     lines = []
-    for name, (given, stated, unit) in values.items():
-        if given is None or stated is None:
+    for name, (replacement, stated, unit) in values.items():
+        if replacement is None or stated is None:
             continue
-        if not math.isclose(given, stated, rel_tol=1e-9, abs_tol=1e-15):
+        if not math.isclose(replacement, stated, rel_tol=1e-9, abs_tol=1e-15):
             lines.append(
-                f"{name} {given:.6g} {unit} is given in place of the file's, {stated:.6g} {unit}"
+                f"{name} {replacement:.6g} {unit} is given in place of the file's, "
+                f"{stated:.6g} {unit}"
             )
     if step is not None and section.distance is not None:
         lines.append(

@@ -88,9 +88,9 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
     frequency = _frequency_of(radar)
     notes.append("the descriptor tells no time zero: it is put at the first sample")
     positions, fixes = _geolocations(path, blocks.get(_GEOLOCATIONS), shape, notes)
-    others = sorted(set(blocks) - {_VOLUME, _GEOLOCATIONS})
-    if others:
-        notes.append(f"blocks found and not understood: {', '.join(others)}")
+    unknown_blocks = sorted(set(blocks) - {_VOLUME, _GEOLOCATIONS})
+    if unknown_blocks:
+        notes.append(f"blocks found and not understood: {', '.join(unknown_blocks)}")
     if repeated:
         kinds = ", ".join(sorted(set(repeated)))
         notes.append(f"{len(repeated)} further blocks of {kinds} not read")

@@ -91,19 +91,19 @@ class Header:
         ValueError
             If it is missing and needed, or out of bounds.
         """
-        words = self.values.get(name, "").split()
-        if not words:
+        cells = self.values.get(name, "").split()
+        if not cells:
             if needed:
                 raise ValueError(f"{self.path.name} must hold {name}, which it does not")
             return None
         try:
-            value = float(words[0].replace(",", "."))
+            value = float(cells[0].replace(",", "."))
         except ValueError:
             value = np.nan
         if not low <= value <= high:
             raise ValueError(
                 f"{self.path.name}: {name} must be a number from {low:g} to {high:g}, "
-                f"got {words[0][:40]!r}"
+                f"got {cells[0][:40]!r}"
             )
         return value
 
@@ -128,9 +128,9 @@ def first_bytes(path: Path, size: int, start: int = 0) -> bytes:
 
 def find_companion(path: Path, suffix: str) -> Path | None:
     """Return the file of the same name and another ending, in any case, if there is one."""
-    wanted = (path.stem + suffix).lower()
+    companion_name = (path.stem + suffix).lower()
     for other in sorted(path.parent.iterdir()):
-        if other.name.lower() == wanted and other.is_file():
+        if other.name.lower() == companion_name and other.is_file():
             return other
     return None
 
@@ -419,10 +419,10 @@ def gather_of_separations(apart: FloatArray, unit: str, notes: list[str]) -> str
         return ""
     steps = np.diff(apart)
     one_direction = bool((steps >= 0).all() or (steps <= 0).all())
-    words = f"{low:g} to {high:g}{unit} apart"
+    separations = f"{low:g} to {high:g}{unit} apart"
     if one_direction and high <= _FARTHEST_APART:
-        return f"antennas {words}"
-    notes.append(f"the trace headers put the antennas {words}, which is not used")
+        return f"antennas {separations}"
+    notes.append(f"the trace headers put the antennas {separations}, which is not used")
     return ""
 
 

@@ -125,14 +125,14 @@ def options_that_place(section: GprSection, dashes: str = "") -> str:
 
 
 def _topography(
-    section: GprSection, ground: FloatArray, anchor: Anchor, wanted: bool, notes: list[str]
+    section: GprSection, ground: FloatArray, anchor: Anchor, use_heights: bool, notes: list[str]
 ) -> FloatArray:
     """Return what the receiver's heights (fix,), m in the lane, add to the antennas'.
 
     Heights that are not used are noted.
     """
     if not anchor.heights_known or not np.isfinite(ground).all():
-        if wanted:
+        if use_heights:
             raise ValueError(
                 f"{section.path}: topography needs an anchor with heights and a height of every "
                 "position"
@@ -140,7 +140,7 @@ def _topography(
         return np.zeros(ground.size)
     low = float(ground.min())
     high = float(ground.max())
-    if wanted:
+    if use_heights:
         notes.append(
             f"antennas are put on the receiver's heights, {low:.2f} to {high:.2f} m in the lane; "
             "its own height over the ground is not taken off"
@@ -177,15 +177,15 @@ def _plausible_fixes(
             f"used: {some_steps(motion.steps)}"
         )
     used = np.flatnonzero(motion.plausible)
-    near = _near_by_distance(section, trace[used], position[used])
-    if not near.all():
-        listed = ", ".join(f"{number:g}" for number in trace[used][~near][:_LISTED])
+    agrees = _near_by_distance(section, trace[used], position[used])
+    if not agrees.all():
+        listed = ", ".join(f"{number:g}" for number in trace[used][~agrees][:_LISTED])
         notes.append(
-            f"{np.count_nonzero(~near)} of {len(trace)} positions of the satellite receiver left "
+            f"{np.count_nonzero(~agrees)} of {len(trace)} positions of the satellite receiver left "
             "out, which are farther from those about them than the traces' own distance: "
             f"at trace {listed}"
         )
-    used = used[near]
+    used = used[agrees]
     return trace[used], position[used]
 
 

@@ -426,10 +426,10 @@ def _on_own_lines(
     for line in range(lines):
         traces = np.arange(edges[line], edges[line + 1])
         fixes = np.flatnonzero(line_of_fix == line)
-        wanted = table[fixes, 0] + 1
-        match = np.searchsorted(numbers[traces], wanted)
+        trace_number = table[fixes, 0] + 1
+        match = np.searchsorted(numbers[traces], trace_number)
         nearest = traces[np.minimum(match, traces.size - 1)]
-        is_there = (match < traces.size) & (numbers[nearest] == wanted)
+        is_there = (match < traces.size) & (numbers[nearest] == trace_number)
         settled[fixes, 0] = np.where(is_there, nearest, np.nan)
     notes.append(
         f"{lines} lines were merged: the positions of {name} are put on the traces of their own "

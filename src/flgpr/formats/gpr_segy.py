@@ -281,10 +281,10 @@ def _sample_counts(raw: bytes, order: str, extended: bool) -> tuple[list[int], l
     first = [stated] if stated >= 2 else []
     if extended and 2 <= long <= MOST_SAMPLES and stated < 2:
         first = [long]
-    others = [_word_of_first_trace(raw, order, 114)]
+    counts = [_word_of_first_trace(raw, order, 114)]
     if extended:
-        others.append(long)
-    return first, [count for count in others if 2 <= count <= MOST_SAMPLES and count not in first]
+        counts.append(long)
+    return first, [count for count in counts if 2 <= count <= MOST_SAMPLES and count not in first]
 
 
 def _text_headers(path: Path, raw: bytes, order: str) -> list[int]:
@@ -401,10 +401,10 @@ def _check_trace_headers(
         )
     intervals = table["interval"]
     off = np.abs(intervals * _PICOSECOND - interval) > 0.5 * _PICOSECOND
-    others = np.count_nonzero((intervals != 0) & off)
-    if others:
+    differing = np.count_nonzero((intervals != 0) & off)
+    if differing:
         notes.append(
-            f"{others} trace headers tell another sample interval (bytes 117-118) than "
+            f"{differing} trace headers tell another sample interval (bytes 117-118) than "
             f"{interval * 1e12:g} ps, which is used"
         )
     late = np.count_nonzero(table["late"])
@@ -491,10 +491,10 @@ def _gather(table: NDArray[Any], metre: float, notes: list[str]) -> str:
     """
     source = _coordinates(table, "source")
     group = _coordinates(table, "group")
-    both = source.any(axis=1) & group.any(axis=1)
-    if np.isin(table["unit"], _ANGULAR).any() or np.count_nonzero(both) < 2:
+    located = source.any(axis=1) & group.any(axis=1)
+    if np.isin(table["unit"], _ANGULAR).any() or np.count_nonzero(located) < 2:
         return ""
-    apart = np.hypot(*(group - source)[both].T) * metre
+    apart = np.hypot(*(group - source)[located].T) * metre
     gather = gather_of_separations(apart, " m", notes)
     if gather:
         notes.append(gather_note(gather))
@@ -504,12 +504,12 @@ def _gather(table: NDArray[Any], metre: float, notes: list[str]) -> str:
 def _changing_coordinates(table: NDArray[Any], notes: list[str]) -> dict[str, FloatArray]:
     """Return the coordinates (trace, 2) that change along the line, by their names."""
     coordinates = {}
-    for name, words in _COORDINATES.items():
+    for name, description in _COORDINATES.items():
         points = _coordinates(table, name)
         if np.ptp(points, axis=0).any():
             coordinates[name] = points
         elif points.any() and len(points) > 1:
-            notes.append(f"the {words} are the same in all traces: they are not used")
+            notes.append(f"the {description} are the same in all traces: they are not used")
     return coordinates
 
 
@@ -559,10 +559,10 @@ def _separation(coordinates: dict[str, FloatArray], metre: float, notes: list[st
     """Return the distance of source and group, m, where it is the same in all traces."""
     if "source" not in coordinates or "group" not in coordinates:
         return None
-    both = coordinates["source"].any(axis=1) & coordinates["group"].any(axis=1)
-    if not both.any():
+    located = coordinates["source"].any(axis=1) & coordinates["group"].any(axis=1)
+    if not located.any():
         return None
-    apart = np.hypot(*(coordinates["group"] - coordinates["source"])[both].T) * metre
+    apart = np.hypot(*(coordinates["group"] - coordinates["source"])[located].T) * metre
     if not 0 < apart.mean() <= _LONGEST_SEPARATION or np.ptp(apart) > 0.1 * apart.mean():
         return None
     notes.append("the antennas' separation is the distance of source and group coordinates")
@@ -577,12 +577,12 @@ def _sexagesimal(values: FloatArray) -> FloatArray:
     return np.asarray(np.sign(values) * (degrees + minutes / 60 + seconds / 3600), dtype=np.float64)
 
 
-def _ibm(words: NDArray[Any]) -> NDArray[np.float32]:
+def _ibm(ibm_words: NDArray[Any]) -> NDArray[np.float32]:
     """Return IBM's floating point as IEEE's.
 
     It has a sign, an exponent of 16 less 64 and 24 bits of fraction.
     """
-    word = words.astype(np.uint32)
+    word = ibm_words.astype(np.uint32)
     fraction = (word & 0xFFFFFF).astype(np.float64) * 2.0**-24
     size = np.ldexp(fraction, 4 * (((word >> 24) & 0x7F).astype(np.int32) - 64))
     # What is too large for any recorder is refused by what follows.

@@ -25,7 +25,10 @@ _CLOSE = 0.02  # of a line's length, by which the distance of its ends may diffe
 
 @dataclass(frozen=True)
 class LineLayout:
-    """Where lines lie that no satellite receiver placed: parallel along +y, or from point to point."""
+    """Where lines lie that no satellite receiver placed.
+
+    They are parallel along +y, or go from point to point.
+    """
 
     spacing: float | None = None  #: between parallel lines, m along x; the first lies at x = 0
     zigzag: bool = False  #: whether every other line runs back, from where the one before ended
@@ -134,7 +137,9 @@ def survey_run(
     anchor: Anchor | None = None,
     **options: Any,
 ) -> xr.Dataset:
-    """Make one run of several lines, one after the other, on the same tones, all channels a pair each.
+    """Make one run of several lines, one after the other, on the same tones.
+
+    All channels are a pair each.
 
     Parameters
     ----------

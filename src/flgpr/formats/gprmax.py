@@ -176,13 +176,15 @@ def _faults_of_result(path: Path) -> Iterator[None]:
     try:
         yield
     except _DAMAGE as error:
-        words = " ".join(str(error).split())[:200]
+        message = " ".join(str(error).split())[:200]
         raise ValueError(
-            f"{path}: cannot be read as a result of gprMax: it is damaged ({words})"
+            f"{path}: cannot be read as a result of gprMax: it is damaged ({message})"
         ) from None
     except ValueError as error:  # of h5py, too: for numbers of a type that NumPy has not
-        words = " ".join(str(error).split())
-        raise ValueError(words if words.startswith(str(path)) else f"{path}: {words}") from None
+        message = " ".join(str(error).split())
+        raise ValueError(
+            message if message.startswith(str(path)) else f"{path}: {message}"
+        ) from None
 
 
 def _read(path: Path) -> GprmaxOutput:

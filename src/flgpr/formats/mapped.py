@@ -388,19 +388,19 @@ class _Importer:
         """Return names and tables of the positions of transmitters and of receivers."""
         mapping = self.mapping
         if mapping.antenna_position is not None:
-            both = ("antenna_position", mapping.antenna_position)
-            return both, both
+            antenna = ("antenna_position", mapping.antenna_position)
+            return antenna, antenna
         # Mapping sees to it that both are there.
         tx: Positions = mapping.tx_position  # type: ignore[assignment]
         rx: Positions = mapping.rx_position  # type: ignore[assignment]
         return ("tx_position", tx), ("rx_position", rx)
 
-    def _check_count(self, name: str, spec: Positions, count: int, wanted: int) -> None:
+    def _check_count(self, name: str, spec: Positions, count: int, expected: int) -> None:
         """Refuse positions that are not as many as the signal has antennas."""
-        if count != wanted:
+        if count != expected:
             with self.sources.entry(name, spec.file):
                 raise ValueError(
-                    f"{name} must give {wanted} antennas as the signal has, got {count}"
+                    f"{name} must give {expected} antennas as the signal has, got {count}"
                 )
 
     def _offset(self, spec: PathOffset, shape: tuple[int, ...]) -> FloatArray:

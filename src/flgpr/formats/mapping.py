@@ -311,8 +311,8 @@ class Mapping(_Table):
                 if name not in ("title", "source", "files"):
                     guesses.update(_guesses(entry, str(name)))
         if guesses:
-            (first, value), *others = guesses.items()
-            more = f" (and so are {', '.join(name for name, _ in others)})" if others else ""
+            (first, value), *further = guesses.items()
+            more = f" (and so are {', '.join(name for name, _ in further)})" if further else ""
             raise ValueError(
                 f"{first} is still a guess, got {value!r}{more}: "
                 "check it and take the question mark away"
@@ -348,11 +348,14 @@ class Mapping(_Table):
 
     def _check_axis(self) -> None:
         """Refuse a table of tones or samples that the axes of the signal do not ask for."""
-        wanted, other = "samples", "frequency"
         if "frequency" in self.signal.dims:
-            wanted, other = other, wanted
-        if getattr(self, wanted) is None or getattr(self, other) is not None:
-            raise ValueError(f"signal.dims asks for the table {wanted} and no table {other}")
+            needed = "frequency"
+            other = "samples"
+        else:
+            needed = "samples"
+            other = "frequency"
+        if getattr(self, needed) is None or getattr(self, other) is not None:
+            raise ValueError(f"signal.dims asks for the table {needed} and no table {other}")
 
 
 def _guesses(entries: Any, where: str) -> Iterator[tuple[str, str]]:

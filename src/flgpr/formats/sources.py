@@ -45,14 +45,14 @@ class Sources:
         try:
             yield
         except ValueError as error:
-            words = str(error)
+            message = str(error)
             paths = self.files.get(file or "", [])
-            if not re.search(rf"(^|: ){re.escape(where)}\b", words):
-                words = f"{where}: {words}"
-            if paths and not any(str(path) in words for path in paths):
-                others = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
-                words = f"{paths[0]}{others}: {words}"
-            raise ValueError(words) from None
+            if not re.search(rf"(^|: ){re.escape(where)}\b", message):
+                message = f"{where}: {message}"
+            if paths and not any(str(path) in message for path in paths):
+                more_files = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+                message = f"{paths[0]}{more_files}: {message}"
+            raise ValueError(message) from None
 
     def arrays(self, file: str, variable: str, where: str) -> list[NDArray[Any]]:
         """Read a variable of every file of that name."""

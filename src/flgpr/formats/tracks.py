@@ -339,8 +339,8 @@ def _place_of(message: Any) -> tuple[float, float, float]:
 
 def _damaged_sentence(path: Path, number: int, error: Exception) -> ValueError:
     """Return the error for a line that the library refuses."""
-    words = " ".join(str(error).split())[:120]
-    return ValueError(f"{path}: line {number} is no valid NMEA sentence: {words}")
+    message = " ".join(str(error).split())[:120]
+    return ValueError(f"{path}: line {number} is no valid NMEA sentence: {message}")
 
 
 def _headings(
