@@ -16,8 +16,8 @@ from flgpr.formats.arrays import open_arrays
 from flgpr.formats.explain import explain_file, propose_mapping
 from flgpr.formats.mapped import import_mapped
 from flgpr.store import open_run
-from flgpr.store.tables import read_text_table
 from flgpr.store.text import decode_text
+from flgpr.store.text_tables import read_text_table
 
 # --- one bad part never blocks the rest
 

@@ -28,7 +28,7 @@ from flgpr.formats.touchstone import touchstone_text
 from flgpr.store.extras import MissingExtraError, optional
 from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
-from flgpr.store.tables import read_text_table
+from flgpr.store.text_tables import read_text_table
 
 LIMIT = MAX_MEMORY
 """Largest array that is read, bytes, unless another limit is given."""

@@ -65,7 +65,7 @@ def import_mapped(
     anchor: Anchor | None = None,
     anchor_from_track: bool = False,
 ) -> Imported:
-    """Import measured data by a mapping, see ``docs/exchange.md``.
+    """Import measured data by a mapping, see ``docs/guide/import-mapping.md``.
 
     Parameters
     ----------

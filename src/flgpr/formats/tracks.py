@@ -22,8 +22,8 @@ from flgpr.model.track import TRACK_COLUMNS, bridged, course, make_track
 from flgpr.store.extras import optional
 from flgpr.store.files import existing, faults_of
 from flgpr.store.store_layout import MAX_MEMORY
-from flgpr.store.tables import read_text_table
 from flgpr.store.text import decode_text
+from flgpr.store.text_tables import read_text_table
 
 FloatArray = NDArray[np.float64]
 _DAY = 86400.0
