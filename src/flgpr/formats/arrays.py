@@ -143,6 +143,7 @@ def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
         raise ValueError(
             f"{path}: a file must hold at most {limit / 1e9:g} GB, got {size / 1e9:.3g} GB"
         )
+
     about: list[str] = []
     notes: list[str] = []
     with _faults_of_parser(path, kind):

@@ -105,6 +105,7 @@ def write_cphd(
     sarkit = optional("sarkit.cphd", "cphd")
     _check_even_tones(run["frequency"].values)
     run = run.compute()  # channels cut across the store's chunks
+
     scene = scene or _scene_ahead(run)
     center = np.array([scene.x.mean(), scene.y.mean(), 0.0])
     time = _times(run)
@@ -116,6 +117,7 @@ def write_cphd(
             name = f"{pair}_{label}"
             names.append(name)
             signals[name], vectors[name] = _channel(run, pair, number, time, anchor, center)
+
     with _without_sarkits_warnings():
         tree = _metadata(run, names, vectors, anchor, scene, time)
         root = sarkit.ElementWrapper(tree.getroot())
@@ -128,6 +130,7 @@ def write_cphd(
     # A vehicle that stands has no direction.
     with np.errstate(invalid="ignore", divide="ignore"), _without_sarkits_warnings():
         root["ReferenceGeometry"] = sarkit.compute_reference_geometry(tree, records[names[0]])
+
     metadata = sarkit.Metadata(xmltree=tree)
     with (
         whole_output(path, replace=True) as partial,
@@ -251,10 +254,12 @@ def _channel(
     rx = vehicle_to_lane(run["rx_position"].values[pair, None], pose)[:, 0]
     range_tx = np.linalg.norm(tx - center, axis=1)
     range_rx = np.linalg.norm(rx - center, axis=1)
+
     valid = run["valid"].values[:, polarization, pair]
     signal = run["signal"].values[:, polarization, pair]
     compensated = lengthen(signal, frequency, -(range_tx + range_rx))
     signal = np.where(valid[:, None], compensated, 0).astype(np.complex64)
+
     step = float((frequency[-1] - frequency[0]) / (frequency.size - 1))
     scans = len(pose)
     velocity_tx = _velocity(tx, time)
@@ -263,6 +268,7 @@ def _channel(
     closing += _along(velocity_tx, tx - center, range_tx)
     closing += _along(velocity_rx, rx - center, range_rx)
     closing *= 0.5
+
     vectors: _Vectors = {
         "TxTime": time,
         "TxPos": anchor.to_geocentric(tx),
@@ -442,6 +448,7 @@ def _channels(root: Any, run: xr.Dataset, names: list[str], first: _Vectors) -> 
                 "DwellTimes": {"CODId": "all", "DwellId": "all"},
             }
         )
+
     attrs = {str(name): value for name, value in run.attrs.items()}
     times = [time if math.isfinite(time) else None for time in run["time"].values.tolist()]
     added = [
@@ -528,6 +535,7 @@ def _assembled(
     parameters = first.dtype.names or ()
     frequency = _frequency(channels, added)
     signal = np.full((len(first), len(labels), pairs, frequency.size), np.nan, np.complex64)
+
     sign = int(tree.findtext("{*}Global/{*}SGN"))
     for name, (samples, vectors) in channels.items():
         polarization, pair = position_of[name]
@@ -539,6 +547,7 @@ def _assembled(
         if "SIGNAL" in (vectors.dtype.names or ()):
             usable = vectors["SIGNAL"] == 1
         signal[usable, polarization, pair] = values[usable]
+
     if all(name in parameters for name in _ADDED) and "flgpr_tx_position" in added:
         pose = np.stack([first[name] for name in _ADDED], axis=1)
         tx = np.array(parse_json(added["flgpr_tx_position"]))
@@ -547,6 +556,7 @@ def _assembled(
         time = np.array(times, dtype=np.float64)
         attrs = parse_json(added["flgpr_attrs"])
         return make_run(signal, frequency, labels, tx, rx, pose, time, attrs)
+
     vectors_of_pair = {position_of[name][1]: channels[name].vectors for name in channels}
     tx, rx, pose = _geometry(vectors_of_pair, anchor)
     attrs = {
@@ -626,6 +636,7 @@ def _geometry(
             positions.append(anchor.from_geocentric(vectors_of_pair[pair][name]))
         sides.append(np.stack(positions, axis=1))
     tx, rx = sides
+
     origin = tx.mean(axis=1)
     local_tx = tx - origin[:, None]
     local_rx = rx - origin[:, None]

@@ -134,6 +134,7 @@ def draft_of_file(opened: ArrayFile) -> str:
     draft.used.add(signal.name)
     if imaginary:
         draft.used.add(imaginary)
+
     sizes = list(signal.shape)
     axis = _find_signal_axis(draft, sizes)
     tones = math.prod(axis.info.shape) if axis.info is not None else 0
@@ -143,12 +144,14 @@ def draft_of_file(opened: ArrayFile) -> str:
     if track is None:
         components = _find_pose(draft, positions, sizes, tones)
     positions.pop("way", None)
+
     scan_sizes = list(sizes)  # lengths that scans may have
     if tones in scan_sizes:
         scan_sizes.remove(tones)
     stamp = _find_axis(draft.opened, draft.unused(), ("time", "stamp", "t_"), scan_sizes)
     if stamp is not None:
         draft.used.add(stamp.name)
+
     labels = labels_of(opened, sizes)
     dims = _dims(sizes, axis, positions, stamp, labels, components)
     lines = _head_lines(opened, signal, imaginary, labels, dims, axis)
@@ -407,6 +410,7 @@ def _find_pose(
             positions[side] = [info for info in infos if info is not position]
             if not positions[side]:
                 del positions[side]
+
     vectors = []
     for info in draft.unused():
         count = math.prod(info.shape)
@@ -417,6 +421,7 @@ def _find_pose(
         for info in vectors:
             if set(re.split(r"[_\W]+", info.name.lower())) & vocabulary:
                 components.setdefault(name, info)
+
     if position is not None or "xyz" in positions:
         _leave_out(components, "xyz")
     in_lane = position is not None or {"x", "y"} <= set(components)

@@ -69,6 +69,7 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
     tx = arrays["tx_xyz_m"]
     rx = arrays["rx_xyz_m"]
     _check_shapes(path, data, tx, rx)
+
     origin = tx.mean(axis=1)
     local_tx = tx - origin[:, None]
     local_rx = rx - origin[:, None]
@@ -78,11 +79,13 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
                 f"{path}: the array must keep its form and heading from scan to scan, "
                 "it moves by more than 1 µm"
             )
+
     scans, transmitters, receivers, polarizations, tones = data.shape
     shape = (scans, polarizations, transmitters * receivers, tones)
     signal = data.transpose(0, 3, 1, 2, 4).reshape(shape)
     pose = np.zeros((scans, 6))
     pose[:, :3] = origin
+
     attrs: dict[str, Any] = {"source": "full-wave (FDTD) lane", "title": path.stem}
     truth = parse_json(str(arrays["truth"])) if "truth" in arrays else None
     if truth is not None and "soil_eps" in truth:

@@ -59,6 +59,7 @@ def channels_run(
                 "has another than channel 0: import them apart, with --channel 0 and --channel "
                 f"{channel}"
             )
+
     for run, x in zip(runs, offsets, strict=True):
         for name in ("tx_position", "rx_position"):
             run[name][:, 0] += x
@@ -70,6 +71,7 @@ def channels_run(
                 f"{count} channels put at one place: "
                 "the file does not tell where their antennas are"
             )
+
     merged = xr.concat(
         runs, dim="pair", data_vars="minimal", coords="minimal", compat="equals", join="exact"
     )

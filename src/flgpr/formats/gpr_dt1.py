@@ -95,6 +95,7 @@ def read_dt1(path: Path, limit: int) -> dict[str, Any]:
     shortest = INTERVALS[0] / NANOSECOND
     longest = INTERVALS[1] / NANOSECOND * samples
     window = head.needed("TOTAL TIME WINDOW", shortest, longest)
+
     stated = head.number("NUMBER OF TRACES", 0, 1e9, False)
     table = _records(path, head, samples, stated, notes, limit)
     header_words = float64(table["head"])
@@ -103,11 +104,13 @@ def read_dt1(path: Path, limit: int) -> dict[str, Any]:
     traces[empty] = np.nan
     if empty.any():
         notes.append(f"{np.count_nonzero(empty)} traces without data, as their headers say")
+
     zero = _zero_point(head, notes)
     megahertz = head.number("NOMINAL FREQUENCY", 0, 1e5, False)
     distance, separation = _lengths(head, header_words, notes)
     fixes = _fixes(path, header_words, notes)
     _note_unused_words(header_words, notes)
+
     gather = _gather(head, header_words, notes)
     if gather:
         notes.append(gather_note(gather))
@@ -148,6 +151,7 @@ def _records(
     name = head.text("DATA TYPE").upper().replace(" ", "")
     if name and name not in _TYPES:
         raise ValueError(f"{head.path.name}: DATA TYPE must be I*2 or F*4, got {name[:40]!r}")
+
     raw = first_bytes(path, _HEADER)
     if len(raw) < _HEADER:
         raise ValueError(f"a trace header must have {_HEADER} bytes, the file has {len(raw)}")
@@ -155,12 +159,14 @@ def _records(
     swapped_words = first_words.byteswap()
     swapped = first_words[2] != samples and swapped_words[2] == samples
     width = (swapped_words if swapped else first_words)[5]
+
     sample = _TYPES.get(name) or ("f4" if width == 4 else "i2")
     other = "i2" if sample == "f4" else "f4"
     as_stated = _second_agrees(path, samples, sample, swapped)
     if not as_stated and _second_agrees(path, samples, other, swapped):
         sample = other
     table = read_records(path, 0, _record(samples, sample, swapped), stated, notes, limit)
+
     points = float64(table["head"][:, 2])
     if (points != samples).any():
         bad = int(np.argmax(points != samples))

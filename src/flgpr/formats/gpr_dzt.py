@@ -85,11 +85,13 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     head = _head_of(raw, notes)
     channels = head.channels
     samples = head.samples
+
     begin = _HEADER * (head.start if 0 < head.start < _HEADER else channels)
     if head.start == _OLD_HEADER and begin >= path.stat().st_size:
         begin = _OLD_HEADER
         notes.append(f"its header has {_OLD_HEADER} bytes, as old files have")
     delays = _delays(raw, begin, channels, samples, notes)
+
     sample, offset = _TYPES[head.bits]
     record = np.dtype((sample, (channels, samples)))
     table = read_records(path, begin, record, None, notes, limit)
@@ -101,6 +103,7 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
         "the first two samples of every trace are its number and marks: "
         "the third stands in their place"
     )
+
     count = len(traces)
     dzx = read_dzx(find_companion(path, ".dzx"), count, notes)
     distance = _distance(count, head.per_metre, dzx, notes)

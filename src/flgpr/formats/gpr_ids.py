@@ -51,6 +51,7 @@ def read_ids(path: Path, limit: int) -> dict[str, Any]:
         raise ValueError(
             f"it must begin with V and the even length of its records, got {raw[:1]!r} and {size}"
         )
+
     header, start = _header_records(raw, size)
     if b"H" not in header:
         raise ValueError("it must hold a record H with the window and the step, got none")
@@ -63,6 +64,7 @@ def read_ids(path: Path, limit: int) -> dict[str, Any]:
     _, _, _, window, _, _, _, _, step, _ = numbers_in(header[b"H"][44:], [16] * 10)
     if not INTERVALS[0] <= window / samples <= INTERVALS[1]:
         raise ValueError(f"its window must be a time in seconds, got {window:g}")
+
     notes = ["the layout of IDS files is not published: this is what others found in theirs"]
     record = np.dtype(
         [("mark", "u1", 4), ("samples", "<i2", samples), ("rest", "u1", size - 4 - 2 * samples)]
@@ -72,12 +74,14 @@ def read_ids(path: Path, limit: int) -> dict[str, Any]:
     if (letters != ord("R")).any():
         bad = int(np.argmax(letters != ord("R")))
         raise ValueError(f"trace {bad} must begin with R, got byte {letters[bad]:#04x}")
+
     traces = exact_floats(_with_sign(table["samples"], notes), notes) - np.float32(offset)
     lost = (table["mark"][:, 1] == 1) & (table["mark"][:, 2] == 6)
     traces[lost] = np.nan
     if lost.any():
         notes.append(f"{np.count_nonzero(lost)} traces without data, as their marks say")
     notes.append(ZERO_ASSUMED)
+
     antennas = numbers_in(header.get(b"ATR", b""), [16, 16, 16, 5, 16, 16, 16, 5])
     megahertz = antennas[3]
     separation = float(np.hypot(antennas[4] - antennas[0], antennas[5] - antennas[1]))

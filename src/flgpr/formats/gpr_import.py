@@ -108,6 +108,7 @@ def gpr_run(
             f"{section.path}: its antennas move apart ({section.gather}): "
             "it is no line of one offset and makes no run"
         )
+
     delay = _delay(section.delay_of(channel), time_zero, window)
     half = _half_separation(section, separation, across, height, notes)
     notes += _replaced(section, channel, step, time_zero, window, separation)
@@ -116,14 +117,8 @@ def gpr_run(
     traces, pose = trace_poses(section, step, height, anchor, topography, notes)
     if section.marks:
         notes.append(f"{len(section.marks)} marks of the operator are not kept in the run")
-    tones = _spectra(section.traces[:1, channel], delay, chosen_band)[1]
-    size = len(traces) * tones.size * 8
-    if size > section.max_memory:
-        raise ValueError(
-            f"the run must fit into {section.max_memory / 1e9:.3g} GB, "
-            f"it takes {size / 1e9:.3g} GB: narrow the band"
-        )
-    signal = _spectra(section.traces[traces, channel], delay, chosen_band)[0]
+    signal, tones = _signal(section, channel, traces, delay, chosen_band)
+
     attrs = {
         "title": section.title,
         "source": f"{section.format}, {section.path.name}",
@@ -170,6 +165,7 @@ def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str
         section = read_gpr(path, max_memory)
     except MissingHeaderError as error:
         return READERS[suffix][0], [str(error).partition(": ")[2]]
+
     lines = [*_size_lines(section), _antenna_line(section)]
     lines.append(
         f"{len(section.fixes)} positions of a satellite receiver, {len(section.marks)} marks"
@@ -334,6 +330,27 @@ def _replaced(
             f"{section.distance.size} places"
         )
     return lines
+
+
+def _signal(
+    section: GprSection,
+    channel: int,
+    traces: NDArray[np.int64],
+    delay: FloatArray,
+    band: tuple[float, float],
+) -> tuple[NDArray[np.complex64], FloatArray]:
+    """Return the signal (scan, tone) of some traces, and its tones, Hz.
+
+    A signal that is too large is refused before it is computed.
+    """
+    tones = _spectra(section.traces[:1, channel], delay, band)[1]
+    size = len(traces) * tones.size * 8
+    if size > section.max_memory:
+        raise ValueError(
+            f"the run must fit into {section.max_memory / 1e9:.3g} GB, "
+            f"it takes {size / 1e9:.3g} GB: narrow the band"
+        )
+    return _spectra(section.traces[traces, channel], delay, band)
 
 
 def _spectra(

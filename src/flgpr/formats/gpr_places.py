@@ -102,6 +102,7 @@ def _poses_by_fixes(
     trace, position = _plausible_fixes(section, position, notes)
     ground = ground[np.isin(section.fixes[:, 0], trace)]
     position[:, 2] += _topography(section, ground, anchor, topography, notes)
+
     thinned = slice(None, None, 1 + len(trace) // _MOST_HEADINGS)
     heading = np.interp(trace, trace[thinned], np.unwrap(course(position[thinned])))
     track = make_track(trace, position, heading)

@@ -132,6 +132,7 @@ def nmea_fixes(
             without_trace += 1
         else:
             fixes[kind].append(fix)
+
     if not sentences:
         notes.append(f"{path.name} was found and holds no position that is understood")
     if unusable:
@@ -358,6 +359,7 @@ def settle_fixes(
     table = _on_own_lines(table, notes, name, numbers)
     table = table[_on_earth(table, count, len(fixes), notes)]
     table[:, 4] = _over_midnight(table[:, 4])
+
     back = np.diff(table[:, 4]) < 0
     if back.any():
         notes.append(f"the receiver's clock in {name} goes back {np.count_nonzero(back)} times")
@@ -389,6 +391,7 @@ def _on_earth(table: FloatArray, count: int, total: int, notes: list[str]) -> ND
             f"{np.count_nonzero(at_zero)} of {total} positions left out: "
             "0 N 0 E, where no receiver was"
         )
+
     usable = np.isfinite(table[:, :3]).all(axis=1)
     usable &= (np.abs(longitude) <= 180) & (np.abs(latitude) <= 90)
     usable &= (trace >= 0) & (trace < count)
@@ -419,6 +422,7 @@ def _on_own_lines(
             "as those of merged lines, and the traces do not tell where"
         )
         return table[: restarts[0]]
+
     settled = table.copy()
     line_of_fix = np.searchsorted(restarts, np.arange(len(table)), side="right")
     edges = [0, *starts.tolist(), len(numbers)]
@@ -511,11 +515,13 @@ def read_dzx(path: Path | None, count: int, notes: list[str]) -> DzxContent:
             f"{path.name} has lengths in {unit[:20]!r}, which is no unit that is known: "
             "they are not used"
         )
+
     waypoints = _read_waypoints(root, count, scale)
     spacing = _number(_text_of(root, "unitsPerScan"))
     known = None
     if scale is not None and np.isfinite(spacing) and spacing > 0:
         known = spacing * scale
+
     rows = waypoints.distances or _along(waypoints.corners)
     table = np.array(rows, dtype=np.float64).reshape(-1, 2)
     if known is not None and not waypoints.distances and len(table) > 1:

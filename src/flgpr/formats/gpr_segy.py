@@ -133,6 +133,7 @@ def read_segy(path: Path, limit: int) -> dict[str, Any]:
         raise ValueError(f"its headers must have {_HEAD} bytes, the file has {len(raw)}")
     notes: list[str] = []
     order, code = _order_and_format(raw)
+
     revision = _revision_of(raw, order, notes)
     layout = _layout_of(path, raw, order, code, revision, notes)
     interval = _interval_of(raw, order, revision, notes)
@@ -141,6 +142,7 @@ def read_segy(path: Path, limit: int) -> dict[str, Any]:
         "SEG-Y itself has microseconds"
     )
     notes.append(ZERO_ASSUMED)
+
     record = _record(layout, order, code)
     table = read_records(path, layout.start, record, None, notes, limit, layout.end)
     samples = _ibm(table["samples"]) if code == _IBM else table["samples"]
@@ -239,6 +241,7 @@ def _layout_of(
         stanzas = _word(raw, f"{order}i", 3528)
         first = _word(raw, f"{order}Q", 3520)
     end = _STANZA * stanzas if 0 < stanzas <= _MOST_HEADERS else 0
+
     candidates = []
     options = itertools.product(text_headers, extra_headers, (*counts, *other_counts))
     for texts, extra, samples in options:
@@ -249,6 +252,7 @@ def _layout_of(
             "it must tell the number of samples, in its binary header or its first trace header, "
             "got none"
         )
+
     agreements = [_agreement(path, layout, order, width, size) for layout in candidates]
     best = candidates[int(np.argmax(agreements))]  # the first of equals is what the headers state
     if best.head > _TRACE_HEAD:
@@ -456,12 +460,14 @@ def _line_geometry(table: NDArray[Any], metre: float, notes: list[str]) -> _Geom
             f"the {_COORDINATES[name]} are not used"
         )
         return _Geometry()
+
     unit = int(units[0])
     if unit in _ANGULAR:
         notes.append(f"the positions are the {_COORDINATES[name]} of the traces")
         return _Geometry(fixes=_fixes_of(_degrees(points, unit), notes))
     if unit != 1:
         notes.append(f"the unit of its coordinates is {unit}: they are taken as lengths")
+
     points = _without_far_zeros(points, notes)
     distance = np.append(0.0, np.hypot(*np.diff(points, axis=0).T).cumsum()) * metre
     notes.append(

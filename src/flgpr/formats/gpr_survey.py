@@ -109,6 +109,7 @@ def place_by_marks(section: GprSection, spacing: float) -> GprSection:
         )
     if not (math.isfinite(spacing) and spacing > 0):
         raise ValueError(f"mark-spacing must be a positive distance, got {spacing:g} m")
+
     number = np.arange(len(section.traces), dtype=np.float64)
     along = spacing * np.arange(marks.size)
     distance = np.interp(number, marks, along)
@@ -116,6 +117,7 @@ def place_by_marks(section: GprSection, spacing: float) -> GprSection:
     after = number > marks[-1]
     distance[before] = (number[before] - marks[0]) * spacing / (marks[1] - marks[0])
     distance[after] = along[-1] + (number[after] - marks[-1]) * spacing / (marks[-1] - marks[-2])
+
     note = f"distances are from {marks.size} marks every {spacing:g} m"
     if section.distance is not None:
         note += ", in place of those that the file tells"
@@ -174,6 +176,7 @@ def survey_run(
             "lines of a survey need an anchor, line-spacing or a table of lines, "
             "which tell where they lie"
         )
+
     runs = [_line_run(section, anchor, options) for section in sections]
     for section, run in zip(sections, runs, strict=True):
         differing = _differing_axis(run, runs[0])
@@ -182,6 +185,7 @@ def survey_run(
                 f"{section.path}: lines of a survey must have the same time window and channels, "
                 f"this one has another {differing} than {sections[0].path.name}"
             )
+
     notes: list[str] = []
     if anchor is None:
         notes += _place_lines(runs, [section.path.name for section in sections], layout)
@@ -189,6 +193,7 @@ def survey_run(
     starts = np.cumsum([0, *(run.sizes["scan"] for run in runs[:-1])]).tolist()
     for section, run in zip(sections, runs, strict=True):
         notes += [f"{section.path.name}: {note}" for note in run.attrs["import_notes"]]
+
     merged = xr.concat(
         runs, dim="scan", data_vars="minimal", coords="minimal", compat="equals", join="exact"
     )

@@ -429,7 +429,15 @@ def explain_merged(path: Path) -> tuple[list[str], str]:
         "a merged file tells neither cells nor places: "
         "where the scans were is for the mapping to say"
     )
-    draft = [
+    return lines, _draft_of_merged(path, title, chosen, fields[chosen], interval)
+
+
+def _draft_of_merged(
+    path: Path, title: str, variable: str, shape: tuple[int, int], interval: float
+) -> str:
+    """Return the mapping (TOML) of a field (step, trace) of a merged B-scan, ``interval`` in s."""
+    steps, traces = shape
+    lines = [
         f"# Draft for {path.name}. "
         "What ends in a question mark is a guess: check it and take the mark away.",
         f"title = {json.dumps(title or path.stem)}",
@@ -439,7 +447,7 @@ def explain_merged(path: Path) -> tuple[list[str], str]:
         f"data = {json.dumps(path.name)}",
         "",
         "[signal]",
-        f"variable = {json.dumps(chosen)}",
+        f"variable = {json.dumps(variable)}",
         f'dims = ["sample", "scan"]  # of {steps} x {traces}',
         "",
         "[samples]",
@@ -466,7 +474,7 @@ def explain_merged(path: Path) -> tuple[list[str], str]:
         'roll = "0?"',
         'angle_unit = "deg"',
     ]
-    return lines, "\n".join(draft) + "\n"
+    return "\n".join(lines) + "\n"
 
 
 def explain_gprmax(path: Path) -> list[str]:

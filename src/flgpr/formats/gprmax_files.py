@@ -73,6 +73,7 @@ def import_gprmax_files(paths: Sequence[str | Path], setup: GprmaxSetup) -> xr.D
             "the components of H and V must be two of x, y and z, "
             f"got {axes['H']!r} and {axes['V']!r}"
         )
+
     first: GprmaxOutput | None = None
     first_offsets: list[FloatArray] = []
     blocks = []
@@ -89,6 +90,7 @@ def import_gprmax_files(paths: Sequence[str | Path], setup: GprmaxSetup) -> xr.D
         _check_alike(output, first, offsets, first_offsets)
         pose[scan, :3] = position - [0.0, 0.0, setup.ground]
         blocks.append(_signal(output, setup, labels, tones))
+
     signal = np.stack(blocks)
     missing = np.count_nonzero(~np.isfinite(signal).all(axis=-1))
     if missing:
@@ -96,6 +98,7 @@ def import_gprmax_files(paths: Sequence[str | Path], setup: GprmaxSetup) -> xr.D
         notes.append(
             f"{missing} of {fields} fields hold values that are no numbers, and count as missing"
         )
+
     rx = np.array(first_offsets)
     attrs: dict[str, Any] = {
         "source": "gprMax",

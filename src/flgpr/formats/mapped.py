@@ -114,6 +114,7 @@ def import_mapped(
     elif data_files:
         folders.append(data_files[0].parent)
     folders.append(Path() if isinstance(mapping, Mapping) else Path(mapping).parent)
+
     files = _files(table, folders, data_files)
     if pose is not None and track is not None:
         raise ValueError("pose and track both tell where the vehicle was: give one")
@@ -193,21 +194,25 @@ class _Importer:
         axis_name = "frequency" if mapping.frequency else "samples"
         with self.sources.entry(axis_name, axis.file if axis else None):
             signal, tones = self._tones(signal)
+
         order = np.argsort(tones, kind="stable")
         if (order != np.arange(tones.size)).any():
             signal = signal[..., order]
             tones = tones[order]
             self.notes.append("tones sorted by frequency")
+
         tx, rx, origin = self._geometry(sizes, signal.shape)
         if mapping.path_offset is not None:
             with self.sources.entry("path_offset", mapping.path_offset.file):
                 signal = lengthen(signal, tones, self._offset(mapping.path_offset, signal.shape))
             self.notes.append("path offsets of the recorder undone")
+
         time = None
         if mapping.time is not None:
             time = self._time(mapping.time, signal.shape[0])
         pose, track = self._poses(time, origin, signal.shape[0])
         self._note_missing(signal)
+
         attrs: dict[str, Any] = {
             "title": mapping.title,
             "source": mapping.source,
@@ -266,11 +271,13 @@ class _Importer:
         if self.mapping.signal.conjugate:
             signal = signal.conj()
             self.notes.append("phases turned round (the recorder's convention is exp(+j2πfL/c))")
+
         names = ("scan", "polarization", "pair", "tx", "rx", "frequency")
         order: list[int] = []
         for name in names:
             order += [axis for axis, dim in enumerate(dims) if dim == name]
         signal = signal.transpose(order)
+
         grid = signal.shape[: dims.count("scan")]
         self.sources.grid = grid
         if len(grid) > 1:
@@ -278,6 +285,7 @@ class _Importer:
                 f"{' x '.join(map(str, grid))} positions made {math.prod(grid)} scans"
             )
             signal = signal.reshape(-1, *signal.shape[len(grid) :])
+
         known = [name for name in names if name in dims]
         sizes = dict(zip(known, signal.shape, strict=True))
         if "tx" in sizes:
@@ -360,17 +368,20 @@ class _Importer:
         (tx_name, tx_spec), (rx_name, rx_spec) = self._antenna_entries()
         tx = self.sources.points(tx_spec, tx_name, "scan" if tx_spec.frame == "lane" else "pair")
         rx = self.sources.points(rx_spec, rx_name, "scan" if rx_spec.frame == "lane" else "pair")
+
         in_lane = "lane" in (tx_spec.frame, rx_spec.frame)
         if in_lane and pairs == 1:
             # Positions per scan of a single antenna need no axis for it.
             tx = tx[:, None] if tx.ndim == 2 else tx
             rx = rx[:, None] if rx.ndim == 2 else rx
+
         if "tx" in sizes:
             self._check_count(tx_name, tx_spec, tx.shape[-2], sizes["tx"])
             self._check_count(rx_name, rx_spec, rx.shape[-2], sizes["rx"])
             transmitters = tx.shape[-2]
             tx = np.repeat(tx, rx.shape[-2], axis=-2)
             rx = np.concatenate([rx] * transmitters, axis=-2)
+
         origin = None
         if in_lane:
             with self.sources.entry(tx_name, tx_spec.file):
@@ -548,6 +559,7 @@ def impulse_to_frequency(
             f"delay must have one value per sample, got {axis.shape} for samples {values.shape}"
         )
     steps = np.diff(axis)
+
     step = float(steps.mean())
     if not np.isfinite(axis).all() or step <= 0 or np.abs(steps - step).max() > _UNEVEN * step:
         raise ValueError(
@@ -560,6 +572,7 @@ def impulse_to_frequency(
         )
     if pad < 1:
         raise ValueError(f"pad must be at least 1, got {pad}")
+
     count = axis.size * int(pad)
     frequency: NDArray[np.float64] = np.arange((count + 1) // 2) / (count * step)
     in_band = np.flatnonzero((frequency >= band[0]) & (frequency <= band[1]))

@@ -122,11 +122,13 @@ def _poses_in_files(
         pose[:, :3] = points[:, :3] @ turn.T
         if points.shape[1] == 6:
             pose[:, 3:] = points[:, 3:] * factor(spec.angle_unit, "angle", f"{where}.angle_unit")
+
     if spec.orientation is not None:
         pose[:, 3:] = _attitude(
             sources, spec.orientation, spec.axes, f"{where}.orientation", count, along
         )
     _read_angles(sources, spec, position, where, along, pose)
+
     if spec.geodetic is not None:
         entry = f"{where}.geodetic"
         if anchor is None and not sources.anchor_from_track:

@@ -146,6 +146,7 @@ class Recording:
         for label, value in fields.items():
             shape = (series.count, *np.shape(value))
             columns[label] = np.empty(shape, np.asarray(value).dtype)
+
         row = 0
         damaged_before = series.damaged
         series.damaged = 0
@@ -169,6 +170,7 @@ class Recording:
                         f"got {got} in message {row}"
                     )
             row += 1
+
         if not row:
             raise ValueError(
                 f"{name}: none of its {series.count} messages can be read: {series.fault}"
@@ -176,6 +178,7 @@ class Recording:
         if series.damaged and series.damaged != damaged_before:
             self._note_damage(series)
         series.damaged = max(series.damaged, damaged_before)
+
         # Messages are mostly in order, but several writers may share a file.
         order = np.argsort(columns[_LOG_TIME][:row], kind="stable")
         self._columns = {}
@@ -253,6 +256,7 @@ class Recording:
         if number not in decoders:
             decoders[number] = self._decoder(channel, schema)
         decode = decoders[number]
+
         topic = channel.topic
         if schema is None or decode is None or not schema.name.endswith("TFMessage"):
             series = self._series[topic]

@@ -57,6 +57,7 @@ def touchstone_text(path: Path, notes: list[str]) -> TouchstoneText:
         stated = keywords.get("number of frequencies", "")
         _note_noise(_noise_lines(text), notes)
         return TouchstoneText(text, path, int(stated) if stated.isdecimal() else 0)
+
     head, rows = _head_and_rows(text)
     ports = _ports_of(path)
     noise = 0
