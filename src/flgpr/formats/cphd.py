@@ -56,6 +56,8 @@ _ORDER = (
 )
 _ADDED = tuple(f"flgpr_{name}" for name in POSE_COMPONENTS)
 _TIME = "flgpr_time"
+_CORNERS = ((-1, 1), (1, 1), (1, -1), (-1, -1))
+"""Signs of x and y from the centre of the scene, clockwise as CPHD has them."""
 _SCENE_HALF = 10.0  # m, half the side of the scene that is taken where none is given
 _AHEAD = 10.0  # m, from an antenna on the ground to the centre of that scene
 _LARGEST_MOTION = 1e-3  # m, of antennas in an array that keeps its form
@@ -206,7 +208,8 @@ def _check_even_tones(frequency: FloatArray) -> None:
     if frequency.size < 2:
         raise ValueError(f"CPHD needs at least two tones, got {frequency.size}")
     step = (frequency[-1] - frequency[0]) / (frequency.size - 1)
-    off = np.abs(frequency - (frequency[0] + step * np.arange(frequency.size))).max()
+    even = frequency[0] + step * np.arange(frequency.size)
+    off = np.abs(frequency - even).max()
     if off > _UNEVEN * step:
         raise ValueError(
             f"CPHD needs evenly spaced tones, these are up to {off:g} Hz off: "
@@ -334,8 +337,14 @@ def _metadata(
             "TxTime1": float(time[0]),
             "TxTime2": float(time[-1]),
         },
-        "FxBand": {"FxMin": float(first["FX1"][0]), "FxMax": float(first["FX2"][0])},
-        "TOASwath": {"TOAMin": float(first["TOA1"][0]), "TOAMax": float(first["TOA2"][0])},
+        "FxBand": {
+            "FxMin": float(first["FX1"][0]),
+            "FxMax": float(first["FX2"][0]),
+        },
+        "TOASwath": {
+            "TOAMin": float(first["TOA1"][0]),
+            "TOAMax": float(first["TOA2"][0]),
+        },
     }
     _scene(root, anchor, scene)
     _data(root, names, run.sizes["scan"], run.sizes["frequency"])
@@ -356,7 +365,9 @@ def _dwell(first: _Vectors) -> tuple[float, float]:
     out = np.linalg.norm(first["TxPos"] - first["SRPPos"], axis=1)
     back = np.linalg.norm(first["RcvPos"] - first["SRPPos"], axis=1)
     middle = first["TxTime"] + out / (out + back) * (first["RcvTime"] - first["TxTime"])
-    return float((middle[0] + middle[-1]) / 2), float(middle[-1] - middle[0])
+    center = float((middle[0] + middle[-1]) / 2)
+    duration = float(middle[-1] - middle[0])
+    return center, duration
 
 
 def _scene(root: Any, anchor: Anchor, scene: Grid) -> None:
@@ -366,14 +377,17 @@ def _scene(root: Any, anchor: Anchor, scene: Grid) -> None:
     lon, lat, height = anchor.to_geodetic(center)
     half = np.array([(x2 - x1) / 2, (y2 - y1) / 2])
     corners = []
-    for side_x, side_y in ((-1, 1), (1, 1), (1, -1), (-1, -1)):
+    for side_x, side_y in _CORNERS:
         corners.append(center + [side_x * half[0], side_y * half[1], 0])
     corners_lat_lon = anchor.to_geodetic(np.array(corners))[:, [1, 0]]
     root["SceneCoordinates"] = {
         "EarthModel": "WGS_84",
         "IARP": {"ECF": anchor.to_geocentric(center), "LLH": np.array([lat, lon, height])},
         "ReferenceSurface": {
-            "Planar": {"uIAX": anchor.turn([1.0, 0, 0]), "uIAY": anchor.turn([0, 1.0, 0])}
+            "Planar": {
+                "uIAX": anchor.turn([1.0, 0, 0]),
+                "uIAY": anchor.turn([0, 1.0, 0]),
+            }
         },
         "ImageArea": {"X1Y1": -half, "X2Y2": half},
         "ImageAreaCornerPoints": corners_lat_lon,
@@ -534,7 +548,8 @@ def _assembled(
     first = next(iter(channels.values())).vectors
     parameters = first.dtype.names or ()
     frequency = _frequency(channels, added)
-    signal = np.full((len(first), len(labels), pairs, frequency.size), np.nan, np.complex64)
+    shape = (len(first), len(labels), pairs, frequency.size)
+    signal = np.full(shape, np.nan, np.complex64)
 
     sign = int(tree.findtext("{*}Global/{*}SGN"))
     for name, (samples, vectors) in channels.items():
@@ -640,7 +655,9 @@ def _geometry(
     origin = tx.mean(axis=1)
     local_tx = tx - origin[:, None]
     local_rx = rx - origin[:, None]
-    moved = max(float(np.abs(local - local[0]).max()) for local in (local_tx, local_rx))
+    moved_tx = float(np.abs(local_tx - local_tx[0]).max())
+    moved_rx = float(np.abs(local_rx - local_rx[0]).max())
+    moved = max(moved_tx, moved_rx)
     if not moved <= _LARGEST_MOTION:
         raise ValueError(
             "the array must keep its form and heading from vector to vector, "

@@ -77,7 +77,9 @@ class Roles:
         self.groups = groups
         self.data, self.signal, self.imaginary = self._find_signal()
         self.data.key = "data"
-        self.used = {(self.data.key, self.signal.name), (self.data.key, self.imaginary or "")}
+        self.used = {(self.data.key, self.signal.name)}
+        if self.imaginary:
+            self.used.add((self.data.key, self.imaginary))
         self.sizes = list(self.signal.shape)
         self.frequency = self.find_axis(_FREQUENCY_NAMES)
         self.samples = None if self.frequency else self.find_axis(_SAMPLE_NAMES)
@@ -255,7 +257,8 @@ class Roles:
         stated = unit_of(source.group.opened, source.info, "m")
         if not stated.endswith("?"):
             return stated, ""
-        spread = float(np.ptp(np.asarray(points, dtype=np.float64), axis=0).max())
+        positions = np.asarray(points, dtype=np.float64)
+        spread = float(np.ptp(positions, axis=0).max())
         lowest = self._lowest_frequency()
         if lowest is None or spread == 0:
             return stated, ""
@@ -272,7 +275,8 @@ class Roles:
         if self.frequency is None:
             return None
         unit, _ = self.frequency_unit()
-        return float(np.min(self.frequency.values())) * UNITS["frequency"][unit.rstrip("?")]
+        lowest = float(np.min(self.frequency.values()))
+        return lowest * UNITS["frequency"][unit.rstrip("?")]
 
     def frequency_unit(self) -> tuple[str, str]:
         """Return the unit of the tones, and why; a question mark where it is a guess."""
@@ -381,7 +385,10 @@ class Roles:
         stated = unit_of(source.group.opened, source.info, "m")
         if not stated.endswith("?"):
             return stated, ""
-        sides = [self.pose_columns[axis].values().astype(np.float64).ravel() for axis in "xy"]
+        sides = []
+        for axis in "xy":
+            values = self.pose_columns[axis].values()
+            sides.append(values.astype(np.float64).ravel())
         steps = np.hypot(*np.diff(np.stack(sides), axis=1))
         finite = steps[np.isfinite(steps)]
         middle = float(np.median(finite)) if finite.size else 0.0

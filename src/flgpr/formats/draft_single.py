@@ -440,7 +440,10 @@ def _leave_out(components: dict[str, ArrayInfo], names: Iterable[str]) -> None:
 def _find_position(draft: _Draft, scans: list[int]) -> ArrayInfo | None:
     """Return the first array of a position per scan."""
     for info in draft.unused():
-        if len(info.shape) != 2 or info.shape[0] not in scans or info.shape[1] not in (2, 3, 6):
+        if len(info.shape) != 2:
+            continue
+        rows, columns = info.shape
+        if rows not in scans or columns not in (2, 3, 6):
             continue
         name = info.name.lower()
         if _POSITION.search(name) and not _ANTENNA.search(name):

@@ -181,7 +181,13 @@ def _records(
 
 def _record(samples: int, sample: str, swapped: bool) -> np.dtype[Any]:
     """Return the type of a trace: header words, comment and samples."""
-    record = np.dtype([("head", "<f4", 25), ("comment", "S28"), ("samples", f"<{sample}", samples)])
+    record = np.dtype(
+        [
+            ("head", "<f4", 25),
+            ("comment", "S28"),
+            ("samples", f"<{sample}", samples),
+        ]
+    )
     return record.newbyteorder() if swapped else record
 
 
@@ -232,7 +238,8 @@ def _lengths(
 def _note_unused_words(header_words: FloatArray, notes: list[str]) -> None:
     """Add notes of the words of the trace headers that are filled in and not used."""
     for columns, meaning in _UNUSED:
-        filled = np.count_nonzero((np.nan_to_num(header_words[:, columns]) != 0).any(axis=1))
+        values = np.nan_to_num(header_words[:, columns])
+        filled = np.count_nonzero((values != 0).any(axis=1))
         if filled:
             notes.append(f"{meaning} of {filled} traces is not used")
 
@@ -251,7 +258,9 @@ def _trace_numbers(values: FloatArray) -> NDArray[np.int64] | None:
     """Return the traces' own numbers, if that is what the header words are."""
     if not np.isfinite(values).all():
         return None
-    if (np.abs(values) > 1e9).any() or (values != np.round(values)).any():
+    too_large = np.abs(values) > 1e9
+    fractional = values != np.round(values)
+    if too_large.any() or fractional.any():
         return None
     return values.astype(np.int64)
 

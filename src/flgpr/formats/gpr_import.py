@@ -247,7 +247,8 @@ def _half_separation(
             "separation and height must not be negative, the first at most 100 m, "
             f"got {apart}, {height}"
         )
-    return np.array([[apart / 2, 0.0, 0.0] if across else [0.0, apart / 2, 0.0]])
+    half = apart / 2
+    return np.array([[half, 0.0, 0.0] if across else [0.0, half, 0.0]])
 
 
 def _band(

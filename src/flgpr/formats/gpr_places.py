@@ -106,7 +106,9 @@ def _poses_by_fixes(
     thinned = slice(None, None, 1 + len(trace) // _MOST_HEADINGS)
     heading = np.interp(trace, trace[thinned], np.unwrap(course(position[thinned])))
     track = make_track(trace, position, heading)
-    between = np.arange(math.ceil(trace[0]), math.floor(trace[-1]) + 1)
+    first = math.ceil(trace[0])
+    last = math.floor(trace[-1])
+    between = np.arange(first, last + 1)
     notes.append(
         f"{len(between)} of {len(section.traces)} traces lie between positions of the satellite "
         "receiver and are kept"
@@ -204,8 +206,10 @@ def _near_by_distance(
     along = np.interp(trace, np.arange(len(travelled)), travelled)
     agrees = np.zeros(count, bool)
     for step in (1, 2):
-        apart = np.hypot(*(position[step:, :2] - position[:-step, :2]).T)
-        fits = apart <= 2 * (along[step:] - along[:-step]) + _CLOSE
+        offset = position[step:, :2] - position[:-step, :2]
+        apart = np.hypot(*offset.T)
+        allowed = 2 * (along[step:] - along[:-step]) + _CLOSE
+        fits = apart <= allowed
         agrees[step:] |= fits
         agrees[:-step] |= fits
     # Where hardly any agree, it is the distance that is wrong.
@@ -245,10 +249,12 @@ def doubts_of_fixes(section: GprSection) -> list[str]:
         lines.append(note.replace("left out, which", "an import with an anchor leaves out, which"))
     if section.distance is None or len(trace) < 2:
         return lines
-    travelled = float(np.hypot(*np.diff(position[:, :2], axis=0).T).sum())
+    steps = np.hypot(*np.diff(position[:, :2], axis=0).T)
+    travelled = float(steps.sum())
     first = int(np.ceil(trace[0]))
     last = int(np.floor(trace[-1]))
-    by_traces = float(np.abs(np.diff(section.distance[first : last + 1])).sum())
+    steps_of_traces = np.diff(section.distance[first : last + 1])
+    by_traces = float(np.abs(steps_of_traces).sum())
     differs = abs(travelled - by_traces) > _CLOSE
     if differs and not 0.5 < travelled / max(by_traces, 1e-9) < 2.0:
         lines.append(
@@ -266,5 +272,8 @@ def _near_middle(fixes: FloatArray) -> FloatArray:
     longitude = np.radians(fixes[:, 1])
     latitude = np.radians(fixes[:, 2])
     middle = float(np.median(latitude))
-    east = np.angle(np.exp(1j * (longitude - np.median(longitude)))) * math.cos(middle)
-    return _EARTH * np.stack([east, latitude - middle, np.zeros_like(east)], axis=1)
+    # The difference of longitudes is wrapped: a line may cross the date line.
+    difference = np.angle(np.exp(1j * (longitude - np.median(longitude))))
+    east = difference * math.cos(middle)
+    north = latitude - middle
+    return _EARTH * np.stack([east, north, np.zeros_like(east)], axis=1)

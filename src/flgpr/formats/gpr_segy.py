@@ -469,7 +469,8 @@ def _line_geometry(table: NDArray[Any], metre: float, notes: list[str]) -> _Geom
         notes.append(f"the unit of its coordinates is {unit}: they are taken as lengths")
 
     points = _without_far_zeros(points, notes)
-    distance = np.append(0.0, np.hypot(*np.diff(points, axis=0).T).cumsum()) * metre
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    distance = np.append(0.0, steps.cumsum()) * metre
     notes.append(
         f"the distance along the line is that of the traces' coordinates, the {_COORDINATES[name]}"
     )
@@ -544,8 +545,11 @@ def _without_far_zeros(points: FloatArray, notes: list[str]) -> FloatArray:
     """
     is_set = np.asarray(points.any(axis=1))
     missing = np.count_nonzero(~is_set)
-    nearest = np.abs(points[is_set]).max(axis=1).min() if is_set.any() else 0.0
-    if not missing or nearest <= 10 * np.ptp(points[is_set], axis=0).max():
+    if not missing or not is_set.any():
+        return points
+    nearest = np.abs(points[is_set]).max(axis=1).min()
+    extent = np.ptp(points[is_set], axis=0).max()
+    if nearest <= 10 * extent:
         return points
     notes.append(
         f"{missing} of {len(points)} traces are at 0, 0, far from all others, "
@@ -577,10 +581,10 @@ def _separation(coordinates: dict[str, FloatArray], metre: float, notes: list[st
 
 def _sexagesimal(values: FloatArray) -> FloatArray:
     """Return degrees of numbers whose digits are degrees, minutes and seconds: DDDMMSS.ss."""
-    size = np.abs(values)
-    degrees, rest = np.divmod(size, 10_000)
+    degrees, rest = np.divmod(np.abs(values), 10_000)
     minutes, seconds = np.divmod(rest, 100)
-    return np.asarray(np.sign(values) * (degrees + minutes / 60 + seconds / 3600), dtype=np.float64)
+    size = degrees + minutes / 60 + seconds / 3600
+    return np.asarray(np.sign(values) * size, dtype=np.float64)
 
 
 def _ibm(ibm_words: NDArray[Any]) -> NDArray[np.float32]:
@@ -590,7 +594,8 @@ def _ibm(ibm_words: NDArray[Any]) -> NDArray[np.float32]:
     """
     word = ibm_words.astype(np.uint32)
     fraction = (word & 0xFFFFFF).astype(np.float64) * 2.0**-24
-    size = np.ldexp(fraction, 4 * (((word >> 24) & 0x7F).astype(np.int32) - 64))
+    exponent = ((word >> 24) & 0x7F).astype(np.int32) - 64
+    size = np.ldexp(fraction, 4 * exponent)
     # What is too large for any recorder is refused by what follows.
     with np.errstate(over="ignore"):
         return np.where(word >> 31, -size, size).astype(np.float32)

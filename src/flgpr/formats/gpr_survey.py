@@ -115,8 +115,10 @@ def place_by_marks(section: GprSection, spacing: float) -> GprSection:
     distance = np.interp(number, marks, along)
     before = number < marks[0]
     after = number > marks[-1]
-    distance[before] = (number[before] - marks[0]) * spacing / (marks[1] - marks[0])
-    distance[after] = along[-1] + (number[after] - marks[-1]) * spacing / (marks[-1] - marks[-2])
+    first_gap = marks[1] - marks[0]  # traces from mark to mark
+    last_gap = marks[-1] - marks[-2]
+    distance[before] = (number[before] - marks[0]) * spacing / first_gap
+    distance[after] = along[-1] + (number[after] - marks[-1]) * spacing / last_gap
 
     note = f"distances are from {marks.size} marks every {spacing:g} m"
     if section.distance is not None:
@@ -190,7 +192,8 @@ def survey_run(
     if anchor is None:
         notes += _place_lines(runs, [section.path.name for section in sections], layout)
     notes += _without_clocks(runs)
-    starts = np.cumsum([0, *(run.sizes["scan"] for run in runs[:-1])]).tolist()
+    scans = [run.sizes["scan"] for run in runs]
+    starts = np.cumsum([0, *scans[:-1]]).tolist()
     for section, run in zip(sections, runs, strict=True):
         notes += [f"{section.path.name}: {note}" for note in run.attrs["import_notes"]]
 
@@ -220,7 +223,8 @@ def _without_clocks(runs: list[xr.Dataset]) -> list[str]:
     if not known.size or (np.diff(known) >= 0).all():
         return []
     for number, run in enumerate(runs):
-        runs[number] = run.assign_coords(time=("scan", np.full(run.sizes["scan"], np.nan)))
+        unknown = np.full(run.sizes["scan"], np.nan)
+        runs[number] = run.assign_coords(time=("scan", unknown))
     return [
         f"the clocks of {len(runs)} lines do not go on from one to the next: "
         f"{known.size} times are not kept"

@@ -524,7 +524,9 @@ def explain_gprmax(path: Path) -> list[str]:
 
 def _receiver_line(receiver: GprmaxReceiver) -> str:
     """Return in words what a receiver recorded."""
-    bad = sum(int(np.count_nonzero(~np.isfinite(values))) for values in receiver.fields.values())
+    bad = 0
+    for values in receiver.fields.values():
+        bad += int(np.count_nonzero(~np.isfinite(values)))
     line = (
         f"receiver {receiver.name} at {_coordinates(receiver.position)}: "
         f"{', '.join(receiver.fields)}"
@@ -644,7 +646,8 @@ class GprmaxRun:
         """
         labels = self.manifest["polarization"]
         pairs = len(self.manifest["tx_position"])
-        signal = np.full((len(labels), pairs, self.frequency.size), np.nan, dtype=np.complex128)
+        shape = (len(labels), pairs, self.frequency.size)
+        signal = np.full(shape, np.nan, dtype=np.complex128)
         runs = [run for run in self.manifest["runs"] if run["scan"] == index]
         free = {run["free"] for run in runs}
         self._air = {name: air for name, air in self._air.items() if name in free}

@@ -68,7 +68,8 @@ def import_gprmax_files(paths: Sequence[str | Path], setup: GprmaxSetup) -> xr.D
     if setup.transmit not in ("H", "V"):
         raise ValueError(f"transmit must be H or V, got {setup.transmit!r}")
     axes = setup.axes
-    if not set(axes.values()) <= set("xyz") or len(set(axes.values())) != 2:
+    components = set(axes.values())
+    if not components <= set("xyz") or len(components) != 2:
         raise ValueError(
             "the components of H and V must be two of x, y and z, "
             f"got {axes['H']!r} and {axes['V']!r}"
@@ -162,7 +163,9 @@ def _tones(output: GprmaxOutput, band: tuple[float, float]) -> FloatArray:
         raise ValueError(
             f"band must increase below {0.5 / output.time_step:.3g} Hz, got {low:g} to {high:g}"
         )
-    numbers = np.arange(np.ceil(low / step - 1e-6), np.floor(high / step + 1e-6) + 1)
+    first = np.ceil(low / step - 1e-6)
+    last = np.floor(high / step + 1e-6)
+    numbers = np.arange(first, last + 1)
     if numbers.size < 2:
         raise ValueError(
             f"band must hold two tones, which are {step:.4g} Hz apart, got {low:g} to {high:g}"

@@ -511,7 +511,9 @@ def _rigid(tx: FloatArray, rx: FloatArray, scans: int) -> tuple[FloatArray, Floa
     origin = tx.mean(axis=1)
     tx = tx - origin[:, None]
     rx = rx - origin[:, None]
-    moved = max(float(np.abs(points - points[0]).max()) for points in (tx, rx))
+    moved_tx = float(np.abs(tx - tx[0]).max())
+    moved_rx = float(np.abs(rx - rx[0]).max())
+    moved = max(moved_tx, moved_rx)
     if not moved <= _LARGEST_MOTION:
         raise ValueError(
             "positions in the lane frame must keep their form and heading from scan to scan "
@@ -561,7 +563,8 @@ def impulse_to_frequency(
     steps = np.diff(axis)
 
     step = float(steps.mean())
-    if not np.isfinite(axis).all() or step <= 0 or np.abs(steps - step).max() > _UNEVEN * step:
+    rises = bool(np.isfinite(axis).all()) and step > 0
+    if not rises or np.abs(steps - step).max() > _UNEVEN * step:
         raise ValueError(
             "delay must increase in equal steps (within 1 %), got an uneven or falling axis"
         )

@@ -54,7 +54,8 @@ def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], li
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         head = list(csv.reader(islice(file, _HEAD)))
 
-    properties = dict(zip(head[0][::2], head[0][1::2], strict=False))
+    first = head[0]  # names and values in turn
+    properties = dict(zip(first[::2], first[1::2], strict=False))
     start = _column_row(head)
     labels = {row[1].strip(): row for row in head[1:start] if len(row) > 2}
     if "Type" not in labels or "Name" not in labels:

@@ -44,7 +44,13 @@ def read_poses(sources: Sources, spec: Poses, scans: int, anchor: Anchor | None)
     """
     position = spec.position
     if position is None and spec.geodetic is None:
-        position = Positions(file=spec.file, x=spec.x, y=spec.y, z=spec.z, unit=str(spec.unit))
+        position = Positions(
+            file=spec.file,
+            x=spec.x,
+            y=spec.y,
+            z=spec.z,
+            unit=str(spec.unit),
+        )
     pose = _poses_in_files(sources, spec, position, "pose", scans, "scan", anchor)
     with sources.entry("pose", _file_of(position, spec.geodetic)):
         bad = np.argwhere(~np.isfinite(pose))

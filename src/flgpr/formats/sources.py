@@ -257,7 +257,8 @@ class Sources:
                 points = points.reshape(-1, points.shape[-1])
                 if len(points) != count:
                     raise ValueError(f"{where} must have {count} positions, got {len(points)}")
-            points = np.concatenate([points[..., :3] * scale, points[..., 3:]], axis=-1)
+            positions = points[..., :3] * scale
+            points = np.concatenate([positions, points[..., 3:]], axis=-1)
             plausible(points, where)
             if spec.index is not None:
                 rows = self._index(spec.index, points.shape[-2], f"{where}.index")
@@ -281,7 +282,8 @@ class Sources:
                 raise ValueError(f"{where} must have as many x as y and z, got {sizes}") from None
         blocks = self.arrays(spec.file, spec.variable, where)
         points = real(self.assembled(blocks, along, where), where)
-        if points.ndim == 2 and points.shape[0] == 3 and points.shape[1] not in (2, 3, 6):
+        has_three_rows = points.ndim == 2 and points.shape[0] == 3
+        if has_three_rows and points.shape[1] not in (2, 3, 6):
             points = points.T  # a column per position, as is the custom in MATLAB
         if spec.z is None:
             return points
@@ -290,7 +292,8 @@ class Sources:
                 f"{where} must have x and y alone with z beside it, got shape {points.shape}"
             )
         height = self.component(spec.z, spec.file, f"{where}.z", points[..., 0].size, along)
-        return np.concatenate([points, height.reshape(*points.shape[:-1], 1)], axis=-1)
+        column = height.reshape(*points.shape[:-1], 1)
+        return np.concatenate([points, column], axis=-1)
 
     def _index(self, spec: Index, count: int, where: str) -> NDArray[np.int64]:
         """Return which of so many antennas each pair uses, from 0."""

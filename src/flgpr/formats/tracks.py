@@ -207,11 +207,14 @@ def _poses_by_marks(columns: Mapping[str, NDArray[Any]]) -> FloatArray:
 
     pitch = _angle(columns, "pitch")
     # Rx(pitch)·Ry(roll) takes the line to the right mark to (cos r, sin p·sin r, -cos p·sin r).
-    sine = apart[:, 2] / (np.linalg.norm(apart, axis=1) * np.cos(pitch))
+    length = np.linalg.norm(apart, axis=1)
+    sine = apart[:, 2] / (length * np.cos(pitch))
     roll = -np.arcsin(np.clip(sine, -1, 1))
     aside = np.arctan2(np.sin(pitch) * np.sin(roll), np.cos(roll))
-    heading = np.angle(np.exp(1j * (aside - np.arctan2(apart[:, 1], apart[:, 0]))))
-    return np.column_stack([(left + right) / 2, heading, pitch, roll])
+    direction = np.arctan2(apart[:, 1], apart[:, 0])
+    heading = np.angle(np.exp(1j * (aside - direction)))
+    middle = (left + right) / 2
+    return np.column_stack([middle, heading, pitch, roll])
 
 
 def read_nmea(
