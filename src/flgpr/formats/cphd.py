@@ -529,6 +529,7 @@ def _check_declared(tree: Any, channels: list[Any], path: Path) -> None:
         raise ValueError(
             f"all channels must have the same vectors and samples, got {sorted(sizes)}"
         )
+    # The narrowest format of samples has two bytes.
     scans, tones = sizes.pop()
     if scans * tones * len(channels) * 2 > path.stat().st_size:
         raise ValueError(
@@ -557,6 +558,7 @@ def _assembled(
         path = _leg(vectors, "TxPos") + _leg(vectors, "RcvPos")
         if "AmpSF" in (vectors.dtype.names or ()):
             samples = samples * vectors["AmpSF"][:, None]
+        # SGN is the sign of the phase of a delay: a run has -1.
         values = lengthen(samples.conj() if sign > 0 else samples, frequency, path)
         usable = np.ones(len(first), bool)
         if "SIGNAL" in (vectors.dtype.names or ()):

@@ -164,6 +164,7 @@ def draft_of_file(opened: ArrayFile) -> str:
             f'unit = "{unit_of(opened, stamp, "s")}"',
             "",
         ]
+    # Positions per scan are in the lane frame, and poses follow from them.
     in_lane = any(len(infos[0].shape) == 3 for infos in positions.values())
     if track is not None:
         lines += _track_lines(draft, *track)

@@ -93,6 +93,7 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
             "permittivity": float(truth["soil_eps"]),
             "conductivity": float(truth.get("soil_sigma", 0.0)),
         }
+    # Pairs run over the receivers of the first transmitter, then of the second.
     run = make_run(
         signal,
         arrays["frequency_hz"],

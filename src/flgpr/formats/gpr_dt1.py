@@ -162,6 +162,7 @@ def _records(
 
     sample = _TYPES.get(name) or ("f4" if width == 4 else "i2")
     other = "i2" if sample == "f4" else "f4"
+    # A wrong type of samples moves the second trace header.
     as_stated = _second_agrees(path, samples, sample, swapped)
     if not as_stated and _second_agrees(path, samples, other, swapped):
         sample = other

@@ -293,6 +293,7 @@ def exact_floats(samples: NDArray[Any], notes: list[str]) -> NDArray[np.floating
 
     Traces with samples that are no numbers are counted in a note.
     """
+    # Single precision holds whole numbers of up to 24 bit exactly.
     width = samples.dtype.itemsize
     is_wide = width > 4 or (width == 4 and samples.dtype.kind in "iu")
     with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN

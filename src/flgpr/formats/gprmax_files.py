@@ -235,6 +235,7 @@ def _signal(
 ) -> NDArray[np.complex64]:
     """Return the signal (polarization, pair, frequency) of one scan."""
     source = _source(output, setup, tones)
+    # Times j, a scatterer at path L gives exp(-j2πfL/c) as in every run.
     rows = []
     for label in labels:
         component = f"E{setup.axes[label[1]]}"

@@ -378,6 +378,7 @@ class _Importer:
         if "tx" in sizes:
             self._check_count(tx_name, tx_spec, tx.shape[-2], sizes["tx"])
             self._check_count(rx_name, rx_spec, rx.shape[-2], sizes["rx"])
+            # Pairs run over the receivers of the first transmitter, then of the second.
             transmitters = tx.shape[-2]
             tx = np.repeat(tx, rx.shape[-2], axis=-2)
             rx = np.concatenate([rx] * transmitters, axis=-2)
@@ -482,6 +483,7 @@ def _complex(values: NDArray[Any]) -> NDArray[Any]:
         raise ValueError(
             f"signal.interleaved asks for pairs of real numbers, got {values.dtype} {values.shape}"
         )
+    # Counts of up to 16 bit are exact in single precision, which takes half the memory.
     fits_single = values.dtype.itemsize <= 2 or values.dtype == np.float32
     numbers = np.ascontiguousarray(values.astype(np.float32 if fits_single else np.float64))
     return numbers.view(np.complex64 if fits_single else np.complex128)
@@ -583,4 +585,5 @@ def impulse_to_frequency(
         raise ValueError(f"band must hold a tone; tones are {frequency[1]:g} Hz apart, got {band}")
     tones = frequency[in_band]
     spectrum = np.fft.fft(values, count, axis=-1)[..., in_band]
+    # The transform counts delays from the first sample: its own delay turns the phase.
     return spectrum * np.exp(-2j * np.pi * tones * axis[0]), tones

@@ -417,6 +417,7 @@ def _from_json(data: bytes) -> Any:
     """Return what a message in JSON holds."""
     if len(data) > _LARGEST_JSON:
         raise ValueError(f"a JSON message must have at most {_LARGEST_JSON} bytes, got {len(data)}")
+    # A whole number may be larger than any type of NumPy holds.
     return json.loads(data, parse_int=float)
 
 

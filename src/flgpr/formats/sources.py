@@ -320,6 +320,7 @@ def _number_or_variable(entry: float | str) -> float | Variable:
 def _take_column(values: NDArray[Any], column: int | None, where: str) -> NDArray[Any]:
     """Return a column of a table, or with None all values without axes of length one."""
     if column is None:
+        # MATLAB has no vectors: a column of numbers has two axes.
         return np.atleast_1d(values.squeeze())
     if values.ndim != 2 or not 0 <= column < values.shape[1]:
         raise ValueError(
