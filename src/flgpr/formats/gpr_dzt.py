@@ -97,7 +97,7 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     table = read_records(path, begin, record, None, notes, limit)
     trace_words = table[:, 0, :2].astype(np.int64)
     traces = exact_floats(table, notes)
-    traces -= offset  # the recorder's counts have no sign
+    traces -= offset  # counts of 8 and 16 bit have no sign
     traces[..., :2] = traces[..., 2:3]
     notes.append(
         "the first two samples of every trace are its number and marks: "
