@@ -169,6 +169,16 @@ def test_tables_in_every_encoding(encoding, tmp_path):
 VNA = "!CSV A.01.01\n!Agilent\nBEGIN CH1_DATA\nFreq(Hz),S21(REAL),S21(IMAG)\n1e9,0.1,0.2\n2e9,0.3,0.4\nEND\n"
 
 
+@pytest.mark.parametrize("mark", [";", ","])
+def test_a_mark_at_the_end_of_every_line_makes_no_column(mark, tmp_path):
+    """Rohde & Schwarz analysers write tables so."""
+    lines = ["freq[Hz];re:Trc1_S21;im:Trc1_S21;", "1e9;0.1;0.2;", "2e9;0.3;0.4;"]
+    (tmp_path / "a.csv").write_text("\n".join(lines).replace(";", mark) + "\n")
+    opened = open_arrays(tmp_path / "a.csv")
+    assert list(opened.arrays) == ["table", "freq[Hz]", "re:Trc1_S21", "im:Trc1_S21"]
+    np.testing.assert_array_equal(opened.read("table"), [[1e9, 0.1, 0.2], [2e9, 0.3, 0.4]])
+
+
 def test_a_network_analysers_table(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text(VNA)

@@ -146,7 +146,10 @@ def common_band(section: GprSection) -> ReasonedBand:
     if high < OCTAVE * low:
         reason = "all that is recorded, which hardly holds any of the antennas'"
         return ReasonedBand(lowest, highest, reason)
-    return ReasonedBand(low, high, "a quarter of the lowest to twice the highest antenna's")
+    reason = "a quarter of the lowest to twice the highest antenna's"
+    if low > min(known) / 4 or high < 2 * max(known):
+        reason += ", within what the records and their sampling hold"
+    return ReasonedBand(low, high, reason)
 
 
 def _widest_band(section: GprSection) -> tuple[float, float]:

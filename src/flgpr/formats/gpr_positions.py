@@ -37,6 +37,7 @@ _NOT_MEASURED = {"6": "dead reckoning", "7": "put in by hand", "8": "simulated"}
 """Qualities of GGA (NMEA 0183) that are no measurement of a satellite receiver."""
 _ROW = re.compile(r"\s*\"?(\d{1,9})\"?\s*[,;\t]")
 _ANGLE = re.compile(r"([NSEW]?)([-+]?[\d.:]+)([NSEW]?)")
+_ANGLE_SIGNS = re.compile("[°º'’′\"”″]+")  # of degrees, minutes and seconds
 _HEIGHT = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 _MOST_WAYPOINTS = 1_000_000
 _LARGEST_HEIGHT = 1e5  # m
@@ -224,8 +225,9 @@ def cor_fixes(path: Path | None, count: int, notes: list[str]) -> Fixes:
 
     Its columns are trace (from 1), date, time, latitude, N or S, longitude, E or W, height. They
     are parted by tabs, blanks, semicolons or commas; decimals may have commas where commas do not
-    part the columns. Latitude and longitude may be ``deg:min:s``, and may carry their letter or a
-    sign.
+    part the columns. Latitude and longitude may be ``deg:min:s``, or have the signs of these, and
+    may carry their letter or a sign. A row with another letter is not understood: O is east in
+    German, and west in French and Spanish.
 
     Parameters
     ----------
@@ -249,7 +251,8 @@ def cor_fixes(path: Path | None, count: int, notes: list[str]) -> Fixes:
     for number, line in enumerate(text.splitlines()):
         content = line.strip()
         names_columns = not fixes and is_header_line(line)
-        if not content or names_columns or (number == 0 and not content[0].isdigit()):
+        is_text = number == 0 and not content.lstrip("\"'")[:1].isdigit()
+        if not content or names_columns or is_text:
             continue
         fix = _fix_of_row(_cor_cells(content))
         if fix is None:
@@ -295,7 +298,7 @@ def _angle_at(cells: Sequence[str], position: int, letters: str) -> tuple[float 
     side = _letter_at(cells, position, letters)
     if side:
         position += 1
-    match = _ANGLE.fullmatch(cells[position].upper()) if position < len(cells) else None
+    match = _match_angle(cells[position]) if position < len(cells) else None
     if match is None:
         return None, position
     before, digits, behind = match.groups()
@@ -305,7 +308,7 @@ def _angle_at(cells: Sequence[str], position: int, letters: str) -> tuple[float 
         side = _letter_at(cells, position, letters)
         if side:
             position += 1
-    if side and side not in letters:
+    if (side and side not in letters) or _is_strange_letter(cells, position):
         return None, position
     try:
         sexagesimal = [float(number) for number in digits.split(":")]
@@ -314,6 +317,23 @@ def _angle_at(cells: Sequence[str], position: int, letters: str) -> tuple[float 
     angle = sum(abs(number) / 60**power for power, number in enumerate(sexagesimal))
     is_negative = digits.startswith("-") or side == letters[1]
     return (-angle if is_negative else angle), position
+
+
+def _match_angle(cell: str) -> re.Match[str] | None:
+    """Match an angle whose degrees, minutes and seconds may have their signs."""
+    parted = _ANGLE_SIGNS.sub(":", cell.upper())
+    # The sign behind the last number parts nothing.
+    return _ANGLE.fullmatch(re.sub(r":(?=[NSEW]?$)", "", parted))
+
+
+def _is_strange_letter(cells: Sequence[str], position: int) -> bool:
+    """Tell whether the cell behind an angle is a letter of another language.
+
+    M is the unit of a height that is missing.
+    """
+    if position >= len(cells):
+        return False
+    return re.fullmatch(r"[^\W\d_Mm]", cells[position]) is not None
 
 
 def _letter_at(cells: Sequence[str], position: int, letters: str) -> str:

@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.door import MOST_CHECKED, MOST_JSON, Folder, parse_json
+from flgpr.door import MOST_CHECKED, MOST_JSON, Folder, check_expansion, parse_json
 from flgpr.formats.arrays import LIMIT, open_arrays
 from flgpr.formats.child import parts_elsewhere
 from flgpr.model import SPEED_OF_LIGHT
@@ -167,7 +167,7 @@ def read_gprmax(path: str | Path, limit: int = LIMIT) -> GprmaxOutput:
     path = Path(path)
     open_arrays(path, limit)  # reads the file in a child process first
     with _faults_of_result(path):
-        return _read(path)
+        return _read(path, limit)
 
 
 @contextmanager
@@ -187,7 +187,7 @@ def _faults_of_result(path: Path) -> Iterator[None]:
         ) from None
 
 
-def _read(path: Path) -> GprmaxOutput:
+def _read(path: Path, limit: int) -> GprmaxOutput:
     """Read a result file that is known to be sound."""
     with h5py.File(path, "r") as file:
         if "gprMax" not in file.attrs:
@@ -208,7 +208,7 @@ def _read(path: Path) -> GprmaxOutput:
             )
         receivers = {}
         for group in _numbered(file, "rxs"):
-            receiver = _receiver(group, steps, path)
+            receiver = _receiver(group, steps, path, limit)
             name = receiver.name
             if name in receivers:  # names are the model's author's, and may be the same
                 name = f"{name} ({group.name.rpartition('/')[2]})"
@@ -226,7 +226,7 @@ def _read(path: Path) -> GprmaxOutput:
             np.asarray(cell, dtype=np.float64),
             receivers,
             sources,
-            _excitation(file),
+            _excitation(file, limit),
         )
 
 
@@ -260,31 +260,41 @@ def _text(value: Any) -> str:
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
 
 
-def _excitation(file: Any) -> Excitation | None:
+def _numbers(item: Any, limit: int) -> FloatArray:
+    """Return the numbers of an array of a file, whose size is checked before it is read."""
+    if item.nbytes > limit:
+        raise ValueError(
+            f"{item.name} must hold at most {limit / 1e9:g} GB, "
+            f"got shape {item.shape} of {item.dtype}"
+        )
+    check_expansion(item.name, item.nbytes, item.id.get_storage_size())
+    return np.asarray(item[()], dtype=np.float64)
+
+
+def _excitation(file: Any, limit: int) -> Excitation | None:
     """Return what drove the first source, where the file holds its current."""
     group = file.get("srcs/src1/excitation")
     if not isinstance(group, h5py.Group) or "samples" not in group:
         return None
     if group.attrs.get("Units") != "A":
         return None
-    samples = np.asarray(group["samples"][()], dtype=np.float64)
+    samples = _numbers(group["samples"], limit)
     length = group.attrs.get("SpatialScale", 1.0)
     return Excitation(samples, float(group.attrs.get("TimeSampleOffset", 0.0)), float(length))
 
 
-def _receiver(group: Any, steps: int, path: Path) -> GprmaxReceiver:
+def _receiver(group: Any, steps: int, path: Path, limit: int) -> GprmaxReceiver:
     """Return what a receiver recorded."""
     fields = {}
     for name in _FIELDS:
         if name not in group:
             continue
-        values = np.asarray(group[name][()], dtype=np.float64)
-        if values.shape != (steps,):
+        shape = getattr(group[name], "shape", None)
+        if shape != (steps,):
             raise ValueError(
-                f"{path}: {group.name}/{name} must hold {steps} values, "
-                f"got the shape {values.shape}"
+                f"{path}: {group.name}/{name} must hold {steps} values, got the shape {shape}"
             )
-        fields[name] = values
+        fields[name] = _numbers(group[name], limit)
     position = np.asarray(_attribute(group, "Position", path), dtype=np.float64)
     return GprmaxReceiver(_text(group.attrs.get("Name", group.name)), position, fields)
 
