@@ -327,7 +327,7 @@ def _match_angle(cell: str) -> re.Match[str] | None:
 
 
 def _is_strange_letter(cells: Sequence[str], position: int) -> bool:
-    """Tell whether the cell behind an angle is a letter of another language.
+    """Return whether the cell behind an angle is a letter of another language.
 
     M is the unit of a height that is missing.
     """
