@@ -39,8 +39,8 @@ class FullwaveLane:
     """A full-wave lane in flgpr's terms."""
 
     run: xr.Dataset  #: the run; its vehicle frame's origin is midway between the transmitters
-    truth: pd.DataFrame | None  #: the mines; None if the archive does not tell
-    objects: pd.DataFrame | None  #: rocks and posts; None if the archive does not tell
+    truth: pd.DataFrame | None  #: the mines; None if the archive does not hold them
+    objects: pd.DataFrame | None  #: rocks and posts; None if the archive does not hold them
 
 
 def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveLane:

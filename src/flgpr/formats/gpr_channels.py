@@ -28,7 +28,7 @@ def channels_run(
         The line, of :func:`flgpr.formats.read_gpr`.
     channel_x : (channel,) sequence of float, optional
         Where the antennas of each channel are across the line, m in the vehicle frame; the file
-        does not state it. By default all are put at x = 0, which ``import_notes`` say.
+        does not state it. By default all are put at x = 0, which ``import_notes`` state.
     **options
         Those of :func:`flgpr.formats.gpr_run` but ``channel``. ``band`` is by default a quarter of
         the lowest to twice the highest nominal frequency of the antennas, or all that is recorded

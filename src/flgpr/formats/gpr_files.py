@@ -43,12 +43,12 @@ class GprSection:
 
     path: Path
     format: str  #: what it was read as, in words
-    #: (trace, channel, sample) counts of the recorder, float; NaN where the recorder says that a
-    #: trace is no data
+    #: (trace, channel, sample) counts of the recorder, float; NaN where the recorder marks a
+    #: trace as no data
     traces: NDArray[np.floating[Any]]
     #: (sample,) two-way delay, s; zero where the header puts time zero, else at the first sample
     delay: FloatArray
-    #: (trace,) along the line, m; None if the header does not tell
+    #: (trace,) along the line, m; None if the header does not state it
     distance: FloatArray | None = None
     time: FloatArray | None = None  #: (trace,) s, on a clock of the recorder's own; None if unknown
     #: (fix, 4) of a satellite receiver: trace (from 0), longitude, latitude (degrees, WGS 84),

@@ -1,6 +1,6 @@
 """What the readers of commercial radars share: text headers, records of one length, measurements.
 
-Every function that replaces, leaves out or assumes something says so in ``notes``, with a count.
+Every function that replaces, leaves out or assumes something notes it in ``notes``, with a count.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def read_header(path: Path, suffix: str, mark: str, notes: list[str]) -> Header:
     suffix : str
         Ending of the header.
     mark : str
-        What stands between the name and the value of an entry.
+        What separates the name and the value of an entry.
     notes : list of str
         Notes of the encoding are added to it.
 
@@ -330,8 +330,8 @@ def measured_distance(
 ) -> FloatArray | None:
     """Return the traces' distances along the line as they were measured.
 
-    One that is no number is put between its neighbours. Distances that all are the same say
-    nothing, so that the header's nominal step stands in their stead. Traces that do not move or go
+    One that is no number is put between its neighbours. Distances that all are the same are
+    not used: the header's nominal step replaces them. Traces that do not move or go
     back stay where they were measured. A line that only goes towards smaller distances begins at 0.
 
     Parameters

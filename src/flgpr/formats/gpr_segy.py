@@ -204,7 +204,7 @@ def _word_of_first_trace(raw: bytes, order: str, position: int) -> int:
 def _revision_of(raw: bytes, order: str, notes: list[str]) -> tuple[int, int]:
     """Return the revision, major and minor number.
 
-    One that does not exist is noted and stands as it is.
+    One that does not exist is noted, and returned as it is.
     """
     major = raw[3500]
     minor = raw[3501]

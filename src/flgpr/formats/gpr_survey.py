@@ -129,7 +129,7 @@ def place_by_marks(section: GprSection, spacing: float) -> GprSection:
             f"; {outside} traces before the first and after the last mark go on at the steps "
             "beside them"
         )
-    # The marks are used up: nothing of them is left to be kept.
+    # The distances replace the marks.
     return replace(
         section, distance=distance - distance[0], marks=(), history=(*section.history, note)
     )
@@ -150,7 +150,7 @@ def survey_run(
     sections : sequence of GprSection
         The lines, of :func:`flgpr.formats.read_gpr`; all with the same channels and time window.
     layout : LineLayout
-        Where they lie, unless an anchor and their own fixes tell.
+        Where they lie, unless an anchor and their own fixes place them.
     anchor : Anchor, optional
         Takes the lines' fixes to the lane.
     **options
@@ -159,12 +159,12 @@ def survey_run(
     Returns
     -------
     xarray.Dataset
-        The run; its attribute ``line_starts`` tells the first scan of each line.
+        The run; its attribute ``line_starts`` holds the first scan of each line.
 
     Raises
     ------
     ValueError
-        If lines have other tones or channels than the first, or nothing tells where they lie.
+        If lines have other tones or channels than the first, or nothing states where they lie.
     """
     if not sections:
         raise ValueError("a survey must have at least one line, got none")

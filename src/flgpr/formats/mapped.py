@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 _ORDER = ("scan", "polarization", "pair", "frequency")
 _HIGHEST_FREQUENCY = 1e12
-_PATHS_OF = {"delay": 1.0, "range": 2.0, "path": 1.0}  # what makes an axis of samples two-way
+_PATHS_OF = {"delay": 1.0, "range": 2.0, "path": 1.0}  # factors to the path there and back
 _LARGEST_MOTION = 1e-4  # m, of antennas in an array that keeps its form
 _UNEVEN = 0.01  # share of a step by which the steps of an axis may differ
 

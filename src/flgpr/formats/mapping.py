@@ -29,7 +29,7 @@ class _Table(BaseModel):
 class Variable(_Table):
     """A variable, or one column of it, where a bare name does not say enough."""
 
-    file: str | None = None  #: where it lies; by default where its table says
+    file: str | None = None  #: where it lies; by default the file of its table
     variable: str
     column: int | None = None  #: column of a two-dimensional variable, from 0
     #: scan axis that its values run along, from 0, in a raster of scans
@@ -210,7 +210,7 @@ class _VehiclePlace(_Table):
     position: Positions | None = None
     #: in place of position; headings are then clockwise from true north
     geodetic: Geodetic | None = None
-    #: heading, pitch, roll: number or variable, or "course" for a heading along the way
+    #: heading, pitch, roll: number or variable, or "course" for a heading along the course
     heading: Entry | None = None
     pitch: Entry | None = None
     roll: Entry | None = None

@@ -119,7 +119,7 @@ def _poses_in_files(
 ) -> FloatArray:
     """Return poses (count, 6) as they stand in the files, in lane axes.
 
-    A heading along the way is left zero.
+    A heading by the course is left zero.
     """
     pose = np.zeros((count, 6))
     turn = axes_matrix(spec.axes, f"{where}.axes")

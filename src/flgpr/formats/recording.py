@@ -44,7 +44,7 @@ class _Series:
     last: int = 0
     fields: dict[str, Any] = field(default_factory=dict)  # of the first message that can be read
     known: bool = False  # whether one was read
-    damaged: int = 0  # messages that cannot be read, of those looked at
+    damaged: int = 0  # messages that cannot be read, of those decoded
     fault: str = ""
 
     def all_fields(self) -> dict[str, Any]:
