@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 _ORDER = ("scan", "polarization", "pair", "frequency")
 _HIGHEST_FREQUENCY = 1e12
-_PATHS_OF = {"delay": 1.0, "range": 2.0, "path": 1.0}  # factors to the path there and back
+_TWO_WAY = {"delay": 1.0, "range": 2.0, "path": 1.0}  # factors to the path there and back
 _LARGEST_MOTION = 1e-4  # m, of antennas in an array that keeps its form
 _UNEVEN = 0.01  # share of a step by which the steps of an axis may differ
 
@@ -333,7 +333,7 @@ class _Importer:
             return signal, self._stated_tones(self.mapping.frequency, count)
         spec: Samples = self.mapping.samples  # type: ignore[assignment]  # Mapping sees to it
         kind = "time" if spec.meaning == "delay" else "length"
-        axis = self.sources.vector(spec, kind, "samples", count=count) * _PATHS_OF[spec.meaning]
+        axis = self.sources.vector(spec, kind, "samples", count=count) * _TWO_WAY[spec.meaning]
         delay = axis if spec.meaning == "delay" else axis / SPEED_OF_LIGHT
         scale = factor(spec.band_unit, "frequency", "samples.band_unit")
         band = (spec.band[0] * scale, spec.band[1] * scale)
