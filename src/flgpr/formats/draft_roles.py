@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.formats.arrays import ArrayInfo
+from flgpr.formats.draft_arrays import find_signal, labels_of
 from flgpr.formats.draft_groups import TABLES, ArraySource, FileGroup, name_token
-from flgpr.formats.draft_single import find_signal, labels_of
 from flgpr.formats.draft_units import unit_of
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.units import UNITS

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from flgpr.formats.arrays import ArrayFile, ArrayInfo
-from flgpr.formats.draft_units import SHORTEST_SCANS, small_values, unit_of, unit_suffix
-from flgpr.model import POLARIZATIONS
+from flgpr.formats.draft_arrays import find_signal, labels_of
+from flgpr.formats.draft_units import is_fast_time, small_values, unit_of
 from flgpr.model.units import UNITS
 
 _CLOCK = re.compile(r"gps|gnss|utc|epoch|stamp|scan|trace|pps|pose|slow")
@@ -24,10 +24,6 @@ _CLOCK = re.compile(r"gps|gnss|utc|epoch|stamp|scan|trace|pps|pose|slow")
 _ANTENNA = re.compile(r"tx|rx|ant|elem|rec|source")
 _POSITION = re.compile(r"pos|xyz|way|track|gps|gnss|rtk|coord|traj|odom|loc|place|transl|reference")
 _ROTATION = re.compile(r"orientation|rotation|quat")
-_NO_FIELD = re.compile(r"covariance|orientation|rotation")
-_COMPLEX = re.compile(r"complex|.*(\('r(eal)?'|\('re')", re.DOTALL)
-_IMAGINARY = (("real", "imag"), ("re", "im"), ("_i", "_q"))
-"""What names of real parts hold, and those of imaginary parts in its stead."""
 _COMPONENTS = {
     "x": {"x", "cross", "across", "east", "easting", "crosstrack"},
     "y": {
@@ -206,54 +202,6 @@ def _head_lines(
     return [*lines, ""]
 
 
-def find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
-    """Find the array that is most likely the measured field.
-
-    Parameters
-    ----------
-    opened : ArrayFile
-        The file.
-
-    Returns
-    -------
-    signal : ArrayInfo or None
-        The array; None if there is none.
-    imaginary : str or None
-        The array of its imaginary part, if that is apart.
-    """
-    arrays = [info for info in opened.arrays.values() if math.prod(info.shape) > 1]
-    complex_arrays = [info for info in arrays if _COMPLEX.match(info.dtype)]
-    if complex_arrays:
-        return _largest(complex_arrays), None
-    for info in arrays:
-        imaginary = _imaginary_of(info, opened)
-        if imaginary is not None:
-            return info, imaginary
-    large = []
-    for info in arrays:
-        is_table = len(info.shape) >= 2 and info.shape[-1] > 3
-        if is_table and not _NO_FIELD.search(info.name):
-            large.append(info)
-    return (_largest(large) if large else None), None
-
-
-def _largest(infos: list[ArrayInfo]) -> ArrayInfo:
-    """Return the array of most values."""
-    return max(infos, key=lambda info: math.prod(info.shape))
-
-
-def _imaginary_of(info: ArrayInfo, opened: ArrayFile) -> str | None:
-    """Return the array whose name and shape make it the imaginary part of another."""
-    for real, imaginary in _IMAGINARY:
-        expected = re.sub(real, imaginary, info.name, flags=re.IGNORECASE).lower()
-        for name, other in opened.arrays.items():
-            if name.lower() == expected and name != info.name:
-                if other.shape == info.shape:
-                    return name
-                break
-    return None
-
-
 def _find_signal_axis(draft: _Draft, sizes: list[int]) -> _Axis:
     """Find the tones, else the samples, and mark their array as used."""
     frequency = _find_axis(draft.opened, draft.unused(), ("freq", "hz", "tone"), sizes)
@@ -317,23 +265,13 @@ def _find_samples(draft: _Draft, sizes: list[int]) -> _Axis:
         name = info.name.lower()
         if "time" in name and not _CLOCK.search(name):
             times.append(info)
-    fast = [info for info in times if _is_fast(draft.opened, info)]
+    fast = [info for info in times if is_fast_time(draft.opened, info)]
     for candidates, certain in ((fast, True), (times, False)):
         for tried in (sizes[-1:], sizes):
             samples = _find_axis(draft.opened, candidates, ("time",), tried)
             if samples is not None:
                 return _Axis(samples=samples, certain=certain)
     return _Axis()
-
-
-def _is_fast(opened: ArrayFile, info: ArrayInfo) -> bool:
-    """Return whether times can only be those of samples: by their unit, or by their size."""
-    if unit_suffix(info) in ("ns", "ps", "us"):
-        return True
-    values = small_values(opened, info)
-    if values is None or not values.size:
-        return False
-    return float(np.abs(values).max()) < SHORTEST_SCANS
 
 
 def _find_positions(draft: _Draft, signal: ArrayInfo) -> dict[str, list[ArrayInfo]]:
@@ -547,35 +485,6 @@ def _find_rotation(draft: _Draft, position: ArrayInfo) -> ArrayInfo | None:
         if not draft.topic or info.name.startswith(f"{topic}/"):
             return info
     return None
-
-
-def labels_of(opened: ArrayFile, sizes: list[int]) -> list[str]:
-    """Return the polarizations of a file if it names them, else a guess.
-
-    Parameters
-    ----------
-    opened : ArrayFile
-        The file.
-    sizes : list of int
-        Lengths of the signal's axes.
-
-    Returns
-    -------
-    list of str
-        The labels; "HH?" alone where the file names none.
-    """
-    for info in opened.arrays.values():
-        if math.prod(info.shape) not in sizes:
-            continue
-        values = small_values(opened, info)
-        if values is None or values.dtype.kind not in "US":
-            continue
-        labels = []
-        for value in values.ravel():
-            labels.append(value.decode() if isinstance(value, bytes) else str(value))
-        if labels and set(labels) <= set(POLARIZATIONS):
-            return labels
-    return ["HH?"]
 
 
 def _sibling(name: str, other: str) -> str:

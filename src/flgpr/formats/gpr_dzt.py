@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from flgpr.formats.gpr_antennas import antenna_frequency, noted_frequency, set_frequency
+from flgpr.formats.gpr_dzx import DzxContent, read_dzx
 from flgpr.formats.gpr_parts import (
     INTERVALS,
     NANOSECOND,
@@ -25,7 +26,7 @@ from flgpr.formats.gpr_parts import (
     measured_distance,
     read_records,
 )
-from flgpr.formats.gpr_positions import DzxContent, nmea_fixes, note_unread, read_dzx
+from flgpr.formats.gpr_positions import nmea_fixes, note_unread
 
 _HEADER = 1024  # bytes, of each channel
 _OLD_HEADER = 512  # bytes, of files older than that structure

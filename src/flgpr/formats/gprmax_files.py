@@ -42,8 +42,9 @@ def import_gprmax_files(paths: Sequence[str | Path], setup: GprmaxSetup) -> xr.D
     The vehicle frame has its origin at the source. The model's axes are the lane's, its z less the
     height of the ground. The signal is the field over the source's current moment where the source
     is a Hertzian dipole, else over the source's current, times j, as in
-    :class:`flgpr.formats.gprmax.GprmaxRun`; the direct wave stays. Tones are those of the time
-    window. Positions are the nodes'; field components lie half a cell further along their own axis.
+    :class:`flgpr.formats.gprmax_decks.GprmaxRun`; the direct wave stays. Tones are those of the
+    time window. Positions are the nodes'; field components lie half a cell further along their own
+    axis.
 
     Parameters
     ----------
