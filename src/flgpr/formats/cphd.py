@@ -29,6 +29,8 @@ from flgpr.store.files import existing
 from flgpr.store.outputs import whole_output
 
 FloatArray = NDArray[np.float64]
+_ATMOSPHERE = ("TDTropoSRP", "TDIonoSRP")
+"""Delays of a vector that the atmosphere makes."""
 _SCENE_HALF = 10.0  # m, half the side of the scene that is taken where none is given
 _AHEAD = 10.0  # m, from an antenna on the ground to the centre of that scene
 _LARGEST_MOTION = 1e-3  # m, of antennas in an array that keeps its form
@@ -359,8 +361,40 @@ def _assembled(
     attrs = {
         "title": tree.findtext("{*}CollectionID/{*}CoreName") or "CPHD",
         "source": f"CPHD by {tree.findtext('{*}CollectionID/{*}CollectorName')}",
+        "import_notes": _notes(channels, sign),
     }
     return make_run(signal, frequency, labels, tx, rx, pose, first["TxTime"], attrs)
+
+
+def _notes(channels: dict[str, _Channel], sign: int) -> list[str]:
+    """Return what is assumed, converted or left out of a file of another maker."""
+    notes = ["the file states no heading, pitch and roll: 0 is taken, as the array lies"]
+    if sign > 0:
+        notes.append("the phases are conjugated: the file has the sign +1")
+    total = sum(len(channel.vectors) for channel in channels.values())
+    without_signal = 0
+    scaled = 0
+    delayed = 0
+    for channel in channels.values():
+        names = channel.vectors.dtype.names or ()
+        if "SIGNAL" in names:
+            without_signal += int(np.count_nonzero(channel.vectors["SIGNAL"] != 1))
+        if "AmpSF" in names:
+            scaled += int(np.count_nonzero(channel.vectors["AmpSF"] != 1))
+        delays = [channel.vectors[name] for name in _ATMOSPHERE if name in names]
+        if delays:
+            delayed += int(np.count_nonzero(np.any(delays, axis=0)))
+    if without_signal:
+        notes.append(f"{without_signal} of {total} vectors hold no signal (SIGNAL)")
+    if scaled:
+        notes.append(f"{scaled} of {total} vectors are scaled by their AmpSF")
+    if delayed:
+        names_of_delays = " and ".join(_ATMOSPHERE)
+        notes.append(
+            f"the delays of the atmosphere of {delayed} of {total} vectors ({names_of_delays}) "
+            "are not taken off"
+        )
+    return notes
 
 
 def _native(samples: NDArray[Any], vectors: NDArray[Any]) -> _Channel:
