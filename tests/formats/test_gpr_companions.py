@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from flgpr.formats import read_gpr
-from flgpr.formats.gpr_positions import cor_fixes, read_dzx
+from flgpr.formats.gpr_dzx import read_dzx
+from flgpr.formats.gpr_positions import cor_fixes
 from io_gpr import STEP, write_dt1, write_dzt, write_mala
 from io_recordings import ALONG, COUNTS, LATITUDE, LONGITUDE, TRACES, gps_lines, notes_with
 

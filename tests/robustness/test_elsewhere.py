@@ -15,7 +15,8 @@ import flgpr
 from flgpr.commands.app import app
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.explain import explain_file
-from flgpr.formats.gprmax import explain_merged, read_gprmax
+from flgpr.formats.gprmax import read_gprmax
+from flgpr.formats.gprmax_explain import explain_merged
 from flgpr.geo import map_backdrop, read_anchor
 from flgpr.geo.anchor import lonlat_of, transform_lonlat
 from flgpr.store import sample_lane, save_run, seal, unseal

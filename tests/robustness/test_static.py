@@ -169,7 +169,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "geo/basemap.py map_backdrop": ({"open"}, GUARDED),
     "formats/child.py probe_hdf5": ({"File"}, GUARDED),
     "formats/gprmax.py is_gprmax": ({"File"}, GUARDED),
-    "formats/gprmax.py explain_merged": ({"File"}, GUARDED),
+    "formats/gprmax_explain.py explain_merged": ({"File"}, GUARDED),
     "formats/gprmax.py _read": ({"File"}, GUARDED),
     "formats/arrays.py _open_mat": ({"load"}, IN_HAND),
     "formats/child.py unpack": ({"open"}, IN_HAND),

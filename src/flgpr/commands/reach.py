@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from flgpr.model import Lane
 from flgpr.scoring import as_lanes
 from flgpr.scoring.matching import LaneLike
-from flgpr.store.notes import tell_note
+from flgpr.store.notes import log_note
 
 _MOST_OUTSIDE = 0.5  # of the targets, above which the truth is of another lane
 
@@ -60,7 +60,7 @@ def targets_in_reach(
             f"{_other_axes(targets, lanes, halo)}"
         )
     identifiers = [str(value) for value in targets.loc[~in_reach, "target_id"]]
-    tell_note(
+    log_note(
         f"{name}: {outside} of {count} targets lie more than the halo of {halo:g} m outside the "
         f"ground that was searched ({_borders(lanes)}); they are counted apart, not as misses: "
         f"{', '.join(identifiers)}"

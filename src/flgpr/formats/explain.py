@@ -18,7 +18,8 @@ from flgpr.formats.arrays import LIMIT, ArrayFile, ArrayInfo, open_arrays
 from flgpr.formats.draft_single import draft_of_file
 from flgpr.formats.draft_units import SMALL
 from flgpr.formats.gpr_files import is_gpr
-from flgpr.formats.gprmax import explain_gprmax, explain_merged, is_gprmax
+from flgpr.formats.gprmax import is_gprmax
+from flgpr.formats.gprmax_explain import explain_gprmax, explain_merged
 from flgpr.store.extras import optional
 from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
