@@ -22,7 +22,8 @@ from flgpr.commands.replay import replay
 from flgpr.commands.scoring import score_alarms, score_result
 from flgpr.execution import driver
 from flgpr.execution.checkpoint import finish
-from flgpr.execution.driver import detect_lane, results_at
+from flgpr.execution.driver import detect_lane
+from flgpr.execution.finished import results_at
 from flgpr.execution.workers import InProcess
 from flgpr.model import Lane
 from flgpr.results.result import ResultError, join_sections, read_result

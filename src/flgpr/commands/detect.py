@@ -39,7 +39,7 @@ def _before(call: Arguments) -> Iterator[str]:
 
 def _results(returned: Result | Survey) -> list[Result]:
     """Return the results of lanes, each of a lane in sections as the results of its sections."""
-    from flgpr.execution.driver import results_at
+    from flgpr.execution.finished import results_at
     from flgpr.results.result import Result, read_result
 
     if isinstance(returned, Result) and results_at(returned.folder) == [returned.folder]:

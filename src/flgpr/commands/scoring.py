@@ -25,7 +25,7 @@ from flgpr.commands.registering import (
     registration,
 )
 from flgpr.door import MOST_JSON, Folder, parse_json, parse_toml, read_named
-from flgpr.execution.driver import results_at
+from flgpr.execution.finished import results_at
 from flgpr.model import Lane
 from flgpr.report import blind_html, comparison_html, score_files
 from flgpr.results.result import Result, add_files, are_settled, join_sections, read_result
