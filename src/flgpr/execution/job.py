@@ -36,7 +36,7 @@ from flgpr.model import Lane
 from flgpr.report import report_html
 from flgpr.results.description import describe_run
 from flgpr.results.result import add_files, read_result, write_result
-from flgpr.store import MAX_MEMORY, canonical_json, open_run, read_manifest, sha256
+from flgpr.store import MAX_MEMORY, BundleError, canonical_json, open_run, read_manifest, sha256
 from flgpr.store.tables import parse_table
 
 FOLD_BYTES = 1 << 28
@@ -263,7 +263,21 @@ def do_block(job: LaneJob, name: str, number: int) -> Report:
 def merged_blocks(work: Checkpoint, name: str) -> int:
     """Return how many blocks of a pass, from the first, have been merged early."""
     so_far = _so_far(name)
-    return int(work.bundle(so_far)["next"]) if so_far in work else 0
+    while so_far in work:
+        version = _file_version(work.path(so_far))
+        try:
+            return int(work.bundle(so_far)["next"])
+        except BundleError:
+            # Another process may have replaced the file after its head was read here.
+            if _file_version(work.path(so_far)) == version:
+                raise
+    return 0
+
+
+def _file_version(path: Path) -> tuple[int, int]:
+    """Return what changes when a file is replaced by another one."""
+    status = path.stat()
+    return status.st_ino, status.st_mtime_ns
 
 
 def _so_far(name: str) -> str:
