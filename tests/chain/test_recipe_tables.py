@@ -57,7 +57,7 @@ def test_entries_that_break_a_rule_are_refused(change, message):
 def test_windows_of_the_background_are_odd_numbers_of_pixels():
     table = BackgroundTable(self_signature="mean", median=1.0, mean=2.55)
     assert table.windows(0.05) == ((21, 21), (51, 51))
-    assert table.windows(0.05, 0.1) == ((11, 21), (25, 51))
+    assert table.windows(0.05, 0.1) == ((9, 21), (25, 51))
     narrow = BackgroundTable(self_signature="mean", median=0.001, mean=0.001)
     assert narrow.windows(0.05) == ((1, 1), (1, 1))
 
