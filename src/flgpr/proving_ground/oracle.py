@@ -201,7 +201,7 @@ def _look_at_site(
         looks, echoes = _mines(_cleaned(folder, lane, recipe), lane, mines)
         for number, target in enumerate(mines.to_dict("records")):
             at_mine = looks.place == number
-            row = {"site": site, "lane": lane.name}
+            row: dict[str, Any] = {"site": site, "lane": lane.name}
             row |= {"target_id": target["target_id"], "kind": target["kind"]}
             row["looks"] = int(at_mine.sum())
             if "body" in target:

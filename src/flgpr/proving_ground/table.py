@@ -298,7 +298,7 @@ def _cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
     """Return what an entry cost."""
     costs = read_costs(entry)
     of_lanes = {}
-    training_seconds = 0
+    training_seconds = 0.0
     for what, cost in costs.items():
         if what in ground.lanes and cost:
             of_lanes[what] = cost
@@ -576,8 +576,8 @@ def same_lanes(ground: Ground, folder: Path) -> dict[str, str]:
     return likeness
 
 
-def _compared(present: pd.Series, known: pd.Series) -> str:
-    """Return how alike the fingerprints of two lanes are."""
+def _compared(present: Any, known: Any) -> str:
+    """Return how alike two lanes are, by a row of each table of fingerprints."""
     if present["sha256"] == known["sha256"]:
         return "same bits"
     levels = [column for column in present.index if column != "sha256"]
