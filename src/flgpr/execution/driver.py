@@ -121,6 +121,8 @@ def _planner(lane: LaneSetup) -> Callable[[LaneJob], Engine]:
     """Return what plans the passes of a lane, or of one of its sections."""
 
     def plan(job: LaneJob) -> Engine:
+        if job.section is None:
+            return engine_of(lane)
         setup = LaneSetup(
             lane.run,
             lane.recipe,

@@ -33,8 +33,8 @@ class PassRunner:
     executor : Executor
         Does the work.
     plan : callable
-        Returns the engine of a job, which lists its passes and their blocks. It is asked anew for
-        every job and let go of again, as an engine holds memory.
+        Returns the engine of a job, which lists its passes and their blocks. That of a section is
+        made anew and let go of again, as it holds memory.
     track : Track
         Shows progress.
     note : callable
@@ -99,7 +99,7 @@ class PassRunner:
         self, job: LaneJob, work: Checkpoint, name: str, numbers: Sequence[int], label: str
     ) -> None:
         """Do one pass, unless a job of another recipe has left its result."""
-        shared = shared_name(job, name)
+        shared = shared_name(job, name) if job.pass_cache else None
         if shared is not None and self._take(job, work, name, shared):
             return
         reports = self._gather(job, work, name, numbers, label)
