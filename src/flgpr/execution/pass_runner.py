@@ -99,7 +99,7 @@ class PassRunner:
         self, job: LaneJob, work: Checkpoint, name: str, numbers: Sequence[int], label: str
     ) -> None:
         """Do one pass, unless a job of another recipe has left its result."""
-        shared = shared_name(job, name) if job.pass_cache else None
+        shared = shared_name(job, name)
         if shared is not None and self._take(job, work, name, shared):
             return
         reports = self._gather(job, work, name, numbers, label)
