@@ -35,7 +35,7 @@ MASK = "roadside"
 """Name of the pass that finds the mask."""
 FIT = "roadside.fit"
 """Name of the pass that fits what lies under it."""
-_NEEDS_WHOLE_RUN = "what outshines the lane is told by the whole run"
+_NEEDS_WHOLE_RUN = "only the whole run shows what outshines the lane"
 
 
 class RoadsideSettings(Table):
