@@ -51,7 +51,6 @@ ALLOWED = {
 }
 FACES = sorted(path.parent for path in ROOT.rglob("__init__.pyi") if path.parent.name != "io")
 STILL_CIRCLES = {
-    frozenset({"flgpr.commands.imaging_peers", "flgpr.commands.imaging_speed"}),
     frozenset({"flgpr.imaging.cuda", "flgpr.imaging.engines"}),
 }
 HEAVY = {

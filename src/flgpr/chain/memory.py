@@ -90,7 +90,7 @@ def memory_needed(
 
     They do not grow with the number of scans, but for a self-signature by the median, which holds
     all images. What grows with the length of the lane are its run-views and alarms. The factors
-    were measured, see docs/robustness.md.
+    were measured, see docs/evidence/robustness.md.
 
     Parameters
     ----------

@@ -10,7 +10,8 @@ from flgpr import __version__
 from flgpr.chain.progress import Track, silent
 from flgpr.model import Sensor
 from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.simulator import check_effort, warn_of_aliases
+from flgpr.simulate.effort import check_effort
+from flgpr.simulate.simulator import warn_of_aliases
 from flgpr.store import (
     RunWriter,
     canonical_json,
@@ -21,7 +22,7 @@ from flgpr.store import (
     write_whole,
 )
 from flgpr.store.outputs import tell_finished, whole_output
-from flgpr.store.run_store import RunExistsError
+from flgpr.store.run_writer import RunExistsError
 
 
 def simulate_to_store(

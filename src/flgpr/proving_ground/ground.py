@@ -21,7 +21,7 @@ from flgpr.execution.simulated_lane import simulate_to_store
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.faults import describe_fault
 from flgpr.simulate import Scene, draw_world
-from flgpr.store import laid_over, lane_text, open_run, read_table, sample_lane, write_whole
+from flgpr.store import lane_text, merge_tables, open_run, read_table, sample_lane, write_whole
 from flgpr.store.files import existing, faults_of
 
 GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-1")
@@ -423,4 +423,4 @@ def _quick_form(data: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
             if design in data["lanes"]:
                 surface[design] = entries
         row["surface"] = surface
-    return laid_over(data, over)
+    return merge_tables(data, over)

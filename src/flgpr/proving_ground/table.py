@@ -272,7 +272,7 @@ def _points(
     ground: Ground, group: str, matched: Match, level: Any, rows: Any, reference: Match | None
 ) -> Iterator[dict[str, Any]]:
     """Yield the score of a group of targets at every allowed FAR."""
-    curve = level.beside(roc_of(matched, rows), rows)
+    curve = level.add_chance_column(roc_of(matched, rows), rows)
     fars = ground.table.fars
     points = curve.iloc[operating_row(curve, np.array(fars))]
     for allowed, (_, point) in zip(fars, points.iterrows(), strict=True):

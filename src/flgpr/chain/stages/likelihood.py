@@ -28,7 +28,7 @@ from flgpr.model.bounds import Spacing
 _LEAST = 0.1  # the map stays positive, so that it can be drawn as a magnitude
 _DARK = 0.05  # of the background's power: a darker chip counts no more
 # Log odds of a mine over a stone by the difference of their log-likelihoods: a logistic regression,
-# docs/fused.md.
+# docs/evidence/fused.md.
 _RIVAL = (0.32, -0.87)
 
 
