@@ -188,7 +188,7 @@ def detect(
         others=other_runs,
         report=report,
         at_once=lanes_at_once,
-        how=options,
+        options=options,
         overwrite=overwrite,
     )
     return Survey(Path(output), folders)

@@ -62,7 +62,7 @@ def detect_survey(
     others: Sequence[Mapping[str, PathLike]] | None = None,
     report: bool = True,
     at_once: int | None = None,
-    how: RunOptions = DEFAULTS,
+    options: RunOptions = DEFAULTS,
     overwrite: bool = True,
 ) -> list[Path]:
     """Run a recipe on many stored lanes.
@@ -90,7 +90,7 @@ def detect_survey(
     at_once : int, optional
         Lanes that are worked on at once. By default two where other processes do the work, so that
         none of them waits for the last block of a pass.
-    how : RunOptions
+    options : RunOptions
         Who does the work.
     overwrite : bool
         Whether other results are overwritten.
@@ -109,14 +109,14 @@ def detect_survey(
         then.
     """
     survey = Path(output)
-    executor = how.executor()
+    executor = options.executor()
     at_once = at_once or (2 if executor.parallel else 1)
     if at_once > 1 and not executor.parallel:
         raise ValueError(
             f"lanes at once needs workers or a scheduler to be more than 1, got {at_once}"
         )
     jobs = _make_jobs(
-        runs, recipe_text, survey, lanes, model, section, others, report, how, overwrite
+        runs, recipe_text, survey, lanes, model, section, others, report, options, overwrite
     )
     survey.mkdir(parents=True, exist_ok=True)
     unfinished = [job for job in jobs if not is_done(job)]
@@ -124,8 +124,8 @@ def detect_survey(
         tell_finished(survey, OVERWRITE)
 
     def detect(job: LaneJob) -> None:
-        track = _labelled(how.track, Path(job.output).name)
-        detect_lane(job, executor, track, how.note, section, overwrite)
+        track = _labelled(options.track, Path(job.output).name)
+        detect_lane(job, executor, track, options.note, section, overwrite)
 
     with executor:
         if at_once == 1:
@@ -148,7 +148,7 @@ def _make_jobs(
     section: float | None,
     others: Sequence[Mapping[str, PathLike]] | None,
     report: bool,
-    how: RunOptions,
+    options: RunOptions,
     overwrite: bool,
 ) -> list[LaneJob]:
     """Return the jobs of all lanes; refuse what could not be done before any is begun."""
@@ -159,7 +159,7 @@ def _make_jobs(
     jobs = []
     for number, (run, name) in enumerate(zip(runs, names, strict=True)):
         borders = None if lanes is None else read_lane(lanes[number])
-        dataset = open_run(run, how.max_memory)
+        dataset = open_run(run, options.max_memory)
         area = area_of(dataset, recipe, borders)
         job = make_job(
             run,
@@ -168,14 +168,14 @@ def _make_jobs(
             survey / name,
             report,
             model,
-            how.max_memory,
+            options.max_memory,
             None if others is None else others[number],
-            pass_cache=how.pass_cache,
+            pass_cache=options.pass_cache,
         )
         jobs.append(job)
         check_free(survey / name)
         sizes = sizes_of(as_imaged(dataset, recipe))
-        sections = plan_sections(sizes, recipe, area, how.max_memory, section)
+        sections = plan_sections(sizes, recipe, area, options.max_memory, section)
         if not overwrite:
             holds_result(job, sections)
     return jobs

@@ -116,7 +116,7 @@ def train_on_lanes(
     output: Path,
     features: Sequence[str],
     label_radius: float,
-    how: RunOptions,
+    options: RunOptions,
     overwrite: bool,
 ) -> Model:
     """Train a recipe on lanes and write its model.
@@ -133,7 +133,7 @@ def train_on_lanes(
         Columns that the detector reads in place of the recipe's.
     label_radius : float
         r_label, m.
-    how : RunOptions
+    options : RunOptions
         Who does the work.
     overwrite : bool
         Whether another model is overwritten. Otherwise a model of the same inputs is left as it is.
@@ -159,18 +159,18 @@ def train_on_lanes(
         "made_of": _inputs_digest(lanes, features, label_radius),
     }
     if not overwrite and _holds_model(output, notes):
-        _clear_work_folders(output, how)
+        _clear_work_folders(output, options)
         tell_finished(output, OVERWRITE)
         return load_model(output)
     # The output is held open for one training at a time.
-    with whole_output(output, replace=True) as partial, how.executor() as executor:
-        training = _Training(recipe, text, lanes, output, executor, how)
+    with whole_output(output, replace=True) as partial, options.executor() as executor:
+        training = _Training(recipe, text, lanes, output, executor, options)
         training.learn_stages()
         if learns_detector(recipe, features):
             training.train_detector(features, label_radius)
             training.learn_forecast()
         save_model(training.model, partial, notes)
-    _clear_work_folders(output, how)
+    _clear_work_folders(output, options)
     return training.model
 
 
@@ -206,13 +206,13 @@ def _holds_model(folder: Path, notes: Mapping[str, Any]) -> bool:
     return True
 
 
-def _clear_work_folders(output: Path, how: RunOptions) -> None:
+def _clear_work_folders(output: Path, options: RunOptions) -> None:
     """Delete the work folders beside a model that is written."""
     for work in output.parent.glob(f"{glob.escape(output.name)}-*-*.work*"):
         if re.fullmatch(r"-\d+-\d+\.work(\.done)?", work.name.removeprefix(output.name)):
             shutil.rmtree(work, ignore_errors=True)
     folders = [_work_folder(output, "training"), replaced_by(output)]
-    if how.pass_cache is None:
+    if options.pass_cache is None:
         folders.append(_work_folder(output, "images"))
     for folder in folders:
         shutil.rmtree(folder, ignore_errors=True)
@@ -244,7 +244,7 @@ class _Training:
         lanes: Sequence[TrainingLane],
         output: Path,
         executor: Executor,
-        how: RunOptions,
+        options: RunOptions,
     ) -> None:
         self.recipe = recipe
         self.text = text
@@ -252,15 +252,15 @@ class _Training:
         self.model = Model()
         self.lanes = lanes
         self._executor = executor
-        self._how = how
+        self._options = options
         self._views: list[TrainingView] = []
         self._step = 0
 
     @property
     def _pass_cache(self) -> PathLike | None:
         """Folder of images that the steps share, if there are several."""
-        if self._how.pass_cache:
-            return self._how.pass_cache
+        if self._options.pass_cache:
+            return self._options.pass_cache
         has_several_steps = bool(self.recipe.learning())
         return _work_folder(self.output, "images") if has_several_steps else None
 
@@ -349,7 +349,7 @@ class _Training:
         with self._counted(forecast.NAME):
             followed: list[forecast.Followed] = []
             for lane in self.lanes:
-                run = open_run(lane.run, self._how.max_memory)
+                run = open_run(lane.run, self._options.max_memory)
                 detector = LiveDetector(
                     describe_for_live(run), self.recipe, lane.area, self.model, settings
                 )
@@ -366,7 +366,7 @@ class _Training:
         """Report what learning itself costs, without the passes."""
         begun = time.perf_counter(), time.process_time()
         yield
-        self._how.note(report(self.output.name, name, -1, begun, 0))
+        self._options.note(report(self.output.name, name, -1, begun, 0))
 
     def _spent(self) -> dict[str, list[pd.DataFrame]]:
         """Return, by stage, the rows of every lane's truth that it has learnt from."""
@@ -382,7 +382,7 @@ class _Training:
         """Do the passes of the lanes as far as the model allows, and yield lane after lane."""
         self._step += 1
         model = save_model(self.model, self._learnt) if self.model.stages else None
-        how = self._how
+        options = self._options
         for number, lane in enumerate(self.lanes, 1):
             job = make_job(
                 run=lane.run,
@@ -391,13 +391,13 @@ class _Training:
                 output=self.output.with_name(f"{self.output.name}-{number}-{self._step}"),
                 report=False,
                 model=model,
-                max_memory=how.max_memory,
+                max_memory=options.max_memory,
                 others=lane.others,
                 truth=lane.truth if truth else None,
                 pass_cache=self._pass_cache,
             )
             label = f"{Path(lane.run).stem}: "
-            with passes_of_lane(job, self._executor, how.track, how.note, label) as setup:
+            with passes_of_lane(job, self._executor, options.track, options.note, label) as setup:
                 yield setup, lane
 
 

@@ -130,7 +130,7 @@ def _needed(ground: Ground) -> list[str]:
 
 
 def _look_at_tier(
-    ground: Ground, folder: Path, recipe: str, how: RunOptions, truth: pd.DataFrame
+    ground: Ground, folder: Path, recipe: str, options: RunOptions, truth: pd.DataFrame
 ) -> pd.DataFrame:
     """Look at a ground or at one of its tiers, and write what was found."""
     jobs: list[tuple[Any, ...]] = []
@@ -146,8 +146,8 @@ def _look_at_tier(
         jobs.append((description, str(folder.resolve()), recipe, site, names, targets))
     label = f"oracle, {ground.tier}" if ground.tier else "oracle"
     rows_of_site = {}
-    with how.executor() as executor:
-        for report in how.track(executor.run(_look_at_site, jobs), label, len(jobs)):
+    with options.executor() as executor:
+        for report in options.track(executor.run(_look_at_site, jobs), label, len(jobs)):
             rows_of_site[report["lane"]] = report["found"]
     rows = []
     for site in sites:

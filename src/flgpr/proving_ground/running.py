@@ -138,7 +138,7 @@ def passphrase(ground: Ground) -> str:
 
 
 def make_lanes(
-    ground: Ground, folder: Path, how: RunOptions, tiers: Sequence[Ground] | None = None
+    ground: Ground, folder: Path, options: RunOptions, tiers: Sequence[Ground] | None = None
 ) -> None:
     """Simulate the lanes that are not there yet.
 
@@ -151,7 +151,7 @@ def make_lanes(
         The ground with all of its tiers.
     folder : Path
         Takes the lanes.
-    how : RunOptions
+    options : RunOptions
         Who does the work.
     tiers : sequence of Ground, optional
         The tiers whose lanes are made; by default all.
@@ -161,9 +161,9 @@ def make_lanes(
     missing = []
     for tier in chosen:
         missing += [name for name in tier.lanes if not _is_made(folder, name)]
-    with how.executor() as executor:
+    with options.executor() as executor:
         jobs = [(ground.quick, ground.text, name, str(folder.resolve())) for name in missing]
-        for _ in how.track(executor.run(make_lane, jobs), "simulating lanes", len(jobs)):
+        for _ in options.track(executor.run(make_lane, jobs), "simulating lanes", len(jobs)):
             pass
     _write_fingerprints(ground, folder)
 
@@ -271,17 +271,17 @@ class _EntryRun:
         The folder that has the lanes.
     folder : Path
         Takes what the entry makes.
-    how : RunOptions
+    options : RunOptions
         Who does the work.
     """
 
     def __init__(
-        self, ground: Ground, entry: Entry, lanes: Path, folder: Path, how: RunOptions
+        self, ground: Ground, entry: Entry, lanes: Path, folder: Path, options: RunOptions
     ) -> None:
         self.ground = ground
         self.lanes = lanes
         self.folder = folder
-        self.how = how
+        self.options = options
         self.recipe = parse_recipe(entry.text, entry.name)
         self.file = folder / "recipe.toml"
         write_whole(self.file, entry.text)
@@ -311,9 +311,9 @@ class _EntryRun:
             model = self._trained(trained_on)
         results = self.folder / "results"
         runs, borders = self._files(tested)
-        with self._counting_costs(results) as (how, costs):
+        with self._counting_costs(results) as (options, costs):
             text = recipe_text(self.file)
-            detect_survey(runs, text, results, borders, model, report=False, how=how)
+            detect_survey(runs, text, results, borders, model, report=False, options=options)
         self.costs |= costs
         tables = []
         for lane in tested:
@@ -329,15 +329,15 @@ class _EntryRun:
         model = self.folder / "models" / name
         if model.is_dir():
             return model
-        with self._counting_costs(model.with_name(f"{name}-costs")) as (how, costs):
+        with self._counting_costs(model.with_name(f"{name}-costs")) as (options, costs):
             runs, borders, truths = self._files(trained_on, "-truth.csv")
             text = recipe_text(self.file)
             no_others: list[dict[str, Path]] = [{} for _ in runs]
             lanes = training_lanes(
-                parse_recipe(text), runs, truths, borders, no_others, how.max_memory
+                parse_recipe(text), runs, truths, borders, no_others, options.max_memory
             )
             radius = self.ground.table.halo
-            train_on_lanes(text, lanes, model, (), radius, how, overwrite=True)
+            train_on_lanes(text, lanes, model, (), radius, options, overwrite=True)
         self.costs[f"training {name}"] = {
             "processor_seconds": sum(cost["processor_seconds"] for cost in costs.values()),
             "peak_bytes": max(cost["peak_bytes"] for cost in costs.values()),
@@ -365,13 +365,13 @@ class _EntryRun:
             cost["peak_bytes"] = max(cost["peak_bytes"], report["peak_bytes"])
 
         try:
-            yield replace(self.how, note=note), costs
+            yield replace(self.options, note=note), costs
         finally:
             folder.mkdir(parents=True, exist_ok=True)
             write_whole(folder / COSTS, json.dumps(costs, indent=1) + "\n")
 
 
-def run_entry(ground: Ground, entry: Entry, lanes: Path, folder: Path, how: RunOptions) -> None:
+def run_entry(ground: Ground, entry: Entry, lanes: Path, folder: Path, options: RunOptions) -> None:
     """Train an entry, freeze it and write its alarms, or copy alarm lists made elsewhere.
 
     Parameters
@@ -384,14 +384,14 @@ def run_entry(ground: Ground, entry: Entry, lanes: Path, folder: Path, how: RunO
         The folder that has the lanes.
     folder : Path
         Takes what the entry makes. What another recipe or program made there is deleted.
-    how : RunOptions
+    options : RunOptions
         Who does the work.
     """
     if Folder(folder).has(ABOUT) and Folder(folder).json(ABOUT).get("made_of") != made_of(entry):
         shutil.rmtree(folder)
     _write_about(ground, entry, folder)
     if entry.alarms is None:
-        _EntryRun(ground, entry, lanes, folder, how).run()
+        _EntryRun(ground, entry, lanes, folder, options).run()
         return
     for split, table in submitted(ground, entry.alarms).items():
         (folder / split).mkdir(exist_ok=True)
