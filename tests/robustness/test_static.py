@@ -131,7 +131,7 @@ RECORDING = "a recording that a user named: `existing` refuses pipes, and its ow
 GUARDED = "a library reads it, of a file that `existing` let pass; of damaged ones a child process tries that before"
 IN_HAND = "no file: text or bytes in hand, or what this process made"
 PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
-    "proving_ground/ground.py load_ground": ({"read_text"}, OWN),
+    "proving_ground/ground.py _description_text": ({"read_text"}, OWN),
     "proving_ground/running.py packaged_entries": ({"read_text", "tomllib.loads"}, OWN),
     "proving_ground/table.py same_lanes": ({"read_text"}, OWN),
     "chain/recipe.py recipe_text": ({"read_text"}, OWN),

@@ -44,7 +44,7 @@ def _before(call: Arguments) -> Iterator[str]:
 
 def _results(returned: Result | Survey) -> list[Result]:
     """Return the results of all lanes; a lane in sections counts as one result a section."""
-    from flgpr.execution.driver import results_at
+    from flgpr.execution.finished import results_at
     from flgpr.results.result import Result, read_result
 
     if isinstance(returned, Result) and results_at(returned.folder) == [returned.folder]:
@@ -197,7 +197,7 @@ def detect(
         others=other_runs,
         report=report,
         at_once=lanes_at_once,
-        how=options,
+        options=options,
         overwrite=overwrite,
     )
     return Survey(Path(output), folders)

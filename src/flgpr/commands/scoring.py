@@ -21,7 +21,7 @@ from flgpr.commands.reach import targets_in_reach
 from flgpr.commands.registering import Entrant, find_entrant, open_truth
 from flgpr.commands.score_files import must_write, with_last, write_score_files
 from flgpr.door import Folder, parse_toml, read_named
-from flgpr.execution.driver import results_at
+from flgpr.execution.finished import results_at
 from flgpr.model import Lane
 from flgpr.report import comparison_html, score_files
 from flgpr.results.result import Result, add_files, are_settled, join_sections, read_result
