@@ -153,7 +153,7 @@ class Simulator:
         return self._received(channels, index) - self._received(0 * channels, index)
 
     def _received(self, channels: NDArray[np.complex64], index: int) -> NDArray[np.complex64]:
-        """Return the sensor's polarizations of HH, HV, VH, VV, through the radar with its errors."""
+        """Return the sensor's polarizations of HH, HV, VH, VV, as its radar receives them."""
         channels = channels * self.response.astype(np.complex64)
         if self._errors is not None:
             channels = self._errors.apply(channels, index)
@@ -422,10 +422,9 @@ def finest_cell(sensor: Sensor, distance: float = 10.0) -> float:
     bandwidth = max(tones[-1] - tones[0], sensor.tones.step)
     down_range = SPEED_OF_LIGHT / (2 * bandwidth) * slant / distance
     tx, rx = sensor.pairs()
+    aperture = float(np.ptp(tx[:, 0]) + np.ptp(rx[:, 0]))
     if sensor.scanned:
         aperture = 2 * float(np.ptp((tx + rx)[:, 0]) / 2)
-    else:
-        aperture = float(np.ptp(tx[:, 0]) + np.ptp(rx[:, 0]))
     return float(down_range * SPEED_OF_LIGHT / tones[-1] * slant / max(aperture, 0.1))
 
 

@@ -275,9 +275,8 @@ class Spreader:
         """
         if extra is None:
             extra = np.zeros(len(points))
-        if nodes is None:
-            exponents = np.full(len(functions), array.exponent)
-        else:
+        exponents = np.full(len(functions), array.exponent)
+        if nodes is not None:
             exponents = array.exponents(nodes)
         channels = 4 if array.dipoles else 3
         total = np.zeros((channels, array.tx.size, self.count), np.complex64)
