@@ -222,12 +222,12 @@ class Simulator:
                 self._add_target(echoes, index, target, view)
         if targets_only:
             return echoes
-        for thing in self.world.objects:
-            if _in_view(thing, view.pose):
+        for scene_object in self.world.objects:
+            if _in_view(scene_object, view.pose):
                 first = len(echoes.path)
-                array = self._above(thing.x, thing.y, view.array)
-                add_object(echoes, thing, self._ground, array, self.seed)
-                self._cover(echoes, first, thing.x, thing.y, view)
+                array = self._above(scene_object.x, scene_object.y, view.array)
+                add_object(echoes, scene_object, self._ground, array, self.seed)
+                self._cover(echoes, first, scene_object.x, scene_object.y, view)
         return echoes
 
     def _add_target(self, echoes: Echoes, index: int, target: Target, view: View) -> None:
@@ -265,22 +265,22 @@ class Simulator:
         """
         grass = self.scene.grass
         ground = self._height(x, y)
-        places = np.array(echoes.place[first:]).reshape(-1, 3)
-        if not len(places):
+        positions = np.array(echoes.position[first:]).reshape(-1, 3)
+        if not len(positions):
             return
         through = np.ones((4, self.frequency.size), complex)
         if view.shadows is not None:
-            mean_height = max(places[:, 2].mean(), 0.0)
+            mean_height = max(positions[:, 2].mean(), 0.0)
             through *= view.shadows.body_factor(np.array([x, y, ground + mean_height]))
         sine = view.sine(np.array([[x, y, 0.0]])).item() if grass.grown else 0.0
-        for i, place in enumerate(places, first):
+        for i, position in enumerate(positions, first):
             factor = through
             if grass.grown:
-                above = min(max(1 - place[2] / grass.height, 0.0), 1.0)
+                above = min(max(1 - position[2] / grass.height, 0.0), 1.0)
                 hh, vv, cross = through_grass(grass, self.frequency, sine, above)
                 factor = through * np.stack([hh, vv, cross, cross])
             echoes.spectrum[i] = echoes.spectrum[i] * factor
-            echoes.place[i] = place + np.array([0.0, 0.0, ground])
+            echoes.position[i] = position + np.array([0.0, 0.0, ground])
 
     def _make_layers(self) -> list[Layer]:
         """Return all that is summed as point scatterers; further layers are added here."""
@@ -428,10 +428,10 @@ def finest_cell(sensor: Sensor, distance: float = 10.0) -> float:
     return float(down_range * SPEED_OF_LIGHT / tones[-1] * slant / max(aperture, 0.1))
 
 
-def _in_view(thing: Target | SceneObject | Strip, pose: FloatArray) -> bool:
+def _in_view(scene_object: Target | SceneObject | Strip, pose: FloatArray) -> bool:
     """Return whether something stands in front of the array and not too far off."""
-    dx = thing.x - pose[0]
-    dy = thing.y - pose[1]
+    dx = scene_object.x - pose[0]
+    dy = scene_object.y - pose[1]
     forward = dx * math.sin(pose[3]) + dy * math.cos(pose[3])
     return bool(0.5 < forward < _REACH and math.hypot(dx, dy) < _REACH)
 

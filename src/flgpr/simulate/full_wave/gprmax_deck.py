@@ -199,10 +199,10 @@ def _grid(scene: Scene, world: World, antennas: FloatArray, cell: float) -> Grid
             reach = radius + height * abs(math.sin(target.tilt))
             low = np.minimum(low, [target.x - reach, target.y - reach, -(target.depth + height)])
             high = np.maximum(high, [target.x + reach, target.y + reach, -target.depth])
-    for thing in world.objects:
-        if scene.lane.contains(thing.x, thing.y):
-            rock_top = thing.radius if thing.kind == "rock" else 0.0
-            high[2] = max(high[2], thing.height, rock_top)
+    for scene_object in world.objects:
+        if scene.lane.contains(scene_object.x, scene_object.y):
+            rock_top = scene_object.radius if scene_object.kind == "rock" else 0.0
+            high[2] = max(high[2], scene_object.height, rock_top)
     low[2] = min(low[2], -sum(layer.thickness for layer in scene.soil.layers))
     # The first antenna across and along, and the ground in height, lie on nodes.
     anchor = np.array([*antennas[0, 0, :2], 0.0])
@@ -321,20 +321,20 @@ def _objects(
     lines = []
     outside = 0
     without_body: dict[str, int] = {}
-    for thing in objects:
-        if not grid.contains((thing.x, thing.y, 0.0), thing.radius):
+    for scene_object in objects:
+        if not grid.contains((scene_object.x, scene_object.y, 0.0), scene_object.radius):
             outside += 1
-        elif thing.kind == "rock":
-            place = " ".join(f"{v:.9g}" for v in grid.local((thing.x, thing.y, 0.0)))
-            lines.append(f"#sphere: {place} {thing.radius:.9g} rock")
-        elif thing.kind == "post" and thing.height >= grid.cell:
+        elif scene_object.kind == "rock":
+            centre = " ".join(f"{v:.9g}" for v in grid.local((scene_object.x, scene_object.y, 0.0)))
+            lines.append(f"#sphere: {centre} {scene_object.radius:.9g} rock")
+        elif scene_object.kind == "post" and scene_object.height >= grid.cell:
             # Deep enough to reach the ground in the deepest trough.
             foot = -grid.cell * math.ceil(3 * rms_height / grid.cell)
-            top = (thing.x, thing.y, thing.height)
-            bottom = (thing.x, thing.y, foot)
-            lines.append(_rod(top, bottom, thing.radius, grid, "pec"))
+            top = (scene_object.x, scene_object.y, scene_object.height)
+            bottom = (scene_object.x, scene_object.y, foot)
+            lines.append(_rod(top, bottom, scene_object.radius, grid, "pec"))
         else:
-            without_body[thing.kind] = without_body.get(thing.kind, 0) + 1
+            without_body[scene_object.kind] = without_body.get(scene_object.kind, 0) + 1
     if any(line.startswith("#sphere") for line in lines):
         lines.insert(0, f"#material: {_ROCK:g} 0 1 0 rock")
     for kind, count in without_body.items():
@@ -480,8 +480,8 @@ def _runs(
             pairs = np.flatnonzero(first == tx)
             receivers = []
             for pair in pairs:
-                place = places[len(sensor.tx) + second[pair]]
-                receivers.append(_receiver(place, directions, grid))
+                antenna = places[len(sensor.tx) + second[pair]]
+                receivers.append(_receiver(antenna, directions, grid))
             for label in transmitted:
                 source = grid.spread(places[tx], directions[label])
                 name = f"scan{scan:03d}-tx{tx:02d}-{label}"

@@ -70,28 +70,28 @@ class Grid(NamedTuple):
         wave loses at most 0.4 % of its amplitude per axis, and no phase. The weights of a component
         sum to the vector's component along it.
         """
-        place = self.local(point) / self.cell
+        in_cells = self.local(point) / self.cell
         vector = np.asarray(direction, dtype=np.float64)
         points = []
         for axis, component in enumerate("xyz"):
             size = vector[axis]
             if abs(size) < 1e-9:
                 continue
-            # Rounded, so that a place on a node is one.
-            on_lattice = np.round(place - 0.5 * (np.arange(3) == axis), 9)
+            # Rounded, so that a position on a node is one.
+            on_lattice = np.round(in_cells - 0.5 * (np.arange(3) == axis), 9)
             in_x, in_y, in_z = (_cubic(float(coordinate)) for coordinate in on_lattice)
             for (i, u), (j, v), (k, w) in itertools.product(in_x, in_y, in_z):
                 points.append(GridPoint(component, (i, j, k), float(size * u * v * w)))
         return points
 
 
-def _cubic(place: float) -> list[tuple[int, float]]:
-    """Return the four nodes around a place, in cells, with their weights of Lagrange's cubic.
+def _cubic(position: float) -> list[tuple[int, float]]:
+    """Return the four nodes around a position, in cells, with their weights of Lagrange's cubic.
 
-    A place on a node has this node alone.
+    A position on a node has this node alone.
     """
-    first = math.floor(place)
-    t = place - first
+    first = math.floor(position)
+    t = position - first
     if t == 0:
         return [(first, 1.0)]
     weights = (

@@ -29,9 +29,9 @@ def tiles_between(low: FloatArray, high: FloatArray) -> list[tuple[int, int]]:
     low, high : ndarray (2,)
         Opposite corners (x, y) of the box in the lane frame, m.
     """
-    left, near = np.floor(low / TILE).astype(int).tolist()
-    right, far = np.floor(high / TILE).astype(int).tolist()
-    rows = range(near, far + 1)
+    left, front = np.floor(low / TILE).astype(int).tolist()
+    right, back = np.floor(high / TILE).astype(int).tolist()
+    rows = range(front, back + 1)
     columns = range(left, right + 1)
     return [(ix, iy) for iy in rows for ix in columns]
 
