@@ -17,7 +17,7 @@ from flgpr.store import sample_lane
 ROOT = Path(flgpr.__file__).parent
 PAPERS = ROOT.parent / "flgpr_papers"
 STAGES = {"calibrate", "imaging", "clutter", "screen", "features", "detect", "simulate"}
-NUMBERS = {"model", "kernels", "scoring"} | STAGES
+NUMBERS = {"model", "jit", "kernels", "scoring"} | STAGES
 FILES = {"store", "formats", "geo"}
 BELOW = NUMBERS | FILES | {"trials"}
 ALLOWED = {
@@ -26,8 +26,9 @@ ALLOWED = {
     "archive": set(),
     "append_log": set(),
     "model": set(),
-    "kernels": set(),
-    **{stage: {"model", "kernels"} for stage in STAGES},
+    "jit": set(),
+    "kernels": {"jit"},
+    **{stage: {"model", "jit", "kernels"} for stage in STAGES},
     "scoring": {"model"},
     "store": {"model", "append_log"},
     "geo": {"model", "store"},
@@ -52,7 +53,6 @@ ALLOWED = {
 FACES = sorted(path.parent for path in ROOT.rglob("__init__.pyi") if path.parent.name != "io")
 STILL_CIRCLES = {
     frozenset({"flgpr.commands.imaging_peers", "flgpr.commands.imaging_speed"}),
-    frozenset({"flgpr.imaging.cuda", "flgpr.imaging.engines"}),
 }
 HEAVY = {
     "numba",

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from flgpr.commands.roofline import peak_bandwidth, peak_flops
 from flgpr.imaging import ImagingOperator
-from flgpr.kernels.roofline import peak_bandwidth, peak_flops
 from flgpr.model import SPEED_OF_LIGHT, Grid, load_sensor
 
 SUBBANDS = ((0.8e9, 2.8e9), (0.75e9, 1.35e9), (1.25e9, 1.85e9), (1.75e9, 2.35e9), (2.25e9, 2.85e9))

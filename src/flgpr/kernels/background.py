@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from flgpr.kernels.compiled import njit
+from flgpr.jit.compiled import njit
+from flgpr.jit.threads import shared
 from flgpr.kernels.filters import sorted_order
-from flgpr.kernels.threads import shared
 
 _SHIFT = 20  # float32 bits below the 12 that sort magnitudes into coarse bins
 

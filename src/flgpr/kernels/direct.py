@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.kernels.compiled import njit
-from flgpr.kernels.threads import shared
+from flgpr.jit.compiled import njit
+from flgpr.jit.threads import shared
 
 _TWO_PI = 2.0 * math.pi
 

@@ -19,8 +19,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from flgpr.kernels.compiled import njit
-from flgpr.kernels.threads import share, shared
+from flgpr.jit.compiled import njit
+from flgpr.jit.threads import share, shared
 
 # bins of a level of the histograms, of three, that make up one of the level above; lanes of a
 # vector

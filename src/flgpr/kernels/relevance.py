@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flgpr.kernels.compiled import njit
+from flgpr.jit.compiled import njit
 
 _NEWTON = 60
 _TINY = 1e-300

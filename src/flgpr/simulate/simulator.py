@@ -14,7 +14,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.kernels.threads import blas_on_one_thread
+from flgpr.jit.threads import blas_on_one_thread
 from flgpr.model import (
     SPEED_OF_LIGHT,
     Sensor,

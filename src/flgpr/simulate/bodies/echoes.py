@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.kernels.threads import shared
+from flgpr.jit.threads import shared
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.refraction import Ray, interface_path, reflection, refracted_ray

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fresnel
 
-from flgpr.kernels.compiled import njit
-from flgpr.kernels.threads import share
+from flgpr.jit.compiled import njit
+from flgpr.jit.threads import share
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.radar.spread import ArrayState

@@ -38,19 +38,20 @@ def _text(source: Path) -> bytes:
 
 
 def _modules(source: Path) -> set[Path]:
-    """Return a module and those behind it that hold kernels: numba inlines and freezes what they say.
+    """Return a module and those behind it whose text enters its compiled code.
 
-    These are the modules of its own folder and of ``flgpr.kernels``.
+    numba inlines their kernels and freezes their constants. They are the modules of the module's
+    own folder, of ``flgpr.kernels`` and of ``flgpr.jit``.
     """
     package = _package_of(source)
-    kernels = package / "kernels"
+    folders = (source.parent, package / "kernels", package / "jit")
     found = {source}
     unread = [source]
     while unread:
         text = _text(unread.pop()).decode()
         for name in re.findall(r"^from flgpr\.([\w.]+) import", text, re.MULTILINE):
             module = package.joinpath(*name.split(".")).with_suffix(".py")
-            holds_kernels = module.parent in (source.parent, kernels)
+            holds_kernels = module.parent in folders
             if holds_kernels and module.is_file() and module not in found:
                 found.add(module)
                 unread.append(module)

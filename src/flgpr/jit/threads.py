@@ -15,7 +15,7 @@ from typing import Any
 
 from numba import config, get_num_threads
 
-from flgpr.kernels.compiled import njit
+from flgpr.jit.compiled import njit
 
 TASKS_PER_THREAD = 6
 
