@@ -53,6 +53,7 @@ HEAVY = (
     "test_bench",
     "test_cuda",
     "test_compiled",
+    "test_ahead",
     "test_docs_theory",
     "test_raw_data",
     "test_skeleton_and_sweep",

@@ -1,5 +1,6 @@
 """Another process compiles the kernels that a detection calls, and ends with it."""
 
+import contextlib
 import subprocess
 import sys
 from unittest import mock
