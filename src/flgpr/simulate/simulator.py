@@ -136,8 +136,8 @@ class Simulator:
             layers = sum_layers(self._layers, view, self._spreader, self._skeleton)
             channels = sum_echoes(self._single_echoes(view), array, self.frequency)
         if not array.dipoles:
-            hh, vv, cross = 0, 1, 2
-            layers = layers[[hh, cross, cross, vv]]
+            hh, vv, cross = layers
+            layers = np.stack([hh, cross, cross, vv])
         return self._received(channels + layers, index)
 
     def bodies(self, index: int) -> NDArray[np.complex64]:
