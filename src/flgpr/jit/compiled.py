@@ -45,22 +45,25 @@ def _modules(source: Path) -> set[Path]:
     """
     package = _package_of(source)
     folders = (source.parent, package / "kernels", package / "jit")
-    found = {source}
+    modules = {source}
     unread = [source]
     while unread:
         text = _text(unread.pop()).decode()
         for name in re.findall(r"^from flgpr\.([\w.]+) import", text, re.MULTILINE):
             module = package.joinpath(*name.split(".")).with_suffix(".py")
             holds_kernels = module.parent in folders
-            if holds_kernels and module.is_file() and module not in found:
-                found.add(module)
+            if holds_kernels and module.is_file() and module not in modules:
+                modules.add(module)
                 unread.append(module)
-    return found
+    return modules
 
 
 def _package_of(source: Path) -> Path:
-    """Return the folder of the package that a module belongs to, in whatever copy of the sources."""
-    return next((path for path in source.parents if path.name == "flgpr"), source.parents[1])
+    """Return the package's folder that a module belongs to, in whatever copy of the sources."""
+    for folder in source.parents:
+        if folder.name == "flgpr":
+            return folder
+    return source.parents[1]
 
 
 @cache
@@ -76,7 +79,7 @@ def cache_folder(source: Path) -> Path:
     package = _package_of(source)
     for path in sorted(_modules(source)):
         # With its folder: compiled code names the modules that it was made of, and a module that
-        # has moved is not found by its former name.
+        # has moved is not modules by its former name.
         digest.update(f"\0{path.relative_to(package).as_posix()}\0".encode() + _text(path))
     # A folder of ours in either case: old ones in it are removed.
     cache_home = (
@@ -167,15 +170,15 @@ def _held(path: Path) -> Iterator[None]:
         with contextlib.suppress(OSError):
             file = stack.enter_context(path.open("w"))
             end = time.monotonic() + _PATIENCE
-            while not _taken(file.fileno()) and time.monotonic() < end:
+            while not _lock_taken(file.fileno()) and time.monotonic() < end:
                 time.sleep(0.02)
-            stack.callback(
-                fcntl.flock, file, fcntl.LOCK_UN
-            )  # a fork of this process may have the file open as well
+            # Closing is not enough: a fork of this process may have the file open as well.
+            stack.callback(fcntl.flock, file, fcntl.LOCK_UN)
         yield
 
 
-def _taken(file: int) -> bool:
+def _lock_taken(file: int) -> bool:
+    """Return whether the lock of a file was free and is now held by this process."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
