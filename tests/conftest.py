@@ -56,7 +56,7 @@ HEAVY = (
     "test_ahead",
     "test_docs_theory",
     "test_raw_data",
-    "test_skeleton_and_sweep",
+    "test_layers",
     "test_kills",
     "test_rail",
     "test_cli",

@@ -79,7 +79,7 @@ def cache_folder(source: Path) -> Path:
     package = _package_of(source)
     for path in sorted(_modules(source)):
         # With its folder: compiled code names the modules that it was made of, and a module that
-        # has moved is not modules by its former name.
+        # has moved is not found by its former name.
         digest.update(f"\0{path.relative_to(package).as_posix()}\0".encode() + _text(path))
     # A folder of ours in either case: old ones in it are removed.
     cache_home = (
