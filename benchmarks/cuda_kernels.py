@@ -37,7 +37,7 @@ from cuda.pathfinder import find_nvidia_binary_utility
 from numba import types
 from numba.cuda import compile_ptx
 
-from flgpr.commands.imaging_speed import SUBBANDS, sri_scan
+from flgpr.commands.imaging_cases import SUBBANDS, sri_scan
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging.cuda import _groups
 from flgpr.kernels import gpu

@@ -16,7 +16,7 @@ from flgpr.commands.anchoring import anchor_from_points, write_anchor
 from flgpr.commands.app import app
 from flgpr.commands.imports import import_gpr
 from flgpr.commands.plan import plan_lane
-from flgpr.commands.scoring import seal
+from flgpr.commands.sealed_scoring import seal_truth_file
 from flgpr.formats.cphd import write_cphd
 from flgpr.geo.anchor import fit_anchor
 from flgpr.live.feeding import feed
@@ -470,7 +470,7 @@ def _make_lane(home):
     feed(home / "lane.zarr", home / "incoming", rate=np.inf)
     save_run(run.assign_attrs(title="another"), home / "other-lane.zarr")
     feed(home / "other-lane.zarr", home / "other-incoming", rate=np.inf)
-    seal(home / "truth.csv", home / "lane.toml", home / "sealed", PHRASE)
+    seal_truth_file(home / "truth.csv", home / "lane.toml", home / "sealed", PHRASE)
 
 
 def _make_rail(home):

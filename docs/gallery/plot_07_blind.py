@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from flgpr.commands.plan import plan_lane, plan_mines
-from flgpr.commands.scoring import score_sealed, seal
+from flgpr.commands.sealed_scoring import score_sealed, seal_truth_file
 
 home = Path(tempfile.mkdtemp())
 
@@ -53,7 +53,9 @@ truth.head()
 # -o sealed`` asks for the passphrase.)
 
 phrase = "a long passphrase"
-sealed = seal(home / "plan.csv", home / "lane.toml", home / "sealed", phrase)
+sealed = seal_truth_file(
+    home / "plan.csv", home / "lane.toml", home / "sealed", phrase
+)
 
 # %%
 # The detector's turn. It is played here by random numbers: most mines with an alarm near them, and false alarms.
@@ -85,7 +87,7 @@ told = score_sealed(
     sealed,
     phrase,
     recipe=home / "recipe.toml",
-    book=home / "plan.csv.register.jsonl",
+    register=home / "plan.csv.register.jsonl",
 )
 print(f"looks: {told.looks}, different alarm lists: {told.lists}")
 for name, value in told.counts.items():
@@ -121,5 +123,5 @@ axes.legend(title="targets", loc="lower right")
 
 # %%
 # The seal guards against accidents, not against the holder of the passphrase; and many looks with slightly different
-# lists would give the truth away bit by bit, which is why looks are counted. `Scoring <../scoring.html>`_ has the
-# rules.
+# lists would give the truth away bit by bit, which is why looks are counted. `Score blind <../guide/blind-test.html>`_
+# has the rules.

@@ -9,7 +9,7 @@ import pytest
 import flgpr
 from flgpr.chain.method import detect
 from flgpr.chain.recipe import load_recipe, parse_recipe, recipe_text
-from flgpr.commands.beside import BESIDE_DEMO
+from flgpr.commands.compared_recipes import DEMO_COMPARISONS
 from flgpr.commands.demo import demo as make_demo
 from flgpr.commands.replay import replay
 from flgpr.results.result import ResultError, read_result
@@ -110,7 +110,7 @@ def test_the_same_input_gives_the_same_bytes(demo, untold, tmp_path):
 def test_the_recipes_beside_the_demo_find_alone_what_they_find_in_it(demo):
     run = open_run(sample_lane() / "run.zarr")
     result, _ = demo
-    assert [one.name for one in result.detections] == ["main", *BESIDE_DEMO]
+    assert [one.name for one in result.detections] == ["main", *DEMO_COMPARISONS]
     for beside in result.detections[1:]:
         alone = detect(run, load_recipe(f"demo-{beside.name}"))
         assert beside.recipe_text == recipe_text(f"demo-{beside.name}")

@@ -13,7 +13,7 @@ import pytest
 from flgpr.chain.classifier import make_training_set, train
 from flgpr.chain.method import detect
 from flgpr.chain.recipe import load_recipe, parse_recipe
-from flgpr.commands.beside import BESIDE_DEMO
+from flgpr.commands.compared_recipes import DEMO_COMPARISONS
 from flgpr.live.detector import LiveDetector
 from flgpr.store import Scan, describe_for_live, open_run, sample_lane
 from live_lane import LANE as LIVE_LANE
@@ -23,7 +23,7 @@ from small_lane import LANE, TARGETS, small_recipe, small_run
 
 FOLDER = Path(__file__).parent.parent / "data" / "goldens"
 DIGITS = 6
-DEMO = ("demo", *(f"demo-{name}" for name in BESIDE_DEMO))
+DEMO = ("demo", *(f"demo-{name}" for name in DEMO_COMPARISONS))
 
 
 def levels(view):

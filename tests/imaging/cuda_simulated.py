@@ -11,6 +11,7 @@ from numba import config, cuda
 
 from flgpr.chain.images import imager_of
 from flgpr.chain.recipe import parse_recipe, recipe_text
+from flgpr.commands import imaging_cases as bench_cases
 from flgpr.commands import imaging_peers as bench_peers
 from flgpr.commands import imaging_speed as bench
 from flgpr.imaging import ImagingOperator
@@ -187,12 +188,16 @@ def test_the_benchmark_counts_batches_the_device_and_its_peer(monkeypatch):
     monkeypatch.setattr(
         engine, "_block", lambda size: 1
     )  # waiting for each other takes simulated threads longest
-    scan = bench.Scan(tones, TX[:2], RX[:2], points, noise((3, 2, 11)), noise((3, 1, 3)))
+    scan = bench_cases.Scan(tones, TX[:2], RX[:2], points, noise((3, 2, 11)), noise((3, 1, 3)))
     monkeypatch.setattr(bench, "sri_scan", lambda: scan)
-    monkeypatch.setattr(bench, "CHECKED_PIXELS", 3)
-    monkeypatch.setattr(bench, "CHECKED_TONES", 11)
+    monkeypatch.setattr(bench_cases, "CHECKED_PIXELS", 3)
+    monkeypatch.setattr(bench_cases, "CHECKED_TONES", 11)
     monkeypatch.setattr(bench, "BATCH", 2)
-    monkeypatch.setattr(bench, "_interleave", lambda runs, rounds: ([1.0] * len(runs), 1.0, 1.0))
+    monkeypatch.setattr(
+        bench,
+        "_interleaved_times",
+        lambda runs, rounds: bench._Times([1.0] * len(runs), 1.0, 1.0),
+    )
     table = bench.bench_imaging(peers=True, rounds=1, device="cuda")
     own = table[table["code"] == "flgpr cuda"].set_index("work")
     assert own.loc["15 images of 2 scans", "time"] == 0.5

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from flgpr.commands import imaging_cases as bench_cases
 from flgpr.commands import imaging_peers as bench_peers
 from flgpr.commands import imaging_speed as bench
 from flgpr.model import Grid
@@ -8,9 +9,9 @@ from flgpr.model import Grid
 
 @pytest.fixture
 def small(monkeypatch):
-    monkeypatch.setattr(bench, "GRID", Grid(-1.0, 9.0, 9, 8, 0.2, 0.2))
-    monkeypatch.setattr(bench, "CHECKED_PIXELS", 40)
-    monkeypatch.setattr(bench, "CHECKED_TONES", 11)
+    monkeypatch.setattr(bench_cases, "GRID", Grid(-1.0, 9.0, 9, 8, 0.2, 0.2))
+    monkeypatch.setattr(bench_cases, "CHECKED_PIXELS", 40)
+    monkeypatch.setattr(bench_cases, "CHECKED_TONES", 11)
 
 
 def test_every_case_is_within_its_tolerance_and_counted(small, monkeypatch):
@@ -44,7 +45,7 @@ def test_peers_compute_the_same(small):
 
 
 def test_the_scan_is_that_of_the_sensor():
-    scan = bench.sri_scan()
+    scan = bench_cases.sri_scan()
     assert scan.data.shape == (3, 36, 1024)
     assert np.ptp(scan.frequency) == pytest.approx(1023 * 2.5e6)
     assert len(scan.pixels) == 91_200

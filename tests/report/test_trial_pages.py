@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from flgpr.commands.app import app
 from flgpr.commands.plan import plan_lane
 from flgpr.commands.planning import plan_files
-from flgpr.commands.scoring import score_sealed, seal
+from flgpr.commands.sealed_scoring import score_sealed, seal_truth_file
 from flgpr.geo import read_anchor
 from flgpr.model import Lane
 from flgpr.report.trial_pages import lane_maps
@@ -174,7 +174,7 @@ def test_a_blind_score_has_a_page_that_shows_what_the_owner_allows(show, home):
     truth = "target_id,x,y,kind,depth\nmine-a,0.1234567,10.7654321,metal,0.05\nmine-b,1.1234567,30,plastic,\n"
     (home / "truth.csv").write_text(truth + "mine-c,1,70,metal,0.1\n")
     (home / "alarms.csv").write_text("x,y,confidence\n0.1,10.8,3\n1.2,30.2,1\n-1,50,2\n")
-    seal(home / "truth.csv", home / "lane.toml", home / "sealed", PHRASE, show=show)
+    seal_truth_file(home / "truth.csv", home / "lane.toml", home / "sealed", PHRASE, show=show)
     told = score_sealed(home / "alarms.csv", home / "sealed", PHRASE, home / "score")
     page, content = ((home / "score" / name).read_text() for name in ("report.html", "roc.json"))
     for word in (
@@ -205,4 +205,6 @@ def test_a_blind_score_has_a_page_that_shows_what_the_owner_allows(show, home):
 def test_what_scores_show_is_one_of_two(home):
     (home / "truth.csv").write_text("target_id,x,y,kind,depth\na,0,10,metal,0.05\n")
     with pytest.raises(ValueError, match="show must be one of 'curve', 'targets', got 'places'"):
-        seal(home / "truth.csv", home / "lane.toml", home / "sealed", pytest.fail, show="places")
+        seal_truth_file(
+            home / "truth.csv", home / "lane.toml", home / "sealed", pytest.fail, show="places"
+        )

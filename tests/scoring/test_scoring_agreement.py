@@ -7,8 +7,8 @@ import pytest
 from sklearn.metrics import cohen_kappa_score
 from typer.testing import CliRunner
 
+from flgpr.commands.analysts import analyst_agreement
 from flgpr.commands.app import app
-from flgpr.commands.scoring import analyst_agreement
 from flgpr.scoring import agreement
 
 NAMES = ["mine", "unsure", "clutter"]

@@ -7,7 +7,8 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.commands.plan import plan_lane, plan_mines
-from flgpr.commands.scoring import read_lanes, score_alarms, score_sealed, seal
+from flgpr.commands.scoring import read_lanes, score_alarms
+from flgpr.commands.sealed_scoring import score_sealed, seal_truth_file
 from flgpr.model import Lane
 from flgpr.scoring import pd_mean, roc
 from flgpr.store import read_table
@@ -76,21 +77,21 @@ def test_the_truth_stays_closed_until_the_recipe_is_registered(files):
     book = files / "book.jsonl"
     arguments = (files / "alarms.csv", files / "truth.csv", files / "lane.toml", files / "score")
     with pytest.raises(FileNotFoundError, match="register not found"):
-        score_alarms(*arguments, recipe=files / "recipe.toml", book=book)
+        score_alarms(*arguments, recipe=files / "recipe.toml", register=book)
     register(book, recipe=content_hash("another"))
     with pytest.raises(ValueError, match="recipe must be registered"):
-        score_alarms(*arguments, recipe=files / "recipe.toml", book=book)
+        score_alarms(*arguments, recipe=files / "recipe.toml", register=book)
     with pytest.raises(ValueError, match="must be given together"):
         score_alarms(*arguments, recipe=files / "recipe.toml")
     register(book, recipe=content_hash(files / "recipe.toml"))
     assert not (files / "score").exists()
-    score_alarms(*arguments, recipe=files / "recipe.toml", book=book, draws=20)
+    score_alarms(*arguments, recipe=files / "recipe.toml", register=book, draws=20)
     assert read_register(book)[-1]["event"] == "truth opened"
 
 
 def test_a_truth_is_sealed_and_scored_blind(files):
     pytest.importorskip("cryptography")
-    sealed = seal(files / "truth.csv", files / "lane.toml", files / "sealed", PHRASE)
+    sealed = seal_truth_file(files / "truth.csv", files / "lane.toml", files / "sealed", PHRASE)
     score = score_sealed(files / "alarms.csv", sealed, PHRASE, files / "blind")
     assert score.counts["n_targets"] == 2
     told = json.loads((files / "blind" / "roc.json").read_text())
@@ -117,7 +118,7 @@ def test_a_lane_is_planned_once_and_registered_with_its_recipe(files):
     book = files / "plan.csv.register.jsonl"
     score_alarms(
         files / "alarms.csv", files / "plan.csv", files / "lane.toml", files / "score", draws=20,
-        recipe=files / "recipe.toml", book=book,
+        recipe=files / "recipe.toml", register=book,
     )  # fmt: skip
     assert (
         json.loads((files / "score" / "roc.json").read_text())["notes"]["recipe_registered"]

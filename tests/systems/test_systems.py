@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import flgpr
 from flgpr.chain.recipe import load_recipe, recipe_names
 from flgpr.commands.app import app
-from flgpr.commands.beside import BESIDE_DEMO
+from flgpr.commands.compared_recipes import DEMO_COMPARISONS
 from flgpr.commands.replay import replay
 from flgpr.commands.scoring import score_result
 from flgpr.execution.driver import results_at
@@ -23,7 +23,7 @@ from reference.slow_scoring import frame_counts
 from systems.lanes import LENGTH, SMALL
 
 SYSTEMS = sorted(SMALL)
-DEMO = [f"demo-{name}" for name in BESIDE_DEMO]
+DEMO = [f"demo-{name}" for name in DEMO_COMPARISONS]
 LIVE = {"wang2007", "wang2007-printed", "fused"}
 MOST = 1e-5
 

@@ -396,7 +396,10 @@ def test_the_command_checks_a_register_beside_reports_and_a_witness(tmp_path, tr
     ran = CliRunner().invoke(app, check)
     assert ran.exit_code == 0, ran.output
     assert "knows 3 of them" in ran.output
-    assert "shows only beside" in CliRunner().invoke(app, ["plan", "check", str(book)]).output
+    assert (
+        "only --report or --witness shows"
+        in CliRunner().invoke(app, ["plan", "check", str(book)]).output
+    )
     book.write_bytes(b"".join(book.read_bytes().splitlines(keepends=True)[:-1]))
     for some in (check[:5], [*check[:3], *check[5:]]):
         ran = CliRunner().invoke(app, some)

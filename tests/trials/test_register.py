@@ -10,14 +10,8 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.commands.plan import plan_lane, register_recipe, survey_plan
-from flgpr.commands.scoring import (
-    compare_alarms,
-    compare_sealed,
-    score_alarms,
-    score_result,
-    score_sealed,
-    seal,
-)
+from flgpr.commands.scoring import compare_alarms, score_alarms, score_result
+from flgpr.commands.sealed_scoring import compare_sealed, score_sealed, seal_truth_file
 from flgpr.store import read_table
 from flgpr.trials import content_hash, open_truth, read_register, register, require_registered
 
@@ -59,7 +53,7 @@ def book(trial):
 @pytest.fixture
 def sealed(trial):
     pytest.importorskip("cryptography")
-    return seal(trial / "plan.csv", trial / "lane.toml", trial / "sealed", PHRASE)
+    return seal_truth_file(trial / "plan.csv", trial / "lane.toml", trial / "sealed", PHRASE)
 
 
 def openly(trial, truth="plan.csv", lane="lane.toml", **how):
@@ -74,7 +68,7 @@ def blindly(trial, book, recipe="mine.toml", phrase=PHRASE, **how):
         phrase,
         trial / "blind",
         recipe=trial / recipe,
-        book=book,
+        register=book,
         **how,
     )
 
@@ -116,7 +110,7 @@ def test_a_planned_truth_asks_for_recipe_and_register_by_itself(trial, book, sea
     with pytest.raises(ValueError, match="given together, got no book"):
         score_sealed(trial / "a.csv", sealed, nobody, recipe=trial / "mine.toml")
     with pytest.raises(ValueError, match="given together, got no recipe"):
-        score_sealed(trial / "a.csv", sealed, nobody, book=book)
+        score_sealed(trial / "a.csv", sealed, nobody, register=book)
     assert looks(trial) == 0
 
 
@@ -131,7 +125,7 @@ def test_a_register_that_is_gone_or_made_anew_opens_nothing(trial, book, sealed)
     with pytest.raises(ValueError, match=r"must be the register that .* was sealed with"):
         blindly(trial, book, "other.toml")
     assert looks(trial) == 0
-    openly(trial, book=trial / "away")  # under another name it is the same
+    openly(trial, register=trial / "away")  # under another name it is the same
 
 
 def test_an_altered_register_opens_nothing(trial, book, sealed):
@@ -163,18 +157,18 @@ def test_another_lanes_register_opens_nothing(trial, book, sealed):
     with pytest.raises(ValueError, match="must be the register that"):
         blindly(trial, strange, "other.toml")
     with pytest.raises(ValueError, match="truth must be the plan"):
-        openly(trial, recipe=trial / "other.toml", book=strange)
+        openly(trial, recipe=trial / "other.toml", register=strange)
     with pytest.raises(ValueError, match="lane must be as planned"):
         openly(trial, lane="far.toml")
     with pytest.raises(ValueError, match="lane must be as planned"):
-        seal(trial / "plan.csv", trial / "far.toml", trial / "again", nobody)
+        seal_truth_file(trial / "plan.csv", trial / "far.toml", trial / "again", nobody)
 
 
 def test_what_is_registered_after_a_look_is_too_late(trial, book, sealed):
     copy = trial / "copy.jsonl"
     shutil.copy(book, copy)
     blindly(trial, book)
-    with pytest.raises(ValueError, match="before the truth is opened, which line 3 tells"):
+    with pytest.raises(ValueError, match="before the truth is opened; line 3 is an opening"):
         register_recipe(trial / "other.toml", book)
     register(book, recipe=content_hash(trial / "other.toml"))
     with pytest.raises(ValueError, match="in line 4, after the look in line 3"):
@@ -197,7 +191,7 @@ def test_looks_cannot_be_forgotten(trial, book, sealed):
     shutil.copy(sealed, trial / "renamed")
     with pytest.raises(ValueError, match=r"log of .* must have every look"):
         score_sealed(
-            trial / "a.csv", trial / "renamed", PHRASE, recipe=trial / "mine.toml", book=book
+            trial / "a.csv", trial / "renamed", PHRASE, recipe=trial / "mine.toml", register=book
         )
 
 
@@ -218,17 +212,17 @@ def test_links_and_other_names_lead_to_the_same_register(trial, book, sealed, tm
     shutil.copy(trial / "plan.csv", away / "copied.csv")
     with pytest.raises(FileNotFoundError, match="register not found"):
         openly(trial, truth=away / "copied.csv")
-    openly(trial, truth=away / "copied.csv", book=book)
+    openly(trial, truth=away / "copied.csv", register=book)
     (away / "linked").symlink_to(sealed)
     (away / "book").symlink_to(book)
     told = score_sealed(
-        trial / "a.csv", away / "linked", PHRASE, recipe=trial / "mine.toml", book=away / "book"
+        trial / "a.csv", away / "linked", PHRASE, recipe=trial / "mine.toml", register=away / "book"
     )
     assert (told.looks, looks(trial)) == (1, 1)
     bare = pd.read_csv(trial / "plan.csv").drop(columns="book")
     bare.to_csv(trial / "bare.csv", index=False)
     with pytest.raises(ValueError, match="truth must be the plan"):
-        openly(trial, truth="bare.csv", book=book)
+        openly(trial, truth="bare.csv", register=book)
     old = trial / "old.csv"
     bare.to_csv(old, index=False)
     register(
@@ -246,7 +240,7 @@ def test_the_rules_of_the_plan_hold(trial, book, sealed):
         with pytest.raises(ValueError, match=message):
             openly(trial, **change)
     with pytest.raises(ValueError, match="halo must be 1 as planned"):
-        seal(trial / "plan.csv", trial / "lane.toml", trial / "again", nobody, halo=2.0)
+        seal_truth_file(trial / "plan.csv", trial / "lane.toml", trial / "again", nobody, halo=2.0)
     with pytest.raises(ValueError, match="halo must be 1 as planned"):
         compare_alarms(
             [trial / "a.csv", trial / "b.csv"], trial / "plan.csv", trial / "c", trial / "lane.toml", halo=2.0,
@@ -300,7 +294,7 @@ def test_a_result_is_held_to_its_own_recipe_and_model(demo, trial, tmp_path):
     truth.write_text("target_id,x,y,kind,depth\na,0,4,metal,0\n")
     book = tmp_path / "book.jsonl"
     register(book, recipe=content_hash(trial / "mine.toml"))
-    how = {"output": tmp_path / "score", "book": book}
+    how = {"output": tmp_path / "score", "register": book}
     with pytest.raises(
         ValueError, match=r"recipe must be the one that .*result was made with, got .*mine.toml"
     ):
@@ -315,7 +309,7 @@ def test_a_result_is_held_to_its_own_recipe_and_model(demo, trial, tmp_path):
     (trial / "here.toml").write_text("x_min = -2\nx_max = 2\ny_min = 0\ny_max = 20\n")
     alarms.write_text(alarms.read_text() + "\n")
     with pytest.raises(ValueError, match=r"alarms.csv differs from what was written"):
-        score_alarms(alarms, truth, trial / "here.toml", tmp_path / "score", book=book)
+        score_alarms(alarms, truth, trial / "here.toml", tmp_path / "score", register=book)
 
 
 def test_a_model_is_registered_with_its_recipe(tmp_path):
@@ -346,14 +340,16 @@ def test_every_list_of_a_comparison_needs_its_recipe(trial, book, sealed):
         ([trial / "mine.toml", trial / "other.toml"], "recipe must be registered"),
     ):
         with pytest.raises(ValueError, match=message):
-            compare_sealed(lists, sealed, nobody, trial / "c", recipes=recipes, book=book)
+            compare_sealed(lists, sealed, nobody, trial / "c", recipes=recipes, register=book)
         with pytest.raises(ValueError, match=message):
             compare_alarms(
                 lists, trial / "plan.csv", trial / "c", trial / "lane.toml", recipes=recipes
             )
     assert looks(trial) == 0
     assert len(read_register(book)) == 2
-    compare_sealed(lists, sealed, PHRASE, trial / "c", recipes=[trial / "mine.toml"] * 2, book=book)
+    compare_sealed(
+        lists, sealed, PHRASE, trial / "c", recipes=[trial / "mine.toml"] * 2, register=book
+    )
     assert looks(trial) == 2
     assert [line["event"] for line in read_register(book)][2:] == ["truth opened"] * 2
 

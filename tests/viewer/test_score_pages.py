@@ -8,7 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.scoring import compare_alarms, score_alarms, score_sealed, seal
+from flgpr.commands.scoring import compare_alarms, score_alarms
+from flgpr.commands.sealed_scoring import score_sealed, seal_truth_file
 from flgpr.model import Lane
 from flgpr.store import lane_text
 from flgpr.store.tables import write_table
@@ -127,7 +128,7 @@ def test_a_comparison_shows_its_detectors(watch, serving, scores):
 def test_a_blind_score_tells_no_more_than_it_may(watch, serving, scores, tmp_path, show):
     pytest.importorskip("cryptography")
     phrase = "seven words that nobody else would guess"
-    sealed = seal(
+    sealed = seal_truth_file(
         scores / "truth.csv", scores / "lane.toml", tmp_path / "sealed", phrase, show=show
     )
     score_sealed(scores / "one.csv", sealed, phrase, tmp_path / "blind")

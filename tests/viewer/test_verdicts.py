@@ -6,8 +6,8 @@ import json
 import pytest
 from typer.testing import CliRunner
 
+from flgpr.commands.analysts import analyst_agreement
 from flgpr.commands.app import app
-from flgpr.commands.scoring import analyst_agreement
 from flgpr.store import read_verdicts
 from flgpr.viewer import Viewer
 from small_results import small_result

@@ -14,6 +14,7 @@ from flgpr.commands.shell import Arguments, command
 
 
 def _lines(fit: dict[str, Any], call: Arguments) -> Iterator[str | Path]:
+    """Yield where the lane lies, how well that is known, what is assumed, and the files."""
     yield (
         f"lane origin at {fit['latitude']:.8f} N {fit['longitude']:.8f} E, "
         f"+y points {fit['azimuth']:.3f} degrees from true north"
@@ -30,14 +31,15 @@ def _lines(fit: dict[str, Any], call: Arguments) -> Iterator[str | Path]:
             f"corner ({corner['x']:g}, {corner['y']:g}) m at {corner['latitude']:.8f} N "
             f"{corner['longitude']:.8f} E, {1000 * corner['sigma_m']:.0f} mm"
         )
-    accuracy = fit["crs_accuracy_m"]
-    if accuracy is None or accuracy > fit["sigma_m"]:
-        stated = "not stated" if accuracy is None else f"{accuracy:g} m"
+    crs_accuracy = fit["crs_accuracy_m"]
+    if crs_accuracy is None or crs_accuracy > fit["sigma_m"]:
+        stated = "not stated" if crs_accuracy is None else f"{crs_accuracy:g} m"
         yield (
-            f"the step from {fit['crs']} to WGS 84 is not in these figures: its accuracy is {stated}"
+            f"the step from {fit['crs']} to WGS 84 is not in these figures: "
+            f"its accuracy is {stated}"
         )
     if not fit["heights_known"]:
-        yield "the points have no heights: the ground is put on the ellipsoid"
+        yield "the points have no heights: the ground is assumed on the ellipsoid"
     for path in (call.write, call.outline, call.output):
         if path is not None:
             yield path
@@ -53,20 +55,20 @@ def anchor(
         float | None, Option(help="CSV: standard deviation of a surveyed coordinate, m.")
     ] = None,
     write: Annotated[PathLike | None, Option(help="CSV: anchor (TOML) to write.")] = None,
-    lane: Annotated[PathLike | None, Option(help="Lane (TOML) whose corners are told.")] = None,
+    lane: Annotated[PathLike | None, Option(help="Lane (TOML) whose corners are computed.")] = None,
     outline: Annotated[
         PathLike | None, Option(help="GeoJSON of the lane's outline to write.")
     ] = None,
     run: Annotated[PathLike | None, Option(help="Run store to tie to the Earth.")] = None,
     output: NewRun = None,
 ) -> dict[str, Any]:
-    """Fit a lane to surveyed points: where it lies on Earth, and how well that is known.
+    """Fit a lane to surveyed points: its position on the Earth, and the uncertainty.
 
     Returns
     -------
     dict
-        Place and direction, the misfit of every point, and the uncertainty at the points' mean and
-        at the lane's corners; m, degrees.
+        Position and direction, the misfit of every point, and the uncertainty at the points' mean
+        and at the lane's corners; m, degrees.
 
     Raises
     ------
@@ -77,7 +79,9 @@ def anchor(
     """
     from flgpr.commands.anchoring import anchor_from_points, tie_lane, write_anchor
 
-    if (outline is not None and lane is None) or (output is None) != (run is None):
+    needs_lane = outline is not None and lane is None
+    is_half_given = (output is None) != (run is None)
+    if needs_lane or is_half_given:
         raise ValueError("an outline needs a lane, and a run and its output go together")
     path = Path(points)
     if path.suffix.lower() == ".csv":

@@ -1,9 +1,10 @@
-"""Tying lanes to the Earth: survey points in, an anchor, a tied run and a lane's outline out."""
+"""Tying lanes to the Earth: from surveyed points to an anchor, a tied run and an outline."""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,49 +15,72 @@ from flgpr.model import Lane
 from flgpr.store import open_run, read_lane, save_run, write_whole
 from flgpr.store.files import existing, faults_of
 from flgpr.store.outputs import whole_output, write_new
-from flgpr.store.tables import read_text_table
+from flgpr.store.text_tables import read_text_table
 
 PathLike = str | Path
-_PLANE = ("easting_m", "northing_m")
-_GLOBE = ("longitude_deg", "latitude_deg")
+_PROJECTED = ("easting_m", "northing_m")
+_GEOGRAPHIC = ("longitude_deg", "latitude_deg")
 
 
 def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
-    """Write an anchor, TOML as :func:`flgpr.geo.read_anchor` takes it, from a CSV of surveyed points.
+    """Return the anchor of surveyed points, the TOML that :func:`flgpr.geo.read_anchor` reads.
 
-    Columns are ``lane_x_m``, ``lane_y_m``, either ``easting_m`` and ``northing_m`` or ``longitude_deg`` and
-    ``latitude_deg`` in the system ``crs``, and perhaps ``height_m``, ellipsoidal. ``accuracy`` is the standard
-    deviation of one surveyed coordinate, m.
+    Parameters
+    ----------
+    points : path
+        CSV with ``lane_x_m``, ``lane_y_m``, either ``easting_m`` and ``northing_m`` or
+        ``longitude_deg`` and ``latitude_deg``, and optionally ``height_m``, ellipsoidal.
+    crs : str
+        Reference system of the points.
+    accuracy : float
+        Standard deviation of a surveyed coordinate, m.
+
+    Raises
+    ------
+    ValueError
+        If columns are missing or a value is not finite.
     """
     path = existing(points, "file of surveyed points")
     with faults_of(path):
         columns = read_text_table(path)
-    kinds = [kind for kind in (_PLANE, _GLOBE) if set(kind) <= set(columns)]
-    missing = [name for name in ("lane_x_m", "lane_y_m") if name not in columns]
-    if missing or len(kinds) != 1:
-        raise ValueError(
-            f"{path}: must have lane_x_m and lane_y_m, and either {' and '.join(_PLANE)} or {' and '.join(_GLOBE)}; it "
-            f"has {', '.join(name for name in columns if name != 'table')}"
-        )
-    names = ("lane_x_m", "lane_y_m", *kinds[0], *(["height_m"] if "height_m" in columns else []))
+    names = _point_columns(columns, path)
     rows = np.stack([np.asarray(columns[name], dtype=np.float64) for name in names], axis=1)
-    if not np.isfinite(rows).all():
-        raise ValueError(
-            f"{path}: every value must be finite, got {rows[~np.isfinite(rows).all(axis=1)][0].tolist()}"
-        )
+    is_finite = np.isfinite(rows).all(axis=1)
+    if not is_finite.all():
+        raise ValueError(f"{path}: every value must be finite, got {rows[~is_finite][0].tolist()}")
+
     lines = [f"crs = {json.dumps(crs)}", f"accuracy = {accuracy!r}"]
-    for row in rows.tolist():
-        lines += ["", "[[point]]", f"lane = [{row[0]!r}, {row[1]!r}]"]
-        lines += [
-            f"{name.rsplit('_', 1)[0]} = {value!r}"
-            for name, value in zip(names[2:], row[2:], strict=True)
-        ]
+    for x, y, *coordinates in rows.tolist():
+        lines += ["", "[[point]]", f"lane = [{x!r}, {y!r}]"]
+        for name, value in zip(names[2:], coordinates, strict=True):
+            entry = name.rsplit("_", 1)[0]  # without the unit
+            lines.append(f"{entry} = {value!r}")
     return "\n".join(lines) + "\n"
 
 
+def _point_columns(columns: Mapping[str, Any], path: Path) -> list[str]:
+    """Return the names of the columns that make up points: lane, Earth, and height if there."""
+    kinds = [kind for kind in (_PROJECTED, _GEOGRAPHIC) if set(kind) <= set(columns)]
+    has_lane = "lane_x_m" in columns and "lane_y_m" in columns
+    if not has_lane or len(kinds) != 1:
+        listed = ", ".join(name for name in columns if name != "table")
+        raise ValueError(
+            f"{path}: must have lane_x_m and lane_y_m, and either {' and '.join(_PROJECTED)} "
+            f"or {' and '.join(_GEOGRAPHIC)}; it has {listed}"
+        )
+    names = ["lane_x_m", "lane_y_m", *kinds[0]]
+    if "height_m" in columns:
+        names.append("height_m")
+    return names
+
+
 def write_anchor(text: str, path: PathLike) -> Path:
-    """Write an anchor, TOML, once it is seen to fit (else a ValueError); another file there is refused."""
+    """Write an anchor (TOML) after a check that its points fit.
+
+    Points that do not fit are a ValueError, another file at the path is a FileExistsError.
+    """
     target = Path(path)
+    # The reader checks the fit; only what it accepts gets the name of the output.
     with whole_output(target) as trial:
         write_whole(trial, text)
         try:
@@ -73,71 +97,99 @@ def tie_lane(
     run: PathLike | None = None,
     output: PathLike | None = None,
 ) -> dict[str, Any]:
-    """Tell how an anchor (TOML) fits, and tie a lane (TOML) and a run to it.
+    """Return how an anchor fits, and tie a lane and a run to it.
 
-    It tells place and direction, misfit of every point, and the uncertainty at the points' mean and at the lane's
-    corners. The lane's ``outline`` may be written as GeoJSON, and ``output`` as a store of the run that knows where its
-    lane lies.
+    Parameters
+    ----------
+    anchor : path
+        Anchor (TOML).
+    lane : path, optional
+        Lane (TOML) whose corners are computed.
+    outline : path, optional
+        GeoJSON of the lane's outline to write.
+    run : path, optional
+        Run store.
+    output : path, optional
+        Store to make of the run with its georeference.
+
+    Returns
+    -------
+    dict
+        Position and direction, the misfit of every point, and the uncertainty at the points' mean
+        and at the lane's corners; m, degrees.
     """
-    tie = read_anchor(anchor)
+    lane_anchor = read_anchor(anchor)
+    crs_accuracy = lane_anchor.crs_accuracy
     fit: dict[str, Any] = {
-        **tie.georeference(),
-        "crs": tie.crs,
-        "points": tie.count,
-        "residuals_m": list(tie.residuals),
-        "sigma_m": tie.sigma,
-        "sigma_at_points_m": float(tie.uncertainty(*tie.center)),
-        "crs_accuracy_m": None if math.isnan(tie.crs_accuracy) else tie.crs_accuracy,
-        "heights_known": tie.heights_known,
+        **lane_anchor.georeference(),
+        "crs": lane_anchor.crs,
+        "points": lane_anchor.count,
+        "residuals_m": list(lane_anchor.residuals),
+        "sigma_m": lane_anchor.sigma,
+        "sigma_at_points_m": float(lane_anchor.uncertainty(*lane_anchor.center)),
+        "crs_accuracy_m": None if math.isnan(crs_accuracy) else crs_accuracy,
+        "heights_known": lane_anchor.heights_known,
     }
+
     if lane is not None:
-        fit["corners"] = _corners(read_lane(lane), tie)
+        fit["corners"] = _corners(read_lane(lane), lane_anchor)
     if outline is not None:
-        write_new(Path(outline), json.dumps(_outline(fit["corners"], tie), indent=1) + "\n")
+        geojson = _outline(fit["corners"], lane_anchor)
+        write_new(Path(outline), json.dumps(geojson, indent=1) + "\n")
     if run is not None and output is not None:
-        held = open_run(run)
-        save_run(held.assign_attrs(georeference=tie.georeference()), output, resume=True)
+        tied = open_run(run).assign_attrs(georeference=lane_anchor.georeference())
+        save_run(tied, output, resume=True)
     return fit
 
 
-def _corners(lane: Lane, tie: Anchor) -> list[dict[str, float]]:
-    x, y = (lane.x_min, lane.x_max), (lane.y_min, lane.y_max)
-    corners = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])]
-    earth = tie.to_geodetic([(*corner, 0.0) for corner in corners])
-    return [
-        {
-            "x": x,
-            "y": y,
-            "longitude": float(e[0]),
-            "latitude": float(e[1]),
-            "sigma_m": float(tie.uncertainty(x, y)),
-        }
-        for (x, y), e in zip(corners, earth, strict=True)
+def _corners(lane: Lane, anchor: Anchor) -> list[dict[str, float]]:
+    """Return the corners of a lane, in turn: lane (m), Earth (degrees) and uncertainty (m)."""
+    positions = [
+        (lane.x_min, lane.y_min),
+        (lane.x_max, lane.y_min),
+        (lane.x_max, lane.y_max),
+        (lane.x_min, lane.y_max),
     ]
+    # The lane is level: its ground is z = 0.
+    geodetic = anchor.to_geodetic([(x, y, 0.0) for x, y in positions])
+    corners = []
+    for (x, y), (longitude, latitude, *_) in zip(positions, geodetic, strict=True):
+        corners.append(
+            {
+                "x": x,
+                "y": y,
+                "longitude": float(longitude),
+                "latitude": float(latitude),
+                "sigma_m": float(anchor.uncertainty(x, y)),
+            }
+        )
+    return corners
 
 
-def _outline(corners: list[dict[str, float]], tie: Anchor) -> dict[str, Any]:
-    ring = [[round(c["longitude"], 9), round(c["latitude"], 9)] for c in [*corners, corners[0]]]
-    line = {
-        "type": "Feature",
-        "geometry": {"type": "LineString", "coordinates": ring},
-        "properties": {
-            "nature": "outline of the surveyed lane",
-            "anchor_sigma": max(c["sigma_m"] for c in corners),
-        },
+def _outline(corners: list[dict[str, float]], anchor: Anchor) -> dict[str, Any]:
+    """Return the outline of a lane as GeoJSON: a closed line and its corners."""
+    positions = []
+    points = []
+    for corner in corners:
+        position = [round(corner["longitude"], 9), round(corner["latitude"], 9)]
+        positions.append(position)
+        properties = {
+            "nature": "corner",
+            "lane_x": corner["x"],
+            "lane_y": corner["y"],
+            "anchor_sigma": corner["sigma_m"],
+        }
+        points.append(_feature("Point", position, properties))
+    properties = {
+        "nature": "outline of the surveyed lane",
+        "anchor_sigma": max(corner["sigma_m"] for corner in corners),
     }
-    points = [
-        {
-            "type": "Feature",
-            "geometry": {"type": "Point", "coordinates": position},
-            "properties": {
-                "nature": "corner",
-                "lane_x": c["x"],
-                "lane_y": c["y"],
-                "anchor_sigma": c["sigma_m"],
-            },
-        }
-        for position, c in zip(ring, corners, strict=False)
-    ]
-    about = {"anchor_crs": tie.crs, "anchor_sigma_m": tie.sigma}
+    line = _feature("LineString", [*positions, positions[0]], properties)
+    about = {"anchor_crs": anchor.crs, "anchor_sigma_m": anchor.sigma}
     return {"type": "FeatureCollection", "flgpr": about, "features": [line, *points]}
+
+
+def _feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> dict[str, Any]:
+    """Return a feature of GeoJSON."""
+    geometry = {"type": kind, "coordinates": coordinates}
+    return {"type": "Feature", "geometry": geometry, "properties": properties}

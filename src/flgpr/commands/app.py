@@ -1,4 +1,4 @@
-"""The command line: every word and the function that it calls."""
+"""The command line: every command and its function."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ GROUPS: dict[tuple[str, str], dict[str, Callable[..., Any]]] = {
         "survey": plan.survey_plan,
     },
     ("bench", "Measure speed on this machine."): {"imaging": bench.bench_imaging},
-    ("benchmark", "The proving ground: detectors side by side on the same sealed lanes."): {
+    ("benchmark", "The proving ground: compare detectors on the same sealed lanes."): {
         "run": benchmark.run_benchmark,
         "oracle": benchmark.run_oracle,
         "table": benchmark.benchmark_table,
@@ -93,22 +93,24 @@ GROUPS: dict[tuple[str, str], dict[str, Callable[..., Any]]] = {
 """Commands of two words, by the first word and its help."""
 
 app = typer.Typer(
-    help="Forward-looking ground-penetrating radar: raw multistatic data to images, alarms and scores.",
+    help="Forward-looking ground-penetrating radar: raw multistatic data to images, alarms and "
+    "scores.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
 )
 for name, function in COMMANDS.items():
     app.command(name)(shell_function(function))
-for (word, text), functions in GROUPS.items():
-    group = typer.Typer(name=word, help=text, no_args_is_help=True)
+for (group_name, group_help), functions in GROUPS.items():
+    group = typer.Typer(name=group_name, help=group_help, no_args_is_help=True)
     for name, function in functions.items():
         group.command(name)(shell_function(function))
     app.add_typer(group)
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _version(is_asked: bool) -> None:
+    """Print the version and end, where that is asked for."""
+    if is_asked:
         typer.echo(f"flgpr {flgpr.__version__}")
         raise typer.Exit
 
@@ -119,4 +121,4 @@ def _main(
         bool, Option("--version", callback=_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
-    """Take the options that stand before every command."""
+    """Parse the options before a command."""

@@ -12,7 +12,10 @@ T = TypeVar("T")
 
 
 class Bars:
-    """Progress bars on the error stream, one per piece of work; a context manager that is called like any ``Track``."""
+    """Progress bars on the error stream, one per piece of work.
+
+    A context manager that is called like any ``Track``.
+    """
 
     def __init__(self) -> None:
         self._progress = Progress(

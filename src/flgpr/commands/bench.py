@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 
 def _lines(table: pd.DataFrame, _: Arguments) -> Iterator[str]:
+    """Yield the table in Markdown."""
     from flgpr.commands.imaging_speed import format_bench
 
     yield format_bench(table)
@@ -32,7 +33,8 @@ def bench_imaging(
     Returns
     -------
     pandas.DataFrame
-        A row for each code and piece of work, see ``measure`` in ``commands/imaging_speed.py``.
+        A row for each code and piece of work, see
+        :func:`flgpr.commands.imaging_speed.bench_imaging`.
     """
     from flgpr.commands import imaging_speed
 

@@ -1,4 +1,4 @@
-"""``flgpr benchmark``: the proving ground, detectors side by side on the same sealed lanes."""
+"""``flgpr benchmark``: the proving ground, which compares detectors on the same sealed lanes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from flgpr.commands.shell import Arguments, command
 Chosen = Annotated[
     str | None,
     Option(
-        help="proving-ground-2 (the default), proving-ground-1, full-wave-1, or the TOML of a ground of your own."
+        help="proving-ground-2 (the default), proving-ground-1, full-wave-1, or the TOML of "
+        "another ground."
     ),
 ]
 Tier = Annotated[
@@ -27,11 +28,13 @@ Quick = Annotated[
 ]
 
 
-def _text_lines(text: str, _: Arguments) -> Iterator[str]:
+def _table_lines(text: str, _: Arguments) -> Iterator[str]:
+    """Yield the table of the scores."""
     yield text
 
 
 def _page_lines(text: str, call: Arguments) -> Iterator[str]:
+    """Yield the table of the scores and the address of the page."""
     yield text
     yield f"page: {(Path(call.output) / 'index.html').resolve()}"
 
@@ -41,7 +44,8 @@ def run_benchmark(
     entries: Annotated[
         Sequence[str] | None,
         Argument(
-            help="Packaged entries, recipes, or folders of alarm lists SPLIT.csv; none takes all packaged ones."
+            help="Packaged entries, recipes, or folders of alarm lists SPLIT.csv; "
+            "all packaged entries by default."
         ),
     ] = None,
     output: Annotated[PathLike, Option("-o", "--output", help="Folder to work in.")] = Path(
@@ -55,7 +59,9 @@ def run_benchmark(
     *,
     track: Progress = None,
 ) -> str:
-    """Make the lanes, train on those of training, freeze, detect on those of test, score; resumes where it stopped.
+    """Make the lanes, train, freeze, detect on the test lanes, and score.
+
+    An interrupted run resumes.
 
     Returns
     -------
@@ -69,17 +75,17 @@ def run_benchmark(
     return proving_ground.write_table([output], output)
 
 
-@command(lines=_text_lines)
+@command(lines=_table_lines)
 def run_oracle(
     folder: Annotated[PathLike, Argument(help="Folder of `flgpr benchmark run`.")],
-    recipe: Annotated[str, Option(help="Recipe whose images it looks at.")] = "wang2007",
+    recipe: Annotated[str, Option(help="Recipe whose images are used.")] = "wang2007",
     tier: Tier = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
     *,
     track: Progress = None,
 ) -> str:
-    """Tell what a detector would find that knows every mine's echo; opens the truth, which is logged.
+    """Score a detector that knows every mine's echo. It opens the truth, which is logged.
 
     Returns
     -------
@@ -92,14 +98,14 @@ def run_oracle(
     return proving_ground.write_table([folder], folder)
 
 
-@command(lines=_text_lines, quiet=False)
+@command(lines=_table_lines, quiet=False)
 def benchmark_table(
     folders: Annotated[Paths, Argument(help="Folders of `flgpr benchmark run`, of one ground.")],
     output: Annotated[
         PathLike | None, Option("-o", "--output", help="Folder of the table; default the first.")
     ] = None,
 ) -> str:
-    """Set entries side by side; alarms that were not scored yet are, and the look at the truth is logged.
+    """Compare entries. Alarms without a score are scored, and the look at the truth is logged.
 
     Returns
     -------
@@ -111,11 +117,12 @@ def benchmark_table(
     return proving_ground.write_table(folders, output or folders[0])
 
 
-def _list_lines(lines: list[str], _: Arguments) -> Iterator[str]:
+def _listing_lines(lines: list[str], _: Arguments) -> Iterator[str]:
+    """Yield the lines of a listing."""
     yield from lines
 
 
-@command(lines=_list_lines, quiet=False)
+@command(lines=_listing_lines, quiet=False)
 def list_benchmark(
     quick: Quick = False,
     lanes: Annotated[
@@ -123,7 +130,7 @@ def list_benchmark(
     ] = None,
     ground: Chosen = None,
 ) -> list[str]:
-    """Name the packaged entries, the lanes and the splits; with a folder of lanes, tell whether they are the same.
+    """List the packaged entries, the lanes and the splits; compare a folder of lanes with them.
 
     Returns
     -------

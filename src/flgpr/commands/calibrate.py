@@ -15,15 +15,11 @@ if TYPE_CHECKING:
     from flgpr.calibrate import BiasFit, ClockFit
     from flgpr.calibrate.permittivity import GroundFit
 
-NewRun = Annotated[
-    PathLike | None, Option("-o", "--output", help="Run store to make with what was found.")
-]
+NewRun = Annotated[PathLike | None, Option("-o", "--output", help="Run store to make, calibrated.")]
 Reflectors = Annotated[PathLike, Option(help="CSV of reflectors: x_m, y_m, z_m in the lane frame.")]
 Tolerance = Annotated[
     float,
-    Option(
-        help="How far from its place an echo may come, and how far apart reflectors' biases may lie, m."
-    ),
+    Option(help="Largest distance of an echo from its reflector, and of reflectors' biases, m."),
 ]
 Offsets = Annotated[Limits, Option(help="Least and greatest offset of the track's clock, s.")]
 TrackFile = Annotated[
@@ -37,21 +33,23 @@ KeepStanding = Annotated[
     bool,
     Option(
         "--keep-standing",
-        help="Search with what is the same in all scans; it is left out by default.",
+        help="Search with what is the same in all scans; it is removed by default.",
     ),
 ]
 
 
 def _clock_lines(fit: ClockFit, call: Arguments) -> Iterator[str | Path]:
+    """Yield offset and rate, how far they stand out, and the store."""
     best = float(fit.trials["sharpness"].max())
     yield f"clock offset {fit.offset:.4f} s, rate {fit.rate:g}, from {len(fit.trials)} trials"
-    yield f"sharpness there is {best / fit.lowest:.2f} times the least of the offsets asked for"
+    yield f"sharpness there is {best / fit.lowest:.2f} times the least of the trial offsets"
     yield _standing_line(call)
     if call.output is not None:
         yield call.output
 
 
 def _clock_json(fit: ClockFit, call: Arguments) -> dict[str, Any]:
+    """Return the figures of a clock."""
     return {
         "clock_offset_s": fit.offset,
         "clock_rate": fit.rate,
@@ -63,12 +61,13 @@ def _clock_json(fit: ClockFit, call: Arguments) -> dict[str, Any]:
 
 
 def _bias_lines(fit: BiasFit, call: Arguments) -> Iterator[str | Path]:
+    """Yield the bias, how far it stands out, each reflector, and the store."""
     if fit.offset is not None:
         yield f"clock offset {fit.offset:.4f} s, one standard deviation {fit.offset_sigma:.4f} s"
     low, high = fit.searched
     yield (
         f"range bias {fit.bias:.4f} m, one standard deviation {fit.bias_sigma:.4f} m, "
-        f"looked for from {low:g} to {high:g} m"
+        f"searched from {low:g} to {high:g} m"
     )
     yield (
         f"the peak stands {fit.over_runner_up:.1f} dB over the next best bias "
@@ -78,16 +77,17 @@ def _bias_lines(fit: BiasFit, call: Arguments) -> Iterator[str | Path]:
     for row in fit.points.to_dict("records"):
         yield (
             f"reflector at ({row['x']:.3f}, {row['y']:.3f}) m: its echo peaks at "
-            f"({row['x_peak']:.3f}, {row['y_peak']:.3f}) m and tells {row['bias']:.4f} m"
+            f"({row['x_peak']:.3f}, {row['y_peak']:.3f}) m, which is a bias of {row['bias']:.4f} m"
         )
     if len(fit.points) == 1:
-        yield "one reflector alone does not tell whether its place is wrong along the line of sight"
+        yield "a single reflector does not show an error of its position along the line of sight"
     yield _standing_line(call)
     if call.output is not None:
         yield call.output
 
 
 def _bias_json(fit: BiasFit, call: Arguments) -> dict[str, Any]:
+    """Return the figures of a bias, with those of the clock if it was estimated."""
     figures: dict[str, Any] = {}
     if fit.offset is not None:
         figures |= {"clock_offset_s": fit.offset, "clock_offset_sigma_s": fit.offset_sigma}
@@ -106,6 +106,7 @@ def _bias_json(fit: BiasFit, call: Arguments) -> dict[str, Any]:
 
 
 def _standing_line(call: Arguments) -> str:
+    """Return whether the search was with what is the same in all scans."""
     outcome = "kept" if call.keep_standing else "left out of the search"
     return f"what stands still in the scans (coupling, the vehicle's own echoes) was {outcome}"
 
@@ -130,16 +131,17 @@ def calibrate_clock(
     ] = None,
     keep_standing: KeepStanding = False,
 ) -> ClockFit:
-    """Find the offset between the radar's clock and the track's by focus alone; no reflector need be known.
+    """Find the offset between the radar's clock and the track's by focus alone, without reflectors.
 
-    Ranges must be right to about their resolution: where they may be biased and reflectors are known, take joint. An
-    answer at the edge of the offsets, or one that does not stand out, is refused.
+    Ranges must be right to about their resolution: where they may be biased and reflectors are
+    known, take joint. An answer at the edge of the offsets, or one that does not stand out, is
+    refused.
 
     Returns
     -------
     ClockFit
-        Offset (s), rate, and the sharpness of every trial. What stands still in the run is left out
-        of the search alone; it is in the run that is stored.
+        Offset (s), rate, and the sharpness of every trial. What is the same in all scans is left
+        out of the search only; it is in the run that is stored.
 
     Raises
     ------
@@ -152,21 +154,22 @@ def calibrate_clock(
     from flgpr.store import open_run
 
     dataset = open_run(run)
-    course = calibration.track_of_run(run, track, anchor)
+    track_table = calibration.track_of_run(run, track, anchor)
     pixels = calibration.pixels_of_area(dataset, area, height, spacing)
     fit = estimate_clock(
         calibration.searched_run(dataset, keep_standing),
-        course,
+        track_table,
         pixels,
         calibration.offsets_to_try(offsets, step),
         ImagingOperator,
         tuple(rate or [1.0]),
     )
     calibration.refuse_doubt(fit, run, keep_standing)
+    # The search was without the standing part; the stored run has all of the data.
     if output is not None:
-        moved = with_track(dataset, course, fit.offset, fit.rate)
+        calibrated = with_track(dataset, track_table, fit.offset, fit.rate)
         figures = {"clock_offset_s": fit.offset, "clock_rate": fit.rate}
-        calibration.save_calibrated(moved, output, figures)
+        calibration.save_calibrated(calibrated, output, figures)
     return fit
 
 
@@ -177,16 +180,15 @@ def calibrate_range_bias(
     output: NewRun = None,
     search: Annotated[
         float | None,
-        Option(
-            help="How far to either side of zero the bias is looked for, m; 3, or what unambiguous ranges allow."
-        ),
+        Option(help="Largest bias to either side of zero, m; 3, or what unambiguous ranges allow."),
     ] = None,
     tolerance: Tolerance = 0.15,
     keep_standing: KeepStanding = False,
 ) -> BiasFit:
-    """Find by how much ranges are measured too long, from reflectors at known places; the clock must be right.
+    """Find by how much ranges are measured too long, from reflectors at known positions.
 
-    An answer that does not stand out, lies at the edge of the search, or that reflectors disagree on is refused.
+    The clock must be right. An answer that does not stand out, lies at the edge of the search, or
+    on which reflectors disagree is refused.
 
     Returns
     -------
@@ -204,11 +206,11 @@ def calibrate_range_bias(
     from flgpr.store import open_run
 
     dataset = open_run(run).compute()
-    places = calibration.read_reflectors(reflectors)
+    positions = calibration.read_reflectors(reflectors)
     if search is not None and not search > 0:
         raise ValueError(f"search must be positive, got {search:g}")
     searched = calibration.searched_run(dataset, keep_standing)
-    fit = estimate_range_bias(searched, places, ImagingOperator, search, tolerance)
+    fit = estimate_range_bias(searched, positions, ImagingOperator, search, tolerance)
     calibration.refuse_doubt(fit, run, keep_standing)
     if output is not None:
         corrected = remove_range_bias(dataset, fit.bias)
@@ -232,9 +234,10 @@ def calibrate_joint(
     tolerance: Tolerance = 0.15,
     keep_standing: KeepStanding = False,
 ) -> BiasFit:
-    """Find clock offset and range bias together, from reflectors at known places, when neither is known.
+    """Find clock offset and range bias together, from reflectors at known positions.
 
-    An answer that does not stand out, lies at the edge of the search, or that reflectors disagree on is refused.
+    An answer that does not stand out, lies at the edge of the search, or on which reflectors
+    disagree is refused.
 
     Returns
     -------
@@ -252,31 +255,33 @@ def calibrate_joint(
     from flgpr.store import open_run
 
     dataset = open_run(run).compute()
-    places = calibration.read_reflectors(reflectors)
-    course = calibration.track_of_run(run, track, anchor)
+    positions = calibration.read_reflectors(reflectors)
+    track_table = calibration.track_of_run(run, track, anchor)
     fit = estimate_joint(
         calibration.searched_run(dataset, keep_standing),
-        places,
+        positions,
         ImagingOperator,
         biases,
-        course,
+        track_table,
         calibration.offsets_to_try(offsets, step),
         tolerance,
     )
     calibration.refuse_doubt(fit, run, keep_standing)
     if output is not None and fit.offset is not None:
-        corrected = remove_range_bias(with_track(dataset, course, fit.offset), fit.bias)
+        corrected = remove_range_bias(with_track(dataset, track_table, fit.offset), fit.bias)
         figures = {"clock_offset_s": fit.offset, "clock_rate": 1.0, "range_bias_m": fit.bias}
         calibration.save_calibrated(corrected, output, figures)
     return fit
 
 
 def _permittivity_lines(fit: GroundFit, _: Arguments) -> Iterator[str]:
+    """Yield the permittivity and how far it stands out."""
     yield f"permittivity {fit.permittivity:.2f}: {_speed(fit):.4f} m/ns"
     yield f"sharpness there is {fit.contrast:.2f} times the median of all trials"
 
 
 def _permittivity_json(fit: GroundFit, _: Arguments) -> dict[str, float]:
+    """Return the figures of a ground."""
     return {
         "permittivity": fit.permittivity,
         "speed_m_per_ns": _speed(fit),
@@ -301,7 +306,7 @@ def calibrate_permittivity(
     trials: Annotated[int, "Number of permittivities that are tried."] = 41,
     track: Progress = None,
 ) -> GroundFit:
-    """Find the ground's permittivity by the focus of hyperbolas, for antennas that are coupled to the ground.
+    """Find the ground's permittivity by the focus of hyperbolas, for ground-coupled antennas.
 
     Returns
     -------
@@ -321,6 +326,7 @@ def calibrate_permittivity(
     low, high = limits
     if not 1 <= low < high:
         raise ValueError(f"limits must increase from 1 or more, got {low:g}, {high:g}")
+    # In equal ratios: it is the relative change of the speed that defocuses.
     values = [low * (high / low) ** (k / (trials - 1)) for k in range(trials)]
     section = LineSection(open_run(run), along, (delays[0] * 1e-9, delays[1] * 1e-9))
     return estimate_permittivity(section.image, values, track or silent)

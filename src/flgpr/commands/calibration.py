@@ -1,4 +1,4 @@
-"""What the calibrations of stored runs share: what is searched, and what is refused and stored."""
+"""What the calibrations of stored runs share: trials, checks of the answer, and storing."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
 from flgpr.store import save_run
 from flgpr.store.files import existing
-from flgpr.store.tables import read_text_table
+from flgpr.store.text_tables import read_text_table
 
 PathLike = str | Path
-_LARGEST = 2_000_000  # pixels of the area that is focused for every trial
-_MOST_OFFSETS = 10_000
+_MOST_PIXELS = 2_000_000  # pixels of the area that is focused for every trial
+_MOST_OFFSETS = 10_000  # a trial each
 
 
 def pixels_of_area(
@@ -40,9 +40,9 @@ def pixels_of_area(
         raise ValueError(f"area must have x_max > x_min and y_max > y_min, got {area}")
     x = np.arange(x_min, x_max + spacing / 2, spacing)
     y = np.arange(y_min, y_max + spacing / 2, spacing)
-    if x.size * y.size > _LARGEST:
+    if x.size * y.size > _MOST_PIXELS:
         raise ValueError(
-            f"area must hold at most {_LARGEST:,} pixels, got {x.size} x {y.size} of "
+            f"area must hold at most {_MOST_PIXELS:,} pixels, got {x.size} x {y.size} of "
             f"{spacing:.3g} m: take a smaller one or a wider spacing"
         )
     return np.stack([*np.meshgrid(x, y), np.full((y.size, x.size), height)], axis=-1)
@@ -57,11 +57,12 @@ def offsets_to_try(limits: tuple[float, float], step: float) -> FloatArray:
         raise ValueError(
             f"offsets must be at most {_MOST_OFFSETS:,}, got {low:g} to {high:g} s by {step:g} s"
         )
+    # Half a step more: rounding must not cost the last offset.
     return np.arange(low, high + step / 2, step)
 
 
 def searched_run(run: xr.Dataset, keep_standing: bool) -> xr.Dataset:
-    """Return the run that is searched: without what stands still in it, unless that is kept."""
+    """Return the run for the search, without what is the same in all scans unless that is kept."""
     if keep_standing:
         return run
     try:
@@ -72,17 +73,16 @@ def searched_run(run: xr.Dataset, keep_standing: bool) -> xr.Dataset:
 
 def refuse_doubt(fit: ClockFit | BiasFit, run: PathLike, keep_standing: bool) -> None:
     """Refuse an answer that cannot be trusted."""
-    if fit.doubt:
-        hint = (
-            ""
-            if keep_standing
-            else " (what stands still in the scans was left out; --keep-standing leaves it in)"
-        )
-        raise ValueError(f"{run}: {fit.doubt}{hint}")
+    if not fit.doubt:
+        return
+    hint = ""
+    if not keep_standing:
+        hint = " (what stands still in the scans was left out; --keep-standing leaves it in)"
+    raise ValueError(f"{run}: {fit.doubt}{hint}")
 
 
 def read_reflectors(path: PathLike) -> FloatArray:
-    """Read the places (reflector, 3) in the lane frame, m, of a CSV."""
+    """Read the positions (reflector, 3) in the lane frame, m, from a CSV."""
     file = existing(path, "file of reflectors")
     try:
         columns = read_text_table(file)
@@ -93,17 +93,18 @@ def read_reflectors(path: PathLike) -> FloatArray:
         raise ValueError(
             f"{file}: must have the columns x_m, y_m, z_m; missing: {', '.join(missing)}"
         )
-    places = np.stack([np.asarray(columns[name]) for name in ("x_m", "y_m", "z_m")], axis=1)
-    if np.iscomplexobj(places) or not np.isfinite(places).all():
-        bad = int(np.argmax(~np.isfinite(places).all(axis=1) | (places.imag != 0).any(axis=1)))
+    positions = np.stack([np.asarray(columns[name]) for name in ("x_m", "y_m", "z_m")], axis=1)
+    if np.iscomplexobj(positions) or not np.isfinite(positions).all():
+        is_bad = ~np.isfinite(positions).all(axis=1) | (positions.imag != 0).any(axis=1)
+        bad = int(np.argmax(is_bad))
         raise ValueError(
-            f"{file}: places must be finite, got {places[bad].tolist()} for reflector {bad + 1}"
+            f"{file}: places must be finite, got {positions[bad].tolist()} for reflector {bad + 1}"
         )
-    return places
+    return positions
 
 
 def track_of_run(run: PathLike, track: PathLike | None, anchor: PathLike | None) -> pd.DataFrame:
-    """Read the track of a run: the one that is given, or NAME-track.csv beside the run."""
+    """Read the track of a run, by default NAME-track.csv beside the run."""
     store = Path(run)
     path = Path(track) if track else store.with_name(f"{store.stem}-track.csv")
     return track_of(path, anchor)
@@ -111,5 +112,6 @@ def track_of_run(run: PathLike, track: PathLike | None, anchor: PathLike | None)
 
 def save_calibrated(run: xr.Dataset, output: PathLike, figures: dict[str, Any]) -> None:
     """Store a run with the figures of its calibration in its attributes."""
-    before = run.attrs.get("calibration", {})
-    save_run(run.assign_attrs(calibration={**before, **figures}), output, resume=True)
+    earlier = run.attrs.get("calibration", {})
+    calibrated = run.assign_attrs(calibration={**earlier, **figures})
+    save_run(calibrated, output, resume=True)

@@ -1,4 +1,4 @@
-"""``flgpr design``: what an array will see before it is built."""
+"""``flgpr design``: predict what an array will see before it is built."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ _DEPTH = 0.05  # m, of the mines of the page
 
 
 def _lines(returned: Any, call: Arguments) -> Iterator[Any]:
+    """Yield tables of signal to clutter, or what each array will see and the page."""
     if call.signal_to_clutter:
         yield from _table_lines(returned)
         return
@@ -30,6 +31,7 @@ def _lines(returned: Any, call: Arguments) -> Iterator[Any]:
 
 
 def _as_json(tables: list[pd.DataFrame], _: Arguments) -> dict[str, Any]:
+    """Return the rows of all tables."""
     rows = []
     for table in tables:
         rows += json.loads(table.to_json(orient="records", double_precision=6))
@@ -37,7 +39,7 @@ def _as_json(tables: list[pd.DataFrame], _: Arguments) -> dict[str, Any]:
 
 
 def _check_json(call: Arguments) -> dict[str, Any]:
-    """Refuse --json for the page."""
+    """Refuse --json for the page, which has none."""
     if call.as_json and not call.signal_to_clutter:
         raise ValueError("--json goes with --signal-to-clutter, got it without")
     return {}
@@ -47,7 +49,7 @@ def _check_json(call: Arguments) -> dict[str, Any]:
 def design(
     sensor: Annotated[str, Argument(help="Sensor preset or TOML file.")],
     compare: Annotated[
-        Sequence[str] | None, Option(help="Another one to set beside it; may repeat.")
+        Sequence[str] | None, Option(help="Another sensor to compare; may repeat.")
     ] = None,
     output: Output = "design.html",
     band: Annotated[
@@ -99,14 +101,17 @@ def design(
     ] = None,
     measure: Annotated[
         int | None,
-        Option(help="Signal to clutter: measure it too, on simulated images of so many grounds."),
+        Option(
+            help="Signal to clutter: measure it too, on simulated images of this number of grounds."
+        ),
     ] = None,
     *,
     track: Progress = None,
 ) -> Any:
-    """Tell what an array will see before it is built: point spread, resolution, lobes, signal to clutter.
+    """Predict what an array will see: point spread, resolution, lobes, signal to clutter.
 
-    With --signal-to-clutter print a table for bodies at depths by formula, and measured if wanted.
+    With --signal-to-clutter print a table for bodies at depths, by formula and with --measure
+    measured.
 
     Returns
     -------
@@ -122,20 +127,20 @@ def design(
     """
     sensors = [sensor, *(compare or [])]
     if not signal_to_clutter:
-        _check_page_options(
-            {
-                "--body": body,
-                "--distance": distance,
-                "--height": height,
-                "--permittivity": permittivity,
-                "--loss-tangent": loss_tangent,
-                "--correlation-length": correlation_length,
-                "--unevenness": unevenness,
-                "--measure": measure,
-            },
-            depth,
-        )
-        return _pages(sensors, output, (band, window, site, (depth or [_DEPTH])[0], rms), track)
+        only_for_table = {
+            "--body": body,
+            "--distance": distance,
+            "--height": height,
+            "--permittivity": permittivity,
+            "--loss-tangent": loss_tangent,
+            "--correlation-length": correlation_length,
+            "--unevenness": unevenness,
+            "--measure": measure,
+        }
+        _check_page_options(only_for_table, depth)
+        # The page has one depth; a table may have several.
+        page_depth = depth[0] if depth else _DEPTH
+        return _pages(sensors, output, (band, window, site, page_depth, rms), track)
     from flgpr.chain.progress import silent
     from flgpr.commands.designing import signal_to_clutter_tables
     from flgpr.design.signal_to_clutter import Viewing, ground_model
@@ -160,18 +165,18 @@ def design(
 
 
 def _pages(
-    sensors: Sequence[PathLike], output: PathLike, asked: tuple[Any, ...], track: Any
+    sensors: Sequence[PathLike], output: PathLike, question: tuple[Any, ...], track: Any
 ) -> list[Any]:
-    """Study arrays side by side and write the page."""
+    """Compare arrays and write the page."""
     from flgpr.chain.progress import silent
     from flgpr.design.array import Question
     from flgpr.report import design_report
 
-    return design_report(sensors, output, Question(*asked), track or silent)
+    return design_report(sensors, output, Question(*question), track or silent)
 
 
 def _check_page_options(only_for_table: dict[str, Any], depth: Sequence[float] | None) -> None:
-    """Refuse what the page does not take."""
+    """Refuse options that have no effect on the page."""
     for name, value in only_for_table.items():
         if value is not None:
             raise ValueError(f"{name} goes with --signal-to-clutter, got it without")
@@ -182,55 +187,59 @@ def _check_page_options(only_for_table: dict[str, Any], depth: Sequence[float] |
 
 
 def _table_lines(tables: list[pd.DataFrame]) -> Iterator[Any]:
-    """Return tables of signal to clutter, a row for each body and depth and a column for each polarization."""
+    """Yield a table of signal to clutter for each sensor."""
+    for table in tables:
+        yield _rich_table(table)
+
+
+def _rich_table(table: pd.DataFrame) -> Any:
+    """Return a table for rich, a row for each body and depth, a column for each polarization."""
     from rich.table import Table
 
-    for found in tables:
-        first = found.iloc[0]
-        measured = "measured_db" in found
-        table = Table(
-            title=f"Signal to clutter (dB): {first['sensor']}, {first['distance']:.3g} m ahead, {first['ground']}",
-            caption=_caption(found),
-        )
-        table.add_column("body", no_wrap=True)
-        table.add_column("depth (cm)", justify="right")
-        for polarization in found["polarization"].unique():
-            table.add_column(polarization, justify="right", no_wrap=True)
-            if measured:
-                table.add_column(f"{polarization} measured", justify="right", no_wrap=True)
-        for body in found["body"].unique():
-            for depth in found["depth"].unique():
-                rows = found[(found["body"] == body) & (found["depth"] == depth)]
-                table.add_row(body, f"{100 * depth:.3g}", *_cells(rows, measured))
-        yield table
+    first = table.iloc[0]
+    is_measured = "measured_db" in table
+    title = (
+        f"Signal to clutter (dB): {first['sensor']}, {first['distance']:.3g} m ahead, "
+        f"{first['ground']}"
+    )
+    drawn = Table(title=title, caption=_caption(table))
+    drawn.add_column("body", no_wrap=True)
+    drawn.add_column("depth (cm)", justify="right")
+    for polarization in table["polarization"].unique():
+        drawn.add_column(polarization, justify="right", no_wrap=True)
+        if is_measured:
+            drawn.add_column(f"{polarization} measured", justify="right", no_wrap=True)
+    for body in table["body"].unique():
+        for depth in table["depth"].unique():
+            rows = table[(table["body"] == body) & (table["depth"] == depth)]
+            drawn.add_row(body, f"{100 * depth:.3g}", *_cells(rows, is_measured))
+    return drawn
 
 
-def _cells(rows: pd.DataFrame, measured: bool) -> list[str]:
-    """Write the figures of a body at a depth, polarization by polarization."""
+def _cells(rows: pd.DataFrame, is_measured: bool) -> list[str]:
+    """Return the figures of a body at a depth, polarization by polarization."""
     cells = []
     for row in rows.to_dict("records"):
         cells.append(_decibels(row["signal_to_clutter_db"]))
-        if measured:
-            cells.append(
-                f"{_decibels(row['measured_db'])} ± {row['high_db'] - row['measured_db']:.1f}"
-            )
+        if is_measured:
+            half_interval = row["high_db"] - row["measured_db"]
+            cells.append(f"{_decibels(row['measured_db'])} ± {half_interval:.1f}")
     return cells
 
 
 def _decibels(value: float) -> str:
-    """Write a level to a tenth of a decibel; what rounds to zero has no sign."""
+    """Return a level to a tenth of a decibel; what rounds to zero has no sign."""
     return f"{round(value, 1) + 0.0:.1f}"
 
 
-def _caption(found: pd.DataFrame) -> str:
-    """Tell the ground's roughness and backscatter and the resolution cell of a table of one band."""
-    surface = [
-        f"{row.polarization} {row.sigma0_db:.1f} dB"
-        for row in found.drop_duplicates("polarization").itertuples()
-    ]
-    first = found.iloc[0]
+def _caption(table: pd.DataFrame) -> str:
+    """Return roughness, backscatter and resolution cell of the ground of a table of one band."""
+    backscatter = []
+    for row in table.drop_duplicates("polarization").itertuples():
+        backscatter.append(f"{row.polarization} {row.sigma0_db:.1f} dB")
+    first = table.iloc[0]
     return (
-        f"Peak of a level body alone over the mean clutter of the bare surface, by formula. Rms height "
-        f"{1000 * first['rms_height']:.3g} mm, backscatter {', '.join(surface)}, resolution cell "
-        f"{first['cell_m2']:.2g} m². Factors of each figure: --json."
+        "Peak of a level body alone over the mean clutter of the bare surface, by formula. "
+        f"Rms height {1000 * first['rms_height']:.3g} mm, backscatter {', '.join(backscatter)}, "
+        f"resolution cell {first['cell_m2']:.2g} m². Factors of each figure: --json."
     )

@@ -1,4 +1,4 @@
-"""Signal to clutter of bodies as arrays of files would see them."""
+"""Signal to clutter of bodies for arrays that presets or files describe."""
 
 from __future__ import annotations
 
@@ -29,21 +29,45 @@ def signal_to_clutter_tables(
     seeds: int | None = None,
     track: Track = silent,
 ) -> list[pd.DataFrame]:
-    """Return a table of signal to clutter for each sensor (preset or TOML), by formula, and measured if wanted.
+    """Return a table of signal to clutter for each sensor, by formula, and measured if asked for.
 
-    ``seeds`` is the number of grounds on which it is measured, which adds the columns ``measured_db``, ``low_db`` and
-    ``high_db``. None takes all packaged bodies and five depths. Else see
-    :func:`flgpr.design.expected_signal_to_clutter` and :func:`flgpr.design.measure_signal_to_clutter`, also for errors.
+    Parameters
+    ----------
+    sensors : sequence of str or path
+        Presets or TOML files.
+    ground : GroundModel
+        Soil and surface.
+    viewing : Viewing
+        Distance, height and band.
+    bodies : sequence of str, optional
+        Packaged bodies or tables, by default all packaged ones.
+    depths : sequence of float, optional
+        Depths of the bodies' tops, by default five, m.
+    seeds : int, optional
+        Number of simulated grounds on which signal to clutter is measured. It adds the columns
+        ``measured_db``, ``low_db`` and ``high_db``.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    list of pandas.DataFrame
+        Tables of :func:`flgpr.design.expected_signal_to_clutter`.
+
+    Raises
+    ------
+    ValueError
+        As that function and :func:`flgpr.design.measure_signal_to_clutter`.
     """
-    named = list(packaged_bodies() if bodies is None else bodies)
-    chosen = list(DEPTHS if depths is None else depths)
+    body_names = list(packaged_bodies() if bodies is None else bodies)
+    depth_list = list(DEPTHS if depths is None else depths)
     tables = []
     for name in sensors:
         sensor = load_sensor(name)
-        table = expected_signal_to_clutter(sensor, ground, named, chosen, viewing)
+        table = expected_signal_to_clutter(sensor, ground, body_names, depth_list, viewing)
         if seeds is not None:
             measured = measure_signal_to_clutter(
-                sensor, ground, named, chosen, viewing, seeds=seeds, track=track
+                sensor, ground, body_names, depth_list, viewing, seeds=seeds, track=track
             )
             table["measured_db"] = measured["signal_to_clutter_db"]
             table[["low_db", "high_db"]] = measured[["low_db", "high_db"]]

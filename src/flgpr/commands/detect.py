@@ -33,50 +33,57 @@ if TYPE_CHECKING:
 
 
 def _before(call: Arguments) -> Iterator[str]:
+    """Yield which recipe is used where none is named."""
     if call.recipe is None:
         yield f"no --recipe: detecting with the one that `flgpr recipe for {call.runs[0]}` prints"
 
 
 def _results(returned: Result | Survey) -> list[Result]:
-    """Return the results of lanes, each of a lane in sections as the results of its sections."""
+    """Return the results of all lanes; a lane in sections counts as one result a section."""
     from flgpr.execution.driver import results_at
     from flgpr.results.result import Result, read_result
 
     if isinstance(returned, Result) and results_at(returned.folder) == [returned.folder]:
         return [returned]
-    folders = [returned.folder] if isinstance(returned, Result) else returned.folders
+    lane_folders = [returned.folder] if isinstance(returned, Result) else returned.folders
     results = []
-    for folder in folders:
-        results += [read_result(home) for home in results_at(folder)]
+    for lane_folder in lane_folders:
+        for folder in results_at(lane_folder):
+            results.append(read_result(folder))
     return results
 
 
 def _lines(returned: Result | Survey, call: Arguments) -> Iterator[str]:
+    """Yield what is printed of one lane or several."""
     results = _results(returned)
     for result in results:
-        yield from _lines_of(result)
+        yield from _lines_of_result(result)
     if len(call.runs) == 1 and len(results) > 1:
         table = (Path(call.output) / "alarms.csv").resolve()
-        yield f"the lane was taken in {len(results)} sections; all alarms: {table}"
+        yield f"the lane was processed in {len(results)} sections; all alarms: {table}"
 
 
-def _lines_of(result: Result) -> Iterator[str]:
+def _lines_of_result(result: Result) -> Iterator[str]:
+    """Yield scans left out, notes on motion, and the number of alarms with the report."""
     run = result.manifest["run"]
-    masked = run["masked_scans"]
-    if masked:
-        yield f"{len(masked)} of {run['scans']} scans left out for missing sweeps: {masked}"
+    masked_scans = run["masked_scans"]
+    if masked_scans:
+        left_out = f"{len(masked_scans)} of {run['scans']} scans"
+        yield f"{left_out} left out for missing sweeps: {masked_scans}"
     yield from run.get("motion", {}).get("notes", [])
     page = (result.folder / "report.html").resolve()
     yield f"{len(result.detections[0].alarms)} alarms; report: {page}"
 
 
 def _as_json(returned: Result | Survey, call: Arguments) -> Any:
+    """Return the summary of a lane in one piece, else a list of summaries."""
     summaries = [_summary(result) for result in _results(returned)]
-    several = len(call.runs) > 1 or len(summaries) > 1
-    return summaries if several else summaries[0]
+    is_list = len(call.runs) > 1 or len(summaries) > 1
+    return summaries if is_list else summaries[0]
 
 
 def _summary(result: Result) -> dict[str, Any]:
+    """Return number of alarms, scans left out, and folder of a result."""
     run = result.manifest["run"]
     return {
         "alarms": len(result.detections[0].alarms),
@@ -127,15 +134,16 @@ def detect(
 ) -> Result | Survey:
     """Raise alarms on runs; truth is not needed and not read. An interrupted run resumes.
 
-    One run gives the result folder OUTPUT, several give OUTPUT/NAME each and OUTPUT/survey.json. A lane in sections
-    has a result folder for each of them, section-01 and so on, and a table of all alarms.
+    One run gives the result folder OUTPUT, several give OUTPUT/NAME each and OUTPUT/survey.json.
+    A lane in sections has a result folder for each section, section-01 and so on, and a table of
+    all alarms.
 
     Returns
     -------
     Result or Survey
-        Of one run its result, that of a lane in sections read as one; of several a survey, which
-        reads the result of each when it is asked for. Without an output the result lies in a
-        temporary folder that lives as long as the object.
+        For one run its result; sections of a lane are read as one result. For several runs a
+        survey, which reads the result of each when it is asked for. Without an output the result
+        lies in a temporary folder that lives as long as the object.
 
     Raises
     ------
@@ -147,62 +155,84 @@ def detect(
     from flgpr.execution.survey import detect_survey, lane_names
     from flgpr.results.survey import Survey
 
-    listed = one_or_more(runs)
+    run_list = one_or_more(runs)
     lanes = one_or_more(lane) or None
-    how = run_options(workers, scheduler, max_memory, track, note, pass_cache)
-    by_run = runs_by_name(others, len(listed))
-    if not listed:
+    options = run_options(workers, scheduler, max_memory, track, note, pass_cache)
+    other_runs = runs_by_name(others, len(run_list))
+
+    if not run_list:
         raise ValueError("runs must hold at least one run, got none")
-    if len(listed) == 1:
+
+    if len(run_list) == 1:
         if lanes is not None and len(lanes) > 1:
             raise ValueError(f"lane must be one per run, got {len(lanes)} for 1 run")
-        one_lane = None if lanes is None else lanes[0]
-        with _Places(listed[0], output, by_run[0]) as places:
-            _detect_one(places, recipe, one_lane, model, section, report, how, overwrite)
-            return places.result()
+        lane_file = None if lanes is None else lanes[0]
+        with _Locations(run_list[0], output, other_runs[0]) as locations:
+            _detect_lane(locations, recipe, lane_file, model, section, report, options, overwrite)
+            return locations.result()
+
     if output is None:
-        raise ValueError(f"output must be given for several runs, got none for {len(listed)}")
-    if any(_is_in_memory(run) for run in listed):
+        raise ValueError(f"output must be given for several runs, got none for {len(run_list)}")
+    if any(_is_in_memory(run) for run in run_list):
         raise ValueError("runs of a survey must be stored, got one in memory: give each alone")
-    lane_names(listed)  # refuses runs of one name before a recipe is made
-    text = _recipe_of_survey(listed, recipe, lanes, model, how)
+
+    lane_names(run_list)  # refuses runs of one name before a recipe is made
+    text = _recipe_of_survey(run_list, recipe, lanes, model, options)
     folders = detect_survey(
-        listed, text, output, lanes, model, section, by_run, report, lanes_at_once, how, overwrite
+        run_list,
+        text,
+        output,
+        lanes=lanes,
+        model=model,
+        section=section,
+        others=other_runs,
+        report=report,
+        at_once=lanes_at_once,
+        how=options,
+        overwrite=overwrite,
     )
     return Survey(Path(output), folders)
 
 
-def _detect_one(
-    places: _Places,
+def _detect_lane(
+    locations: _Locations,
     recipe: PathLike | None,
-    lane: PathLike | None,
+    lane_file: PathLike | None,
     model: PathLike | None,
     section: float | None,
     report: bool,
-    how: RunOptions,
+    options: RunOptions,
     overwrite: bool,
 ) -> None:
     """Detect on one stored run, in one piece or in sections."""
     from flgpr.chain.recipe import parse_recipe
-    from flgpr.chain.recipe_for_run import area_of
+    from flgpr.chain.recipe_fit import area_of
     from flgpr.execution.driver import detect_lane
     from flgpr.execution.job import make_job
     from flgpr.store import open_run, read_lane
 
-    text = _recipe_text(recipe, places.run, model, how)
+    text = _recipe_text(recipe, locations.run, model, options)
     parsed = parse_recipe(text, str(recipe))
-    given = None if lane is None else read_lane(lane)
-    area = area_of(open_run(places.run, how.max_memory), parsed, given)
+    lane = None if lane_file is None else read_lane(lane_file)
+    area = area_of(open_run(locations.run, options.max_memory), parsed, lane)
+
     job = make_job(
-        places.run, text, area, places.output, report, model, how.max_memory, places.others,
-        pass_cache=how.pass_cache,
-    )  # fmt: skip
-    with how.executor() as executor:
-        detect_lane(job, executor, how.track, how.note, section, overwrite)
+        locations.run,
+        text,
+        area,
+        locations.output,
+        report=report,
+        model=model,
+        max_memory=options.max_memory,
+        others=locations.other_runs,
+        pass_cache=options.pass_cache,
+    )
+    with options.executor() as executor:
+        detect_lane(job, executor, options.track, options.note, section, overwrite)
 
 
 def _recipe_text(
-    recipe: PathLike | None, run: PathLike, model: PathLike | None, how: RunOptions
+    recipe: PathLike | None, run: PathLike, model: PathLike | None, options: RunOptions
 ) -> str:
     """Return the text of a recipe, or of the one that is made for a run."""
     from flgpr.chain.recipe import recipe_text
@@ -210,9 +240,10 @@ def _recipe_text(
 
     if recipe is not None:
         return recipe_text(recipe)
+    # A model holds what the stages of its own recipe have learnt.
     if model is not None:
         raise ValueError("recipe must be given with a model: the one it was trained with, got none")
-    return recipe_for(run, max_memory=how.max_memory)
+    return recipe_for(run, max_memory=options.max_memory)
 
 
 def _recipe_of_survey(
@@ -220,41 +251,48 @@ def _recipe_of_survey(
     recipe: PathLike | None,
     lanes: Sequence[PathLike] | None,
     model: PathLike | None,
-    how: RunOptions,
+    options: RunOptions,
 ) -> str:
-    """Return the text of the recipe of all runs; one made for the first run may not fix its lane."""
+    """Return the text of the recipe of all runs.
+
+    A recipe that is made for the first run must not fix its lane, which is another in each run.
+    """
     from flgpr.chain.recipe import parse_recipe
 
-    text = _recipe_text(recipe, runs[0], model, how)
+    text = _recipe_text(recipe, runs[0], model, options)
     if recipe is None and lanes is None and parse_recipe(text).lane is not None:
         raise ValueError(
-            f"lanes must be given or a recipe: {runs[0]} is so short that its own recipe has its lane"
+            f"lanes or a recipe must be given: {runs[0]} is so short that the recipe made for it "
+            "fixes its lane"
         )
     return text
 
 
 def _is_in_memory(run: Any) -> bool:
+    """Return whether a run is no path of a store."""
     return not isinstance(run, str | Path)
 
 
-class _Places:
-    """Where a run and its result lie; what is in memory is stored in a temporary folder.
+class _Locations:
+    """Paths of a run and its result; what is in memory is stored in a temporary folder.
 
     The folder lives as long as the result that :meth:`result` returns.
     """
 
-    def __init__(self, run: Any, output: PathLike | None, others: Mapping[str, Any]) -> None:
+    def __init__(self, run: Any, output: PathLike | None, other_runs: Mapping[str, Any]) -> None:
         self._temporary: tempfile.TemporaryDirectory[str] | None = None
-        self.run: Path = self._stored(run, "run")
-        self.others = {name: self._stored(other, name) for name, other in others.items()}
+        self.run: Path = self._store_of(run, "run")
+        self.other_runs: dict[str, Path] = {}
+        for name, other_run in other_runs.items():
+            self.other_runs[name] = self._store_of(other_run, name)
         self.output = self._folder() / "result" if output is None else Path(output)
-        self._keeps_folder = output is None
+        self._result_is_temporary = output is None
 
-    def __enter__(self) -> _Places:
+    def __enter__(self) -> _Locations:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._temporary is not None and not self._keeps_folder:
+        if self._temporary is not None and not self._result_is_temporary:
             self._temporary.cleanup()
 
     def result(self) -> Result:
@@ -262,17 +300,19 @@ class _Places:
         from flgpr.results.result import read_lane_result
 
         result = read_lane_result(self.output)
+        # The result reads its files when it is asked: the folder must live as long.
         if self._temporary is not None:
             weakref.finalize(result, self._temporary.cleanup)
         return result
 
     def _folder(self) -> Path:
+        """Return the temporary folder, made on first use."""
         if self._temporary is None:
             self._temporary = tempfile.TemporaryDirectory(prefix="flgpr-")
         return Path(self._temporary.name)
 
-    def _stored(self, run: Any, name: str) -> Path:
-        """Return the store of a run; one in memory is saved."""
+    def _store_of(self, run: Any, name: str) -> Path:
+        """Return the store of a run; a run in memory is saved first."""
         if not _is_in_memory(run):
             return Path(run)
         from flgpr.store import save_run

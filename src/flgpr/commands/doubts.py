@@ -1,4 +1,4 @@
-"""What a table of alarms or targets makes one doubt, before it is scored: told in lines, and nothing is changed."""
+"""Warnings about tables of alarms or targets before they are scored; nothing is changed."""
 
 from __future__ import annotations
 
@@ -9,51 +9,74 @@ from flgpr.scoring import as_lanes
 from flgpr.scoring.matching import LaneLike
 from flgpr.store.notes import tell_note
 
-_SHARE_OUTSIDE = 0.5  # of the rows, from where on the axes may be swapped
+_SHARE_OUTSIDE = 0.5  # of the rows, above which the axes may be swapped
+_ROW_NAMES = {"alarms": "alarms", "truth": "targets"}
 
 
 def table_doubts(table: pd.DataFrame, kind: str, lanes: LaneLike) -> list[str]:
-    """Return what is doubtful about a table of "alarms" or "truth", in words: none, repeated, or swapped rows.
+    """Return what is doubtful about a table.
 
-    A table without rows; rows at one place, in one lane, of one confidence or kind; and more than half of the rows
-    outside their lane while with x and y swapped more of them would lie inside.
+    That is a table without rows; rows at one place, in one lane, of one confidence or kind; and
+    more than half of the rows outside their lane while with x and y swapped more of them would lie
+    inside.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Alarms, targets or objects with ``x`` and ``y``, m.
+    kind : str
+        "alarms", "truth" or "objects".
+    lanes : Lane, or mapping of Lane by name
+        Where the rows should lie.
+
+    Returns
+    -------
+    list of str
+        A sentence for each doubt.
     """
-    what = {"alarms": "alarms", "truth": "targets"}.get(kind, "objects")
-    if not len(table):
-        return [f"it holds no {what}: a header and no row"]
+    row_name = _ROW_NAMES.get(kind, "objects")
+    count = len(table)
+    if not count:
+        return [f"it holds no {row_name}: a header and no row"]
+
     doubts: list[str] = []
-    same = [name for name in ("x", "y", "confidence", "kind", "lane") if name in table.columns]
-    repeated = int(table.duplicated(same).sum())
+    keys = [name for name in ("x", "y", "confidence", "kind", "lane") if name in table.columns]
+    repeated = int(table.duplicated(keys).sum())
     if repeated:
         doubts.append(
-            f"{repeated} of {len(table)} {what} repeat another one at the same place; all are kept"
+            f"{repeated} of {count} {row_name} repeat another one at the same place; all are kept"
         )
-    inside = _inside(table, lanes, "x", "y")
-    swapped = _inside(table, lanes, "y", "x")
-    outside = len(table) - inside
-    if outside > _SHARE_OUTSIDE * len(table) and swapped > inside:
+
+    inside = _count_inside(table, lanes, "x", "y")
+    inside_if_swapped = _count_inside(table, lanes, "y", "x")
+    outside = count - inside
+    if outside > _SHARE_OUTSIDE * count and inside_if_swapped > inside:
         doubts.append(
-            f"{outside} of {len(table)} {what} lie outside the lane; with x and y swapped, {swapped} would lie inside: "
-            "are the axes swapped?"
+            f"{outside} of {count} {row_name} lie outside the lane; with x and y swapped, "
+            f"{inside_if_swapped} would lie inside: are the axes swapped?"
         )
-    elif outside == len(table):
-        doubts.append(f"all {outside} {what} lie outside the lane")
+    elif outside == count:
+        doubts.append(f"all {outside} {row_name} lie outside the lane")
     return doubts
 
 
 def tell_doubts(table: pd.DataFrame, kind: str, name: str, lanes: LaneLike) -> None:
-    """Tell the doubts of :func:`table_doubts` of a table that came from a file of that name."""
+    """Print the doubts of :func:`table_doubts` about a table from a file of that name."""
     for doubt in table_doubts(table, kind, lanes):
         tell_note(f"{name}: {doubt}")
 
 
-def _inside(table: pd.DataFrame, lanes: LaneLike, across: str, along: str) -> int:
-    """Count the rows that lie in their lane."""
-    named = as_lanes(lanes)
+def _count_inside(table: pd.DataFrame, lanes: LaneLike, across: str, along: str) -> int:
+    """Count the rows that lie in their lane, with the columns of x and y as named."""
+    lanes_by_name = as_lanes(lanes)
     x = table[across].to_numpy(np.float64)
     y = table[along].to_numpy(np.float64)
-    if "lane" not in table.columns or list(named) == [""]:
-        inside = [lane.contains(x, y) for lane in named.values()]
-        return int(np.any(inside, axis=0).sum())
-    own = table["lane"].astype(str).to_numpy()
-    return sum(int((lane.contains(x, y) & (own == name)).sum()) for name, lane in named.items())
+    if "lane" not in table.columns or list(lanes_by_name) == [""]:
+        in_lanes = [lane.contains(x, y) for lane in lanes_by_name.values()]
+        return int(np.any(in_lanes, axis=0).sum())
+    lane_of_row = table["lane"].astype(str).to_numpy()
+    count = 0
+    for name, lane in lanes_by_name.items():
+        is_inside = lane.contains(x, y) & (lane_of_row == name)
+        count += int(is_inside.sum())
+    return count

@@ -15,6 +15,7 @@ FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "geotiff", "qgis", "cphd")
 
 
 def _lines(written: Path, _: Arguments) -> Iterator[Path]:
+    """Yield the file that was written."""
     yield written
 
 
@@ -29,7 +30,7 @@ def export(
     anchor: Annotated[
         PathLike | None,
         Option(
-            help="TOML that ties the lane to the Earth; needed where the data do not tell their place."
+            help="TOML that ties the lane to the Earth; needed where the data have no georeference."
         ),
     ] = None,
     kind: Annotated[str, Option(help="What a table holds: alarms, truth or objects.")] = "truth",
@@ -55,8 +56,8 @@ def export(
     Raises
     ------
     ValueError
-        If the format is not known, an option does not go with it, or nothing tells where the lane
-        lies.
+        If the format is not known, an option does not go with it, or the lane has no
+        georeference.
     FileExistsError
         If another file is at the output.
     """

@@ -1,9 +1,10 @@
-"""Alarms, truth and run-views for other programs, on the Earth."""
+"""Export of alarms, truth, run-views and runs, on the Earth, for other programs."""
 
 from __future__ import annotations
 
 import tempfile
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,19 +32,23 @@ if TYPE_CHECKING:
 
 PathLike = str | Path
 TABLE_FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv")
-_MARGIN = 5.0  # m of ground about the lane
+_MARGIN = 5.0  # m of ground around the lane
+_POINT_COLOURS = {"truth": "#d7263d", "objects": "#707070"}
+_SHADED_QUANTILES = (0.5, 0.998)
 
 
 def export_run(run: PathLike, output: PathLike, anchor: PathLike | None = None) -> Path:
-    """Export a stored run as CPHD; another file there is refused.
+    """Export a stored run as CPHD; another file at the output is a FileExistsError.
 
-    ``anchor`` (TOML) ties the lane to the Earth, else what the run tells of its place.
+    ``anchor`` (TOML) ties the lane to the Earth, by default the georeference of the run; without
+    either it is a ValueError.
     """
-    check_parent_folder(Path(output))
-    held = open_run(run)
-    with whole_output(Path(output)) as made:
-        write_cphd(held, made, needed_anchor(anchor, held.attrs.get("georeference"), run))
-    return Path(output)
+    target = check_parent_folder(output)
+    dataset = open_run(run)
+    lane_anchor = needed_anchor(anchor, dataset.attrs.get("georeference"), run)
+    with whole_output(target) as partial:
+        write_cphd(dataset, partial, lane_anchor)
+    return target
 
 
 def export_table(
@@ -55,16 +60,41 @@ def export_table(
     time: str | None = None,
     columns: str | None = None,
 ) -> Path:
-    """Export a CSV of alarms, truth or objects (``kind``) to the Earth as "geojson", "gpkg", "kml", "gpx" or "csv".
+    """Export a table to the Earth.
 
-    ``time`` is when, ISO 8601 with a time zone; ``columns`` are such as ``x=Rechts,y=Hoch``.
+    Parameters
+    ----------
+    table : path
+        CSV.
+    output : path
+        File to write.
+    to : str
+        Format: "geojson", "gpkg", "kml", "gpx" or "csv".
+    anchor : path
+        TOML that ties the lane to the Earth.
+    kind : str
+        What the table holds: "alarms", "truth" or "objects".
+    time : str, optional
+        Time of the observation, ISO 8601 with a time zone.
+    columns : str, optional
+        Columns with other names, such as ``x=Rechts,y=Hoch``.
+
+    Raises
+    ------
+    ValueError
+        If an input is not valid, or there is no anchor.
+    FileExistsError
+        If another file is at the output.
     """
     data = read_named(existing(table, f"{kind} file"))
-    tie = needed_anchor(anchor, None, table)
-    reading = None if columns is None else TableReading(parse_columns_option(columns), tie)
+    lane_anchor = needed_anchor(anchor, None, table)
+    reading = None
+    if columns is not None:
+        reading = TableReading(parse_columns_option(columns), lane_anchor)
     rows = parse_table(data, kind, table, reading)
-    digest = sha256(data)
-    return _write_points(rows, Path(output), to, tie, kind, f"sha256:{digest}", time)
+    # A table has no processing behind it that could be named: its own digest identifies it.
+    identity = f"sha256:{sha256(data)}"
+    return _write_points(rows, Path(output), to, lane_anchor, kind, identity, time)
 
 
 def export_result(
@@ -75,22 +105,43 @@ def export_result(
     detection: str = "main",
     time: str | None = None,
 ) -> Path:
-    """Export a result's alarms as evidence points ("geojson", "gpkg", "kml", "gpx", "csv") or its run-view ("geotiff").
+    """Export the alarms of a result as points, or its run-view.
 
-    ``anchor`` (TOML) ties the lane to the Earth, else what the run told of its place. ``detection`` is "main" or the
-    name of a variant, ``time`` when the data were taken, ISO 8601 with a time zone.
+    Parameters
+    ----------
+    result : path
+        Result folder.
+    output : path
+        File to write.
+    to : str
+        Format of points: "geojson", "gpkg", "kml", "gpx" or "csv"; of the run-view "geotiff".
+    anchor : path, optional
+        TOML that ties the lane to the Earth, by default the georeference of the run.
+    detection : str
+        "main" or the name of a variant.
+    time : str, optional
+        Time when the data were taken, ISO 8601 with a time zone.
+
+    Raises
+    ------
+    ValueError
+        If the format or the detection is not known, or there is no georeference.
+    FileExistsError
+        If another file is at the output.
     """
     if to not in (*TABLE_FORMATS, "geotiff"):
         raise ValueError(f"to must be one of {', '.join((*TABLE_FORMATS, 'geotiff'))}, got {to!r}")
-    held, chosen, identity = _chosen(result, detection)
-    target = Path(output)
-    tie = needed_anchor(anchor, held.manifest["run"].get("georeference"), result)
-    if to == "geotiff":
-        check_parent_folder(target)
-        with whole_output(target) as made:
-            georeferenced.write_geotiff(chosen.view, made, tie, identity)
-        return target
-    return _write_points(chosen.alarms, target, to, tie, "alarms", identity, time)
+    loaded = read_result(result)
+    chosen = _detection_of(loaded, detection)
+    identity = _processing_id(loaded)
+    lane_anchor = needed_anchor(anchor, loaded.manifest["run"].get("georeference"), result)
+    if to != "geotiff":
+        target = Path(output)
+        return _write_points(chosen.alarms, target, to, lane_anchor, "alarms", identity, time)
+    target = check_parent_folder(output)
+    with whole_output(target) as partial:
+        georeferenced.write_geotiff(chosen.view, partial, lane_anchor, identity)
+    return target
 
 
 def export_qgis(
@@ -101,94 +152,140 @@ def export_qgis(
     time: str | None = None,
     score: PathLike | None = None,
 ) -> Path:
-    """Export a result as a zip that holds a project of QGIS and its layers, all that a map on another machine needs.
+    """Export a result as a zip with a project of QGIS and all its layers.
 
-    The layers are the alarms, styled by confidence, the truth and objects if the result, or ``score``, its score's
-    folder, was scored with them, the lane's outline, and the run-view. ``anchor`` (TOML) ties the lane to the Earth,
-    else what the run told of its place; a ValueError where it told nothing.
+    The layers are the alarms, styled by confidence, the truth and objects if the result was scored
+    with them, the lane's outline, and the run-view.
+
+    Parameters
+    ----------
+    result : path
+        Result folder.
+    output : path
+        Zip to write.
+    anchor, detection, time
+        As for :func:`export_result`.
+    score : path, optional
+        Folder of the result's score, if that is not the result itself.
+
+    Raises
+    ------
+    ValueError
+        If the output does not end in .zip, or there is no georeference.
+    FileExistsError
+        If another file is at the output.
     """
-    target = Path(output)
-    if target.suffix != ".zip":
+    if Path(output).suffix != ".zip":
         raise ValueError(f"output must end in .zip, got {output}")
-    check_parent_folder(target)
-    held, chosen, identity = _chosen(result, detection)
-    tie = needed_anchor(anchor, held.manifest["run"].get("georeference"), result)
-    scored = read_scored_truth(held, None if score is None else Path(score))
+    target = check_parent_folder(output)
+
+    loaded = read_result(result)
+    chosen = _detection_of(loaded, detection)
+    identity = _processing_id(loaded)
+    lane_anchor = needed_anchor(anchor, loaded.manifest["run"].get("georeference"), result)
+    scored = read_scored_truth(loaded, None if score is None else Path(score))
     truth, objects = (None, None) if scored is None else scored
-    with tempfile.TemporaryDirectory() as folder:
-        home = Path(folder)
+    tables = {"truth": truth, "alarms": chosen.alarms, "objects": objects}
+
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
         layers = []
-        for kind, rows, colour in (
-            ("truth", truth, "#d7263d"),
-            ("alarms", chosen.alarms, ""),
-            ("objects", objects, "#707070"),
-        ):
-            if rows is None or not len(rows):
-                continue
-            style = (
-                qgis.by_kind(rows["kind"], colour)
-                if colour
-                else qgis.graduated("confidence", rows["confidence"])
-            )
-            points = georeferenced.georeference(rows, tie, kind, identity, time)
-            georeferenced.write_geopackage(points, home / f"{kind}.gpkg", kind)
-            layers.append(qgis.Layer(kind, f"{kind}.gpkg", "EPSG:4326", "Point", style))
-        georeferenced.write_outline(held.lane, home / "lane.gpkg", tie)
-        layers.append(qgis.Layer("lane", "lane.gpkg", "EPSG:4326", "Polygon", qgis.outline()))
-        georeferenced.write_geotiff(chosen.view, home / "run-view.tif", tie, identity)
-        layers.append(qgis.Layer("run-view", "run-view.tif", tie.utm(), "", _shaded(held, chosen)))
-        places = transform_lonlat(
-            tie.to_geodetic(georeferenced.corners(held.lane))[:, :2], tie.utm()
-        )
-        extent = (*(places.min(axis=0) - _MARGIN), *(places.max(axis=0) + _MARGIN))
-        title = f"{held.manifest['run'].get('title', held.folder.name)}: {chosen.title}"
-        about = f"{georeferenced.STATEMENT} Processing {identity}."
-        (home / "lane.qgs").write_bytes(qgis.project(title, about, tie.utm(), extent, layers))
+        for kind, rows in tables.items():
+            if rows is not None and len(rows):
+                layers.append(_point_layer(rows, kind, folder, lane_anchor, identity, time))
+        layers += _lane_layers(loaded, chosen, folder, lane_anchor, identity)
+        project = _project(loaded, chosen, lane_anchor, identity, layers)
+        (folder / "lane.qgs").write_bytes(project)
         with (
-            whole_output(target) as made,
-            zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as bundle,
+            whole_output(target) as partial,
+            zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as bundle,
         ):
-            for path in sorted(home.iterdir()):
-                entry = zipfile.ZipInfo(
-                    f"{target.stem}/{path.name}"
-                )  # tells no time: the same map, the same bytes
+            for path in sorted(folder.iterdir()):
+                # An entry without a time: the same map gives the same bytes.
+                entry = zipfile.ZipInfo(f"{target.stem}/{path.name}")
                 entry.external_attr = 0o644 << 16
                 bundle.writestr(entry, path.read_bytes(), zipfile.ZIP_DEFLATED)
     return target
 
 
+def _point_layer(
+    rows: pd.DataFrame, kind: str, folder: Path, anchor: Anchor, identity: str, time: str | None
+) -> qgis.Layer:
+    """Write a table of points as GeoPackage and return its layer."""
+    if kind in _POINT_COLOURS:
+        style = qgis.by_kind(rows["kind"], _POINT_COLOURS[kind])
+    else:
+        style = qgis.graduated("confidence", rows["confidence"])
+    points = georeferenced.georeference(rows, anchor, kind, identity, time)
+    georeferenced.write_geopackage(points, folder / f"{kind}.gpkg", kind)
+    return qgis.Layer(kind, f"{kind}.gpkg", "EPSG:4326", "Point", style)
+
+
+def _lane_layers(
+    result: Result, detection: Detection, folder: Path, anchor: Anchor, identity: str
+) -> Iterator[qgis.Layer]:
+    """Write the outline of the lane and the run-view, and yield their layers."""
+    georeferenced.write_outline(result.lane, folder / "lane.gpkg", anchor)
+    yield qgis.Layer("lane", "lane.gpkg", "EPSG:4326", "Polygon", qgis.outline())
+    georeferenced.write_geotiff(detection.view, folder / "run-view.tif", anchor, identity)
+    style = _shading(result, detection)
+    yield qgis.Layer("run-view", "run-view.tif", anchor.utm(), "", style)
+
+
+def _project(
+    result: Result, detection: Detection, anchor: Anchor, identity: str, layers: list[qgis.Layer]
+) -> bytes:
+    """Return the project of QGIS, which shows the lane and some ground around it."""
+    corners = anchor.to_geodetic(georeferenced.corners(result.lane))[:, :2]
+    positions = transform_lonlat(corners, anchor.utm())
+    lowest = positions.min(axis=0) - _MARGIN
+    highest = positions.max(axis=0) + _MARGIN
+    run_title = result.manifest["run"].get("title", result.folder.name)
+    about = f"{georeferenced.STATEMENT} Processing {identity}."
+    return qgis.project(
+        f"{run_title}: {detection.title}", about, anchor.utm(), (*lowest, *highest), layers
+    )
+
+
 def map_bytes(result: Path, anchor: Path | None, score: Path | None) -> bytes:
-    """Give what :func:`export_qgis` writes, for the viewer."""
+    """Return the zip of :func:`export_qgis`, for the viewer."""
     with tempfile.TemporaryDirectory() as folder:
-        return export_qgis(
-            result, Path(folder) / f"{result.name}-map.zip", anchor, score=score
-        ).read_bytes()
+        target = Path(folder) / f"{result.name}-map.zip"
+        return export_qgis(result, target, anchor, score=score).read_bytes()
 
 
-def _shaded(result: Result, detection: Detection) -> ElementTree.Element:
-    """Draw the channel that raised the alarms, from the median to what only one pixel in 500 exceeds."""
+def _shading(result: Result, detection: Detection) -> ElementTree.Element:
+    """Return the style of a run-view: the channel that raised the alarms, in shades of grey.
+
+    They go from the median to the level that one pixel in 500 exceeds.
+    """
     view = detection.view
-    names = [(str(a), str(b)) for a in view["polarization"].values for b in view["subband"].values]
+    names = []
+    for polarization in view["polarization"].values:
+        for subband in view["subband"].values:
+            names.append((str(polarization), str(subband)))
+
     channel = tuple(result.files().json("view/index.json")["channel"])
     band = names.index(channel) if channel in names else 0
     values = view.values.reshape(len(names), -1)[band]
-    seen = values[np.isfinite(values)]
-    low, high = np.quantile(seen, (0.5, 0.998)) if seen.size else (0.0, 1.0)
+
+    finite = values[np.isfinite(values)]
+    low, high = np.quantile(finite, _SHADED_QUANTILES) if finite.size else (0.0, 1.0)
     return qgis.shaded(band + 1, float(low), float(high))
 
 
-def _chosen(result: PathLike, detection: str) -> tuple[Result, Detection, str]:
-    """Read a result; give it, its detection of that name, and the id of the processing."""
-    held = read_result(result)
-    chosen = [one for one in held.detections if one.name == detection]
-    if not chosen:
-        known = ", ".join(one.name for one in held.detections)
-        raise ValueError(f"detection must be one of {known}, got {detection!r}")
-    return (
-        held,
-        chosen[0],
-        f"{held.manifest['recipe_sha256'][:16]}-{held.manifest['identity'][:16]}",
-    )
+def _detection_of(result: Result, name: str) -> Detection:
+    """Return a detection of a result by its name."""
+    for detection in result.detections:
+        if detection.name == name:
+            return detection
+    known = ", ".join(detection.name for detection in result.detections)
+    raise ValueError(f"detection must be one of {known}, got {name!r}")
+
+
+def _processing_id(result: Result) -> str:
+    """Return the id of the processing that every exported point has."""
+    return f"{result.manifest['recipe_sha256'][:16]}-{result.manifest['identity'][:16]}"
 
 
 def _write_points(
@@ -200,26 +297,26 @@ def _write_points(
     identity: str,
     time: str | None,
 ) -> Path:
+    """Write a table as points on the Earth, in a format."""
     if to not in TABLE_FORMATS:
         raise ValueError(f"to must be one of {', '.join(TABLE_FORMATS)}, got {to!r}")
     check_parent_folder(output)
     points = georeferenced.georeference(rows, anchor, kind, identity, time)
-    with whole_output(output) as made:
+    with whole_output(output) as partial:
         if to == "geojson":
-            sigma = json_value(anchor.sigma)
             about = {
                 "kind": kind,
                 "anchor_crs": anchor.crs,
-                "anchor_sigma_m": sigma,
+                "anchor_sigma_m": json_value(anchor.sigma),
                 "processing_id": identity,
             }
-            georeferenced.write_earth_geojson(points, made, about)
+            georeferenced.write_earth_geojson(points, partial, about)
         elif to == "gpkg":
-            georeferenced.write_geopackage(points, made, kind)
+            georeferenced.write_geopackage(points, partial, kind)
         elif to == "kml":
-            georeferenced.write_kml(points, made, f"{kind} {identity}")
+            georeferenced.write_kml(points, partial, f"{kind} {identity}")
         elif to == "gpx":
-            georeferenced.write_gpx(points, made)
+            georeferenced.write_gpx(points, partial)
         else:
-            georeferenced.write_earth_csv(points, made)
+            georeferenced.write_earth_csv(points, partial)
     return output

@@ -22,80 +22,91 @@ from flgpr.commands.options import (
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from flgpr.commands.picture import Picture
     from flgpr.commands.radargram import Radargram
     from flgpr.commands.slices import Slices
 
 
-def _lines(made: Picture | Slices | Radargram, call: Arguments) -> Iterator[str | Path]:
+def _lines(returned: Picture | Slices | Radargram, call: Arguments) -> Iterator[str | Path]:
+    """Yield the text about what was drawn, and the files."""
     from flgpr.commands.picture import Picture
     from flgpr.commands.slices import Slices
 
-    if isinstance(made, Picture):
-        yield from _picture_lines(made)
-    elif isinstance(made, Slices):
-        sizes = " x ".join(str(made.image.sizes[axis]) for axis in "xy")
-        yield (
-            f"{made.scans} scans, {len(call.depth)} slices of {sizes} pixels of {made.spacing:g} m"
-        )
+    if isinstance(returned, Picture):
+        yield from _picture_lines(returned)
+    elif isinstance(returned, Slices):
+        yield _slices_line(returned)
     else:
-        traces, samples = made.values.shape
-        yield f"{made.title}: {traces} traces x {samples} samples, {made.unit}"
-        for step in made.steps:
-            yield f"step: {step}"
-        for note in made.notes:
-            yield f"note: {note}"
+        yield from _radargram_lines(returned)
     yield from call.output
 
 
-def _picture_lines(made: Picture) -> Iterator[str]:
-    sizes = [made.image.sizes[axis] for axis in "xyz"]
+def _picture_lines(picture: Picture) -> Iterator[str]:
+    """Yield scans and pixels, then a line for each of the brightest points."""
+    sizes = [picture.image.sizes[axis] for axis in "xyz"]
     pixels = " x ".join(str(size) for size in sizes if size > 1)
-    yield f"{made.scans} scans, {pixels} pixels of {made.spacing:g} m; brightest points:"
-    yield from _point_lines(made.peaks)
+    yield f"{picture.scans} scans, {pixels} pixels of {picture.spacing:g} m; brightest points:"
+    for number, row in enumerate(picture.peaks.to_dict("records"), 1):
+        yield _point_line(number, row)
 
 
-def _point_lines(peaks: pd.DataFrame) -> Iterator[str]:
-    """Return a line per point: its place, level and widths."""
-    for number, row in enumerate(peaks.to_dict("records"), 1):
-        widths = []
-        for name, value in row.items():
-            if str(name).startswith("width") and value > 0:
-                widths.append(f"{str(name)[-1]} {value:.3f}")
-        width = f", -3 dB width {', '.join(widths)} m" if widths else ""
-        yield (
-            f"{number:3}  ({row['x']:.3f}, {row['y']:.3f}, {row['z']:.3f}) m  {row['level']:6.1f} dB, "
-            f"{row['over_median']:.1f} dB over the median{width}"
-        )
+def _point_line(number: int, row: dict[Any, Any]) -> str:
+    """Return position, level and widths of a point."""
+    widths = []
+    for name, value in row.items():
+        if str(name).startswith("width") and value > 0:
+            widths.append(f"{str(name)[-1]} {value:.3f}")
+    width = f", -3 dB width {', '.join(widths)} m" if widths else ""
+    position = f"({row['x']:.3f}, {row['y']:.3f}, {row['z']:.3f}) m"
+    return (
+        f"{number:3}  {position}  {row['level']:6.1f} dB, "
+        f"{row['over_median']:.1f} dB over the median{width}"
+    )
 
 
-def _as_json(made: Picture | Slices | Radargram, call: Arguments) -> dict[str, Any]:
+def _slices_line(slices: Slices) -> str:
+    """Return scans, slices and pixels."""
+    sizes = " x ".join(str(slices.image.sizes[axis]) for axis in "xy")
+    count = slices.image.sizes["z"]
+    return f"{slices.scans} scans, {count} slices of {sizes} pixels of {slices.spacing:g} m"
+
+
+def _radargram_lines(radargram: Radargram) -> Iterator[str]:
+    """Yield size and unit, the steps, and what was assumed."""
+    traces, samples = radargram.values.shape
+    yield f"{radargram.title}: {traces} traces x {samples} samples, {radargram.unit}"
+    for step in radargram.steps:
+        yield f"step: {step}"
+    for assumption in radargram.notes:
+        yield f"note: {assumption}"
+
+
+def _as_json(returned: Picture | Slices | Radargram, call: Arguments) -> dict[str, Any]:
+    """Return the figures of what was drawn."""
     from flgpr.commands.picture import Picture
     from flgpr.commands.slices import Slices
 
-    if isinstance(made, Picture):
+    if isinstance(returned, Picture):
         return {
-            "spacing_m": made.spacing,
-            "scans": made.scans,
-            "shape": dict(made.image.sizes),
-            "peaks": json.loads(made.peaks.to_json(orient="records")),
+            "spacing_m": returned.spacing,
+            "scans": returned.scans,
+            "shape": dict(returned.image.sizes),
+            "peaks": json.loads(returned.peaks.to_json(orient="records")),
         }
-    if isinstance(made, Slices):
+    if isinstance(returned, Slices):
         return {
-            "scans": made.scans,
+            "scans": returned.scans,
             "depths_m": call.depth,
-            "spacing_m": made.spacing,
-            "shape": dict(made.image.sizes),
+            "spacing_m": returned.spacing,
+            "shape": dict(returned.image.sizes),
         }
-    traces, samples = made.values.shape
+    traces, samples = returned.values.shape
     return {
         "traces": traces,
         "samples": samples,
-        "unit": made.unit,
-        "steps": made.steps,
-        "notes": made.notes,
+        "unit": returned.unit,
+        "steps": returned.steps,
+        "notes": returned.notes,
     }
 
 
@@ -134,18 +145,19 @@ def image(
     band: Annotated[Limits | None, Option(help="GHz; all tones by default.")] = None,
     window: Annotated[str, Option(help="boxcar, hann, hamming or taylor.")] = "hann",
     permittivity: Annotated[
-        float | None, Option(help="Of all that waves go through: the ground's, for antennas on it.")
+        float | None, Option(help="Of the medium of all paths: the ground's, for antennas on it.")
     ] = None,
     ground: Annotated[
         float | None, Option(help="Permittivity of ground below z = 0 that refracts.")
     ] = None,
     reach: Annotated[
-        float | None, Option(help="How far antennas may be from what they help to image, m.")
+        float | None,
+        Option(help="Largest distance of an antenna from the pixels it contributes to, m."),
     ] = None,
     anchor: Annotated[
         PathLike | None, Option(help="TOML that ties the lane to the Earth, for .tif.")
     ] = None,
-    points: Annotated[int, Option(help="Brightest points to tell.", min=1, max=100)] = 5,
+    points: Annotated[int, Option(help="Number of brightest points.", min=1, max=100)] = 5,
     depth: Annotated[
         Sequence[float] | None,
         Option(help="Depth slices in place of z: a depth below z = 0, m; may repeat."),
@@ -155,13 +167,13 @@ def image(
         float | None, Option(help="Recording: last two-way time, ns; all by default.")
     ] = None,
     dewow: Annotated[
-        bool, Option("--dewow", help="Recording: take the running mean off each trace.")
+        bool, Option("--dewow", help="Recording: subtract the running mean from each trace.")
     ] = False,
     background: Annotated[
-        bool, Option("--background", help="Recording: take off the mean of all traces.")
+        bool, Option("--background", help="Recording: subtract the mean of all traces.")
     ] = False,
     gain: Annotated[
-        bool, Option("--gain", help="Recording: bring all times to the line's mean level.")
+        bool, Option("--gain", help="Recording: divide by the line's mean level at each time.")
     ] = False,
     step_window: Annotated[
         float | None,
@@ -172,12 +184,12 @@ def image(
     *,
     track: Progress = None,
 ) -> Picture | Slices | Radargram:
-    """Focus a run by one scan or over the aperture of many, or draw the traces of a recording over time.
+    """Focus a run over the aperture of its scans, or draw the traces of a recording over time.
 
     Returns
     -------
     Picture, Slices or Radargram
-        Of a run its focused image with the brightest points, with ``depth`` the slices; of a
+        For a run its focused image with the brightest points, or with ``depth`` the slices; for a
         recording its traces.
 
     Raises
@@ -192,33 +204,40 @@ def image(
     outputs = one_or_more(output)
     limits = scans if scan is None else (scan, scan)
     if is_recording(run):
-        _refuse_options_of_runs(
-            {
-                "x": x,
-                "y": y,
-                "z": z,
-                "at-x": at_x,
-                "at-y": at_y,
-                "at-z": at_z,
-                "spacing": spacing,
-                "polarization": polarization,
-                "band": band,
-                "ground": ground,
-                "reach": reach,
-                "anchor": anchor,
-                "depth": depth or None,
-            }
+        of_runs = {
+            "x": x,
+            "y": y,
+            "z": z,
+            "at-x": at_x,
+            "at-y": at_y,
+            "at-z": at_z,
+            "spacing": spacing,
+            "polarization": polarization,
+            "band": band,
+            "ground": ground,
+            "reach": reach,
+            "anchor": anchor,
+            "depth": depth or None,
+        }
+        # A recording has no poses and no aperture: these options would have no effect.
+        _refuse_options_of_runs(of_runs)
+        radargram_view = RadargramView(
+            channel=channel,
+            traces=limits,
+            until=_seconds(until),
+            dewow=dewow,
+            background=background,
+            gain=gain,
+            window=_seconds(step_window),
+            permittivity=permittivity,
         )
-        seconds = [None if time is None else time * 1e-9 for time in (until, step_window)]
-        drawn = RadargramView(
-            channel, limits, seconds[0], dewow, background, gain, seconds[1], permittivity
-        )
-        return make_radargram(run, drawn, outputs)
-    _refuse_options_of_recordings(
-        {"dewow": dewow, "background": background, "gain": gain}, (channel, until, step_window)
-    )
+        return make_radargram(run, radargram_view, outputs)
+
+    steps = {"dewow": dewow, "background": background, "gain": gain}
+    _refuse_options_of_recordings(steps, (channel, until, step_window))
     if scan is not None and scans is not None:
-        raise ValueError("scan and scans must not both be told")
+        raise ValueError("give scan or scans, got both")
+
     from flgpr.chain.progress import silent
     from flgpr.commands.picture import make_picture
     from flgpr.commands.slices import make_slices
@@ -237,29 +256,38 @@ def image(
         half_space=ground,
         reach=math.inf if reach is None else reach,
     )
+
     if depth:
         return make_slices(run, depth, view, outputs, track or silent)
     return make_picture(run, view, outputs, anchor, points, track or silent)
 
 
+def _seconds(nanoseconds: float | None) -> float | None:
+    """Return a time in seconds, where it was given."""
+    return None if nanoseconds is None else nanoseconds * 1e-9
+
+
 def _extent(name: str, limits: Limits | None, value: float | None) -> Limits | float | None:
-    """Return limits or one value; both are a ValueError."""
+    """Return limits or a single value; both are a ValueError."""
     if limits is not None and value is not None:
-        raise ValueError(f"{name} must be told once, got limits and --at-{name}")
+        raise ValueError(f"{name} must be given once, got limits and --at-{name}")
     return limits if value is None else value
 
 
 def _refuse_options_of_runs(options: dict[str, Any]) -> None:
+    """Refuse options that have no effect on a recording."""
     refused = [name for name, value in options.items() if value is not None]
     if refused:
         raise ValueError(
-            f"{', '.join(refused)}: a recording is drawn as it is; to focus it, import it first: flgpr import gpr"
+            f"{', '.join(refused)}: a recording is drawn as it is; "
+            "to focus it, import it first: flgpr import gpr"
         )
 
 
 def _refuse_options_of_recordings(steps: dict[str, bool], others: tuple[Any, ...]) -> None:
+    """Refuse options that have no effect on a run: steps, channel, last time and window."""
     channel, until, step_window = others
-    refused = [name for name, wanted in steps.items() if wanted]
+    refused = [name for name, is_on in steps.items() if is_on]
     if refused or channel or until is not None or step_window is not None:
         names = ", ".join(refused) or "channel, until or step-window"
         raise ValueError(

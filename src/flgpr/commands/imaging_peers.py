@@ -1,6 +1,6 @@
-"""Other codes at the work of :mod:`flgpr.commands.imaging_speed`, each as fast as we could make it run.
+"""Other codes at the work of :mod:`flgpr.commands.imaging_cases`, each tuned as well as we could.
 
-Plans are not timed.
+Making plans is not timed.
 """
 
 from __future__ import annotations
@@ -17,53 +17,57 @@ from numba import cuda, get_num_threads
 from numpy.typing import NDArray
 from scipy import fft
 
-from flgpr.commands.imaging_speed import SUBBANDS, Case, Scan, Truth
+from flgpr.commands.imaging_cases import SUBBANDS, Case, ComplexArray, DirectSums, Scan
 from flgpr.kernels import gpu
 from flgpr.kernels.windows import band_weights, boxcar
 from flgpr.model import SPEED_OF_LIGHT
 
-ComplexArray = NDArray[np.complex64]
-
 BIN_SIZES = (256, 512, 1024, 2048, 4096)
-"""Bins of cuFINUFFT that are tried; it takes none that its shared memory does not hold."""
+"""Bins of cuFINUFFT that are tried; its shared memory must hold them."""
 
 
 def missing_peers(device: str = "cpu") -> list[str]:
-    """Name the peers of a device that are not installed."""
+    """Return the names of a device's peers that are not installed."""
     names = ("finufft", "fastsar") if device == "cpu" else ("cufinufft",)
     return [name for name in names if importlib.util.find_spec(name) is None]
 
 
-def peer_cases(scan: Scan, truth: Truth) -> list[Case]:
-    """List the installed peers' cases; NumPy is always there."""
-    cases = _numpy_cases(scan, truth)
+def peer_cases(scan: Scan, exact: DirectSums) -> list[Case]:
+    """Return the installed peers' cases; NumPy is always there."""
+    cases = _numpy_cases(scan, exact)
     missing = missing_peers()
     if "finufft" not in missing:
-        cases += _finufft_cases(scan, truth, 1e-3, "") + _finufft_cases(scan, truth, 1e-5, ", 1e-5")
+        cases += _finufft_cases(scan, exact, 1e-3, "")
+        cases += _finufft_cases(scan, exact, 1e-5, ", 1e-5")
     if "fastsar" not in missing:
-        cases += _fastsar_cases(scan, truth)
+        cases += _fastsar_cases(scan, exact)
     return cases
 
 
 def _paths(scan: Scan) -> NDArray[np.float64]:
-    """Paths of all pairs and pixels, m, shape (pair, pixel)."""
-    distance = [np.linalg.norm(scan.pixels - p, axis=1) for p in np.concatenate([scan.tx, scan.rx])]
-    return np.array(distance[: len(scan.tx)]) + np.array(distance[len(scan.tx) :])
+    """Return the paths (pair, pixel) by way of every pixel, m."""
+    from_tx = [np.linalg.norm(scan.pixels - antenna, axis=1) for antenna in scan.tx]
+    to_rx = [np.linalg.norm(scan.pixels - antenna, axis=1) for antenna in scan.rx]
+    return np.array(from_tx) + np.array(to_rx)
 
 
 def _carriers(scan: Scan, paths: NDArray[np.float64]) -> ComplexArray:
+    """Return the phase factors (pair, pixel) of the middle tone."""
     turns = paths * (scan.frequency[scan.frequency.size // 2] / SPEED_OF_LIGHT)
     return np.exp(2j * np.pi * (turns - np.floor(turns))).astype(np.complex64)
 
 
-def _by_band(scan: Scan, q: int) -> ComplexArray:
-    """Cut the data of a pair to every sub-band: shape (polarization·subband, tone)."""
+def _subband_data(scan: Scan, pair: int) -> ComplexArray:
+    """Return the data (polarization·subband, tone) of a pair, cut to every sub-band."""
     inside = band_weights(scan.frequency, SUBBANDS, boxcar).astype(np.float32)
-    return (scan.data[:, None, q] * inside).reshape(-1, scan.frequency.size)
+    return (scan.data[:, None, pair] * inside).reshape(-1, scan.frequency.size)
 
 
 class _Finufft:
-    """One-dimensional plans per pair, one thread each, the pairs shared by threads: faster here than threads inside."""
+    """One-dimensional plans per pair, one thread each; threads share the pairs.
+
+    That is faster here than threads inside a plan.
+    """
 
     def __init__(self, scan: Scan, tolerance: float) -> None:
         self._finufft = importlib.import_module("finufft")
@@ -78,6 +82,7 @@ class _Finufft:
         self._pool = ThreadPoolExecutor(self._threads)
 
     def _plans(self, kind: int, many: int) -> list[Any]:
+        """Return a plan per pair, of a type of transform, for many data at once."""
         plans = []
         for angle in self._angle:
             options = {
@@ -95,87 +100,99 @@ class _Finufft:
     def images(
         self, data_of: Callable[[int], ComplexArray], many: int
     ) -> Callable[[], ComplexArray]:
+        """Return a function that images the data (many, tone) of every pair."""
         plans = self._plans(2, many)
         count = len(self._scan.pixels)
-        work = np.empty((2, self._threads, many, count), np.complex64)
+        images = np.empty((self._threads, many, count), np.complex64)
+        totals = np.empty((self._threads, many, count), np.complex64)
+
+        def image_share(thread: int) -> None:
+            # A plan of a single transform takes arrays without the axis of transforms.
+            image = images[thread] if many > 1 else images[thread, 0]
+            for pair in range(thread, len(plans), self._threads):
+                data = data_of(pair)
+                plans[pair].execute(data if many > 1 else data[0], out=image)
+                images[thread] *= self._carrier[pair]
+                totals[thread] += images[thread]
 
         def run() -> ComplexArray:
-            work[1] = 0
-
-            def share(t: int) -> None:
-                for q in range(t, len(plans), self._threads):
-                    data = data_of(q)
-                    plans[q].execute(
-                        data if many > 1 else data[0], out=work[0, t] if many > 1 else work[0, t, 0]
-                    )
-                    work[0, t] *= self._carrier[q]
-                    work[1, t] += work[0, t]
-
-            list(self._pool.map(share, range(self._threads)))
-            return np.asarray(
-                work[1].sum(axis=0).reshape(-1, many // 3 or 1, count), dtype=np.complex64
-            )
+            totals[:] = 0
+            list(self._pool.map(image_share, range(self._threads)))
+            total = totals.sum(axis=0).reshape(-1, many // 3 or 1, count)
+            return np.asarray(total, dtype=np.complex64)
 
         return run
 
     def forward(self) -> Callable[[], ComplexArray]:
+        """Return a function that computes the data of an image."""
         plans = self._plans(1, 1)
-        back = self._carrier.conj()
-        out = np.empty((1, len(plans), self._scan.frequency.size), np.complex64)
+        conjugate = self._carrier.conj()
+        data = np.empty((1, len(plans), self._scan.frequency.size), np.complex64)
+
+        def compute_share(thread: int) -> None:
+            for pair in range(thread, len(plans), self._threads):
+                plans[pair].execute(self._scan.image[0, 0] * conjugate[pair], out=data[0, pair])
 
         def run() -> ComplexArray:
-            def share(t: int) -> None:
-                for q in range(t, len(plans), self._threads):
-                    plans[q].execute(self._scan.image[0, 0] * back[q], out=out[0, q])
-
-            list(self._pool.map(share, range(self._threads)))
-            return out
+            list(self._pool.map(compute_share, range(self._threads)))
+            return data
 
         return run
 
 
-def _finufft_cases(scan: Scan, truth: Truth, tolerance: float, suffix: str) -> list[Case]:
+def _finufft_cases(scan: Scan, exact: DirectSums, tolerance: float, suffix: str) -> list[Case]:
+    """Return the cases of FINUFFT; those with a suffix are of images alone."""
     peer = _Finufft(scan, tolerance)
     code = f"finufft, eps {tolerance:g}"
-    images = Case(
-        "15 images" + suffix, code, peer.images(lambda q: _by_band(scan, q), 15), truth.images, 15
-    )
-    if suffix:
-        return [images]
-    one = Case("one channel", code, peer.images(lambda q: scan.data[:1, q], 1), truth.channel, 1)
-    return [images, one, Case("forward", code, peer.forward(), truth.forward[:1], 1)]
+
+    def subband_data(pair: int) -> ComplexArray:
+        return _subband_data(scan, pair)
+
+    def channel_data(pair: int) -> ComplexArray:
+        return scan.data[:1, pair]
+
+    cases = [Case("15 images" + suffix, code, peer.images(subband_data, 15), exact.images, 15)]
+    if not suffix:
+        image_channel = peer.images(channel_data, 1)
+        cases.append(Case("one channel", code, image_channel, exact.channel, 1))
+        cases.append(Case("forward", code, peer.forward(), exact.forward[:1], 1))
+    return cases
 
 
-def _numpy_cases(scan: Scan, truth: Truth) -> list[Case]:
-    """Zero-padded transforms read by linear interpolation, indices and weights shared by all images."""
+def _numpy_cases(scan: Scan, exact: DirectSums) -> list[Case]:
+    """Return the case of zero-padded transforms that are interpolated linearly.
+
+    All images share the indices and the weights.
+    """
     size = 8 * scan.frequency.size
     middle = scan.frequency.size // 2
     paths = _paths(scan)
     step = scan.frequency[1] - scan.frequency[0]
-    where = (paths * (step / SPEED_OF_LIGHT) % 1) * size
-    low = where.astype(np.int32)
-    part = (where - low).astype(np.float32)
+    position = (paths * (step / SPEED_OF_LIGHT) % 1) * size
+    low = position.astype(np.int32)
+    fraction = (position - low).astype(np.float32)
     carrier = _carriers(scan, paths)
 
     def images() -> ComplexArray:
-        out = np.zeros((15, paths.shape[1]), np.complex64)
-        for q in range(paths.shape[0]):
-            tones = _by_band(scan, q)
+        total = np.zeros((15, paths.shape[1]), np.complex64)
+        for pair in range(paths.shape[0]):
+            tones = _subband_data(scan, pair)
             padded = np.zeros((15, size), np.complex64)
             padded[:, : tones.shape[1] - middle] = tones[:, middle:]
             padded[:, -middle:] = tones[:, :middle]
             profiles = fft.ifft(padded, axis=1, norm="forward", workers=get_num_threads())
-            before = carrier[q] * (1 - part[q])
-            after = carrier[q] * part[q]
-            for image, profile in zip(out, profiles, strict=True):
-                image += profile[low[q]] * before + profile[(low[q] + 1) % size] * after
-        return out.reshape(3, 5, -1)
+            before = carrier[pair] * (1 - fraction[pair])
+            after = carrier[pair] * fraction[pair]
+            high = (low[pair] + 1) % size
+            for image, profile in zip(total, profiles, strict=True):
+                image += profile[low[pair]] * before + profile[high] * after
+        return total.reshape(3, 5, -1)
 
-    return [Case("15 images", "numpy, linear", images, truth.images, 15)]
+    return [Case("15 images", "numpy, linear", images, exact.images, 15)]
 
 
-def _fastsar_cases(scan: Scan, truth: Truth) -> list[Case]:
-    """Exact backprojection in C++; one image per call, its tones cut to the sub-band."""
+def _fastsar_cases(scan: Scan, exact: DirectSums) -> list[Case]:
+    """Return the cases of exact backprojection in C++, one image per call."""
     fastsar = importlib.import_module("fastsar")
     step = float(scan.frequency[1] - scan.frequency[0])
     origin = np.zeros(len(scan.tx))
@@ -188,16 +205,17 @@ def _fastsar_cases(scan: Scan, truth: Truth) -> list[Case]:
     cuts = [(scan.frequency[band][0], band) for band in inside]
 
     def images() -> ComplexArray:
-        return np.array(
-            [[image(data[:, band], first) for first, band in cuts] for data in scan.data]
-        )
+        by_polarization = []
+        for data in scan.data:
+            by_polarization.append([image(data[:, band], first) for first, band in cuts])
+        return np.array(by_polarization)
 
-    def one() -> ComplexArray:
+    def channel() -> ComplexArray:
         return image(scan.data[0], float(scan.frequency[0]))[None, None]
 
     return [
-        Case("15 images", "fastsar", images, truth.images, 15),
-        Case("one channel", "fastsar", one, truth.channel, 1),
+        Case("15 images", "fastsar", images, exact.images, 15),
+        Case("one channel", "fastsar", channel, exact.channel, 1),
     ]
 
 
@@ -210,62 +228,96 @@ def _add(values, carrier, total, begins):  # type: ignore[no-untyped-def]
         total[c, p] = value if begins else total[c, p] + value
 
 
-def cufinufft_rows(scan: Scan, truth: Truth, rounds: int) -> list[tuple[Any, ...]]:
-    """Rows of cuFINUFFT on data on the device, as those of :func:`flgpr.commands.imaging_speed.bench_imaging`.
+def cufinufft_rows(scan: Scan, exact: DirectSums, rounds: int) -> list[tuple[Any, ...]]:
+    """Time cuFINUFFT on data on the device.
 
-    One plan per pair, all channels in one call of it; the carrier and the sum over the pairs are a kernel of ours. Of
-    both methods and some bin sizes the fastest is told.
+    One plan per pair, all channels in one call of it; the carrier and the sum over the pairs are a
+    kernel of ours. Of both methods and some sizes of bins the fastest counts.
+
+    Returns
+    -------
+    list of tuple
+        Rows as those of :func:`flgpr.commands.imaging_speed.bench_imaging`.
     """
-    cufinufft = importlib.import_module("cufinufft")
-    paths = _paths(scan)
-    count = len(scan.pixels)
-    step = scan.frequency[1] - scan.frequency[0]
-    turns = paths * (step / SPEED_OF_LIGHT)
-    angles = [
-        cuda.to_device(row) for row in (2 * np.pi * (turns - np.rint(turns))).astype(np.float32)
-    ]
-    carriers = [cuda.to_device(row) for row in _carriers(scan, paths)]
+    works = (
+        ("15 images", [_subband_data(scan, pair) for pair in range(len(scan.tx))], exact.images),
+        ("one channel", [scan.data[:1, pair] for pair in range(len(scan.tx))], exact.channel),
+    )
+    peer = _Cufinufft(scan)
     rows = []
-    works = (("15 images", [_by_band(scan, q) for q in range(len(paths))], truth.images),
-             ("one channel", [scan.data[:1, q] for q in range(len(paths))], truth.channel))  # fmt: skip
-    for work, given, exact in works:
-        many = len(given[0])
-        data = [cuda.to_device(np.ascontiguousarray(one)) for one in given]
-        values, total = (cuda.device_array((many, count), np.complex64) for _ in range(2))
-        tried: list[tuple[float, str, float]] = []
-        for method, bins in ((m, b) for m in (1, 2) for b in BIN_SIZES):
-            options = {
-                "eps": 1e-3,
-                "isign": 1,
-                "dtype": "complex64",
-                "gpu_method": method,
-                "gpu_binsizex": bins,
-            }
-            try:
-                plans = [cufinufft.Plan(2, (scan.frequency.size,), many, **options) for _ in paths]
-                for plan, angle in zip(plans, angles, strict=True):
-                    plan.setpts(angle)
-            except RuntimeError:  # a bin size that does not fit this device
-                continue
-            times = []
-            for _ in range(rounds + 1):
-                start = time.perf_counter()
-                for q, plan in enumerate(plans):
-                    plan.execute(
-                        data[q] if many > 1 else data[q][0], out=values if many > 1 else values[0]
-                    )
-                    _add[(-(-count // gpu.THREADS), many), (gpu.THREADS, 1)](
-                        values, carriers[q], total, int(q == 0)
-                    )
-                cuda.synchronize()
-                times.append(time.perf_counter() - start)
-            part = total.copy_to_host()[:, truth.pixel].reshape(exact.shape)
-            error = float(np.linalg.norm(part - exact) / np.linalg.norm(exact))
-            tried.append(
-                (float(np.median(times[1:])), f"cufinufft, method {method}, bins {bins}", error)
-            )
-        if tried:
-            seconds, code, error = min(tried)
-            rate = count * len(paths) * many / seconds
+    for work, data, sums in works:
+        many = len(data[0])
+        trials = []
+        for method in (1, 2):
+            for bins in BIN_SIZES:
+                timed = peer.timed_images(data, method, bins, rounds)
+                if timed is not None:
+                    seconds, images = timed
+                    checked = images[:, exact.pixel].reshape(sums.shape)
+                    error = float(np.linalg.norm(checked - sums) / np.linalg.norm(sums))
+                    trials.append((seconds, f"cufinufft, method {method}, bins {bins}", error))
+        if trials:
+            seconds, code, error = min(trials)
+            rate = len(scan.pixels) * len(scan.tx) * many / seconds
             rows.append((f"{work}, on the device", code, seconds, error, rate, np.nan))
     return rows
+
+
+class _Cufinufft:
+    """Plans of cuFINUFFT for all pairs, with their carriers on the device."""
+
+    def __init__(self, scan: Scan) -> None:
+        self._cufinufft = importlib.import_module("cufinufft")
+        self._tones = scan.frequency.size
+        self._count = len(scan.pixels)
+        paths = _paths(scan)
+        step = scan.frequency[1] - scan.frequency[0]
+        turns = paths * (step / SPEED_OF_LIGHT)
+        angles = (2 * np.pi * (turns - np.rint(turns))).astype(np.float32)
+        self._angles = [cuda.to_device(row) for row in angles]
+        self._carriers = [cuda.to_device(row) for row in _carriers(scan, paths)]
+
+    def timed_images(
+        self, data_by_pair: list[ComplexArray], method: int, bins: int, rounds: int
+    ) -> tuple[float, ComplexArray] | None:
+        """Return the median time, s, and the images; None where bins do not fit the device."""
+        many = len(data_by_pair[0])
+        plans = self._plans(many, method, bins)
+        if plans is None:
+            return None
+        data = [cuda.to_device(np.ascontiguousarray(values)) for values in data_by_pair]
+        image = cuda.device_array((many, self._count), np.complex64)
+        total = cuda.device_array((many, self._count), np.complex64)
+        blocks = (-(-self._count // gpu.THREADS), many)
+        times = []
+        for _ in range(rounds + 1):
+            start = time.perf_counter()
+            for pair, plan in enumerate(plans):
+                if many > 1:
+                    plan.execute(data[pair], out=image)
+                else:
+                    plan.execute(data[pair][0], out=image[0])
+                _add[blocks, (gpu.THREADS, 1)](image, self._carriers[pair], total, int(pair == 0))
+            cuda.synchronize()
+            times.append(time.perf_counter() - start)
+        # The first round compiles and is not counted.
+        return float(np.median(times[1:])), total.copy_to_host()
+
+    def _plans(self, many: int, method: int, bins: int) -> list[Any] | None:
+        """Return a plan for each pair; None where a bin does not fit the device."""
+        options = {
+            "eps": 1e-3,
+            "isign": 1,
+            "dtype": "complex64",
+            "gpu_method": method,
+            "gpu_binsizex": bins,
+        }
+        plans = []
+        try:
+            for angle in self._angles:
+                plan = self._cufinufft.Plan(2, (self._tones,), many, **options)
+                plan.setpts(angle)
+                plans.append(plan)
+        except RuntimeError:
+            return None
+        return plans

@@ -1,4 +1,4 @@
-"""What imports share: how positions place a run, and how runs and the tables beside them are stored."""
+"""What imports share: positions of runs, and storing of runs and the tables beside them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from flgpr.model.motion import judge_run
 from flgpr.model.track import reference_track
 from flgpr.store import RunWriter, save_run, write_geojson, write_table, write_whole
 from flgpr.store.outputs import tell_finished
-from flgpr.store.run_store import RunExistsError, is_stored
+from flgpr.store.run_writer import RunExistsError, is_stored
 
 _TABLES_OF_DECKS = ("truth.csv", "truth.json", "objects.csv", "objects.json", "lane.toml")
 
@@ -46,13 +46,13 @@ def check_parent_folder(output: PathLike) -> Path:
 
 
 def refuse_two_anchors(anchor: PathLike | None) -> None:
-    """Refuse an anchor beside anchor-from-track."""
+    """Refuse an anchor together with anchor-from-track."""
     if anchor is not None:
         raise ValueError("anchor and anchor-from-track both say where the lane lies: give one")
 
 
 def with_doubts(run: xr.Dataset) -> xr.Dataset:
-    """Note in ``import_notes`` what positions no vehicle reaches; all of them are kept."""
+    """Add positions that no vehicle reaches to ``import_notes``; all positions stay."""
     doubts = judge_run(run).notes()
     if doubts:
         run.attrs.setdefault("import_notes", []).extend(doubts)
@@ -78,8 +78,8 @@ def store_with_tables(
     return written
 
 
-class Placing:
-    """Where the scans of an import by mapping lie: the track and the anchor of the options."""
+class MappedPositions:
+    """Track and anchor of an import by mapping, as options name them."""
 
     def __init__(
         self,
@@ -92,77 +92,81 @@ class Placing:
     ) -> None:
         if anchor_from_track:
             refuse_two_anchors(anchor)
-        self.notes: list[str] = []
-        self.tie = read_optional_anchor(anchor)
+        self.notes: list[str] = []  #: what was assumed of the anchor
+        self.anchor = read_optional_anchor(anchor)
         self._track: pd.DataFrame | None = None
         if track is None:
             return
         path = Path(track)
         if anchor_from_track and path.suffix.lower() != ".csv":
-            self.tie, self.notes = anchor_from_fixes(nmea_places(path))
+            self.anchor, self.notes = anchor_from_fixes(nmea_places(path))
         names = None if axes is None else axes.split(",")
-        self._track = track_of(path, self.tie, body, names, max_gap)
+        self._track = track_of(path, self.anchor, body, names, max_gap)
 
     def moved_track(
         self, lever_arm: tuple[float, float, float], latency: float
     ) -> pd.DataFrame | None:
-        """Return the track of the array's reference point; none without a track.
+        """Return the track of the array's reference point; None without a track.
 
-        ``lever_arm`` is the antenna's place in the vehicle frame, m, ``latency`` how late its time
-        stamps are, s.
+        ``lever_arm`` is the position of the positioning antenna in the vehicle frame, m;
+        ``latency`` is the delay of its time stamps, s.
         """
         if self._track is None:
             return None
         return reference_track(self._track, lever_arm, latency)
 
 
-def store_mapped(arrived: Imported, store: Path, tie: Anchor | None) -> None:
+def store_mapped(imported: Imported, store: Path, anchor: Anchor | None) -> None:
     """Store a run that was imported by a mapping, and its track beside it."""
-    run = tied_run(with_doubts(arrived.run), tie)
-    # The track comes before the run, whose presence says that all is there.
-    if arrived.track is not None and not is_stored(run, store):
-        write_table(arrived.track, store.with_name(f"{store.stem}-track.csv"))
+    run = tied_run(with_doubts(imported.run), anchor)
+    # The track is written before the run, which marks a complete import.
+    if imported.track is not None and not is_stored(run, store):
+        write_table(imported.track, store.with_name(f"{store.stem}-track.csv"))
     save_run(run, store, resume=True)
 
 
 @dataclass(frozen=True)
-class LinePlacing:
-    """Where lines of a commercial radar lie, as options say it."""
+class LinePositions:
+    """Positions of lines of a commercial radar, as options state them."""
 
     anchor: PathLike | None = None  #: TOML that ties the lane to the Earth
     anchor_from_track: bool = False  #: whether the first line's own fixes make the anchor
     mark_spacing: float | None = None  #: distance of the marks, m
     line_spacing: float | None = None  #: distance of parallel lines, m
     zigzag: bool = False  #: whether every other line runs back
-    lines: PathLike | None = None  #: CSV of where each line begins and ends
+    lines: PathLike | None = None  #: CSV of the ends of each line
 
 
 def import_line(
     path: PathLike,
     output: PathLike,
     channel: int,
-    placing: LinePlacing,
+    positions: LinePositions,
     max_memory: int,
     headers: Mapping[str, Any],
 ) -> xr.Dataset:
-    """Import a channel of one line and store the run; ``headers`` are those of :func:`flgpr.formats.gpr_run`."""
+    """Import a channel of one line and store the run.
+
+    ``headers`` are the options of :func:`flgpr.formats.gpr_run` in place of the file's headers.
+    """
     target = check_parent_folder(output)
     section = read_gpr(path, max_memory)
-    notes: list[str] = []
-    if placing.anchor_from_track:
-        refuse_two_anchors(placing.anchor)
-        tie, notes = anchor_of_line(section)
+    anchor_notes: list[str] = []
+    if positions.anchor_from_track:
+        refuse_two_anchors(positions.anchor)
+        anchor, anchor_notes = anchor_of_line(section)
     else:
-        tie = read_optional_anchor(placing.anchor)
-    run = gpr_run(section, channel, anchor=tie, **headers)
-    run.attrs["import_notes"] = [*run.attrs["import_notes"], *notes]
-    run = tied_run(with_doubts(run), tie)
+        anchor = read_optional_anchor(positions.anchor)
+
+    run = gpr_run(section, channel, anchor=anchor, **headers)
+    run.attrs["import_notes"] = [*run.attrs["import_notes"], *anchor_notes]
+    run = tied_run(with_doubts(run), anchor)
     save_run(run, target, resume=True)
     return run
 
 
 def anchor_of_line(section: GprSection) -> tuple[Anchor | None, list[str]]:
-    """Return the anchor of a line's own fixes, with notes; a line without two of them is a ValueError."""
+    """Return the anchor that a line's fixes make, with notes; fewer than two are a ValueError."""
     try:
         return anchor_from_fixes(section.fixes[:, 1:], section.fixes[:, 0])
     except ValueError as error:
@@ -172,57 +176,90 @@ def anchor_of_line(section: GprSection) -> tuple[Anchor | None, list[str]]:
 def import_lines(
     paths: Sequence[PathLike],
     output: PathLike,
-    placing: LinePlacing,
+    positions: LinePositions,
     max_memory: int,
     headers: Mapping[str, Any],
 ) -> xr.Dataset:
-    """Import lines as one run, all channels of each, and store it; see :func:`flgpr.formats.survey_run`."""
+    """Import lines as one run, all channels of each, and store it.
+
+    ``headers`` are the options of :func:`flgpr.formats.survey_run`.
+    """
     target = check_parent_folder(output)
-    if placing.zigzag and placing.line_spacing is None:
+    _check_line_positions(positions)
+
+    sections = [read_gpr(path, max_memory) for path in paths]
+    if positions.mark_spacing is not None:
+        sections = [place_by_marks(section, positions.mark_spacing) for section in sections]
+
+    anchor = read_optional_anchor(positions.anchor)
+    anchor_notes: list[str] = []
+    if positions.anchor_from_track:
+        fixes = sections[0].fixes
+        anchor, anchor_notes = anchor_from_fixes(fixes[:, 1:], fixes[:, 0])
+    ends = None
+    if positions.lines is not None:
+        ends = read_line_ends(positions.lines, [section.path.name for section in sections])
+
+    layout = LineLayout(positions.line_spacing, positions.zigzag, ends)
+    run = tied_run(survey_run(sections, layout, anchor, **headers), anchor)
+
+    # Nothing is measured from the end of a line to the beginning of the next: a jump is expected.
+    doubts = judge_run(run).notes() if len(sections) == 1 else []
+    run.attrs["import_notes"] = [*anchor_notes, *run.attrs["import_notes"], *doubts]
+    save_run(run, target, resume=True)
+    return run
+
+
+def _check_line_positions(positions: LinePositions) -> None:
+    """Refuse options that contradict one another."""
+    if positions.zigzag and positions.line_spacing is None:
         raise ValueError("zigzag goes with line-spacing, got none")
-    ways = [placing.anchor, placing.line_spacing, placing.lines]
-    if sum(way is not None for way in ways) + placing.anchor_from_track > 1:
+    sources = [
+        positions.anchor is not None,
+        positions.anchor_from_track,
+        positions.line_spacing is not None,
+        positions.lines is not None,
+    ]
+    if sum(sources) > 1:
         raise ValueError(
             "anchor, anchor-from-track, line-spacing and lines all tell where lines lie: give one"
         )
-    sections = [read_gpr(path, max_memory) for path in paths]
-    if placing.mark_spacing is not None:
-        sections = [place_by_marks(section, placing.mark_spacing) for section in sections]
-    tie = read_optional_anchor(placing.anchor)
-    notes: list[str] = []
-    if placing.anchor_from_track:
-        tie, notes = anchor_from_fixes(sections[0].fixes[:, 1:], sections[0].fixes[:, 0])
-    ends = None
-    if placing.lines is not None:
-        ends = read_line_ends(placing.lines, [section.path.name for section in sections])
-    layout = LineLayout(placing.line_spacing, placing.zigzag, ends)
-    run = tied_run(survey_run(sections, layout, tie, **headers), tie)
-    # From the end of a line to the begin of the next nobody measures: a jump there is no doubt.
-    doubts = judge_run(run).notes() if len(sections) == 1 else []
-    run.attrs["import_notes"] = [*notes, *run.attrs["import_notes"], *doubts]
-    save_run(run, target, resume=True)
-    return run
 
 
 def import_gprmax_decks(
     folder: PathLike, output: PathLike, keep_direct: bool = False, track: Track = silent
 ) -> list[Path]:
-    """Read the results of a folder of gprMax decks into a new run; return what was written.
+    """Read the results of a folder of gprMax decks into a new run.
 
-    Every input file must have its result. Truth, objects and lane are written beside the run. A
-    stopped import resumes with the scan it was at, unless a result has changed.
+    An interrupted import resumes with the next scan, unless a result has changed.
+
+    Parameters
+    ----------
+    folder : path
+        Folder that :func:`flgpr.commands.simulation.write_gprmax_decks` made; every input file must
+        have its result.
+    output : path
+        Run store to make. Truth, objects and lane are written beside it.
+    keep_direct : bool
+        Whether the direct wave stays in the data.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    list of pathlib.Path
+        What was written, the store first.
+
+    Raises
+    ------
+    ValueError
+        If a result is missing or does not fit.
+    FileExistsError
+        If another run is at the output.
     """
     results = GprmaxRun(folder, keep_direct)
     store = Path(output)
     manifest = results.manifest
-    described = ("seed", "sensor", "grid", "soil", "surface", "omissions")
-    attrs = {
-        "source": "gprMax, decks by flgpr",
-        "title": manifest["title"],
-        "direct_wave": "kept" if keep_direct else "taken off",
-        "fullwave": {name: manifest.get(name) for name in described},
-    }
-    written = [store]
     try:
         begun = RunWriter.resumed(
             store,
@@ -230,25 +267,45 @@ def import_gprmax_decks(
             manifest["polarization"],
             manifest["tx_position"],
             manifest["rx_position"],
-            attrs,
+            _attributes_of_decks(manifest, keep_direct),
             inputs={"results": results.digest(), "flgpr": __version__},
         )
     except RunExistsError as error:
+        # The same run is complete already; any other one is refused.
         if not error.same:
             raise
         tell_finished(store)
-        return written
+        return [store]
+
     with begun as writer:
         done = len(writer)
         total = len(results)
         label = f"reading results, {done} scans were there" if done else "reading results"
         for scan in track(range(done, total), label, total - done):
             writer.append(results.scan(scan), manifest["pose"][scan], manifest["time"][scan])
-        # These come before the run, whose presence says that all is there.
-        for name in _TABLES_OF_DECKS:
-            data = Folder(folder).read_if_listed(name)
-            if data is not None:
-                target = store.with_name(f"{store.stem}-{name}")
-                write_whole(target, data)
-                written.append(target)
+        # The tables are written before the run, which marks a complete import.
+        tables = _copy_tables_of_decks(Path(folder), store)
+    return [store, *tables]
+
+
+def _attributes_of_decks(manifest: Mapping[str, Any], keep_direct: bool) -> dict[str, Any]:
+    """Return the attributes of a run that is made of decks."""
+    described = ("seed", "sensor", "grid", "soil", "surface", "omissions")
+    return {
+        "source": "gprMax, decks by flgpr",
+        "title": manifest["title"],
+        "direct_wave": "kept" if keep_direct else "taken off",
+        "fullwave": {name: manifest.get(name) for name in described},
+    }
+
+
+def _copy_tables_of_decks(folder: Path, store: Path) -> list[Path]:
+    """Copy truth, objects and lane of decks to files beside a store; return their paths."""
+    written = []
+    for name in _TABLES_OF_DECKS:
+        data = Folder(folder).read_if_listed(name)
+        if data is not None:
+            target = store.with_name(f"{store.stem}-{name}")
+            write_whole(target, data)
+            written.append(target)
     return written

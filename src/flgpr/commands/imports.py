@@ -36,6 +36,7 @@ FromTrack = Annotated[
 
 
 def _written_lines(written: list[Path], _: Arguments) -> Iterator[Path]:
+    """Yield the files that were written."""
     yield from written
 
 
@@ -44,7 +45,7 @@ def import_fullwave(
     archive: Annotated[PathLike, Argument(help="NumPy archive (.npz) of a full-wave lane.")],
     output: Output,
 ) -> list[Path]:
-    """Import a full-wave lane; truth and objects are written beside the run if the archive tells.
+    """Import a full-wave lane; its truth and objects, if known, are written beside the run.
 
     Returns
     -------
@@ -97,12 +98,12 @@ def import_gprmax(
     *,
     track: Progress = None,
 ) -> list[Path]:
-    """Import gprMax results: a folder of decks that flgpr wrote, or anybody's files, one per scan.
+    """Import gprMax results: a folder of decks that flgpr wrote, or other files, one per scan.
 
     Returns
     -------
     list of pathlib.Path
-        What was written: the store, and of a folder truth, objects and lane beside it.
+        What was written: the store, and for a folder truth, objects and lane beside it.
 
     Raises
     ------
@@ -113,7 +114,7 @@ def import_gprmax(
     """
     from flgpr.chain.progress import silent
     from flgpr.commands.importing import import_gprmax_decks
-    from flgpr.formats.gprmax_files import GprmaxTold, import_gprmax_files
+    from flgpr.formats.gprmax_files import GprmaxSetup, import_gprmax_files
     from flgpr.store import save_run
     from flgpr.store.notes import tell_note
 
@@ -125,20 +126,21 @@ def import_gprmax(
             raise FileNotFoundError(f"file not found: {path}")
     if band is None or transmit is None or ground is None:
         raise ValueError(
-            "result files need --band, --transmit and --ground, which they do not tell"
+            "result files need --band, --transmit and --ground, which they do not hold"
         )
     if (waveform is None) != (centre is None):
         raise ValueError("--waveform and --centre go together")
     pulse = None if waveform is None or centre is None else (waveform, centre)
-    known = GprmaxTold(band, transmit, ground, horizontal, vertical, pulse)
-    run = import_gprmax_files(sources, known)
-    for note in run.attrs["import_notes"]:
-        tell_note(note)
+    stated = GprmaxSetup(band, transmit, ground, horizontal, vertical, pulse)
+    run = import_gprmax_files(sources, stated)
+    for import_note in run.attrs["import_notes"]:
+        tell_note(import_note)
     return [save_run(run, output, resume=True)]
 
 
-def _mapped_lines(arrived: Imported, call: Arguments) -> Iterator[str | Path]:
-    yield from arrived.notes
+def _mapped_lines(imported: Imported, call: Arguments) -> Iterator[str | Path]:
+    """Yield the notes of the import, and the store."""
+    yield from imported.notes
     yield call.output
 
 
@@ -163,19 +165,19 @@ def import_mapped(
     lever_arm: Annotated[
         Point, Option(help="Positioning antenna in the vehicle frame, m: x y z.")
     ] = (0.0, 0.0, 0.0),
-    latency: Annotated[float, Option(help="How late the track's time stamps are, s.")] = 0.0,
+    latency: Annotated[float, Option(help="Delay of the track's time stamps, s.")] = 0.0,
     max_memory: Annotated[str | int, Option(help="Largest array that is read.")] = "2GB",
     body: Annotated[
         str | None, Option(help="Rigid body, if the track is a take of OptiTrack Motive.")
     ] = None,
     axes: Annotated[
-        str | None, Option(help="Which of Motive's axes are x, y, z of the lane, such as x,-z,y.")
+        str | None, Option(help="Motive's axes that are x, y, z of the lane, such as x,-z,y.")
     ] = None,
-    max_gap: Annotated[
-        float, Option(help="Longest time that a track's missing fixes may take, s.")
-    ] = 1.0,
+    max_gap: Annotated[float, Option(help="Longest gap in the fixes of a track, s.")] = 1.0,
 ) -> Imported:
-    """Import HDF5, MATLAB, NumPy, MCAP, CSV or Touchstone files by a mapping; `flgpr info FILE` drafts one.
+    """Import HDF5, MATLAB, NumPy, MCAP, CSV or Touchstone files by a mapping.
+
+    `flgpr info FILE` drafts a mapping.
 
     Returns
     -------
@@ -191,37 +193,37 @@ def import_mapped(
 
     Notes
     -----
-    A stopped import resumes with the scan it was at.
+    An interrupted import resumes with the next scan.
     """
-    from flgpr.commands.importing import Placing, check_parent_folder, store_mapped
+    from flgpr.commands.importing import MappedPositions, check_parent_folder, store_mapped
     from flgpr.formats.mapped import import_mapped as read_mapped
     from flgpr.formats.tracks import read_survey
 
     target = check_parent_folder(output)
-    placing = Placing(track, anchor, anchor_from_track, body, axes, max_gap)
-    pose = None if survey is None else read_survey(survey)
-    moved = placing.moved_track(lever_arm, latency)
-    arrived = read_mapped(
+    positions = MappedPositions(track, anchor, anchor_from_track, body, axes, max_gap)
+    poses = None if survey is None else read_survey(survey)
+    imported = read_mapped(
         mapping,
         [Path(path) for path in data or ()],
         None,
         size_in_bytes(max_memory),
-        pose,
-        moved,
+        poses,
+        positions.moved_track(lever_arm, latency),
         clock_offset,
-        placing.tie,
+        positions.anchor,
         anchor_from_track,
     )
-    arrived.notes.extend(placing.notes)
-    if anchor_from_track and placing.tie is None and arrived.anchor is None:
+    imported.notes.extend(positions.notes)
+    if anchor_from_track and positions.anchor is None and imported.anchor is None:
         raise ValueError(
             "anchor-from-track needs fixes by longitude and latitude, the positions are none"
         )
-    store_mapped(arrived, target, arrived.anchor or placing.tie)
-    return arrived
+    store_mapped(imported, target, imported.anchor or positions.anchor)
+    return imported
 
 
 def _table_lines(rows: pd.DataFrame, call: Arguments) -> Iterator[str | Path]:
+    """Yield the number of rows and the file."""
     yield f"{len(rows)} rows"
     yield call.output
 
@@ -239,12 +241,12 @@ def import_table(
         Option(help="TOML that ties the lane to the Earth, for longitude and latitude."),
     ] = None,
 ) -> pd.DataFrame:
-    """Read a table of alarms, truth or objects as others write it, and write it as flgpr does.
+    """Read a table of alarms, truth or objects in any dialect, and write it as flgpr does.
 
     Returns
     -------
     pandas.DataFrame
-        The table; ``attrs["notes"]`` say what was read otherwise than it stands.
+        The table; ``attrs["notes"]`` state what the reader assumed or converted.
 
     Raises
     ------
@@ -267,13 +269,14 @@ def import_table(
     return rows
 
 
-def _noted_lines(run: xr.Dataset, call: Arguments) -> Iterator[str | Path]:
-    for note in run.attrs.get("import_notes", []):
-        yield f"note: {note}"
+def _run_lines(run: xr.Dataset, call: Arguments) -> Iterator[str | Path]:
+    """Yield what was assumed, replaced or left out, and the store."""
+    for import_note in run.attrs.get("import_notes", []):
+        yield f"note: {import_note}"
     yield call.output
 
 
-@command(lines=_noted_lines)
+@command(lines=_run_lines)
 def import_cphd(
     file: Annotated[PathLike, Argument(help="CPHD file.")],
     output: Output,
@@ -289,7 +292,7 @@ def import_cphd(
     Raises
     ------
     ValueError
-        If the file cannot be read, or is another maker's and has no anchor.
+        If the file cannot be read, or was not written by flgpr and no anchor is given.
     FileExistsError
         If another run is at the output.
     """
@@ -299,18 +302,19 @@ def import_cphd(
     from flgpr.store import save_run
 
     target = check_parent_folder(output)
-    tie = read_optional_anchor(anchor)
-    run = tied_run(with_doubts(read_cphd(file, tie)), tie)
+    lane_anchor = read_optional_anchor(anchor)
+    run = tied_run(with_doubts(read_cphd(file, lane_anchor)), lane_anchor)
     save_run(run, target, resume=True)
     return run
 
 
-@command(lines=_noted_lines)
+@command(lines=_run_lines)
 def import_gpr(
     file: Annotated[
         Paths,
         Argument(
-            help="Recording: .dt1, .dzt, .rd3, .rd7, .iprb, .sgy, .segy, .su or .ogpr; several make a survey."
+            help="Recording: .dt1, .dzt, .rd3, .rd7, .iprb, .dt, .sgy, .segy, .su or .ogpr; "
+            "several make a survey."
         ),
     ],
     output: Output,
@@ -327,12 +331,12 @@ def import_gpr(
     ] = None,
     separation: Annotated[float | None, Option(help="Between transmitter and receiver, m.")] = None,
     across: Annotated[
-        bool, Option("--across", help="The antennas lie side by side, not along the way.")
+        bool, Option("--across", help="The antennas lie side by side, not along the line.")
     ] = False,
     height: Annotated[
         float, Option(help="Antennas over the ground, m; 0 is coupled to the ground.")
     ] = 0.0,
-    polarization: Annotated[str, Option(help="HH (dipoles across the way), HV, VH or VV.")] = "HH",
+    polarization: Annotated[str, Option(help="HH (dipoles across the line), HV, VH or VV.")] = "HH",
     anchor: AnchorOption = None,
     anchor_from_track: FromTrack = False,
     topography: Annotated[
@@ -343,23 +347,25 @@ def import_gpr(
     ] = False,
     channel_x: Annotated[
         Sequence[float] | None,
-        Option(help="Place of a channel's antennas across the way, m; once per channel."),
+        Option(help="Position of a channel's antennas across the line, m; once per channel."),
     ] = None,
     mark_spacing: Annotated[
-        float | None, Option(help="Distances from the marks, which stand every so many m.")
+        float | None, Option(help="Spacing of the marks, m, from which distances are computed.")
     ] = None,
     line_spacing: Annotated[
-        float | None, Option(help="Several lines: parallel, so many m apart.")
+        float | None, Option(help="Several lines: parallel, at this distance, m.")
     ] = None,
     zigzag: Annotated[
-        bool, Option("--zigzag", help="Several lines: every other one runs back.")
+        bool, Option("--zigzag", help="Several lines: every other line runs back.")
     ] = False,
     lines: Annotated[
-        PathLike | None, Option(help="Several lines: CSV of where each begins and ends.")
+        PathLike | None, Option(help="Several lines: CSV of the ends of each line.")
     ] = None,
     max_memory: Annotated[str | int, Option(help="Largest array that is read.")] = "2GB",
 ) -> xr.Dataset:
-    """Import a line that a commercial radar recorded, or several as a survey; `flgpr info FILE` tells what it holds.
+    """Import a line that a commercial radar recorded, or several as a survey.
+
+    `flgpr info FILE` shows what a recording holds.
 
     Returns
     -------
@@ -373,30 +379,35 @@ def import_gpr(
     FileExistsError
         If another run is at the output.
     """
-    from flgpr.commands.importing import LinePlacing, import_line, import_lines
+    from flgpr.commands.importing import LinePositions, import_line, import_lines
 
     files = one_or_more(file)
     headers: dict[str, Any] = {
         "step": step,
         "band": band,
         "separation": separation,
-        "time_zero": None if time_zero is None else time_zero * 1e-9,
-        "window": None if window is None else window * 1e-9,
+        "time_zero": _seconds(time_zero),
+        "window": _seconds(window),
         "across": across,
         "height": height,
         "polarization": polarization,
         "topography": topography,
     }
     memory = size_in_bytes(max_memory)
-    placing = LinePlacing(anchor, anchor_from_track, mark_spacing, line_spacing, zigzag, lines)
+    positions = LinePositions(anchor, anchor_from_track, mark_spacing, line_spacing, zigzag, lines)
     is_survey = len(files) > 1 or all_channels or mark_spacing is not None
     if not is_survey:
         if line_spacing is not None or zigzag or lines is not None or channel_x:
             raise ValueError(
                 "line-spacing, zigzag and lines are of several lines, channel-x of --all-channels"
             )
-        return import_line(files[0], output, channel, placing, memory, headers)
+        return import_line(files[0], output, channel, positions, memory, headers)
     if channel:
         raise ValueError("channel is of a single line; a survey takes all channels")
     headers["channel_x"] = channel_x or None
-    return import_lines(files, output, placing, memory, headers)
+    return import_lines(files, output, positions, memory, headers)
+
+
+def _seconds(nanoseconds: float | None) -> float | None:
+    """Return a time in seconds, where it was given."""
+    return None if nanoseconds is None else nanoseconds * 1e-9

@@ -1,4 +1,4 @@
-"""``flgpr info``: tell what a run, a file or a model holds."""
+"""``flgpr info``: show what a run, a file or a model holds."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ from typing import Annotated, Any
 
 from typer import Argument, Option
 
-from flgpr.commands.info_words import info_lines, model_lines
+from flgpr.commands.info_text import info_lines, model_lines
 from flgpr.commands.options import OneOrMorePaths, PathLike, ShellType, one_or_more
 from flgpr.commands.shell import Arguments, command
 
 
 def _is_model(path: Path) -> bool:
+    """Return whether a folder is a model, or a result that may have one."""
     return (path / "model.bundle").is_file() or (path / "manifest.json").is_file()
 
 
 def _lines(returned: Any, call: Arguments) -> Iterator[str]:
+    """Yield the text about files, a model or a run."""
     first = call.paths[0]
     if len(call.paths) > 1 or first.is_file():
         yield from _file_lines(returned, call)
@@ -30,18 +32,23 @@ def _lines(returned: Any, call: Arguments) -> Iterator[str]:
 
 
 def _file_lines(described: Any, call: Arguments) -> Iterator[str]:
-    several = len(call.paths) > 1
-    yield described.kind if several else f"{described.path}: {described.kind}"
+    """Yield kind and content of files, then the draft of their mapping or where it is."""
+    if len(call.paths) > 1:
+        yield described.kind
+    else:
+        yield f"{described.path}: {described.kind}"
     for line in described.lines:
         yield f"  {line}"
     if call.mapping is not None:
         guesses = described.mapping.count('?"')
-        yield f"wrote {call.mapping}, with {guesses} question mark{'s' * (guesses != 1)}"
+        plural = "" if guesses == 1 else "s"
+        yield f"wrote {call.mapping}, with {guesses} question mark{plural}"
     elif described.mapping:
         yield f"\nA mapping to begin with (flgpr import mapped):\n\n{described.mapping}"
 
 
 def _as_json(returned: Any, call: Arguments) -> Any:
+    """Return the report of a run or a model, or kind, content and mapping of files."""
     if len(call.paths) > 1 or call.paths[0].is_file():
         return {"kind": returned.kind, "lines": returned.lines, "mapping": returned.mapping}
     return returned
@@ -52,17 +59,16 @@ def info(
     paths: Annotated[
         OneOrMorePaths,
         Argument(
-            help="Run store, file to import, model, or result whose model is meant; or all files of one measurement."
+            help="Run store, file to import, model, or result with a model; "
+            "or all files of one measurement."
         ),
     ],
     recipe: Annotated[
         PathLike | None,
-        Option(help="Recipe whose images and lane decide what is covered; tells whether it fits."),
+        Option(help="Recipe whose images and lane decide what is covered; it is checked, too."),
         ShellType(str),
     ] = None,
-    recipes: Annotated[
-        bool, Option("--recipes", help="Tell of every packaged recipe whether it fits.")
-    ] = False,
+    recipes: Annotated[bool, Option("--recipes", help="Check every packaged recipe.")] = False,
     plot: Annotated[
         PathLike | None, Option(help="PNG to write: plan, coverage and side view.")
     ] = None,
@@ -70,25 +76,25 @@ def info(
         PathLike | None, Option(help="TOML to write: the draft of the files' mapping.")
     ] = None,
 ) -> Any:
-    """Tell what a run, a file or a model holds, in plain words and units; a model is not loaded for it.
+    """Show what a run, a file or a model holds. A model is not loaded for it.
 
-    Several files of one measurement are told together, with one draft of their mapping.
+    Several files of one measurement are described together, with one draft of their mapping.
 
     Returns
     -------
     dict or Explanation
-        Of a run :func:`flgpr.commands.run_report.run_info`, of a model or a result
-        :func:`flgpr.commands.run_report.model_info`, of files their kind, lines and mapping.
+        For a run :func:`flgpr.commands.run_report.run_info`, for a model or a result
+        :func:`flgpr.commands.run_report.model_info`, for files their kind, lines and mapping.
 
     Raises
     ------
     ValueError
         If a file or a store cannot be read, or a mapping is asked for that no import needs.
     """
-    listed = [Path(path) for path in one_or_more(paths)]
-    first = listed[0]
-    if len(listed) > 1 or first.is_file():
-        return _explain(listed, None if mapping is None else Path(mapping))
+    path_list = [Path(path) for path in one_or_more(paths)]
+    first = path_list[0]
+    if len(path_list) > 1 or first.is_file():
+        return _explain(path_list, None if mapping is None else Path(mapping))
     if mapping is not None:
         raise ValueError(f"a mapping is drafted for files, got {first}")
     from flgpr.commands.run_report import model_info, run_info
@@ -99,12 +105,12 @@ def info(
 
 
 def _explain(paths: list[Path], mapping: Path | None) -> Any:
-    """Describe files that are no run yet, and write the draft of their mapping if it is wanted."""
+    """Describe files that are no run yet, and write the draft of their mapping to a path."""
     from flgpr.formats.drafting import explain_files
     from flgpr.formats.explain import explain_file
 
-    several = len(paths) > 1
-    described = explain_files(paths, beside=mapping) if several else explain_file(paths[0])
+    is_group = len(paths) > 1
+    described = explain_files(paths, beside=mapping) if is_group else explain_file(paths[0])
     if mapping is None:
         return described
     if not described.mapping:

@@ -1,4 +1,4 @@
-"""``flgpr live``: raise alarms while scans come in; ``flgpr feed``: play a stored run as a radar would."""
+"""``flgpr live`` raises alarms while scans come in; ``flgpr feed`` plays a stored run."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ NO_BROWSER = Annotated[bool, Option("--no-browser", help="With --view: print the
 
 
 def _summary_lines(report: LiveReport, call: Arguments) -> Iterator[OnErrors]:
+    """Yield latency and rate, then how many scans were treated in each way."""
     from flgpr.live.intake import COUNTS
 
     latency = asdict(report)["latency_ms"]
@@ -55,40 +56,52 @@ def _page(call: Arguments) -> Iterator[None]:
     command = [sys.executable, "-m", "flgpr", "view", "--live", str(call.output)]
     if call.no_browser:
         command.append("--no-browser")
+    # In a session of its own an interrupt on the terminal reaches the detection alone.
     with subprocess.Popen(command, stdout=sys.stderr.fileno(), start_new_session=True) as page:  # noqa: S603
-        before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+        previous_handler = signal.signal(signal.SIGTERM, _exit)
         try:
             yield
             typer.echo("the page stays open until interrupted", err=True)
             with contextlib.suppress(KeyboardInterrupt):
                 page.wait()
         finally:
-            signal.signal(signal.SIGTERM, before)
+            signal.signal(signal.SIGTERM, previous_handler)
             page.terminate()
+
+
+def _exit(*_: object) -> None:
+    """End the process in good order, so that ``finally`` is run."""
+    sys.exit(0)
 
 
 @contextlib.contextmanager
 def _stopped_by_signals(run: LiveRun) -> Iterator[None]:
-    """On an interrupt let the scan in hand be finished and the last snapshot be written."""
+    """On an interrupt finish the scan in hand and write the last snapshot."""
     if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may take signals
+        yield  # Python delivers signals to the main thread alone
         return
-    before = {}
+
+    def stop(*_: object) -> None:
+        run.stop()
+
+    previous_handlers = {}
     for number in (signal.SIGINT, signal.SIGTERM):
-        before[number] = signal.signal(number, lambda *_: run.stop())
+        previous_handlers[number] = signal.signal(number, stop)
     try:
         yield
     finally:
-        for number, handler in before.items():
+        for number, handler in previous_handlers.items():
             signal.signal(number, handler)
 
 
 def _print_event(line: str) -> None:
+    """Print a line of JSON at once, for programs that read along."""
     sys.stdout.write(line)
     sys.stdout.flush()
 
 
 def _events(call: Arguments) -> dict[str, Any]:
+    """Return the function that takes events, unless the command is quiet."""
     return {} if call.quiet else {"emit": _print_event}
 
 
@@ -116,17 +129,19 @@ def live(
     lane: Lane = None,
     anchor: Annotated[PathLike | None, Option(help="TOML that ties the lane to the Earth.")] = None,
     speed: Annotated[
-        float | None, Option(help="Speed of the vehicle, km/h: tells what it can stop for.")
+        float | None,
+        Option(help="Speed of the vehicle, km/h: alarms then state whether it can stop."),
     ] = None,
     reaction: Annotated[float, Option(help="Time until the brakes hold, s.")] = 1.5,
     deceleration: Annotated[float, Option(help="Deceleration of the braking vehicle, m/s².")] = 3.0,
     front: Annotated[float, Option(help="Vehicle's foremost point ahead of the array, m.")] = 0.0,
-    looks: Annotated[int, Option(help="Scans that must have seen a place before an alarm.")] = 3,
+    looks: Annotated[int, Option(help="Scans that must have seen a point before an alarm.")] = 3,
     warm_up: Annotated[
-        int, Option(min=3, help="The first scan to be cleaned; those before only teach.")
+        int,
+        Option(min=3, help="The first scan to be cleaned; earlier ones only train the background."),
     ] = 5,
     span: Annotated[
-        int | None, Option(help="Scans that the background remembers; default all.")
+        int | None, Option(help="Scans that the background is estimated from; all by default.")
     ] = None,
     snapshot: Annotated[int, Option(help="Scans between snapshots; 0 writes only the last.")] = 20,
     idle: Annotated[float | None, Option(help="End after so many seconds without a scan.")] = None,
@@ -135,9 +150,7 @@ def live(
     ] = None,
     worth: Annotated[
         float,
-        Option(
-            help="Probability of another decision from which an alarm tells to wait for one more look."
-        ),
+        Option(help="Probability of another decision from which an alarm advises one more look."),
     ] = 0.1,
     fresh: Annotated[
         bool, Option("--fresh", help="Begin anew, whatever the output folder holds.")
@@ -147,12 +160,14 @@ def live(
         Callable[[str], Any] | None, "Takes every event, a line of JSON; none by default."
     ] = None,
 ) -> LiveReport:
-    """Raise alarms while scans come in: JSON lines on the output, a summary on the error stream.
+    """Raise alarms while scans come in.
+
+    Events are printed as lines of JSON, a summary on the error stream.
 
     Returns
     -------
     LiveReport
-        Counts of scans and of what became of them, latency and rate.
+        Counts of scans by treatment, latency (ms) and rate (scans/s).
 
     Raises
     ------
@@ -186,6 +201,7 @@ def live(
 
 
 def _played_lines(count: int, _: Arguments) -> Iterator[str]:
+    """Yield the number of scans."""
     yield f"played {count} scans"
 
 

@@ -11,29 +11,30 @@ from typing import Any
 
 import typer
 
-from flgpr.commands.errors import MENDED, in_words
+from flgpr.commands.errors import USER_ERRORS, plain_message
 
 _unchanged_outputs: set[str] = set()
-"""Outputs that the running command left as they were, because they were made of the same inputs."""
+"""Outputs that the running command left as they were: they were made of the same inputs."""
 
 
 @contextmanager
 def plain_errors(quiet: bool = False) -> Iterator[None]:
-    """Turn what the user can mend into one line and exit status 2, and warnings into one line each.
+    """Print errors that the user can mend in one line, with exit status 2, and warnings likewise.
 
     An output that was left as it was is reported in a line unless ``quiet``, and is no error.
     """
+    # Several commands may run in one process, as tests do.
     _unchanged_outputs.clear()
     unchanged = _attached("flgpr.outputs", _UnchangedOutputs(quiet))
-    notes = _attached("flgpr.notes", _Notes(quiet))
+    reading = _attached("flgpr.notes", _ReadingNotes(quiet))
     try:
-        with warnings.catch_warnings(), unchanged, notes:
+        with warnings.catch_warnings(), unchanged, reading:
             warnings.showwarning = _show_warning
             yield
     except BrokenPipeError:  # the program that read the output has ended
         raise
-    except MENDED as error:
-        typer.echo(f"error: {in_words(error)}", err=True)
+    except USER_ERRORS as error:
+        typer.echo(f"error: {plain_message(error)}", err=True)
         raise typer.Exit(2) from None
 
 
@@ -42,7 +43,7 @@ def is_unchanged(output: Path) -> bool:
     return str(output) in _unchanged_outputs
 
 
-class _Notes(logging.Handler):
+class _ReadingNotes(logging.Handler):
     """Prints what was found, replaced or assumed on reading, each line once."""
 
     def __init__(self, quiet: bool) -> None:
@@ -86,5 +87,6 @@ def _attached(name: str, handler: logging.Handler) -> Iterator[None]:
         logger.setLevel(level)
 
 
-def _show_warning(message: Warning | str, *where: Any, **more: Any) -> None:  # noqa: ARG001
+def _show_warning(message: Warning | str, *position: Any, **source: Any) -> None:  # noqa: ARG001
+    """Print a warning without its position in the source."""
     typer.echo(f"warning: {message}", err=True)

@@ -1,9 +1,9 @@
 """Options that several commands have, and the types that their functions take.
 
-A command's function says everything about its parameters once, in its signature. An ``Argument``
-or ``Option`` with its help makes a parameter one of the command line; a plain sentence in its place
-makes it a parameter for Python alone. What the command line takes for each type is in
-:func:`flgpr.commands.shell.shell_type`.
+A command's function describes its parameters once, in its signature. An ``Argument`` or ``Option``
+with its help makes a parameter one of the command line; a plain sentence in its place makes it a
+parameter for Python alone. What the command line parses for each type is in
+:func:`flgpr.commands.signatures.shell_type`.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ REQUIRED = ShellDefault(...)
 Output = Annotated[PathLike, Option("-o", "--output", help="What to write.")]
 Overwrite = Annotated[
     bool,
-    Option("--overwrite", help="Make it anew, whatever the output holds of an earlier one."),
-    ShellDefault(False),  # a command that is typed again must not destroy what it made before
+    Option("--overwrite", help="Make it anew, whatever the output holds of an earlier run."),
+    ShellDefault(False),  # a command that is typed again must not destroy earlier work
 ]
 Scheduler = Annotated[
     str | None, Option(help="Dask scheduler (tcp://host:8786) whose workers do the work.")
@@ -60,7 +60,7 @@ With = Annotated[
     Sequence[str] | Sequence[Mapping[str, RunLike]] | Mapping[str, RunLike],
     Option(
         "--with",
-        help="NAME=RUN: a run taken together with it, such as a second band; once per name and run.",
+        help="NAME=RUN: another run of the lane, such as a second band; once per name and run.",
     ),
 ]
 RunArgument = Annotated[PathLike, Argument(help="Run store.")]
@@ -87,16 +87,28 @@ def size_in_bytes(size: str | int) -> int:
 
 
 def runs_by_name(others: Any, count: int) -> list[dict[str, Any]]:
-    """Return by run the runs that are taken together with it, by name.
+    """Return, for each of a number of runs, the runs that are taken together with it by name.
 
     ``others`` are texts NAME=RUN, of which the first of a name belongs to the first run, and so on;
-    or a mapping of names to runs, or one per run.
+    or a mapping of names to runs, or such a mapping for each run. A name that does not occur once
+    for each run is a ValueError.
     """
-    listed: list[Any] = [others] if isinstance(others, Mapping) else list(others or ())
-    if not any(isinstance(one, str) for one in listed):
-        return [dict(one) for one in listed] or [{} for _ in range(count)]
+    items: list[Any] = [others] if isinstance(others, Mapping) else list(others or ())
+    if not items:
+        return [{} for _ in range(count)]
+    if not any(isinstance(item, str) for item in items):
+        return [dict(item) for item in items]
+    runs = _parsed_runs(items, count)
+    by_run = []
+    for number in range(count):
+        by_run.append({name: paths[number] for name, paths in runs.items()})
+    return by_run
+
+
+def _parsed_runs(items: Sequence[str], count: int) -> dict[str, list[Path]]:
+    """Parse texts NAME=RUN; every name must occur once for each of a number of runs."""
     runs: dict[str, list[Path]] = {}
-    for text in listed:
+    for text in items:
         name, equals, path = text.partition("=")
         if not (name and equals and path):
             raise ValueError(f"with must be NAME=RUN, got {text!r}")
@@ -106,4 +118,4 @@ def runs_by_name(others: Any, count: int) -> list[dict[str, Any]]:
             raise ValueError(
                 f"with must give {name} once per run, got {len(paths)} for {count} runs"
             )
-    return [{name: paths[number] for name, paths in runs.items()} for number in range(count)]
+    return runs

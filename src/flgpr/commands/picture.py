@@ -1,4 +1,4 @@
-"""A picture of a run: focused, with its brightest points, and written to files."""
+"""A focused image of a run with its brightest points, written to files."""
 
 from __future__ import annotations
 
@@ -29,41 +29,69 @@ ENDINGS = (".png", ".npz", ".zarr", ".tif")
 
 @dataclass(frozen=True)
 class Picture:
-    """A focused image, its brightest points and what was chosen on the way."""
+    """A focused image and its brightest points."""
 
     image: xr.DataArray  #: complex64 (polarization, z, y, x)
-    #: of the first polarization, brightest first: x, y, z (m), level (dB re the first), over_median (dB), and the width
-    #: at -3 dB along every axis that is imaged, m; NaN where it does not fall so far
+    #: of the first polarization, brightest first: x, y, z (m), level (dB re the first),
+    #: over_median (dB), and the width at -3 dB along every axis that is imaged, m; NaN where the
+    #: level does not fall so far
     peaks: pd.DataFrame
-    spacing: float
-    scans: int
+    spacing: float  #: of pixels, m
+    scans: int  #: number of scans that were summed
 
 
 def make_picture(
-    run: PathLike, view: View = _GROUND_AHEAD, output: Sequence[PathLike] = (), anchor: PathLike | None = None,
-    points: int = 5, track: Track = silent,
-) -> Picture:  # fmt: skip
-    """Focus a stored run and write the picture to files: PNG, NumPy (.npz), Zarr (.zarr) or GeoTIFF (.tif, ``anchor``).
+    run: PathLike,
+    view: View = _GROUND_AHEAD,
+    output: Sequence[PathLike] = (),
+    anchor: PathLike | None = None,
+    points: int = 5,
+    track: Track = silent,
+) -> Picture:
+    """Focus a stored run and write the picture to files.
 
-    The sum is coherent over the scans, each from its own pose and weighed by the way that it stands for. A view that
-    does not fit the run, a picture of too many pixels or a file of another kind is a ValueError. A file that exists
-    stays if it is this very picture, else it is a FileExistsError.
+    The sum is coherent over the scans, each from its own pose and weighted by the distance that it
+    stands for.
+
+    Parameters
+    ----------
+    run : path
+        Run store.
+    view : View
+        What is imaged.
+    output : sequence of path
+        Files to write: PNG, NumPy (.npz), Zarr (.zarr), or GeoTIFF (.tif), which needs an anchor.
+    anchor : path, optional
+        TOML that ties the lane to the Earth.
+    points : int
+        Number of brightest points.
+    track : Track
+        Shows progress.
+
+    Raises
+    ------
+    ValueError
+        If the view does not fit the run, a picture has too many pixels, or an output has another
+        ending.
+    FileExistsError
+        If another file is at an output; a file that holds this very picture stays.
     """
-    files = [Path(one) for one in output]
+    files = [Path(name) for name in output]
     for path in files:
         if path.suffix.lower() not in ENDINGS:
             raise ValueError(f"output must end in {', '.join(ENDINGS)}, got {path.name!r}")
-    tie = read_anchor(anchor) if anchor is not None else None
-    if any(path.suffix.lower() == ".tif" for path in files) and tie is None:
+    lane_anchor = None if anchor is None else read_anchor(anchor)
+    if lane_anchor is None and any(path.suffix.lower() == ".tif" for path in files):
         raise ValueError("a GeoTIFF needs an anchor, got none")
+
     dataset = open_run(run)
     picture = picture_of(dataset, view, points, track, title=Path(run).name)
-    pose = dataset["pose"].values[chosen_scans(dataset, view.scans)]
+    poses = dataset["pose"].values[chosen_scans(dataset, view.scans)]
     for path in files:
         if path.suffix.lower() == ".tif":
-            _write_tiff(picture.image, path, tie)
+            _write_tiff(picture.image, path, lane_anchor)
         else:
-            _write(picture, path, pose)
+            _write(picture, path, poses)
     return picture
 
 
@@ -75,36 +103,39 @@ def picture_of(
     title: str = "",
     pixels: int = CHOSEN_PIXELS,
 ) -> Picture:
-    """Focus a run in memory and find its brightest points."""
+    """Focus a run in memory and find its brightest points.
+
+    ``pixels`` is about the number of pixels where the view does not fix their spacing.
+    """
     focused = focus(run, view, track, title, pixels)
     peaks = image_peaks(focused.image, points)
     return Picture(focused.image, peaks, focused.spacing, focused.scans)
 
 
-def _write(picture: Picture, path: Path, pose: NDArray[np.float64]) -> None:
+def _write(picture: Picture, path: Path, poses: NDArray[np.float64]) -> None:
+    """Write a picture as Zarr, PNG or NumPy archive, by the ending."""
     image = picture.image
+    ending = path.suffix.lower()
     with whole_output(path) as partial:
-        if path.suffix.lower() == ".zarr":
+        if ending == ".zarr":
             image.to_dataset("polarization").to_zarr(partial, zarr_format=2, consolidated=True)
-        elif path.suffix.lower() == ".png":
+        elif ending == ".png":
+            from flgpr.report import figure_png  # loads Matplotlib
             from flgpr.report.figures import image_figure
 
-            image_figure(image, picture.peaks, pose).savefig(
-                partial, dpi=110, format="png", metadata={"Software": None}
-            )
+            figure = image_figure(image, picture.peaks, poses)
+            partial.write_bytes(figure_png(figure))
         else:
-            np.savez(
-                partial,
-                image=image.values,
-                **{str(name): axis.values for name, axis in image.coords.items()},
-            )
+            axes = {str(name): axis.values for name, axis in image.coords.items()}
+            np.savez(partial, image=image.values, **axes)
 
 
-def _write_tiff(image: xr.DataArray, path: Path, tie: Any) -> None:
+def _write_tiff(image: xr.DataArray, path: Path, anchor: Any) -> None:
+    """Write the level ground of a picture as GeoTIFF."""
     if image.sizes["z"] > 1 or min(image.sizes["x"], image.sizes["y"]) < 2:
         raise ValueError("a GeoTIFF must be of level ground, with limits of x and y and one z")
     optional("rasterio", "gis")
     level = image.isel(z=0).copy(data=np.abs(image.values[:, 0]))
-    flat = level.expand_dims(subband=["all"], axis=1)
+    as_run_view = level.expand_dims(subband=["all"], axis=1)
     with whole_output(path) as partial:
-        write_geotiff(flat, partial, tie, str(image.attrs["title"]))
+        write_geotiff(as_run_view, partial, anchor, str(image.attrs["title"]))

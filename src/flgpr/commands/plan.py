@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 
 
 def _mines_lines(plan: SamplePlan, call: Arguments) -> Iterator[str]:
-    sure = f"{100 * call.confidence:g} % each"
-    yield f"To show Pd >= {call.pd_claim:g} at FAR <= {call.far:g} per m² with {sure}:"
+    """Yield the claims, the counts and, for a believed detector, its chance to show them."""
+    confidence = f"{100 * call.confidence:g} % each"
+    yield f"To show Pd >= {call.pd_claim:g} at FAR <= {call.far:g} per m² with {confidence}:"
     yield f"  {plan.mines} mines, of which at most {plan.misses} may be missed"
     yield (
         f"  {plan.area:.0f} m² of ground outside the halos, "
@@ -46,7 +47,7 @@ def plan_mines(
     power: Annotated[float, "Probability with which the claim shall be shown."] = 0.8,
     joint: Annotated[bool, "Whether the confidence is that of both claims together."] = False,
 ) -> SamplePlan:
-    """Tell how many mines and how much ground it takes to show a performance.
+    """Return how many mines and how much ground it takes to show a performance.
 
     Returns
     -------
@@ -68,15 +69,17 @@ def plan_mines(
 def _lane_lines(
     returned: tuple[pd.DataFrame, dict[str, Any]], call: Arguments
 ) -> Iterator[str | Path]:
+    """Yield the files, the seed and the time of the register line."""
     from flgpr.commands.planning import plan_files
 
     plan, line = returned
     yield from plan_files(call.output, call.anchor is not None).values()
     seed = plan.attrs["seed"]
-    drawn = "of a seed that was not kept" if seed is None else f"seed {seed}"
-    yield f"{len(plan)} targets, {drawn}; registered {line['time']}"
+    origin = "of a seed that was not kept" if seed is None else f"seed {seed}"
+    yield f"{len(plan)} targets, {origin}; registered {line['time']}"
     yield (
-        "keep these files and the seed from whoever runs a detector; the register is for all to read"
+        "keep these files and the seed from whoever runs a detector; "
+        "the register is for all to read"
     )
 
 
@@ -88,7 +91,8 @@ def plan_lane(
     seed: Annotated[
         int | None,
         Option(
-            help="Seed to draw a plan again; who can guess it knows the plan. By default drawn, and told."
+            help="Seed to draw a plan again; who can guess it knows the plan. "
+            "By default drawn, and printed."
         ),
     ] = None,
     spacing: Annotated[float, Option(help="Least distance between targets, m.")] = 3.0,
@@ -105,7 +109,9 @@ def plan_lane(
         float, Option(help="Operating point that scores must use, false alarms per m².")
     ] = 0.05,
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Draw an emplacement plan, with the crew's page and sheet, and register it with the rules of its scoring.
+    """Draw an emplacement plan and register it with the rules of its scoring.
+
+    The crew's page and sheet are written with it.
 
     Returns
     -------
@@ -133,6 +139,7 @@ def plan_lane(
 
 
 def _register_lines(line: dict[str, Any], call: Arguments) -> Iterator[str]:
+    """Yield where a recipe stands in the register."""
     digest = line["recipe"][:12]
     yield f"{call.recipe} is line {line['number']} of {call.book}, {digest}..., {line['time']}"
 
@@ -146,7 +153,7 @@ def register_recipe(
     ] = None,
     witness: Annotated[
         PathLike | None,
-        Option(help="A file elsewhere that must know the register's lines; told of new ones."),
+        Option(help="A file elsewhere that must hold the register's lines; new ones are added."),
     ] = None,
 ) -> dict[str, Any]:
     """Register a recipe before the truth is opened; scores then ask for it.
@@ -172,10 +179,12 @@ Checked = tuple[list[dict[str, Any]], dict[Any, dict[str, Any]]]
 
 
 def _head(lines: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the number of lines of a register and the hash of the last."""
     return {"lines": len(lines), "head": lines[-1]["hash"] if lines else ""}
 
 
 def _check_lines(returned: Checked, call: Arguments) -> Iterator[str]:
+    """Yield the lines of a register, its head, and what witnesses know of it."""
     lines, heads = returned
     for line in lines:
         yield f"  {line['number']:4d}  {line['time']}  {json.dumps(line.get('event', ''))}"
@@ -184,10 +193,11 @@ def _check_lines(returned: Checked, call: Arguments) -> Iterator[str]:
     for name, head in heads.items():
         yield f"{name} knows {head['lines']} of them"
     if not heads and call.witness is None:
-        yield "whether lines are missing at the end shows only beside --report or --witness"
+        yield "only --report or --witness shows whether lines are missing at the end"
 
 
 def _check_json(returned: Checked, _: Arguments) -> dict[str, Any]:
+    """Return the head of a register and those that reports know."""
     lines, heads = returned
     return _head(lines) | {"reports": {str(name): head for name, head in heads.items()}}
 
@@ -202,10 +212,12 @@ def check_register(
         ),
     ] = None,
     witness: Annotated[
-        PathLike | None, Option(help="A file elsewhere that must know the register's lines.")
+        PathLike | None, Option(help="A file elsewhere that must hold the register's lines.")
     ] = None,
 ) -> Checked:
-    """Check a register line by line, and that nothing of it is missing that a witness or a report knows.
+    """Check a register line by line.
+
+    No line that a witness or a report knows may be missing.
 
     Returns
     -------
@@ -218,16 +230,17 @@ def check_register(
         If a line was altered, or one that the witness or a report knows is missing; it names the
         line.
     """
-    from flgpr.commands.registering import heads_of_reports, read_whole_register, with_witness
+    from flgpr.commands.registering import heads_of_reports, read_existing_register, with_witness
 
-    watched = with_witness(book, witness)
-    lines = read_whole_register(watched)
-    return lines, heads_of_reports(lines, watched, one_or_more(report))
+    register = with_witness(book, witness)
+    lines = read_existing_register(register)
+    return lines, heads_of_reports(lines, register, one_or_more(report))
 
 
 def _survey_lines(
     returned: tuple[pd.DataFrame, dict[str, Any]], call: Arguments
 ) -> Iterator[str | Path]:
+    """Yield the truth, and how it differs from the plan."""
     truth, line = returned
     yield call.output
     yield (

@@ -1,4 +1,4 @@
-"""Where lanes lie: anchors, tracks and the columns of tables, as options name them."""
+"""Anchors, tracks and columns of tables, read as options name them."""
 
 from __future__ import annotations
 
@@ -27,23 +27,27 @@ def read_optional_anchor(anchor: PathLike | Anchor | None) -> Anchor | None:
 def needed_anchor(
     anchor: PathLike | None, reference: Mapping[str, Any] | None, source: PathLike
 ) -> Anchor:
-    """Read an anchor, or make it of the place on the Earth that a run knows; neither is a ValueError."""
+    """Read an anchor, or make one from the georeference of a run; neither is a ValueError."""
     if anchor is not None:
         return read_anchor(anchor)
     if reference is None:
-        raise ValueError(f"{source}: it does not tell where its lane lies; an anchor is needed")
+        raise ValueError(f"{source}: nothing tells where its lane lies; an anchor is needed")
     return own_anchor(reference)
 
 
 def tied_run(run: xr.Dataset, anchor: Anchor | None) -> xr.Dataset:
-    """Return a run that knows where its lane lies, so that results and the viewer know it too."""
+    """Return a run with the georeference of an anchor, for its results and the viewer."""
     return run if anchor is None else run.assign_attrs(georeference=anchor.georeference())
 
 
 def table_reading(
     columns: str | None = None, anchor: PathLike | None = None
 ) -> TableReading | None:
-    """Return how a table is read: columns such as ``x=Rechts,y=Hoch``, and the anchor (TOML) of its places."""
+    """Return how a table is read; None where neither columns nor an anchor are named.
+
+    ``columns`` are such as ``x=Rechts,y=Hoch``; ``anchor`` (TOML) ties its geographic positions to
+    the lane.
+    """
     if columns is None and anchor is None:
         return None
     names = {} if columns is None else parse_columns_option(columns)
@@ -57,12 +61,16 @@ def track_of(
     axes: Sequence[str] | None = None,
     max_gap: float = 1.0,
 ) -> pd.DataFrame:
-    """Read a track from CSV (:func:`flgpr.formats.read_track`), or from an NMEA log with its anchor."""
+    """Read a track from CSV (:func:`flgpr.formats.read_track`), or from an NMEA log.
+
+    ``body``, ``axes`` and ``max_gap`` (s) are of takes of OptiTrack Motive. An NMEA log without an
+    anchor is a ValueError.
+    """
     if existing(path, "track").suffix.lower() == ".csv":
         return read_track(path, "column", body, axes, max_gap)
-    tie = read_optional_anchor(anchor)
-    if tie is None:
+    lane_anchor = read_optional_anchor(anchor)
+    if lane_anchor is None:
         raise ValueError(
             f"{path}: a track of a satellite receiver needs an anchor to lie in the lane"
         )
-    return read_nmea(path, tie)
+    return read_nmea(path, lane_anchor)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 
 def _lines(_: xr.Dataset, call: Arguments) -> Iterator[Path]:
+    """Yield the store that was written."""
     yield call.output
 
 
@@ -26,32 +27,35 @@ def prepare(
     subtract: Annotated[
         PathLike | None, Option(help="Run to subtract, such as one without the target.")
     ] = None,
-    time_zero: Annotated[float | None, Option(help="How much later time zero is put, ns.")] = None,
+    time_zero: Annotated[
+        float | None, Option(help="Shift of time zero to a later time, ns.")
+    ] = None,
     dewow: Annotated[
-        float | None, Option(help="Take a running mean of so many ns off each trace.")
+        float | None, Option(help="Subtract a running mean over this time, ns, from each trace.")
     ] = None,
     gate: Annotated[
-        Limits | None, Option(help="Silence what comes before and after, ns: the direct wave.")
+        Limits | None,
+        Option(help="Set to zero what arrives before and after, ns: the direct wave."),
     ] = None,
     background: Annotated[
-        bool, Option("--background", help="Take off what stands still over all scans.")
+        bool, Option("--background", help="Subtract what is the same in all scans.")
     ] = False,
     background_scans: Annotated[
-        int | None, Option(help="The same, over so many scans around each.")
+        int | None, Option(help="The same, over this number of scans around each.")
     ] = None,
     band: Annotated[Limits | None, Option(help="Band to keep, GHz.")] = None,
     power: Annotated[float | None, Option(help="Amplify by this power of time.")] = None,
     agc: Annotated[
-        float | None, Option(help="Bring all times to one level, over a window of so many ns.")
+        float | None, Option(help="Bring all times to one level, over a window of this time, ns.")
     ] = None,
     steps: Annotated[
         PathLike | Sequence[Mapping[str, Any]] | None,
-        Option(help="TOML of steps in an order of your own, in place of all these."),
+        Option(help="TOML of steps in any order, in place of all these."),
         ShellType(Path),
     ] = None,
-    max_memory: Annotated[str | int, Option(help="Memory that it may take.")] = "2GB",
+    max_memory: Annotated[str | int, Option(help="Largest memory.")] = "2GB",
 ) -> xr.Dataset:
-    """Prepare raw data, in the order of the options; what was done stands in the new run's history.
+    """Prepare raw data, in the order of the options. The new run's history holds the steps.
 
     Returns
     -------
@@ -67,6 +71,7 @@ def prepare(
     """
     from flgpr.commands.preparing import check_steps, prepare_run, read_steps
 
+    # The order is that of usual processing: geometry and noise first, amplitudes last.
     in_order: dict[str, dict[str, Any] | None] = {
         "subtract": _entry(subtract, run=str(subtract)),
         "time-zero": _entry(time_zero, delay_ns=time_zero),
@@ -77,10 +82,12 @@ def prepare(
         "power": _entry(power, exponent=power),
         "agc": _entry(agc, window_ns=agc),
     }
-    entries = []
+
+    entries: list[dict[str, Any]] = []
     for name, values in in_order.items():
         if values is not None:
             entries.append({"do": name, **values})
+
     if steps is None:
         listed = check_steps(entries)
     elif not isinstance(steps, str | Path):

@@ -1,4 +1,4 @@
-"""Raw data prepared step by step; what was done stands in the new run's attribute ``history``."""
+"""Raw data prepared step by step; the new run's attribute ``history`` holds the steps."""
 
 from __future__ import annotations
 
@@ -31,10 +31,12 @@ _COPIES = 4  # of the signal, while a step is at work
 
 
 class _Step(BaseModel):
+    """A step; its fields are the entries of ``[[step]]`` in a file of steps."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     def apply(self, run: xr.Dataset) -> xr.Dataset:
-        """Take a run to a new one."""
+        """Return the run after the step."""
         raise NotImplementedError
 
 
@@ -59,7 +61,7 @@ class TimeZero(_Step):
 
 
 class Dewow(_Step):
-    """Take the running mean of a trace off it: :func:`flgpr.clutter.dewow`."""
+    """Subtract the running mean from each trace: :func:`flgpr.clutter.dewow`."""
 
     do: Literal["dewow"] = "dewow"
     length_ns: Positive
@@ -69,7 +71,7 @@ class Dewow(_Step):
 
 
 class Gate(_Step):
-    """Silence what comes before, such as the direct wave, and after: :func:`flgpr.clutter.gate`."""
+    """Set to zero what arrives before and after: :func:`flgpr.clutter.gate`."""
 
     do: Literal["gate"] = "gate"
     start_ns: Annotated[float, Field(allow_inf_nan=False)]
@@ -81,7 +83,10 @@ class Gate(_Step):
 
 
 class Background(_Step):
-    """Take off what stands still over all scans, or over so many: :func:`flgpr.clutter.remove_standing`."""
+    """Subtract what is the same in all scans, or in this number of scans around each.
+
+    See :func:`flgpr.clutter.remove_standing`.
+    """
 
     do: Literal["background"] = "background"
     scans: Annotated[int, Field(ge=3)] | None = None
@@ -126,19 +131,26 @@ Step = Subtract | TimeZero | Dewow | Gate | Background | Band | Power | Agc
 
 
 class _Steps(BaseModel):
+    """A file of steps."""
+
     model_config = ConfigDict(extra="forbid")
     step: list[Annotated[Step, Field(discriminator="do")]] = Field(min_length=1)
 
 
 def read_steps(path: PathLike) -> list[Step]:
-    """Read steps from TOML, a table ``[[step]]`` each, with its name in ``do``; a fault is a ValueError."""
+    """Read steps from TOML, a table ``[[step]]`` each, with its name in ``do``.
+
+    A fault is a ValueError.
+    """
     return parse_entries(_Steps, read_named(existing(path, "file of steps")), str(path)).step
 
 
 def check_steps(entries: Sequence[Mapping[str, Any]]) -> list[Step]:
-    """Make steps of their entries; what breaks a rule is a ValueError that names it."""
+    """Return steps for their entries; a broken rule is a ValueError that names it."""
+    if not entries:
+        return []
     try:
-        return _Steps.model_validate({"step": list(entries)}).step if entries else []
+        return _Steps.model_validate({"step": list(entries)}).step
     except ValidationError as error:
         raise ValueError(first_fault(error, _Steps)) from None
 
@@ -146,26 +158,51 @@ def check_steps(entries: Sequence[Mapping[str, Any]]) -> list[Step]:
 def prepare_run(
     run: PathLike, steps: Sequence[Step], output: PathLike, max_memory: int = MAX_MEMORY
 ) -> xr.Dataset:
-    """Apply steps to a stored run, in their order, and store what they give as a new run.
+    """Apply steps to a stored run, in their order, and store the new run.
 
-    Each stands in the attribute ``history`` after those of the run that was read. No step, a step that does not fit,
-    or a run that takes more than ``max_memory`` bytes is a ValueError.
+    Parameters
+    ----------
+    run : path
+        Run store.
+    steps : sequence of Step
+        At least one.
+    output : path
+        Run store to make. Its attribute ``history`` has the steps after those of the run.
+    max_memory : int
+        Largest memory, bytes.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run that was stored.
+
+    Raises
+    ------
+    ValueError
+        If there is no step, a step does not fit the run, or the run takes more memory.
+    FileExistsError
+        If another run is at the output.
     """
     if not steps:
         raise ValueError("prepare needs at least one step, got none")
-    held = open_run(run)
-    size = _COPIES * held["signal"].nbytes
+    stored = open_run(run)
+    size = _COPIES * stored["signal"].nbytes
     if size > max_memory:
         raise ValueError(
-            f"run must fit into max-memory = {max_memory / 1e9:.3g} GB, it takes {size / 1e9:.3g} GB"
+            f"run must fit into max-memory = {max_memory / 1e9:.3g} GB, "
+            f"it takes {size / 1e9:.3g} GB"
         )
-    made = held.compute()
+
+    prepared = stored.compute()
     for number, step in enumerate(steps, 1):
         try:
-            made = step.apply(made)
+            prepared = step.apply(prepared)
         except ValueError as error:
             raise ValueError(f"step {number}, {step.do}: {error}") from None
-    done: list[dict[str, Any]] = [step.model_dump(exclude_none=True, mode="json") for step in steps]
-    made = made.assign_attrs(held.attrs, history=[*held.attrs.get("history", []), *done])
-    save_run(made, output, resume=True)
-    return made
+
+    history = list(stored.attrs.get("history", []))
+    for step in steps:
+        history.append(step.model_dump(exclude_none=True, mode="json"))
+    prepared = prepared.assign_attrs(stored.attrs, history=history)
+    save_run(prepared, output, resume=True)
+    return prepared

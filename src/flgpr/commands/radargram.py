@@ -1,4 +1,7 @@
-"""A plain radargram: the traces of a recording over time, as recorded or after the usual steps, without an import."""
+"""A radargram: the traces of a recording over time, as recorded or after the usual steps.
+
+No import is needed. The steps are in :mod:`flgpr.clutter.radargram_steps`.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.clutter import dewow_traces, level_traces, remove_mean_trace
+from flgpr.clutter.radargram_steps import (
+    assumed_window,
+    process_traces,
+    samples_until,
+    window_samples,
+)
 from flgpr.formats import GprSection, is_gpr, read_gpr
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.store import MAX_MEMORY
@@ -19,28 +27,23 @@ from flgpr.store.outputs import whole_output
 PathLike = str | Path
 FloatArray = NDArray[np.float64]
 ENDINGS = (".png", ".npz")
-_PERIODS = 2.0  # of the antenna's frequency, in a window that nobody gives
-_SHARE = 0.1  # of the record, where the antenna's frequency is unknown, too
-_MOST = 50_000_000  # samples of a radargram
+_MOST_SAMPLES = 50_000_000  # of a radargram
 
 
 @dataclass(frozen=True)
 class RadargramView:
-    """What to draw of a recording, and the steps before, which are taken in the order in which they stand here.
+    """What is drawn of a recording, after which steps, taken in the order of the fields."""
 
-    ``channel`` counts from 0; ``traces`` are the first and the last, default all; ``until`` is the last two-way time,
-    s. ``window``, s, is that of ``dewow`` and ``gain``: by default two periods of the antenna's nominal frequency, or
-    a tenth of the record where the header does not tell it. ``permittivity`` of the ground gives an axis of depth.
-    """
-
-    channel: int = 0
-    traces: tuple[int, int] | None = None
-    until: float | None = None
+    channel: int = 0  #: from 0
+    traces: tuple[int, int] | None = None  #: first and last, default all
+    until: float | None = None  #: last two-way time, s; default all
     dewow: bool = False
     background: bool = False
     gain: bool = False
+    #: of dewow and gain, s; default two periods of the antenna's nominal frequency, or a tenth of
+    #: the record where the header does not state it
     window: float | None = None
-    permittivity: float | None = None
+    permittivity: float | None = None  #: of the ground, for an axis of depth
 
 
 @dataclass(frozen=True)
@@ -52,16 +55,16 @@ class Radargram:
     values: FloatArray
     delay: FloatArray  #: (sample,) two-way time, s, from the recorder's time zero
     number: NDArray[np.int64]  #: (trace,) which of the file's traces, from 0
-    distance: FloatArray | None  #: (trace,) along the line, m; None if the header does not tell
+    distance: FloatArray | None  #: (trace,) along the line, m; None if the header has none
     permittivity: float | None  #: of the ground, for the axis of depth
     unit: str  #: of ``values``, in words
     steps: tuple[str, ...]  #: what was done, in words and in order
     notes: tuple[str, ...]  #: what was found and assumed on reading, in words
 
     def depth(self) -> FloatArray | None:
-        """Return the depth (sample,) below antennas at one place, m: half the two-way time at the ground's speed.
+        """Return the depth (sample,) below antennas at one point, m; None without a permittivity.
 
-        None without a permittivity.
+        It is half the two-way time at the speed of waves in the ground.
         """
         if self.permittivity is None:
             return None
@@ -70,7 +73,7 @@ class Radargram:
 
 
 def is_recording(path: PathLike) -> bool:
-    """Tell by its ending whether a path is a file that a radargram can be drawn of."""
+    """Return whether a path is a file that a radargram can be drawn of, by its ending."""
     return Path(path).is_file() and is_gpr(Path(path))
 
 
@@ -82,163 +85,140 @@ def make_radargram(
 ) -> Radargram:
     """Read a recording, take the steps, and write the radargram as PNG or NumPy (.npz).
 
+    Parameters
+    ----------
+    path : path
+        Recording.
+    view : RadargramView
+        What is drawn, after which steps.
+    output : sequence of path
+        Files to write.
+    max_memory : int
+        Largest array that is read, bytes.
+
     Raises
     ------
     ValueError
         If the recording cannot be read, the view does not fit it, or an output has another ending.
     FileExistsError
-        If another file is at an output's place.
+        If another file is at an output.
     """
-    files = [Path(one) for one in output]
+    files = [Path(name) for name in output]
     for file in files:
         if file.suffix.lower() not in ENDINGS:
             raise ValueError(
                 f"output of a recording must end in {', '.join(ENDINGS)}, got {file.name!r}"
             )
-    made = radargram(read_gpr(path, max_memory), view)
+    drawn = radargram(read_gpr(path, max_memory), view)
     for file in files:
-        _write(made, file)
-    return made
+        _write(drawn, file)
+    return drawn
 
 
 def radargram(section: GprSection, view: RadargramView = RadargramView()) -> Radargram:
-    """Take the steps of a view on the traces of a recording; a view that does not fit it is a ValueError."""
+    """Take the steps of a view on the traces of a recording.
+
+    A view that does not fit the recording is a ValueError.
+    """
     channels = section.traces.shape[1]
     if not 0 <= view.channel < channels:
         raise ValueError(f"channel must be from 0 to {channels - 1}, got {view.channel}")
     if view.permittivity is not None and not 1 <= view.permittivity <= 100:
         raise ValueError(f"permittivity must be from 1 to 100, got {view.permittivity:g}")
+
     number = _chosen_traces(len(section.traces), view.traces)
     delay = section.delay_of(view.channel)
-    samples = _samples_until(delay, view.until)
-    if number.size * delay.size > _MOST:
+    samples = samples_until(delay, view.until)
+    if number.size * delay.size > _MOST_SAMPLES:
         raise ValueError(
-            f"a radargram must have at most {_MOST:g} samples, got {number.size} x {delay.size}: give scans"
+            f"a radargram must have at most {_MOST_SAMPLES:g} samples, "
+            f"got {number.size} x {delay.size}: give scans"
         )
-    values = section.traces[number, view.channel].astype(np.float64)
+
+    traces = section.traces[number, view.channel].astype(np.float64)
+    frequency = section.frequencies[view.channel]
+    window = window_samples(delay, frequency, view.window)
+    # The steps see the record to its end, also where only its beginning is drawn.
+    processed = process_traces(traces, window, view.dewow, view.background, view.gain)
+
     notes = list(section.history)
-    missing = int(np.count_nonzero(~np.isfinite(values).all(axis=1)))
+    missing = int(np.count_nonzero(~np.isfinite(traces).all(axis=1)))
     if missing:
         notes.append(f"{missing} of {number.size} traces hold no data and are left blank")
-    steps = _Steps(values, _window_samples(section, view))
-    if view.dewow:
-        steps.dewow()
-    if view.background:
-        steps.background()
-    if view.gain:
-        steps.gain()
     if (view.dewow or view.gain) and view.window is None:
-        notes.append(_assumed_window(section, view))
-    distance = None if section.distance is None else section.distance[number]
-    title = _title(section, view.channel)
+        notes.append(assumed_window(frequency))
     return Radargram(
-        title, steps.values[:, :samples], delay[:samples], number, distance, view.permittivity, steps.unit,
-        tuple(steps.done), tuple(notes),
-    )  # fmt: skip
+        title=_title(section, view.channel),
+        values=processed.values[:, :samples],
+        delay=delay[:samples],
+        number=number,
+        distance=None if section.distance is None else section.distance[number],
+        permittivity=view.permittivity,
+        unit=processed.unit,
+        steps=processed.steps,
+        notes=tuple(notes),
+    )
 
 
 def _title(section: GprSection, channel: int) -> str:
-    """Name a line by its file, for several may have one site, and by what its header calls it."""
+    """Return the file name, with the title of the header if that differs, and the channel.
+
+    The file name comes first in importance: several lines may have the title of one site.
+    """
     title = section.path.name
     if section.title not in ("", section.path.stem):
         title = f"{section.title} ({title})"
-    return title if section.traces.shape[1] == 1 else f"{title}, channel {channel}"
-
-
-@dataclass
-class _Steps:
-    """Traces on their way through the steps, and what was done to them."""
-
-    values: FloatArray
-    window: int  #: samples
-
-    def __post_init__(self) -> None:
-        self.unit = "counts of the recorder"
-        self.done: list[str] = []
-
-    def dewow(self) -> None:
-        self.values = dewow_traces(self.values, self.window)
-        self.done.append(f"dewow over {self.window} samples")
-
-    def background(self) -> None:
-        self.values = remove_mean_trace(self.values)
-        self.done.append("mean trace removed")
-
-    def gain(self) -> None:
-        self.values = level_traces(self.values, self.window)
-        self.unit = "amplitude over the line's level at that time"
-        self.done.append(f"gain: divided by the line's level over {self.window} samples")
+    is_single = section.traces.shape[1] == 1
+    return title if is_single else f"{title}, channel {channel}"
 
 
 def _chosen_traces(count: int, limits: tuple[int, int] | None) -> NDArray[np.int64]:
+    """Return the numbers of the traces that are drawn."""
     first, last = limits or (0, count - 1)
     if not 0 <= first <= last < count:
         raise ValueError(
-            f"scans must have 0 <= first <= last < {count}, the recording's traces, got {first}, {last}"
+            f"scans must have 0 <= first <= last < {count}, the recording's traces, "
+            f"got {first}, {last}"
         )
     return np.arange(first, last + 1)
 
 
-def _samples_until(delay: FloatArray, until: float | None) -> int:
-    """Count the samples up to a time, s."""
-    if until is None:
-        return delay.size
-    half_sample = 0.5 * float(
-        delay[1] - delay[0]
-    )  # a header's rounding shall not cost the last one
-    count = int(np.searchsorted(delay, until + half_sample, side="right"))
-    if count < 2:
-        raise ValueError(
-            f"until must be a time after the first two samples, {delay[1] * 1e9:g} ns, got {until * 1e9:g} ns"
-        )
-    return count
-
-
-def _window_samples(section: GprSection, view: RadargramView) -> int:
-    """Tell how many samples, an odd number of at least 3, the window of dewow and gain takes."""
-    delay = section.delay_of(view.channel)
-    interval = float(delay[1] - delay[0])
-    record = interval * delay.size
-    nominal = section.frequencies[view.channel]
-    if view.window is not None:
-        if not 0 < view.window <= record:
-            raise ValueError(
-                f"window must be from 0 to the record's {record * 1e9:g} ns, got {view.window * 1e9:g} ns"
-            )
-        length = view.window
-    elif nominal is not None:
-        length = min(_PERIODS / nominal, record)
-    else:
-        length = _SHARE * record
-    return max(2 * round(length / interval / 2) + 1, 3)
-
-
-def _assumed_window(section: GprSection, view: RadargramView) -> str:
-    nominal = section.frequencies[view.channel]
-    if nominal is None:
-        return f"window of dewow and gain assumed: {100 * _SHARE:g} % of the record, no antenna's frequency is known"
-    return f"window of dewow and gain assumed: {_PERIODS:g} periods of the antenna's {nominal / 1e6:g} MHz"
-
-
-def _write(made: Radargram, path: Path) -> None:
+def _write(drawn: Radargram, path: Path) -> None:
+    """Write a radargram as PNG or NumPy archive, by the ending."""
     with whole_output(path) as partial:
         if path.suffix.lower() == ".png":
-            from flgpr.report.radargram import radargram_figure  # loads what draws
-
-            figure = radargram_figure(
-                made.values,
-                made.delay,
-                made.number,
-                made.distance,
-                made.depth(),
-                made.title,
-                made.unit,
-                made.steps,
-            )
-            figure.savefig(partial, dpi=110, format="png", metadata={"Software": None})
+            _write_png(drawn, partial)
         else:
-            distance = np.empty(0) if made.distance is None else made.distance
-            np.savez(
-                partial, values=made.values, delay_s=made.delay, trace=made.number, distance_m=distance,
-                steps=np.array(made.steps, dtype=str), notes=np.array(made.notes, dtype=str), unit=np.array(made.unit),
-            )  # fmt: skip
+            _write_npz(drawn, partial)
+
+
+def _write_png(drawn: Radargram, path: Path) -> None:
+    """Draw a radargram as PNG."""
+    from flgpr.report import figure_png  # loads Matplotlib
+    from flgpr.report.radargram import radargram_figure
+
+    figure = radargram_figure(
+        drawn.values,
+        drawn.delay,
+        drawn.number,
+        drawn.distance,
+        drawn.depth(),
+        drawn.title,
+        drawn.unit,
+        drawn.steps,
+    )
+    path.write_bytes(figure_png(figure))
+
+
+def _write_npz(drawn: Radargram, path: Path) -> None:
+    """Write a radargram as NumPy archive; without distances they are an empty array."""
+    np.savez(
+        path,
+        values=drawn.values,
+        delay_s=drawn.delay,
+        trace=drawn.number,
+        distance_m=np.empty(0) if drawn.distance is None else drawn.distance,
+        steps=np.array(drawn.steps, dtype=str),
+        notes=np.array(drawn.notes, dtype=str),
+        unit=np.array(drawn.unit),
+    )

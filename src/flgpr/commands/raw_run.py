@@ -1,4 +1,8 @@
-"""Raw data of a run for a screen: range profiles of a channel after steps of ``flgpr prepare``, spectra, health."""
+"""Raw data of a run as the viewer's pages ask for them: B-scans, spectra, images and health.
+
+What is computed has its home below (:mod:`flgpr.imaging.range_profiles`,
+:mod:`flgpr.calibrate.health`, :mod:`flgpr.imaging.focus`); here queries are checked and bounded.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ import base64
 import json
 import math
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,11 +20,12 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from flgpr.calibrate import channel_health, disturbed_tones, health_summary
-from flgpr.commands.picture import picture_of
+from flgpr.commands.picture import Picture, picture_of
 from flgpr.commands.preparing import Background, Step, Subtract, check_steps
 from flgpr.commands.run_report import geometry_doubts
 from flgpr.door import parse_json
 from flgpr.formats import is_gpr, preview_run
+from flgpr.imaging.range_profiles import DelayBins, levels, range_profiles
 from flgpr.imaging.view_axes import View
 from flgpr.model import complete_scans
 from flgpr.model.faults import first_fault
@@ -31,10 +36,12 @@ MOST_BINS = 800
 _MOST_STEPS = 16
 _COPIES = 5  # of what is read, while a step and the transform are at work
 _MOST_SUMMED = 1.2e10  # scans x tones x delays of one picture: some seconds
-# scans x pairs x pixels of one image, where its pixels are ours to choose: some seconds
+# scans x pairs x pixels of one image, where the number of pixels is free: some seconds
 _UPDATES = 4e9
 _PIXELS = 20_000, 200_000  # of an image, least and most
 _MOST_RUNNING = 5e8  # samples that medians over a window of scans sort
+_TOP_PERCENTILE = 99.8  # of the amplitudes, at which a colour scale ends
+_LARGEST_HALF = 6e4  # somewhat less than the largest 16-bit float
 
 
 class _Query(BaseModel):
@@ -52,178 +59,185 @@ class _Query(BaseModel):
 
 
 class RawRun:
-    """The raw data of a stored run or of a recording, asked channel by channel; one answer is worked out at a time.
+    """The raw data of a stored run or a recording; one answer is computed at a time.
 
-    Of a run of more than 1,200 scans, or of more than ``max_memory`` bytes, every so many are taken, and a
-    background is estimated from these. Every query is a mapping of texts, as an address has them: ``polarization``,
-    ``pair``, ``steps`` (JSON, a list of what stands in ``[[step]]`` of a file of steps) and, for a B-scan, ``scale``
-    ("db" or "signed") and ``to_ns``, for a spectrum ``scan``, for an image that and ``whole``, for the aperture of all
-    scans, and ``permittivity``. One that breaks a rule is a ValueError, a store that has
-    changed a RunStoreError.
+    Of a run of more than 1,200 scans, or of more than ``max_memory`` bytes, every n-th scan is
+    taken, and a background is estimated from these.
+
+    Every query is a mapping of texts, as a web address has them:
+
+    - ``polarization`` and ``pair``;
+    - ``steps``: JSON, a list of entries of ``[[step]]`` in a file of steps;
+    - for a B-scan ``scale`` ("db" or "signed") and ``to_ns``;
+    - for a spectrum ``scan``;
+    - for an image ``scan``, or ``whole`` for the aperture of all scans, and ``permittivity``.
+
+    Parameters
+    ----------
+    path : path
+        Run store or recording.
+    max_memory : int
+        Memory that an answer may take, bytes.
+
+    Raises
+    ------
+    ValueError
+        If a query breaks a rule.
+    RunStoreError
+        If the store has changed.
     """
 
     def __init__(self, path: str | Path, max_memory: int = MAX_MEMORY) -> None:
-        recording = Path(path).is_file() and is_gpr(Path(path))
-        self._run = preview_run(path, max_memory) if recording else open_run(path, max_memory)
+        is_recording = Path(path).is_file() and is_gpr(Path(path))
+        self._run = preview_run(path, max_memory) if is_recording else open_run(path, max_memory)
         self._max_memory = max_memory
         self._lock = threading.Lock()
-        self._read: tuple[str, xr.Dataset] | None = None
-        self._made: tuple[tuple[str, int, str], xr.Dataset] | None = None
+        self._last_polarization: tuple[str, xr.Dataset] | None = None
+        self._last_channel: tuple[tuple[str, int, str], xr.Dataset] | None = None
         self._complete = complete_scans(self._run)
 
     def answer(self, what: str, query: Mapping[str, str]) -> dict[str, Any]:
-        """Answer a query for a ``bscan``, a ``spectrum``, an ``image`` or the ``health``; see the methods' words."""
+        """Answer a query for a ``bscan``, a ``spectrum``, an ``image`` or the ``health``."""
+        answers: dict[str, Callable[[_Query], dict[str, Any]]] = {
+            "bscan": self.bscan,
+            "spectrum": self.spectrum,
+            "image": self.image,
+        }
         with self._lock:
             if what == "health":
                 return self.health()
             try:
-                asked = _Query.model_validate(dict(query))
+                parsed = _Query.model_validate(dict(query))
             except ValidationError as error:
                 raise ValueError(first_fault(error, _Query)) from None
-            return {"bscan": self.bscan, "spectrum": self.spectrum, "image": self.image}[what](
-                asked
-            )
+            return answers[what](parsed)
 
-    def bscan(self, asked: _Query) -> dict[str, Any]:
-        """Work out range profiles: sums of the tones under a Hann window, which need not be even.
+    def bscan(self, query: _Query) -> dict[str, Any]:
+        """Compute range profiles of a channel after the steps.
 
-        ``halves`` are ``count`` delays of each scan, scan by scan: dB (the greatest amplitude in a bin), or the real
-        part over ``unit``. NaN is a sweep that is missing.
+        ``halves`` are ``count`` bins of each scan, scan by scan: dB of the largest amplitude in a
+        bin, or the real part over ``unit``. NaN is a sweep that is missing.
         """
-        made = self._channel(asked)
-        signal = made["signal"].values[:, 0, 0]
-        tones = made["frequency"].values
-        start = min(
-            float(self._run.attrs.get("first_sample_s", 0.0)), 0.0
-        )  # recordings begin before their time zero
-        stop, count, fold = _delays(asked, len(signal), tones, start)
-        delay = start + (stop - start) * (np.arange(count * fold) + 0.5) / (count * fold)
-        weight = np.hanning(tones.size + 2)[1:-1] * np.gradient(
-            tones
-        )  # times the share of the band of each tone
-        weighted = (signal * (weight / weight.sum())).astype(np.complex64)
-        values = np.empty((len(signal), count), np.float32)
-        block = max(2**22 // (tones.size * fold), 1)
-        for first in range(0, count, block):
-            here = delay[first * fold : (first + block) * fold]
-            turns = np.outer(tones, here) % 1.0
-            profile = weighted @ np.exp(2j * np.pi * turns).astype(np.complex64)
-            part = (
-                np.abs(profile).reshape(len(signal), -1, fold).max(axis=2)
-                if asked.scale == "db"
-                else profile.real
-            )
-            values[:, first : first + block] = part
-        missing = ~made["known"].values
-        values[missing] = np.nan
-        known = np.abs(values[~missing])
-        top = float(np.percentile(known, 99.8)) if known.size else 0.0
-        unit = top if top > 0 and asked.scale == "signed" else 1.0
-        if asked.scale == "db":
-            with np.errstate(divide="ignore"):
-                values = np.maximum(20 * np.log10(values), -999.0)
-        steps = self._steps(asked.steps)
+        channel = self._channel(query)
+        signal = channel["signal"].values[:, 0, 0]
+        frequency = channel["frequency"].values
+        # Recordings begin before their time zero.
+        start = min(float(self._run.attrs.get("first_sample_s", 0.0)), 0.0)
+        bins = _delay_bins(query, len(signal), frequency, start)
+
+        values = range_profiles(signal, frequency, bins, amplitude=query.scale == "db")
+        is_missing = ~channel["known"].values
+        values[is_missing] = np.nan
+
+        amplitudes = np.abs(values[~is_missing])
+        top = float(np.percentile(amplitudes, _TOP_PERCENTILE)) if amplitudes.size else 0.0
+
+        unit = 1.0
+        if query.scale == "db":
+            values = np.asarray(levels(values))
+        elif top > 0:
+            unit = top
         return {
-            "scans": made["number"].values.tolist(),
-            "delays_ns": {"start": start * 1e9, "stop": stop * 1e9, "count": count},
-            "scale": asked.scale,
+            "scans": channel["number"].values.tolist(),
+            "delays_ns": {
+                "start": bins.start * 1e9,
+                "stop": bins.stop * 1e9,
+                "count": bins.count,
+            },
+            "scale": query.scale,
             "unit": unit,
             "top_db": 20 * math.log10(top) if top > 0 else None,
-            "missing": np.flatnonzero(missing).tolist(),
-            "incomplete": np.flatnonzero(~made["valid"].values[:, 0, 0]).tolist(),
-            "halves": _halves(np.clip(values / unit, -6e4, 6e4)),
-            "toml": _toml(steps),
+            "missing": np.flatnonzero(is_missing).tolist(),
+            "incomplete": np.flatnonzero(~channel["valid"].values[:, 0, 0]).tolist(),
+            "halves": _halves(values / unit),
+            "toml": _toml(self._steps(query.steps)),
         }
 
-    def spectrum(self, asked: _Query) -> dict[str, Any]:
-        """Tell the tones of a scan after the steps, dB, beside the median over all scans that are shown.
+    def spectrum(self, query: _Query) -> dict[str, Any]:
+        """Return the levels of a scan's tones after the steps, dB, and the median over all scans.
 
-        ``disturbed_ghz`` are the tones that :func:`flgpr.calibrate.disturbed_tones` finds in those, before the steps.
+        ``disturbed_ghz`` are the tones that :func:`flgpr.calibrate.disturbed_tones` finds before
+        the steps.
         """
-        made = self._channel(asked)
-        place = self._place(asked)
-        known = made["known"].values
-        if "median_db" not in made:  # once for all scans of a channel: a page asks scan by scan
-            level = _levels(made["signal"].values[known, 0, 0])
-            recorded = self._polarization(asked.polarization)
-            made["median_db"] = (
-                "frequency",
-                np.median(level, axis=0) if known.any() else np.full(level.shape[1], np.nan),
-            )
-            hit = disturbed_tones(recorded["signal"].values[known, 0, asked.pair])
-            made.attrs["disturbed_ghz"] = (recorded["frequency"].values[hit] * 1e-9).tolist()
-        own = _levels(made["signal"].values[place, 0, 0])
+        channel = self._channel(query)
+        index = self._scan_index(query)
+        if "median_db" not in channel:  # once for all scans of a channel: pages ask scan by scan
+            self._add_median(channel, query)
+        signal = channel["signal"].values[index, 0, 0]
+        level = _tone_levels(signal)
+        if not channel["known"].values[index]:
+            level = np.full(level.size, np.nan)
         return {
-            "frequency_ghz": (made["frequency"].values * 1e-9).tolist(),
-            "level_db": _numbers(own if known[place] else np.full(own.size, np.nan)),
-            "median_db": _numbers(made["median_db"].values),
-            "disturbed_ghz": made.attrs["disturbed_ghz"],
+            "frequency_ghz": (channel["frequency"].values * 1e-9).tolist(),
+            "level_db": _numbers(level),
+            "median_db": _numbers(channel["median_db"].values),
+            "disturbed_ghz": channel.attrs["disturbed_ghz"],
         }
 
-    def image(self, asked: _Query) -> dict[str, Any]:
-        """Focus a scan, or all that are shown, after the steps, as :func:`flgpr.commands.picture.make_picture` does.
+    def _add_median(self, channel: xr.Dataset, query: _Query) -> None:
+        """Add the median level of every tone over the scans, and the disturbed tones."""
+        is_known = channel["known"].values
+        level = _tone_levels(channel["signal"].values[is_known, 0, 0])
+        median = np.full(level.shape[1], np.nan)
+        if is_known.any():
+            median = np.median(level, axis=0)
+        channel["median_db"] = ("frequency", median)
 
-        ``halves`` are dB, row by row along the axis ``up``; each axis has a name, its first and last pixel's place (m)
-        and how many there are.
+        recorded = self._polarization(query.polarization)
+        is_disturbed = disturbed_tones(recorded["signal"].values[is_known, 0, query.pair])
+        disturbed = recorded["frequency"].values[is_disturbed] * 1e-9
+        channel.attrs["disturbed_ghz"] = disturbed.tolist()
+
+    def image(self, query: _Query) -> dict[str, Any]:
+        """Focus a scan, or all that are shown, after the steps, as ``flgpr image`` does.
+
+        ``halves`` are dB, row by row along the axis ``up``; each axis has a name, the positions of
+        its first and last pixel (m) and their number.
         """
-        made = self._stepped(asked, {} if asked.whole else {"scan": [self._place(asked)]})
-        if not complete_scans(made).any():
-            raise ValueError(f"scan must be one without missing sweeps, got {asked.scan}")
-        if not asked.whole and made.attrs.get("sounding") == "ground-coupled":
+        chosen = {} if query.whole else {"scan": [self._scan_index(query)]}
+        run = self._processed(query, chosen)
+        if not complete_scans(run).any():
+            raise ValueError(f"scan must be one without missing sweeps, got {query.scan}")
+        if not query.whole and run.attrs.get("sounding") == "ground-coupled":
             raise ValueError(
-                "whole must be true for antennas on the ground: one scan has no section, all of them do"
+                "whole must be true for antennas on the ground: one scan has no section, "
+                "all of them do"
             )
-        pixels = int(np.clip(_UPDATES / (made.sizes["scan"] * made.sizes["pair"]), *_PIXELS))
-        picture = picture_of(made, View(permittivity=asked.permittivity), pixels=pixels)
-        flat = picture.image[0].squeeze()
-        level = 20 * np.log10(np.maximum(np.abs(flat.values), 1e-30))
-        up, across = (
-            [str(name), float(flat[name][0]), float(flat[name][-1]), flat.sizes[name]]
-            for name in flat.dims
-        )
-        return {
-            "across": across,
-            "up": up,
-            "fixed": {
-                name: float(picture.image[name][0])
-                for name in "xyz"
-                if name not in (up[0], across[0])
-            },
-            "scans": picture.scans,
-            "top_db": float(level.max()),
-            "halves": _halves(np.clip(level, -6e4, 6e4)),
-            "peaks": picture.peaks[["x", "y", "z", "level"]].to_dict("records"),
-            "toml": _toml(self._steps(asked.steps)),
-        }
+
+        pixels = int(np.clip(_UPDATES / (run.sizes["scan"] * run.sizes["pair"]), *_PIXELS))
+        picture = picture_of(run, View(permittivity=query.permittivity), pixels=pixels)
+        return _image_answer(picture) | {"toml": _toml(self._steps(query.steps))}
 
     def health(self) -> dict[str, Any]:
-        """Tell of every channel what ``flgpr info`` looks at, of as many scans as fit, and what it would warn of."""
-        every = self._stride(self._run["signal"].nbytes)
-        table = channel_health(self._run.isel(scan=slice(None, None, every)).compute())
+        """Return the health of every channel as ``flgpr info`` judges it, with its warnings."""
+        stride = self._stride(self._run["signal"].nbytes)
+        table = channel_health(self._run.isel(scan=slice(None, None, stride)).compute())
         table["missing"] = (~self._run["valid"].values).sum(axis=0).ravel()
-        columns = {
-            name: table[name].tolist() for name in ("polarization", "pair", "missing", "dead")
-        }
-        measured = ("level_db", "coherence", "gain_drift_db", "phase_drift_rad")
+
+        channels: dict[str, list[Any]] = {}
+        for name in ("polarization", "pair", "missing", "dead"):
+            channels[name] = table[name].tolist()
+        for name in ("level_db", "coherence", "gain_drift_db", "phase_drift_rad"):
+            channels[name] = _numbers(table[name].to_numpy(float))
         return {
             "summary": health_summary(table) + geometry_doubts(self._run),
-            "every": every,
-            "channels": columns
-            | {name: _numbers(table[name].to_numpy(float)) for name in measured},
+            "every": stride,
+            "channels": channels,
         }
 
     def _stride(self, size: int) -> int:
-        """Tell every how many scans to take of those that hold so many bytes."""
+        """Return every how many scans are taken, of a run whose scans hold so many bytes."""
         scans = self._run.sizes["scan"]
-        room = max(int(self._max_memory * scans / (_COPIES * size)), 1)
-        return math.ceil(scans / min(room, MOST_SCANS))
+        fitting = max(int(self._max_memory * scans / (_COPIES * size)), 1)
+        return math.ceil(scans / min(fitting, MOST_SCANS))
 
     def _steps(self, text: str) -> list[Step]:
+        """Parse the steps of a query; one that would read another file is a ValueError."""
         try:
             entries = parse_json(text)
         except ValueError:
             entries = None
-        if not isinstance(entries, list) or not all(isinstance(one, dict) for one in entries):
+        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
             raise ValueError("steps must be a JSON list of steps")
         if len(entries) > _MOST_STEPS:
             raise ValueError(f"steps must be at most {_MOST_STEPS}, got {len(entries)}")
@@ -232,125 +246,183 @@ class RawRun:
             raise ValueError("steps may not subtract another run: a page may name no files")
         return steps
 
-    def _place(self, asked: _Query) -> int:
-        [places] = np.nonzero(self._polarization(asked.polarization)["number"].values == asked.scan)
-        if not places.size:
-            raise ValueError(
-                f"scan must be one of those shown, of {self._run.sizes['scan']}, got {asked.scan}"
-            )
-        return int(places[0])
+    def _scan_index(self, query: _Query) -> int:
+        """Return where the scan of a query is among those that are shown."""
+        numbers = self._polarization(query.polarization)["number"].values
+        indices = np.flatnonzero(numbers == query.scan)
+        if not indices.size:
+            count = self._run.sizes["scan"]
+            raise ValueError(f"scan must be one of those shown, of {count}, got {query.scan}")
+        return int(indices[0])
 
-    def _channel(self, asked: _Query) -> xr.Dataset:
-        """Take a channel through the steps; the last one is kept.
+    def _channel(self, query: _Query) -> xr.Dataset:
+        """Return a channel after the steps; the last one is cached.
 
-        A background is fitted to all pairs of a polarization, so that then they all go through the steps. ``valid``
-        tells complete scans, as the steps take them; ``known`` which sweeps of the channel are there.
+        ``valid`` marks complete scans, as the steps take them; ``known`` marks the sweeps of the
+        channel that are there.
         """
-        key = (asked.polarization, asked.pair, asked.steps)
-        if self._made is not None and self._made[0] == key:
-            return self._made[1]
-        if asked.pair >= self._run.sizes["pair"]:
-            raise ValueError(f"pair must be less than {self._run.sizes['pair']}, got {asked.pair}")
-        made = self._stepped(asked, {"pair": [asked.pair]})
-        made["known"] = ("scan", self._known(asked))
-        self._made = key, made
-        return made
+        key = (query.polarization, query.pair, query.steps)
+        if self._last_channel is not None and self._last_channel[0] == key:
+            return self._last_channel[1]
+        pairs = self._run.sizes["pair"]
+        if query.pair >= pairs:
+            raise ValueError(f"pair must be less than {pairs}, got {query.pair}")
 
-    def _stepped(self, asked: _Query, part: dict[str, list[int]]) -> xr.Dataset:
-        """Take a polarization through the steps and give a part of it: that alone, but where a background needs all."""
-        steps = self._steps(asked.steps)
-        made = self._polarization(asked.polarization)
-        together = any(isinstance(step, Background) for step in steps)
-        if not together:
-            made = made.isel(part)
+        channel = self._processed(query, {"pair": [query.pair]})
+        channel["known"] = ("scan", self._known_sweeps(query))
+        self._last_channel = key, channel
+        return channel
+
+    def _processed(self, query: _Query, chosen: dict[str, list[int]]) -> xr.Dataset:
+        """Return chosen channels or scans of a polarization after the steps.
+
+        A background is fitted to all pairs and scans: then all of them take the steps.
+        """
+        steps = self._steps(query.steps)
+        run = self._polarization(query.polarization)
+
+        needs_all = any(isinstance(step, Background) for step in steps)
+        if not needs_all:
+            run = run.isel(chosen)
         for number, step in enumerate(steps, 1):
-            if (
-                isinstance(step, Background)
-                and step.scans
-                and step.scans * made["signal"].size > _MOST_RUNNING
-            ):
-                raise ValueError(
-                    f"step {number}, background: {step.scans} scans take too long here, use flgpr prepare"
-                )
+            _check_effort(number, step, run)
             try:
-                made = step.apply(made)
+                run = step.apply(run)
             except ValueError as error:
                 raise ValueError(f"step {number}, {step.do}: {error}") from None
-        return made.isel(part) if together else made
+        return run.isel(chosen) if needs_all else run
 
-    def _known(self, asked: _Query) -> NDArray[np.bool_]:
-        here = self._run["valid"].sel(polarization=asked.polarization).values[:, asked.pair]
-        return np.asarray(here[self._polarization(asked.polarization)["number"].values])
+    def _known_sweeps(self, query: _Query) -> NDArray[np.bool_]:
+        """Mark the sweeps of a channel that are there, of the scans that are shown."""
+        valid = self._run["valid"].sel(polarization=query.polarization).values[:, query.pair]
+        shown = self._polarization(query.polarization)["number"].values
+        return np.asarray(valid[shown])
 
     def _polarization(self, label: str) -> xr.Dataset:
-        """Read the scans that are shown of a polarization, all pairs; the last one is kept."""
-        labels = [str(one) for one in self._run["polarization"].values]
+        """Read the scans that are shown of a polarization, all pairs; the last one is cached."""
+        labels = [str(value) for value in self._run["polarization"].values]
         if label not in labels:
             raise ValueError(f"polarization must be one of {', '.join(labels)}, got {label!r}")
-        if self._read is None or self._read[0] != label:
-            self._read = self._made = None  # before others are read
-            every = self._stride(self._run["signal"].nbytes // self._run.sizes["polarization"])
-            number = np.arange(0, self._run.sizes["scan"], every)
-            where = labels.index(label)
-            run = self._run.isel(scan=slice(None, None, every), polarization=[where]).compute()
-            valid = np.broadcast_to(self._complete[number][:, None, None], run["valid"].shape)
-            run = run.assign(valid=(run["valid"].dims, valid), number=("scan", number))
-            self._read = label, run
-        return self._read[1]
+        if self._last_polarization is not None and self._last_polarization[0] == label:
+            return self._last_polarization[1]
+        # Memory is freed before other data are read.
+        self._last_polarization = None
+        self._last_channel = None
+
+        stride = self._stride(self._run["signal"].nbytes // len(labels))
+        number = np.arange(0, self._run.sizes["scan"], stride)
+        index = labels.index(label)
+        shown = slice(None, None, stride)
+        run = self._run.isel(scan=shown, polarization=[index]).compute()
+
+        is_complete = self._complete[number][:, None, None]
+        valid = np.broadcast_to(is_complete, run["valid"].shape)
+        run = run.assign(valid=(run["valid"].dims, valid), number=("scan", number))
+        self._last_polarization = label, run
+        return run
 
 
-def _delays(
-    asked: _Query, scans: int, tones: NDArray[np.float64], start: float
-) -> tuple[float, int, int]:
-    """Tell the last delay (s), how many bins there are from ``start`` (s), and how many delays are summed for each."""
-    width = float(np.ptp(tones))
-    if not width > 0:
+def _check_effort(number: int, step: Step, run: xr.Dataset) -> None:
+    """Refuse a step that keeps a page waiting: a background over scans around each."""
+    if not isinstance(step, Background) or not step.scans:
+        return
+    if step.scans * run["signal"].size > _MOST_RUNNING:
+        raise ValueError(
+            f"step {number}, background: {step.scans} scans take too long here, use flgpr prepare"
+        )
+
+
+def _delay_bins(
+    query: _Query, scans: int, frequency: NDArray[np.float64], start: float
+) -> DelayBins:
+    """Return the bins of a B-scan from a delay (s) on.
+
+    They end at the tones' unambiguous delay, or where a picture would take too long or its pixels
+    would be too coarse for the carrier.
+    """
+    band = float(np.ptp(frequency))
+    if not band > 0:
         raise ValueError("a B-scan needs at least two tones")
-    rate = 4 * width if asked.scale == "db" else 4 * float(tones[-1])
-    most = (
-        MOST_BINS / rate if asked.scale == "signed" else _MOST_SUMMED / (scans * tones.size * rate)
-    )
-    unambiguous = 1 / float(np.median(np.diff(tones)))
-    last = start + min(unambiguous, most)
-    stop = last if asked.to_ns is None else asked.to_ns * 1e-9
+    if query.scale == "db":
+        rate = 4 * band
+        longest = _MOST_SUMMED / (scans * frequency.size * rate)
+    else:
+        rate = 4 * float(frequency[-1])
+        longest = MOST_BINS / rate
+
+    unambiguous = 1 / float(np.median(np.diff(frequency)))
+    last = start + min(unambiguous, longest)
+    stop = last if query.to_ns is None else query.to_ns * 1e-9
+
     span = stop - start
     if stop > last + 1e-9 * span:
-        why = (
-            "the tones' unambiguous delay"
-            if unambiguous < most
-            else f"what {asked.scale} pictures of this run hold"
-        )
-        raise ValueError(f"to_ns must be at most {last * 1e9:.4g}, {why}, got {asked.to_ns:g}")
-    if span * width < 1:
+        reason = f"what {query.scale} pictures of this run hold"
+        if unambiguous < longest:
+            reason = "the tones' unambiguous delay"
+        raise ValueError(f"to_ns must be at most {last * 1e9:.4g}, {reason}, got {query.to_ns:g}")
+    if span * band < 1:
         raise ValueError(
-            f"to_ns must be at least {(start + 1 / width) * 1e9:.3g}, what the band resolves, got {stop * 1e9:g}"
+            f"to_ns must be at least {(start + 1 / band) * 1e9:.3g}, what the band resolves, "
+            f"got {stop * 1e9:g}"
         )
-    if asked.scale == "signed":
-        return stop, MOST_BINS, 1
-    return stop, MOST_BINS, max(math.ceil(span * rate / MOST_BINS), 1)
+
+    sums_per_bin = 1
+    if query.scale == "db":
+        sums_per_bin = max(math.ceil(span * rate / MOST_BINS), 1)
+    return DelayBins(start, stop, MOST_BINS, sums_per_bin)
 
 
-def _levels(signal: NDArray[np.complexfloating]) -> NDArray[np.float64]:
-    """Levels, dB, not below -999."""
-    with np.errstate(divide="ignore"):
-        return np.maximum(20 * np.log10(np.abs(signal).astype(np.float64)), -999.0)
+def _tone_levels(signal: NDArray[np.complexfloating]) -> NDArray[np.float64]:
+    """Return the levels of tones, dB."""
+    return np.asarray(levels(np.abs(signal).astype(np.float64)))
+
+
+def _image_answer(picture: Picture) -> dict[str, Any]:
+    """Return an image, its axes and its brightest points, for a page."""
+    flat = picture.image[0].squeeze()
+    level = 20 * np.log10(np.maximum(np.abs(flat.values), 1e-30))
+    axes = []
+    for name in flat.dims:
+        positions = flat[name]
+        axes.append([str(name), float(positions[0]), float(positions[-1]), flat.sizes[name]])
+
+    up, across = axes
+    fixed = {}
+    for name in "xyz":
+        if name not in (up[0], across[0]):
+            fixed[name] = float(picture.image[name][0])
+    return {
+        "across": across,
+        "up": up,
+        "fixed": fixed,
+        "scans": picture.scans,
+        "top_db": float(level.max()),
+        "halves": _halves(level),
+        "peaks": picture.peaks[["x", "y", "z", "level"]].to_dict("records"),
+    }
 
 
 def _halves(values: NDArray[np.floating]) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, "<f2").tobytes()).decode()
+    """Return values as 16-bit floats in base 64, those that are too large clipped."""
+    clipped = np.clip(values, -_LARGEST_HALF, _LARGEST_HALF)
+    return base64.b64encode(np.ascontiguousarray(clipped, "<f2").tobytes()).decode()
 
 
 def _numbers(values: NDArray[np.float64]) -> list[float | None]:
-    return [round(float(one), 4) if np.isfinite(one) else None for one in values]
+    """Return values for JSON; what is not finite is None."""
+    numbers: list[float | None] = []
+    for value in values:
+        numbers.append(round(float(value), 4) if np.isfinite(value) else None)
+    return numbers
 
 
 def _toml(steps: list[Step]) -> str:
     """Write steps as ``flgpr prepare --steps`` reads them."""
-    tables = [
-        step.model_dump(exclude_none=True, exclude_defaults=True) | {"do": step.do}
-        for step in steps
-    ]
-    lines = [
-        [f"{name} = {json.dumps(value)}" for name, value in sorted(one.items())] for one in tables
-    ]
-    return "\n".join("\n".join(["[[step]]", *one]) + "\n" for one in lines)
+    tables = []
+    for step in steps:
+        entries = step.model_dump(exclude_none=True, exclude_defaults=True) | {"do": step.do}
+        lines = ["[[step]]"]
+        for name, value in sorted(entries.items()):
+            lines.append(f"{name} = {json.dumps(value)}")
+        tables.append("\n".join(lines) + "\n")
+    return "\n".join(tables)

@@ -18,6 +18,7 @@ RecipeArgument = Annotated[PathLike, Argument(help="Packaged recipe or TOML file
 
 
 def _list_lines(descriptions: dict[str, str], _: Arguments) -> Iterator[str]:
+    """Yield a line for each recipe."""
     for name, description in descriptions.items():
         yield f"{name:18} {description}"
 
@@ -35,10 +36,14 @@ def list_recipes() -> dict[str, str]:
 
     from flgpr.chain.recipe import recipe_names, recipe_text
 
-    return {name: tomllib.loads(recipe_text(name))["description"] for name in recipe_names()}
+    descriptions = {}
+    for name in recipe_names():
+        descriptions[name] = tomllib.loads(recipe_text(name))["description"]
+    return descriptions
 
 
 def _text_lines(text: str, _: Arguments) -> Iterator[str]:
+    """Yield the TOML of a recipe as it is."""
     yield Unfinished(text)
 
 
@@ -56,21 +61,24 @@ def show_recipe(name: RecipeArgument) -> str:
     return recipe_text(name)
 
 
-def _made_lines(text: str, call: Arguments) -> Iterator[str | Path]:
+def _recipe_lines(text: str, call: Arguments) -> Iterator[str | Path]:
+    """Yield the file of a recipe, or its text where it has no file."""
     if call.output is None:
         yield Unfinished(text)
     else:
         yield call.output
 
 
-@command(lines=_made_lines)
+@command(lines=_recipe_lines)
 def recipe_for(
     run: RunArgument,
     output: Annotated[
         PathLike | None, Option("-o", "--output", help="TOML file to write; else it is printed.")
     ] = None,
 ) -> str:
-    """Make a recipe for a run's band, polarizations and array; comments say where each figure comes from.
+    """Make a recipe for a run's band, polarizations and array.
+
+    Comments in it state where each figure comes from.
 
     Returns
     -------
@@ -90,12 +98,13 @@ def recipe_for(
 
 
 def _good_lines(recipe: Recipe, call: Arguments) -> Iterator[str]:
+    """Yield that a recipe is good, and its description."""
     yield f"{call.name}: good ({recipe.description})"
 
 
 @command(lines=_good_lines, quiet=False)
 def check_recipe(name: RecipeArgument) -> Recipe:
-    """Check a recipe; a fault is told with its line and rule.
+    """Check a recipe; a fault is reported with its line and rule.
 
     Returns
     -------
@@ -105,7 +114,7 @@ def check_recipe(name: RecipeArgument) -> Recipe:
     Raises
     ------
     ValueError
-        If the recipe breaks a rule; the message has the line and the rule.
+        If the recipe breaks a rule; the message names the line and the rule.
     """
     from flgpr.chain.recipe import load_recipe
 

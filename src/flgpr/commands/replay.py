@@ -8,26 +8,29 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from flgpr.commands.beside import detect_beside
+from flgpr.commands.compared_recipes import detect_compared
 from flgpr.commands.options import PathLike, Progress
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from flgpr.chain.progress import Track
     from flgpr.results.result import Result
 
 
 def _lines(outcome: dict[str, Any], _: Arguments) -> Iterator[str]:
+    """Yield whether the results are identical, agree, or differ."""
     if outcome["identical"]:
         yield "identical: every file has the same bytes"
         return
-    word = "agrees" if outcome["agrees"] else "DIFFERS"
+    verdict = "agrees" if outcome["agrees"] else "DIFFERS"
     files = ", ".join(outcome["files"])
-    yield f"{word}: run-views differ by {outcome['difference']:.1e}; other bytes in {files}"
+    yield f"{verdict}: run-views differ by {outcome['difference']:.1e}; other bytes in {files}"
 
 
 def _status(outcome: dict[str, Any]) -> int:
+    """Return 1 where the results do not agree."""
     return 0 if outcome["agrees"] else 1
 
 
@@ -59,71 +62,88 @@ def replay(
     """
     from tempfile import TemporaryDirectory
 
-    from flgpr.chain.method import detect
     from flgpr.chain.progress import silent
-    from flgpr.chain.sections import noted_section
     from flgpr.results.description import describe_run
-    from flgpr.results.result import read_result, write_result
+    from flgpr.results.result import read_result
     from flgpr.store import open_run
 
     old = read_result(result)
-    described = old.manifest["run"]
-    store = described["path"] if run is None else run
+    recorded = old.manifest["run"]
+    store = recorded["path"] if run is None else run
     dataset = open_run(store)
-    now = describe_run(dataset, store, old.recipe.motion)
-    if now["store_sha256"] != described["store_sha256"]:
+    description = describe_run(dataset, store, old.recipe.motion)
+    if description["store_sha256"] != recorded["store_sha256"]:
         raise ValueError(
-            f"run must be the one the result was made of ({described['store_sha256'][:12]}…), got {run}"
+            "run must be the one the result was made of "
+            f"({recorded['store_sha256'][:12]}…), got {run}"
         )
-    if "others" in described:
-        now["others"] = described["others"]
+
+    if "others" in recorded:
+        description["others"] = recorded["others"]
+
+    with TemporaryDirectory() as temporary:
+        folder = Path(temporary) / "result"
+        _detect_again(old, dataset, description, folder, track or silent)
+        return _comparison(old, read_result(folder), tolerance)
+
+
+def _detect_again(
+    old: Result, run: xr.Dataset, description: dict[str, Any], folder: Path, track: Track
+) -> None:
+    """Detect by the recipes of a result and write the new result."""
+    from flgpr.chain.method import detect
+    from flgpr.chain.sections import noted_section
+    from flgpr.results.result import write_result
+
     model = old.model()
-    others = _other_runs(described.get("others", {}))
-    note = old.manifest.get("section")
+    other_runs = _other_runs(description.get("others", {}))
+
+    section_note = old.manifest.get("section")
+    # A section is processed with scans around it: its note states the lane with these.
     lane = old.lane
     section = None
-    if note is not None:
-        lane, section = noted_section(note)
-    track = track or silent
-    detections = [detect(dataset, old.recipe, lane, track, model, section, others)]
-    for beside in old.detections[1:]:
-        detections.append(detect_beside(dataset, beside.name, beside.recipe_text, lane, track))
-    with TemporaryDirectory() as temporary:
-        home = Path(temporary) / "result"
-        write_result(home, detections, old.recipe_text, old.lane, now, model, note)
-        return _comparison(old, read_result(home), tolerance)
+    if section_note is not None:
+        lane, section = noted_section(section_note)
+
+    detections = [detect(run, old.recipe, lane, track, model, section, other_runs)]
+    for compared in old.detections[1:]:
+        detections.append(detect_compared(run, compared.name, compared.recipe_text, lane, track))
+    write_result(folder, detections, old.recipe_text, old.lane, description, model, section_note)
 
 
 def _comparison(old: Result, new: Result, tolerance: float) -> dict[str, Any]:
     """Compare the files, the alarms and the run-views of two results."""
-    before = old.manifest["files"]
-    after = new.manifest["files"]
-    names = before.keys() | after.keys()
-    differ = sorted(name for name in names if before.get(name) != after.get(name))
+    old_files = old.manifest["files"]
+    new_files = new.manifest["files"]
+    names = old_files.keys() | new_files.keys()
+    differing = sorted(name for name in names if old_files.get(name) != new_files.get(name))
+
     difference = 0.0
-    same_places = True
+    same_positions = True
     for first, second in zip(old.detections, new.detections, strict=True):
         difference = max(difference, _difference(first.view.values, second.view.values))
-        places = first.alarms[["x", "y"]]
-        same_places = same_places and places.equals(second.alarms[["x", "y"]])
+        positions = first.alarms[["x", "y"]]
+        same_positions = same_positions and positions.equals(second.alarms[["x", "y"]])
     return {
-        "identical": not differ,
-        "agrees": same_places and difference <= tolerance,
-        "files": differ,
+        "identical": not differing,
+        "agrees": same_positions and difference <= tolerance,
+        "files": differing,
         "difference": difference,
     }
 
 
-def _other_runs(described: dict[str, Any]) -> dict[str, xr.Dataset]:
+def _other_runs(recorded: dict[str, Any]) -> dict[str, xr.Dataset]:
     """Open the runs that were taken together with that of a result."""
     from flgpr.store import open_run, read_manifest
 
-    for name, run in described.items():
+    runs = {}
+    for name, run in recorded.items():
         if read_manifest(run["path"])["sha256"] != run["store_sha256"]:
             raise ValueError(
                 f"run {name} must be the one the result was made with, got another at {run['path']}"
             )
-    return {name: open_run(run["path"]) for name, run in described.items()}
+        runs[name] = open_run(run["path"])
+    return runs
 
 
 def _difference(old: Any, new: Any) -> float:
@@ -132,4 +152,5 @@ def _difference(old: Any, new: Any) -> float:
 
     if old.shape != new.shape or not np.array_equal(np.isnan(old), np.isnan(new)):
         return float("inf")
-    return float(np.linalg.norm(np.nan_to_num(new - old)) / np.linalg.norm(np.nan_to_num(old)))
+    change = np.linalg.norm(np.nan_to_num(new - old))
+    return float(change / np.linalg.norm(np.nan_to_num(old)))

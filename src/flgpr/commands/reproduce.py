@@ -17,8 +17,9 @@ PAPERS = ("cosgrove2004", "flsar2004", "fuse2018", "wang2007")
 
 
 def _lines(page: Path, call: Arguments) -> Iterator[str]:
-    word = "table" if call.paper == "reasons" else "page"
-    yield f"{word}: {page.resolve()}"
+    """Yield the address of the page, or of the table of reasons."""
+    kind = "table" if call.paper == "reasons" else "page"
+    yield f"{kind}: {page.resolve()}"
 
 
 @command(lines=_lines)
@@ -26,7 +27,7 @@ def reproduce(
     paper: Annotated[
         str,
         Argument(
-            help=f"One of {', '.join(PAPERS)}, all, worlds: a map of what decides, or reasons: "
+            help=f"One of {', '.join(PAPERS)}, all; worlds: a map of what decides; or reasons: "
             "experiments on why statements do not hold."
         ),
     ],
@@ -37,24 +38,27 @@ def reproduce(
     part: Annotated[
         Sequence[str] | None,
         Option(
-            help="Of worlds: detection, ablation, geometry or statements, or figures of what is there; of reasons: a "
-            "paper. Several may be."
+            help="Of worlds: detection, ablation, geometry or statements, or figures of the "
+            "results so far; of reasons: a paper. May repeat."
         ),
     ] = None,
     workers: Annotated[
-        int | None, Option(min=1, help="Processes, of all a paper each, of worlds a world.")
+        int | None,
+        Option(min=1, help="Processes: with all one for a paper, with worlds for a world."),
     ] = None,
     scheduler: Scheduler = None,
     world: Annotated[
         str,
         Option(
-            help="Lanes of the studies: own, prepared as each paper says, or as-found, roads as found."
+            help="Lanes of the studies: own, prepared as each paper says; or as-found, as on roads."
         ),
     ] = "own",
     *,
     track: Progress = None,
 ) -> Path:
-    """Run a paper's experiment again on simulated lanes and write its page; goes on where it was stopped.
+    """Run a paper's experiment again on simulated lanes and write its page.
+
+    An interrupted run resumes.
 
     Returns
     -------
@@ -72,9 +76,9 @@ def reproduce(
         raise ValueError(
             f"paper must be one of {', '.join(PAPERS)}, all, worlds or reasons, got {paper!r}"
         )
-    of_all = "reproduced" if paper in ("all", "reasons") else f"{paper}-result"
-    folder = Path(output or of_all)
-    # The studies rest on everything else, and nothing rests on them.
+    default_folder = "reproduced" if paper in ("all", "reasons") else f"{paper}-result"
+    folder = Path(output or default_folder)
+    # The studies import everything else, and nothing may import them but on demand.
     papers = import_module("flgpr_papers")
     if paper == "reasons":
         return Path(papers.explain(folder, part or (), quick, world, track or silent))
@@ -88,5 +92,5 @@ def reproduce(
     if world != "own":
         raise ValueError(f"worlds has worlds of its own: world must be left out, got {world!r}")
     options = run_options(workers, scheduler, track=track)
-    parts = {"parts": part} if part else {}
-    return Path(papers.map_worlds(folder, **parts, quick=quick, how=options))
+    chosen = {"parts": part} if part else {}
+    return Path(papers.map_worlds(folder, **chosen, quick=quick, how=options))

@@ -1,4 +1,4 @@
-"""Who does the work of a command that runs recipes, and how much memory it takes."""
+"""Options of commands that run recipes: processes, memory and progress."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ def run_options(
     """Return the options of a run; what is None keeps its default."""
     from flgpr.execution.survey import RunOptions
 
-    options: dict[str, Any] = {"track": track, "note": note}
-    chosen = {name: value for name, value in options.items() if value is not None}
-    return RunOptions(
-        workers, scheduler, size_in_bytes(max_memory), pass_cache=pass_cache, **chosen
-    )
+    reporting: dict[str, Any] = {}
+    if track is not None:
+        reporting["track"] = track
+    if note is not None:
+        reporting["note"] = note
+    memory = size_in_bytes(max_memory)
+    return RunOptions(workers, scheduler, memory, pass_cache=pass_cache, **reporting)

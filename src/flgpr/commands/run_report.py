@@ -1,4 +1,4 @@
-"""What a run holds."""
+"""Reports of what a run or a model holds."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from flgpr.calibrate import channel_health, health_summary
 from flgpr.chain.recipe import Recipe, lane_of, load_recipe, recipe_names
-from flgpr.chain.recipe_for_run import fit_faults
+from flgpr.chain.recipe_fit import fit_faults
 from flgpr.door import Folder
 from flgpr.imaging import count_looks
 from flgpr.imaging.ground import covered_ground, grid_ahead
 from flgpr.model import (
     SPEED_OF_LIGHT,
     Grid,
+    Lane,
     aperture_pose,
     complete_scans,
     unambiguous_path,
@@ -28,7 +30,10 @@ from flgpr.store import open_run
 from flgpr.store.outputs import whole_output
 
 PathLike = str | Path
-_WIDEST = 10.0  # m
+_WIDEST = 10.0  # m, largest array that a vehicle carries; assumed
+_UNIFORM = 1e-3  # of the step between tones, by which uniform tones may differ; assumed
+_MAP_COLUMNS = 24  # of the map of looks, unless its rows would be more than these:
+_MAP_ROWS = 400
 
 
 def run_info(
@@ -37,68 +42,61 @@ def run_info(
     plot: PathLike | None = None,
     recipes: bool = False,
 ) -> dict[str, Any]:
-    """Tell what a run holds and what follows from it, and perhaps draw it (PNG): plan, coverage and side view.
+    """Return what a run holds and what follows from it, and draw it if a plot is asked for.
 
-    Beside the description (:func:`flgpr.results.description.describe_run`) it is the unambiguous path, range resolution
-    (m), largest step between tones (Hz), span travelled (m), ``array_m`` (how far the antennas reach across, along and
-    up), ``looks`` on a coarse grid, what of ``recipes`` does not fit the run, entry by entry, ``import_notes`` of what
-    an import assumed, replaced or left out, and ``warnings`` of what is seldom meant. The recipe's images and lane
-    decide what is covered; without one it is the ground from 1 to 5 array heights ahead and 1.2 to either side. The
-    recipe is tried, and with ``recipes`` all packaged ones are.
+    Parameters
+    ----------
+    run : path
+        Run store.
+    recipe : path, optional
+        Packaged recipe or TOML. Its images and lane decide what is covered; without one it is the
+        ground from 1 to 5 array heights ahead and 1.2 to either side. It is checked against the
+        run.
+    plot : path, optional
+        PNG to write: plan, coverage and side view.
+    recipes : bool
+        Whether all packaged recipes are checked, too.
+
+    Returns
+    -------
+    dict
+        The description (:func:`flgpr.results.description.describe_run`) with the unambiguous path
+        and the range resolution (m), the largest step between tones (Hz), the distance travelled
+        (m), ``array_m`` (extent of the antennas across, along and up), ``looks`` on a coarse grid,
+        what of ``recipes`` does not fit the run, entry by entry, ``import_notes`` of what an import
+        assumed, replaced or left out, and ``warnings`` of what is seldom meant.
+
+    Raises
+    ------
+    ValueError
+        If no scan of the run is complete.
     """
-    dataset = open_run(run)
-    table = None if recipe is None else load_recipe(recipe)
-    motion = judge_run(dataset, None if table is None else table.motion)
-    description = describe_run(dataset, run, None if table is None else table.motion)
-    dataset = plausible_run(dataset, None if table is None else table.motion)
-    pose = plausible_poses(description)
-    frequency = dataset["frequency"].values
-    steps = np.diff(frequency)
-    unambiguous = unambiguous_path(frequency)
-    spacing = np.hypot(*np.diff(pose[:, :2], axis=0).T)
-    complete = complete_scans(dataset)
-    if not complete.any():
-        raise ValueError(
-            f"run must have a scan without missing sweeps, got none among {complete.size}"
-        )
-    antennas = np.array(description["tx_m"] + description["rx_m"])
-    height = float(pose[:, 2].mean() + antennas[:, 2].mean())
-    array = np.ptp(antennas, axis=0)
-    if table is not None:
-        grid = table.image.grid()
-        lane = lane_of(dataset, table)
-        seen = (
-            aperture_pose(dataset)[None]
-            if table.image.frames == "all"
-            else dataset["pose"].values[complete]
-        )
-    else:
-        grid = grid_ahead(dataset, pose)
-        seen = dataset["pose"].values[complete]
-        lane = covered_ground(grid, seen)
-    names = ([] if recipe is None else [str(recipe)]) + (recipe_names() if recipes else [])
-    spot = max((lane.x_max - lane.x_min) / 24, (lane.y_max - lane.y_min) / 400)
-    around = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), spot)
-    counted = count_looks(seen, grid, around.points())
-    looks = xr.DataArray(counted, dims=("y", "x"), coords={"y": around.y, "x": around.x})
-    if plot is not None:
-        from flgpr.report import geometry_figure  # loads what draws, which words can do without
+    stored = open_run(run)
+    parsed = None if recipe is None else load_recipe(recipe)
+    motion_rules = None if parsed is None else parsed.motion
+    motion = judge_run(stored, motion_rules)
+    description = describe_run(stored, run, motion_rules)
+    dataset = plausible_run(stored, motion_rules)
 
-        figure = geometry_figure(description, lane, looks, 0.1 * (lane.x_max - lane.x_min))
-        with whole_output(Path(plot)) as made:
-            figure.savefig(made, dpi=110, format="png", metadata={"Software": None})
+    if not complete_scans(dataset).any():
+        count = dataset.sizes["scan"]
+        raise ValueError(f"run must have a scan without missing sweeps, got none among {count}")
+
+    poses = plausible_poses(description)
+    lane, looks = _coverage(dataset, parsed, poses)
+    if plot is not None:
+        _write_plot(plot, description, lane, looks)
+
+    checked = [] if recipe is None else [str(recipe)]
+    if recipes:
+        checked += recipe_names()
+
     doubts = geometry_doubts(dataset) + motion.notes()
-    return description | {
-        "unambiguous_path_m": unambiguous if math.isfinite(unambiguous) else None,
-        "uniform_tones": bool(steps.size == 0 or np.ptp(steps) < 1e-3 * np.median(steps)),
-        "largest_step_hz": float(steps.max(initial=0.0)),
-        "range_resolution_m": SPEED_OF_LIGHT / (2 * float(np.ptp(frequency)))
-        if steps.size
-        else None,
-        "travelled_m": float(spacing.sum()),
-        "scan_spacing_m": [float(spacing.min()), float(spacing.max())] if spacing.size else None,
-        "array_m": array.tolist(),
-        "height_m": height,
+    import_notes = dataset.attrs.get("import_notes", [])
+    return {
+        **description,
+        **_tone_figures(dataset["frequency"].values),
+        **_geometry_figures(description, poses),
         "health": health_summary(channel_health(dataset)),
         "lane": {"x": [lane.x_min, lane.x_max], "y": [lane.y_min, lane.y_max]},
         "looks": {
@@ -107,55 +105,123 @@ def run_info(
             "unseen_share": float((looks == 0).mean()),
         },
         "looks_map": looks.values.tolist(),
-        "recipes": {name: _faults(dataset, load_recipe(name)) for name in names},
-        "import_notes": [
-            str(note) for note in dataset.attrs.get("import_notes", []) if note not in doubts
-        ],
+        "recipes": {name: _recipe_faults(dataset, load_recipe(name)) for name in checked},
+        "import_notes": [str(note) for note in import_notes if note not in doubts],
         "warnings": doubts,
     }
 
 
-def model_info(folder: PathLike) -> dict[str, Any]:
-    """Tell what a model holds without loading it, or what the model of a result does.
+def _tone_figures(frequency: NDArray[np.float64]) -> dict[str, Any]:
+    """Return what follows from the tones (Hz): range, resolution, and whether they are uniform."""
+    steps = np.diff(frequency)
+    unambiguous = unambiguous_path(frequency)
+    is_uniform = steps.size == 0 or np.ptp(steps) < _UNIFORM * np.median(steps)
+    resolution = None
+    if steps.size:
+        resolution = SPEED_OF_LIGHT / (2 * float(np.ptp(frequency)))
+    return {
+        "unambiguous_path_m": unambiguous if math.isfinite(unambiguous) else None,
+        "uniform_tones": bool(is_uniform),
+        "largest_step_hz": float(steps.max(initial=0.0)),
+        "range_resolution_m": resolution,
+    }
 
-    Beside :func:`flgpr.chain.model.describe_model`, of a result ``result`` is its folder.
+
+def _geometry_figures(description: dict[str, Any], poses: NDArray[np.float64]) -> dict[str, Any]:
+    """Return distance travelled, distances of scans, extent of the array and its mean height, m."""
+    spacing = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    antennas = np.array(description["tx_m"] + description["rx_m"])
+    return {
+        "travelled_m": float(spacing.sum()),
+        "scan_spacing_m": [float(spacing.min()), float(spacing.max())] if spacing.size else None,
+        "array_m": np.ptp(antennas, axis=0).tolist(),
+        "height_m": float(poses[:, 2].mean() + antennas[:, 2].mean()),
+    }
+
+
+def _coverage(
+    run: xr.Dataset, recipe: Recipe | None, poses: NDArray[np.float64]
+) -> tuple[Lane, xr.DataArray]:
+    """Return the lane, and how many scans see each cell (y, x) of a coarse grid of it.
+
+    With images of all scans together there is a single look, from the middle of the aperture.
     """
-    from flgpr.chain.model import (
-        MODEL_FILE,
-        describe_model,
-    )  # with what detects, which runs are told of without
+    scan_poses = run["pose"].values[complete_scans(run)]
+    if recipe is None:
+        grid = grid_ahead(run, poses)
+        lane = covered_ground(grid, scan_poses)
+    else:
+        grid = recipe.image.grid()
+        lane = lane_of(run, recipe)
+        if recipe.image.frames == "all":
+            scan_poses = aperture_pose(run)[None]
+
+    width = lane.x_max - lane.x_min
+    length = lane.y_max - lane.y_min
+    cell = max(width / _MAP_COLUMNS, length / _MAP_ROWS)
+    coarse = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), cell)
+
+    counts = count_looks(scan_poses, grid, coarse.points())
+    return lane, xr.DataArray(counts, dims=("y", "x"), coords={"y": coarse.y, "x": coarse.x})
+
+
+def _write_plot(
+    path: PathLike, description: dict[str, Any], lane: Lane, looks: xr.DataArray
+) -> None:
+    """Draw plan, coverage and side view as PNG."""
+    from flgpr.report import (  # loads Matplotlib, which the text does without
+        figure_png,
+        geometry_figure,
+    )
+
+    margin = 0.1 * (lane.x_max - lane.x_min)
+    figure = geometry_figure(description, lane, looks, margin)
+    with whole_output(Path(path)) as partial:
+        partial.write_bytes(figure_png(figure))
+
+
+def model_info(folder: PathLike) -> dict[str, Any]:
+    """Return what a model, or the model of a result, holds, without loading it.
+
+    It is the dict of :func:`flgpr.chain.model.describe_model`; for a result, ``result`` is its
+    folder. A result that was made without a model is a ValueError.
+    """
+    # Loads the detectors, which reports of runs do without.
+    from flgpr.chain.model import MODEL_FILE, describe_model
     from flgpr.results.result import MODEL
 
-    home = Path(folder)
-    if (home / MODEL_FILE).is_file():
-        return describe_model(home)
-    if not Folder(home).has(f"{MODEL}/{MODEL_FILE}"):
+    path = Path(folder)
+    if (path / MODEL_FILE).is_file():
+        return describe_model(path)
+    files = Folder(path)
+    if not files.has(f"{MODEL}/{MODEL_FILE}"):
         raise ValueError(
             f"{folder}: this result was made without a model: its recipe alone decides"
         )
-    return describe_model(Folder(home).path(MODEL)) | {"result": str(home)}
+    return {**describe_model(files.path(MODEL)), "result": str(path)}
 
 
-def _faults(run: xr.Dataset, recipe: Recipe) -> list[str]:
-    """Tell what of a recipe does not fit, and what is doubtful."""
+def _recipe_faults(run: xr.Dataset, recipe: Recipe) -> list[str]:
+    """Return what of a recipe does not fit a run, and then what is doubtful."""
     faults, doubts = fit_faults(run, recipe)
     return faults + doubts
 
 
 def geometry_doubts(run: xr.Dataset) -> list[str]:
-    """Warn of antennas that lie wider apart than any vehicle, or do not stand over the ground at the poses."""
+    """Return warnings of antennas farther apart than on any vehicle, or not above the ground."""
     antennas = np.concatenate([run["tx_position"].values, run["rx_position"].values])
-    told = []
-    array = np.ptp(antennas, axis=0)
+    warnings = []
+    widest = np.ptp(antennas, axis=0).max()
+    if widest > _WIDEST:
+        warnings.append(
+            f"antennas lie up to {widest:.4g} m apart, more than {_WIDEST:g} m: are positions "
+            "metres, and relative to the vehicle, not to the Earth?"
+        )
+
     height = float(run["pose"].values[:, 2].mean() + antennas[:, 2].mean())
-    if array.max() > _WIDEST:
-        told.append(
-            f"antennas lie up to {array.max():.4g} m apart, more than {_WIDEST:g} m: are positions metres, and "
-            "relative to the vehicle, not to the Earth?"
-        )
     if height <= 0 and run.attrs.get("sounding") != "ground-coupled":
-        told.append(
-            f"antennas stand {height:.3g} m above the ground on average: heights of poses and antennas add up, and "
-            "count upwards from the ground"
+        warnings.append(
+            f"antennas stand {height:.3g} m above the ground on average: heights of poses and "
+            "antennas add up, and count upwards from the ground"
         )
-    return told
+    return warnings

@@ -18,7 +18,7 @@ from flgpr.commands.options import (
     ShellType,
     one_or_more,
 )
-from flgpr.commands.score_words import (
+from flgpr.commands.score_text import (
     agreement_json,
     agreement_lines,
     blind_lines,
@@ -41,6 +41,7 @@ class Show(StrEnum):
 
 
 def _lines(returned: Any, call: Arguments) -> Iterator[Any]:
+    """Yield what is printed of a score, a comparison, a sealed truth or an agreement."""
     from flgpr.commands.scoring import Scored
     from flgpr.scoring import SideBySide
     from flgpr.trials import BlindScore
@@ -52,15 +53,16 @@ def _lines(returned: Any, call: Arguments) -> Iterator[Any]:
         yield f"report: {(returned.folder / 'report.html').resolve()}"
     elif isinstance(returned, SideBySide):
         yield from comparison_lines(returned)
-        yield f"page: {(_home(call) / 'comparison.html').resolve()}"
+        yield f"page: {(_output_folder(call) / 'comparison.html').resolve()}"
     elif isinstance(returned, BlindScore):
         yield from blind_lines(returned)
-        yield f"report: {(_home(call) / 'report.html').resolve()}"
+        yield f"report: {(_output_folder(call) / 'report.html').resolve()}"
     elif returned is not None:
         yield from agreement_lines(returned)
 
 
 def _as_json(returned: Any, call: Arguments) -> Any:
+    """Return the summary of a score, the agreements, or the JSON that was written."""
     from flgpr.commands.scoring import Scored
 
     if isinstance(returned, Scored):
@@ -68,19 +70,21 @@ def _as_json(returned: Any, call: Arguments) -> Any:
     if call.agreement:
         return agreement_json(returned)
     name = "comparison.json" if len(call.alarms) > 1 else "roc.json"
-    return parse_json(Folder(_home(call)).read(name, MOST_JSON))
+    return parse_json(Folder(_output_folder(call)).read(name, MOST_JSON))
 
 
-def _home(call: Arguments) -> Path:
+def _output_folder(call: Arguments) -> Path:
+    """Return the folder of the report."""
     return Path(call.output or "score")
 
 
 def _ask_passphrase() -> str:
+    """Ask for a passphrase on the terminal."""
     return str(typer.prompt("passphrase", hide_input=True, err=True))
 
 
 def _ask_new_passphrase() -> str:
-    """Ask for a passphrase twice; one that is easy to guess is refused before it is typed again."""
+    """Ask for a passphrase twice; a weak one is refused before it is typed again."""
     from flgpr.trials import PASSPHRASE_RULE, check_passphrase
 
     phrase = str(typer.prompt(f"passphrase ({PASSPHRASE_RULE})", hide_input=True, err=True))
@@ -93,6 +97,7 @@ def _ask_new_passphrase() -> str:
 
 
 def _passphrase(call: Arguments) -> dict[str, Any]:
+    """Return the function that asks for the passphrase, where one is needed."""
     return {"passphrase": _ask_new_passphrase if call.seal else _ask_passphrase}
 
 
@@ -101,7 +106,8 @@ def score(
     alarms: Annotated[
         OneOrMorePaths,
         Argument(
-            help="Result folder, or an alarm list (CSV) of any detector; several are compared; see --agreement."
+            help="Result folder, or an alarm list (CSV) of any detector; several are compared; "
+            "see --agreement."
         ),
     ],
     truth: Annotated[PathLike | None, Option(help="CSV of the targets.")] = None,
@@ -119,7 +125,8 @@ def score(
     halo: Annotated[
         float | None,
         Option(
-            help="Halo radius in metres, for alarm lists (1 m by default); a result has its recipe's."
+            help="Halo radius in metres, for alarm lists (1 m by default); a result has its "
+            "recipe's."
         ),
     ] = None,
     far: Annotated[
@@ -132,7 +139,8 @@ def score(
     show: Annotated[
         str | None,
         Option(
-            help="With --seal: scores may tell the curve and counts (default), or also which targets."
+            help="With --seal: scores may tell the curve and counts (default), or also which "
+            "targets."
         ),
         ShellType(Show),
     ] = None,
@@ -152,8 +160,9 @@ def score(
     witness: Annotated[
         PathLike | None,
         Option(
-            help="A file elsewhere that must know the lines of the register (--book), or else of the log of looks "
-            "(--sealed); told of new ones."
+            help="A file elsewhere that must hold the lines of the register (--book), or else of "
+            "the "
+            "log of looks (--sealed); new lines are added to it."
         ),
     ] = None,
     agreement: Annotated[
@@ -166,14 +175,16 @@ def score(
     columns: Annotated[
         str | None,
         Option(
-            help="Columns of the alarm lists that have other names: x=Rechts,y=Hoch,confidence=Score."
+            help="Columns of the alarm lists that have other names: "
+            "x=Rechts,y=Hoch,confidence=Score."
         ),
     ] = None,
-    truth_columns: Annotated[str | None, Option(help="The same of the truth.")] = None,
+    truth_columns: Annotated[str | None, Option(help="The same for the truth.")] = None,
     anchor: Annotated[
         PathLike | None,
         Option(
-            help="TOML that ties the lane to the Earth, for lists and truth by longitude and latitude."
+            help="TOML that ties the lane to the Earth, for lists and truth by longitude and "
+            "latitude."
         ),
     ] = None,
     overwrite: Overwrite = False,
@@ -181,14 +192,15 @@ def score(
     passphrase: Annotated[Any, "Of a sealed truth: a text, or a function that asks for it."] = None,
     track: Progress = None,
 ) -> Any:
-    """Score a result or an alarm list against truth, open or sealed, or set several side by side.
+    """Score a result or an alarm list against truth, open or sealed, or compare several lists.
 
     Returns
     -------
     Scored, SideBySide, BlindScore, pathlib.Path, dict or None
-        The scores of a result or a list and where their report is; of several lists their
-        comparison; of a sealed truth what it lets be known, or None where this very score is there;
-        with ``seal`` the sealed file; with ``agreement`` how far every two analysts agree.
+        For a result or a list its scores and the folder of the report; for several lists their
+        comparison; for a sealed truth what it lets be known, or None where this score exists
+        already; with ``seal`` the sealed file; with ``agreement`` the agreement of every two
+        analysts.
 
     Raises
     ------
@@ -197,13 +209,14 @@ def score(
     FileExistsError
         If another score is at the output and is not to be overwritten.
     """
-    from flgpr.commands import scoring
+    from flgpr.commands.analysts import analyst_agreement
     from flgpr.commands.positions import table_reading
     from flgpr.commands.registering import with_witness
 
     lists = [Path(path) for path in one_or_more(alarms)]
     recipes = one_or_more(recipe)
-    given: dict[str, Any] = {
+    # Options that have no effect are refused, not dropped without a word.
+    options: dict[str, Any] = {
         "truth": truth,
         "objects": objects,
         "lane": lane,
@@ -216,73 +229,67 @@ def score(
         "truth-columns": truth_columns,
         "anchor": anchor,
     }
+
     if witness is not None and book is None and sealed is None:
         raise ValueError(f"--witness goes with --book or --sealed, got --witness {witness} alone")
-    looks_witness = witness if book is None else None
     register = None if book is None else with_witness(book, witness)
+
     if agreement:
-        given |= {"output": output, "book": book, "seal": seal or None}
-        _refuse(given, (), "--agreement compares verdicts with one another and prints the table")
-        return scoring.analyst_agreement(lists)
+        options |= {"output": output, "book": book, "seal": seal or None}
+        _refuse(options, (), "--agreement compares verdicts with one another and prints the table")
+        return analyst_agreement(lists)
+
     if seal:
-        _refuse(given, ("lane", "halo", "show"), "--seal seals a truth with its lane and halo")
-        rules = _given({"halo": halo, "show": show and str(show), "book": register})
-        return _seal(lists, lane, output, passphrase, rules)
+        _refuse(options, ("lane", "halo", "show"), "--seal seals a truth with its lane and halo")
+        rules = _without_none({"halo": halo, "show": show and str(show), "register": register})
+        return _seal_truth(lists, lane, output, passphrase, rules)
+
     if len(lists) == 1 and len(recipes) > 1:
         raise ValueError(f"recipe must be given once per alarm list, got {len(recipes)} for 1 list")
-    home = Path(output or "score")
+
     if sealed is not None:
         why = "--sealed scores by the rules that the truth was sealed with"
-        _refuse(given, ("sealed", "recipe"), why)
-        scoring.require_seal()
-        if not overwrite and scoring.holds_sealed_score(lists, sealed, home, recipes, register):
-            return None
-        if len(lists) > 1:
-            return scoring.compare_sealed(
-                lists,
-                sealed,
-                passphrase,
-                home,
-                recipes=recipes,
-                book=register,
-                witness=looks_witness,
-            )
-        own = recipes[0] if recipes else None
-        return scoring.score_sealed(
-            lists[0],
-            sealed,
-            passphrase,
-            home,
-            recipe=own,
-            book=register,
-            witness=looks_witness,
+        _refuse(options, ("sealed", "recipe"), why)
+        # A witness of the register is already part of it; without one it is that of the log.
+        log_witness = witness if book is None else None
+        folder = Path(output or "score")
+        return _score_sealed(
+            lists, sealed, passphrase, folder, recipes, register, log_witness, overwrite
         )
+
     _refuse({"show": show}, (), "--show goes with --seal")
     if truth is None:
         raise ValueError("score needs --truth or --sealed, got neither")
-    options = _given({"halo": halo, "far": far, "reading": table_reading(columns, anchor)})
-    options["truth_reading"] = table_reading(truth_columns, anchor)
-    options |= {"book": register, "overwrite": overwrite}
+
+    score_options = _without_none(
+        {"halo": halo, "far": far, "reading": table_reading(columns, anchor)}
+    )
+    score_options["truth_reading"] = table_reading(truth_columns, anchor)
+    score_options |= {"register": register, "overwrite": overwrite}
+
     if len(lists) > 1:
+        from flgpr.commands.scoring import compare_alarms
+
         _refuse({"objects": objects}, (), "several lists are compared without pictures")
-        return scoring.compare_alarms(lists, truth, home, lane, recipes=recipes, **options)
-    options["recipe"] = recipes[0] if recipes else None
-    return _score_one(lists[0], truth, objects, lane, output, options, track)
+        folder = Path(output or "score")
+        return compare_alarms(lists, truth, folder, lane, recipes=recipes, **score_options)
+    score_options["recipe"] = recipes[0] if recipes else None
+    return _score_single(lists[0], truth, objects, lane, output, score_options, track)
 
 
-def _given(options: Mapping[str, Any]) -> dict[str, Any]:
+def _without_none(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options that were given."""
     return {name: value for name, value in options.items() if value is not None}
 
 
-def _refuse(given: Mapping[str, Any], allowed: tuple[str, ...], why: str) -> None:
-    """Refuse options that would be dropped."""
-    strange = [f"--{name}" for name in _given(given) if name not in allowed]
-    if strange:
-        raise ValueError(f"{why}, got {' and '.join(strange)}")
+def _refuse(options: Mapping[str, Any], allowed: tuple[str, ...], why: str) -> None:
+    """Refuse options that have no effect here."""
+    refused = [f"--{name}" for name in _without_none(options) if name not in allowed]
+    if refused:
+        raise ValueError(f"{why}, got {' and '.join(refused)}")
 
 
-def _score_one(
+def _score_single(
     alarms: Path,
     truth: PathLike,
     objects: PathLike | None,
@@ -291,10 +298,11 @@ def _score_one(
     options: dict[str, Any],
     track: Any,
 ) -> Scored:
-    """Score a result by its recipe's rules, or an alarm list by those that are given."""
+    """Score a result by its recipe's rules, or an alarm list by the rules of the options."""
     from flgpr.chain.progress import silent
-    from flgpr.commands import scoring
+    from flgpr.commands.scoring import Scored, score_alarms, score_folder, score_result
 
+    # The list inside a result is scored with the result, by its recipe's rules.
     is_list = alarms.suffix == ".csv" and not (alarms.parent / "manifest.json").is_file()
     if lane is None and is_list:
         raise ValueError(
@@ -302,33 +310,64 @@ def _score_one(
         )
     if lane is not None:
         _refuse({"objects": objects}, (), "an alarm list is scored without pictures")
-        home = Path(output or "score")
-        scores = scoring.score_alarms(alarms, truth, lane, home, **options)
-        return scoring.Scored(home, scores)
+        folder = Path(output or "score")
+        return Scored(folder, score_alarms(alarms, truth, lane, folder, **options))
     _refuse({"halo": options.get("halo")}, (), "a result is scored by the halo of its recipe")
     reading = options.pop("reading", None)
     if reading is not None and reading.columns:
         raise ValueError(
             "columns are of alarm lists: a result's list has its own; see --truth-columns"
         )
-    folder = alarms.parent if alarms.name == "alarms.csv" else alarms
-    home = Path(output) if output is not None else scoring.score_home(folder)
-    result, scores = scoring.score_result(folder, truth, objects, home, track or silent, **options)
-    return scoring.Scored(home, scores, result)
+    result_folder = alarms.parent if alarms.name == "alarms.csv" else alarms
+    folder = score_folder(result_folder) if output is None else Path(output)
+    result, scores = score_result(result_folder, truth, objects, folder, track or silent, **options)
+    return Scored(folder, scores, result)
 
 
-def _seal(
+def _score_sealed(
+    lists: list[Path],
+    sealed: PathLike,
+    passphrase: Any,
+    folder: Path,
+    recipes: list[Any],
+    register: Any,
+    witness: PathLike | None,
+    overwrite: bool,
+) -> Any:
+    """Score a list or compare several against a sealed truth; None where this score is there."""
+    from flgpr.commands.sealed_scoring import (
+        compare_sealed,
+        holds_sealed_score,
+        require_seal,
+        score_sealed,
+    )
+
+    require_seal()
+    if not overwrite and holds_sealed_score(lists, sealed, folder, recipes, register):
+        return None
+    if len(lists) > 1:
+        return compare_sealed(
+            lists, sealed, passphrase, folder, recipes=recipes, register=register, witness=witness
+        )
+    recipe = recipes[0] if recipes else None
+    return score_sealed(
+        lists[0], sealed, passphrase, folder, recipe=recipe, register=register, witness=witness
+    )
+
+
+def _seal_truth(
     truths: list[Path],
     lane: PathLike | None,
     output: PathLike | None,
     passphrase: Any,
     rules: dict[str, Any],
 ) -> Path:
-    from flgpr.commands import scoring
+    """Seal a truth with its lane and rules."""
+    from flgpr.commands.sealed_scoring import require_seal, seal_truth_file
 
     if lane is None or output is None or len(truths) > 1:
         raise ValueError(
             "--seal needs one truth, --lane and --output, got none or several of one of them"
         )
-    scoring.require_seal()
-    return scoring.seal(truths[0], lane, output, passphrase, **rules)
+    require_seal()
+    return seal_truth_file(truths[0], lane, output, passphrase, **rules)

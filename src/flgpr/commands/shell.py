@@ -1,8 +1,9 @@
 """The layer between the command line and the functions of the commands.
 
-A command is a function with a typed signature. :func:`command` says how the command line shows what
-it returns; :func:`shell_function` makes of both what Typer runs: it parses, calls the function,
-shows progress, prints words or JSON, and turns errors that the user can mend into one line.
+A command is a function with a typed signature. :func:`command` states how the command line shows
+what it returns; :func:`shell_function` makes of both what Typer runs: it parses, calls the
+function, shows progress, prints text or JSON, and turns errors that the user can mend into one
+line.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 
 QUIET = Annotated[bool, Option("--quiet", help="Print nothing but errors.")]
-JSON = Annotated[bool, Option("--json", help="Print one JSON object instead of words.")]
+JSON = Annotated[bool, Option("--json", help="Print one JSON object instead of text.")]
 Arguments = SimpleNamespace
 """The arguments that a command was called with, by name."""
 
@@ -82,7 +83,7 @@ class Command:
         return parameters_of(self.function)
 
 
-def command(**shown: Any) -> Callable[[F], F]:
+def command(**fields: Any) -> Callable[[F], F]:
     """Make a function a command; the keywords are the fields of :class:`Command`.
 
     Called from Python the function prints nothing and raises its errors. ``help()`` shows its
@@ -90,10 +91,11 @@ def command(**shown: Any) -> Callable[[F], F]:
     """
 
     def decorate(function: F) -> F:
-        made = Command(function, **shown)
-        function.__dict__["command"] = made
-        function.__doc__ = python_documentation(function.__doc__ or "", made.parameters)
-        function.__dict__["__signature__"] = python_signature(function, made.parameters)
+        described = Command(function, **fields)
+        parameters = described.parameters
+        function.__dict__["command"] = described
+        function.__doc__ = python_documentation(function.__doc__ or "", parameters)
+        function.__dict__["__signature__"] = python_signature(function, parameters)
         return function
 
     return decorate
@@ -101,84 +103,98 @@ def command(**shown: Any) -> Callable[[F], F]:
 
 def shell_function(function: Callable[..., Any]) -> Callable[..., None]:
     """Return the function that Typer runs for a command."""
-    shown: Command = function.__dict__["command"]
+    described: Command = function.__dict__["command"]
 
-    def run(**given: Any) -> None:
-        _run(shown, given)
+    def run(**values: Any) -> None:
+        _run(described, values)
 
     run.__name__ = function.__name__
     run.__doc__ = help_of(function)
-    run.__dict__["__signature__"] = inspect.Signature(_shell_parameters(shown))
+    run.__dict__["__signature__"] = inspect.Signature(_shell_parameters(described))
     return run
 
 
-def _shell_parameters(shown: Command) -> list[inspect.Parameter]:
+def _shell_parameters(described: Command) -> list[inspect.Parameter]:
     """Return arguments, options that must be given, then all other options in their order."""
     arguments = []
     required = []
     options = []
-    for one in shown.parameters:
-        if one.shell is None:
+    for parameter in described.parameters:
+        if parameter.shell is None:
             continue
-        default = one.shell_default
-        made = _keyword(one.name, Annotated[one.shell_type, one.shell], default)
-        if isinstance(one.shell, ArgumentInfo):
-            arguments.append(made)
+        default = parameter.shell_default
+        keyword = _keyword(
+            parameter.name, Annotated[parameter.shell_type, parameter.shell], default
+        )
+        if isinstance(parameter.shell, ArgumentInfo):
+            arguments.append(keyword)
         elif default is inspect.Parameter.empty:
-            required.append(made)
+            required.append(keyword)
         else:
-            options.append(made)
-    for name, (annotation, default) in shown.extra.items():
+            options.append(keyword)
+
+    for name, (annotation, default) in described.extra.items():
         options.append(_keyword(name, annotation, default))
-    if shown.quiet:
+    if described.quiet:
         options.append(_keyword("quiet", QUIET, False))
-    if shown.as_json is not None:
+    if described.as_json is not None:
         options.append(_keyword("as_json", JSON, False))
     return [*arguments, *required, *options]
 
 
 def _keyword(name: str, annotation: Any, default: Any) -> inspect.Parameter:
+    """Return a parameter that is passed by its name."""
     kind = inspect.Parameter.KEYWORD_ONLY
     return inspect.Parameter(name, kind, default=default, annotation=annotation)
 
 
-def _run(shown: Command, given: dict[str, Any]) -> None:
+def _run(described: Command, values: dict[str, Any]) -> None:
     """Call a command's function with the options of the command line, and print what it returns."""
-    quiet = given.pop("quiet", False)
-    as_json = given.pop("as_json", False)
+    quiet = values.pop("quiet", False)
+    as_json = values.pop("as_json", False)
     silent = quiet or as_json
-    call = SimpleNamespace(**given, quiet=quiet, as_json=as_json)
+    call = SimpleNamespace(**values, quiet=quiet, as_json=as_json)
     with plain_errors(quiet), ExitStack() as stack:
-        if shown.before is not None and not silent:
-            print_lines(shown.before(call))
-        if shown.around is not None:
-            stack.enter_context(shown.around(call))
-        more = {} if shown.passes is None else shown.passes(call)
-        returned = _call(shown, {**given, **more}, silent)
-        if as_json and shown.as_json is not None:
-            typer.echo(json.dumps(shown.as_json(returned, call)))
-        elif shown.lines is not None and (shown.answers or not quiet):
-            print_lines(shown.lines(returned, call))
-    if shown.status is not None and shown.status(returned):
-        raise typer.Exit(shown.status(returned))
+        if described.before is not None and not silent:
+            print_lines(described.before(call))
+        if described.around is not None:
+            stack.enter_context(described.around(call))
+        if described.passes is not None:
+            values = {**values, **described.passes(call)}
+        returned = _call(described, values, silent)
+        if as_json and described.as_json is not None:
+            typer.echo(json.dumps(described.as_json(returned, call)))
+        elif described.lines is not None and (described.answers or not quiet):
+            print_lines(described.lines(returned, call))
+    if described.status is not None:
+        status = described.status(returned)
+        if status:
+            raise typer.Exit(status)
 
 
-def _call(shown: Command, given: Mapping[str, Any], silent: bool) -> Any:
+def _call(described: Command, values: Mapping[str, Any], silent: bool) -> Any:
     """Call the function; options that were not given keep the function's own defaults."""
-    values = {
-        name: value
-        for name, value in given.items()
-        if value is not None and value != [] and name not in shown.extra
-    }
+    arguments = {}
+    for name, value in values.items():
+        if value is not None and value != [] and name not in described.extra:
+            arguments[name] = value
     with ExitStack() as stack:
-        if shown.compiles:
+        if described.compiles:
             from flgpr.kernels.ahead import compiled_beside
 
             stack.enter_context(compiled_beside())
-        # Where the command line itself has an option of that name it is the file of a track.
-        if any(one.name == "track" and one.shell is None for one in shown.parameters):
-            values["track"] = stack.enter_context(progress_bars(silent))
-        return shown.function(**values)
+        if _shows_progress(described):
+            arguments["track"] = stack.enter_context(progress_bars(silent))
+        return described.function(**arguments)
+
+
+def _shows_progress(described: Command) -> bool:
+    """Return whether a function takes a ``track`` that shows progress.
+
+    Where the command line has an option of that name, it is the file of a vehicle's track.
+    """
+    python_only = [parameter.name for parameter in described.parameters if parameter.shell is None]
+    return "track" in python_only
 
 
 @contextmanager

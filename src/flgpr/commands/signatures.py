@@ -14,7 +14,8 @@ from typer.models import ArgumentInfo, OptionInfo
 
 from flgpr.commands.options import ShellDefault, ShellType
 
-_Kind = inspect.Parameter
+_EMPTY = inspect.Parameter.empty
+_POSITIONAL = inspect.Parameter.POSITIONAL_OR_KEYWORD
 _SECTION = re.compile(r"^(Returns|Raises|Notes)\n-+$", re.MULTILINE)
 
 
@@ -25,9 +26,8 @@ class Parameter:
     name: str
     type: Any
     default: Any
-    shell: (
-        ArgumentInfo | OptionInfo | None
-    )  #: how the command line takes it; None where it does not
+    #: how the command line takes it; None where it does not
+    shell: ArgumentInfo | OptionInfo | None
     help: str  #: one sentence
     shell_type: Any  #: what the command line parses
     shell_default: Any  #: ``inspect.Parameter.empty`` where the command line must be given it
@@ -39,39 +39,46 @@ def parameters_of(function: Callable[..., Any]) -> list[Parameter]:
     names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
     defaults = dict(function.__kwdefaults__ or {})
     positional = names[: code.co_argcount]
-    values = function.__defaults__ or ()
-    defaults |= dict(zip(positional[len(positional) - len(values) :], values, strict=True))
+    # The last positional parameters have defaults.
+    positional_defaults = function.__defaults__ or ()
+    with_default = positional[len(positional) - len(positional_defaults) :]
+    defaults |= dict(zip(with_default, positional_defaults, strict=True))
     annotations = _annotations_of(function, names)
     return [_parameter(name, annotations[name], defaults) for name in names]
 
 
 def _annotations_of(function: Callable[..., Any], names: Sequence[str]) -> dict[str, Any]:
-    """Evaluate the annotations of parameters; that of what is returned may name what is not loaded."""
-    alike = types.FunctionType(function.__code__, function.__globals__)
-    alike.__annotations__ = {name: function.__annotations__[name] for name in names}
-    return inspect.get_annotations(alike, eval_str=True)
+    """Evaluate the annotations of parameters.
+
+    That of the returned value is left out: it may name a class that is not loaded.
+    """
+    copy = types.FunctionType(function.__code__, function.__globals__)
+    copy.__annotations__ = {name: function.__annotations__[name] for name in names}
+    return inspect.get_annotations(copy, eval_str=True)
 
 
 def _parameter(name: str, annotation: Any, defaults: Mapping[str, Any]) -> Parameter:
+    """Return a parameter with what the marks of its annotation state."""
     is_annotated = hasattr(annotation, "__metadata__")
-    plain, *marks = get_args(annotation) if is_annotated else [annotation]
-    default = defaults.get(name, inspect.Parameter.empty)
+    python_type, *marks = get_args(annotation) if is_annotated else [annotation]
+    default = defaults.get(name, _EMPTY)
     shell = None
-    text = ""
-    parsed = shell_type(plain)
-    # What a sequence holds by default, nothing, is what Typer calls None.
+    sentence = ""
+    parsed_type = shell_type(python_type)
+    # An empty sequence is what Typer calls None.
     shell_default = None if default == () else default
     for mark in marks:
         if isinstance(mark, ArgumentInfo | OptionInfo):
             shell = mark
-            text = mark.help or ""
+            sentence = mark.help or ""
         elif isinstance(mark, ShellDefault):
-            shell_default = inspect.Parameter.empty if mark.value is ... else mark.value
+            shell_default = _EMPTY if mark.value is ... else mark.value
         elif isinstance(mark, ShellType):
-            parsed = mark.type | None if type(None) in get_args(plain) else mark.type
+            is_optional = type(None) in get_args(python_type)
+            parsed_type = mark.type | None if is_optional else mark.type
         else:
-            text = mark
-    return Parameter(name, plain, default, shell, text, parsed, shell_default)
+            sentence = mark
+    return Parameter(name, python_type, default, shell, sentence, parsed_type, shell_default)
 
 
 def shell_type(annotation: Any) -> Any:
@@ -81,7 +88,7 @@ def shell_type(annotation: Any) -> Any:
     """
     origin = get_origin(annotation)
     if origin in (Union, types.UnionType):
-        members = [one for one in get_args(annotation) if one is not type(None)]
+        members = [member for member in get_args(annotation) if member is not type(None)]
         chosen = _member_of_shell(members)
         return chosen | None if len(members) < len(get_args(annotation)) else chosen
     if origin in (Sequence, list):
@@ -90,10 +97,11 @@ def shell_type(annotation: Any) -> Any:
 
 
 def _member_of_shell(members: Sequence[Any]) -> Any:
-    for one in members:
-        origin = get_origin(one)
+    """Return the type that the command line parses for a union."""
+    for member in members:
+        origin = get_origin(member)
         if isinstance(origin, type) and issubclass(origin, Sequence) and origin is not tuple:
-            return list[shell_type(get_args(one)[0])]  # type: ignore[misc]
+            return list[shell_type(get_args(member)[0])]  # type: ignore[misc]
     return Path if Path in members else members[0]
 
 
@@ -101,18 +109,24 @@ def python_signature(
     function: Callable[..., Any], parameters: Sequence[Parameter]
 ) -> inspect.Signature:
     """Return the signature of a function with plain types."""
-    code = function.__code__
-    made = []
-    for number, one in enumerate(parameters):
-        positional = number < code.co_argcount
-        kind = _Kind.POSITIONAL_OR_KEYWORD if positional else _Kind.KEYWORD_ONLY
-        annotation = _Shown(type_in_words(one.type))
-        made.append(inspect.Parameter(one.name, kind, default=one.default, annotation=annotation))
+    positional_count = function.__code__.co_argcount
+    plain_parameters = []
+    for number, parameter in enumerate(parameters):
+        is_positional = number < positional_count
+        kind = _POSITIONAL if is_positional else inspect.Parameter.KEYWORD_ONLY
+        plain_parameters.append(
+            inspect.Parameter(
+                parameter.name,
+                kind,
+                default=parameter.default,
+                annotation=_TypeText(type_in_words(parameter.type)),
+            )
+        )
     returned = function.__annotations__.get("return", "None")
-    return inspect.Signature(made, return_annotation=_Shown(str(returned)))
+    return inspect.Signature(plain_parameters, return_annotation=_TypeText(str(returned)))
 
 
-class _Shown:
+class _TypeText:
     """An annotation that is shown as a text without quotes."""
 
     def __init__(self, text: str) -> None:
@@ -123,42 +137,49 @@ class _Shown:
 
 
 def type_in_words(annotation: Any) -> str:
-    """Write a type as it stands in source text."""
+    """Return a type as it is written in source text."""
     if annotation is type(None):
         return "None"
+    if annotation is ...:
+        return "..."
     if isinstance(annotation, ForwardRef):
         return annotation.__forward_arg__
     origin = get_origin(annotation)
     members = get_args(annotation)
     if origin in (Union, types.UnionType):
-        return " | ".join(type_in_words(one) for one in members)
+        return " | ".join(type_in_words(member) for member in members)
     if origin is Literal:
-        return " | ".join(repr(one) for one in members)
+        return " | ".join(repr(value) for value in members)
     if origin is not None and members:
-        inner = ", ".join("..." if one is ... else type_in_words(one) for one in members)
+        inner = ", ".join(type_in_words(member) for member in members)
         return f"{origin.__name__}[{inner}]"
     return str(getattr(annotation, "__name__", annotation))
 
 
 def python_documentation(text: str, parameters: Sequence[Parameter]) -> str:
     """Return a docstring with a section of the parameters before what is returned and raised."""
-    text = inspect.cleandoc(text)
-    head, rest = _split(text)
+    summary, sections = _split(inspect.cleandoc(text))
     lines = ["Parameters", "----------"]
-    for one in parameters:
-        optional = "" if one.default is inspect.Parameter.empty else ", optional"
-        lines += [f"{one.name} : {type_in_words(one.type)}{optional}", f"    {one.help}"]
-    return "\n\n".join([one for one in (head, "\n".join(lines), rest) if one])
+    for parameter in parameters:
+        kind = type_in_words(parameter.type)
+        if parameter.default is not _EMPTY:
+            kind += ", optional"
+        lines.append(f"{parameter.name} : {kind}")
+        lines.append(f"    {parameter.help}")
+    paragraphs = (summary, "\n".join(lines), sections)
+    return "\n\n".join(paragraph for paragraph in paragraphs if paragraph)
 
 
 def help_of(function: Callable[..., Any]) -> str:
     """Return the part of a command's docstring that the command line shows."""
-    return re.split(r"^Parameters\n-+$", function.__doc__ or "", flags=re.MULTILINE)[0].strip()
+    documentation = function.__doc__ or ""
+    before_parameters = re.split(r"^Parameters\n-+$", documentation, flags=re.MULTILINE)[0]
+    return before_parameters.strip()
 
 
 def _split(text: str) -> tuple[str, str]:
     """Split a docstring before the section of what is returned or raised."""
-    found = _SECTION.search(text)
-    if found is None:
+    section = _SECTION.search(text)
+    if section is None:
         return text.strip(), ""
-    return text[: found.start()].strip(), text[found.start() :].strip()
+    return text[: section.start()].strip(), text[section.start() :].strip()

@@ -1,4 +1,4 @@
-"""``flgpr simulate``: lanes by our own physics or as decks for a full-wave solver, and bodies' tables."""
+"""``flgpr simulate``: simulate lanes, or write decks for a full-wave solver or tables of bodies."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ ENGINES = ("flgpr", "gprmax")
 
 
 @dataclass(frozen=True)
-class Written:
-    """What a simulation wrote, and what there is to say of it."""
+class SimulationOutput:
+    """The files that a simulation wrote, and lines of text about them."""
 
     paths: list[Path]
-    words: list[str]
+    lines: list[str]
 
 
-def _lines(written: Written, _: Arguments) -> Iterator[str]:
-    yield from written.words
+def _lines(written: SimulationOutput, _: Arguments) -> Iterator[str]:
+    """Yield the lines about the files, then the files."""
+    yield from written.lines
     for path in written.paths:
         yield f"wrote {path}"
 
@@ -53,13 +54,13 @@ def simulate_lane(
         PathLike | None, Option(help="CSV of the truth; by default NAME-truth.csv.")
     ] = None,
     restart: Annotated[
-        bool, Option("--restart", help="Begin again where a stopped run left scans.")
+        bool, Option("--restart", help="Begin again where an interrupted run left scans.")
     ] = False,
     force: Annotated[
         bool,
         Option(
             "--force",
-            help="Simulate or draw even what is estimated to take very much memory or time.",
+            help="Simulate or draw even where the estimate of memory or time is very large.",
         ),
     ] = False,
     engine: Annotated[
@@ -72,15 +73,16 @@ def simulate_lane(
     workers: Annotated[int, Option(min=1, help="signature: processes.")] = 1,
     *,
     track: Progress = None,
-) -> Written:
-    """Simulate a lane with truth; a stopped simulation goes on. With --preview alone only draw the scene.
+) -> SimulationOutput:
+    """Simulate a lane with truth. With --preview alone only draw the scene.
 
-    simulate signature BODY computes what a body scatters in the ground; it goes on where it was stopped, too.
+    An interrupted simulation resumes. simulate signature BODY computes what a body scatters in the
+    ground; it resumes, too.
 
     Returns
     -------
-    Written
-        Paths of what was written, and what there is to say of it.
+    SimulationOutput
+        Paths of the files that were written, and lines of text about them.
 
     Raises
     ------
@@ -105,31 +107,34 @@ def simulate_lane(
     from flgpr.simulate import load_scene
     from flgpr.simulate.effort import check_effort
 
-    world = load_scene(scene)
+    loaded_scene = load_scene(scene)
     array = load_sensor(sensor)
-    simulated = output is not None and engine == "flgpr"
-    check_effort(world, array if simulated else None, force)
-    written = []
-    words: list[str] = []
+    is_simulated = output is not None and engine == "flgpr"
+    check_effort(loaded_scene, array if is_simulated else None, force)
+
+    paths = []
+    lines: list[str] = []
     if preview is not None:
-        written.append(write_preview(world, seed, preview, force))
+        paths.append(write_preview(loaded_scene, seed, preview, force))
     if output is not None and engine == "gprmax":
-        decks = write_gprmax_decks(world, array, seed, output, cells, max_cells)
-        words = [*decks.summary, *(f"left out: {reason}" for reason in decks.omissions)]
-        written.append(Path(output))
+        decks = write_gprmax_decks(loaded_scene, array, seed, output, cells, max_cells)
+        lines += decks.summary
+        lines += [f"left out: {reason}" for reason in decks.omissions]
+        paths.append(Path(output))
     elif output is not None:
-        written += simulate_to_store(
-            world, array, seed, output, errors, track or silent, not restart, truth, force=force
+        resume = not restart
+        paths += simulate_to_store(
+            loaded_scene, array, seed, output, errors, track or silent, resume, truth, force=force
         )
-    return Written(written, words)
+    return SimulationOutput(paths, lines)
 
 
 def _signature(
     body: PathLike | None, output: PathLike | None, workers: int, track: Track
-) -> Written:
-    """Make the table of a body, or list the bodies there are."""
+) -> SimulationOutput:
+    """Make the table of a body, or list the packaged bodies."""
     from flgpr.commands.simulation import list_bodies, make_signature
 
     if body is None:
-        return Written([], list_bodies())
-    return Written(make_signature(body, output, workers, track), [])
+        return SimulationOutput([], list_bodies())
+    return SimulationOutput(make_signature(body, output, workers, track), [])

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 
 def _lines(_: Model, call: Arguments) -> Iterator[Path]:
+    """Yield the model's folder."""
     yield call.output
 
 
@@ -58,20 +59,22 @@ def train(
     ] = "2GB",
     overwrite: Overwrite = True,
     *,
-    label_radius: Annotated[float, "Alarms this near to a target are its hits, m."] = 1.0,
+    label_radius: Annotated[
+        float, "Largest distance of an alarm from the target that it hits, m."
+    ] = 1.0,
     track: Progress = None,
     note: Annotated[Any, "Takes a report of every piece of work that was done."] = None,
     pass_cache: Annotated[
         PathLike | None, "Folder of backgrounds and run-views that other recipes share."
     ] = None,
 ) -> Model:
-    """Train a recipe on runs with truth; a training that was stopped resumes.
+    """Train a recipe on runs with truth. An interrupted training resumes.
 
     Returns
     -------
     Model
-        What the recipe's stages and its detector have learnt. What is found in the runs stays
-        beside the output until the model is written. Without an output it is in memory alone.
+        What the recipe's stages and its detector have learnt. Until the model is written, the
+        detections on the runs are beside the output. Without an output the model is in memory only.
 
     Raises
     ------
@@ -87,16 +90,17 @@ def train(
         raise ValueError(
             f"train needs one truth per run, got {len(runs)} runs and {len(truths)} truths"
         )
-    how = run_options(workers, scheduler, max_memory, track, note, pass_cache)
-    by_run = runs_by_name(others, len(runs))
+    options = run_options(workers, scheduler, max_memory, track, note, pass_cache)
+    other_runs = runs_by_name(others, len(runs))
     text = recipe_text(recipe)
     parsed = parse_recipe(text, str(recipe))
     if not learns_detector(parsed, features) and not parsed.learning():
         raise ValueError(f"recipe must have features or a stage that learns to train, got {recipe}")
-    examples = training_lanes(parsed, runs, truths, lanes, by_run, how.max_memory)
+    examples = training_lanes(parsed, runs, truths, lanes, other_runs, options.max_memory)
     if output is not None:
         target = Path(output)
-        return train_on_lanes(text, examples, target, features, label_radius, how, overwrite)
+        return train_on_lanes(text, examples, target, features, label_radius, options, overwrite)
+    # Without an output nothing can resume: what is written on the way is temporary.
     with tempfile.TemporaryDirectory(prefix="flgpr-") as folder:
         target = Path(folder) / "model"
-        return train_on_lanes(text, examples, target, features, label_radius, how, overwrite)
+        return train_on_lanes(text, examples, target, features, label_radius, options, overwrite)

@@ -17,7 +17,8 @@ def view(
     paths: Annotated[
         Paths | None,
         Argument(
-            help="Result, run, recording or score; two results or two scores stand side by side; none with --live."
+            help="Result, run, recording or score; two results or two scores are compared; "
+            "none with --live."
         ),
     ] = None,
     port: Annotated[int, Option(help="Port; 0 takes a free one.", min=0, max=65535)] = 0,
@@ -39,7 +40,9 @@ def view(
         Option(help="JSON beside the result that keeps an analyst's verdicts and notes."),
     ] = None,
 ) -> None:
-    """Show results in the browser, on this machine; nothing is written but what --verdicts asks for.
+    """Show results in the browser, on this machine.
+
+    Nothing is written, except with --verdicts.
 
     Raises
     ------
@@ -48,7 +51,7 @@ def view(
 
     Notes
     -----
-    It serves the page until it is interrupted. In a notebook the function ``view`` of the package shows it.
+    The page is served until the command is interrupted. In a notebook ``flgpr.view`` shows it.
     """
     from flgpr import viewer
 
@@ -69,14 +72,16 @@ def view(
     )
 
 
-# What computes is loaded when a page asks for it.
+# The numerical modules take seconds to load; many pages never ask for them.
 def _raw_run(path: Path) -> Any:
+    """Return the raw data of a run for a page."""
     from flgpr.commands.raw_run import RawRun
 
     return RawRun(path)
 
 
 def _map_bytes(*arguments: Any) -> bytes:
+    """Return the map of a result for QGIS."""
     from flgpr.commands.exporting import map_bytes
 
     return map_bytes(*arguments)

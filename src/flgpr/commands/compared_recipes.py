@@ -1,0 +1,30 @@
+"""Recipes that a result compares with its own: what another choice would have found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from flgpr.chain.detection import Detection
+    from flgpr.chain.progress import Track
+    from flgpr.model import Lane
+
+T = TypeVar("T")
+DEMO_COMPARISONS = ("mean-self-signature", "median-self-signature", "roadside-suppressed")
+"""Names, after ``demo-``, of the recipes that the demonstration compares with the recipe demo."""
+
+
+def detect_compared(run: xr.Dataset, name: str, text: str, lane: Lane, track: Track) -> Detection:
+    """Detect on a run by a recipe (TOML) that is compared with a result's own, under its name."""
+    from flgpr.chain.method import detect
+    from flgpr.chain.recipe import parse_recipe
+
+    def track_with_name(items: Iterable[T], label: str, total: int) -> Iterable[T]:
+        return track(items, f"{name}: {label}", total)
+
+    detection = detect(run, parse_recipe(text), lane, track_with_name)
+    return replace(detection, name=name, recipe_text=text)

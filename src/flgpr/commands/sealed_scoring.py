@@ -1,0 +1,330 @@
+"""Sealing a truth, and scoring against a sealed truth: files in, files out."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import pandas as pd
+
+import flgpr
+from flgpr import trials
+from flgpr.commands.registering import (
+    Entrant,
+    check_registered,
+    default_register,
+    find_entrant,
+    registration_of,
+)
+from flgpr.commands.score_files import write_score_files
+from flgpr.commands.scoring import (
+    borders,
+    entrant_names,
+    find_entrants,
+    read_lanes,
+    write_comparison,
+)
+from flgpr.door import MOST_JSON, Folder, parse_json, read_named
+from flgpr.report import blind_html
+from flgpr.results.score import blind_roc_json
+from flgpr.scoring import Rules, SideBySide, side_by_side
+from flgpr.scoring.matching import LaneLike
+from flgpr.store.files import existing
+from flgpr.store.outputs import OVERWRITE, other_output, tell_finished, whole_output
+from flgpr.store.tables import parse_table
+from flgpr.trials import BlindScore, content_hash, require_truth
+from flgpr.trials.blind import FAR_GRID, Phrase, match_blind, score_blind, seal_truth, seals
+from flgpr.trials.ledger import Book, parts_of, read_book
+
+PathLike = str | Path
+
+
+def require_seal() -> None:
+    """Refuse, before anybody types a passphrase, where a library for sealing is missing."""
+    for library in ("cryptography", "zxcvbn"):
+        if importlib.util.find_spec(library) is None:
+            raise ModuleNotFoundError(
+                f"sealed truth needs the library {library}: pip install 'flgpr[seal]'"
+            )
+
+
+def seal_truth_file(
+    truth: PathLike,
+    lane: PathLike,
+    output: PathLike,
+    passphrase: Phrase,
+    *,
+    halo: float = Rules.halo,
+    area: Literal["union", "paper"] = "union",
+    by: str | None = "kind",
+    show: Literal["curve", "targets"] = "curve",
+    register: Book | None = None,
+) -> Path:
+    """Encrypt a truth with its lane or lanes and rules for blind scoring.
+
+    A planned truth is sealed with its register: scores then demand it, with the recipe in it.
+
+    Parameters
+    ----------
+    truth : path
+        Targets (CSV).
+    lane : path
+        Lane or lanes, see :func:`flgpr.commands.scoring.read_lanes`.
+    output : path
+        The sealed file.
+    passphrase, halo, area, by, show
+        As for :func:`flgpr.trials.seal_truth`; ``halo`` in m.
+    register : path or WitnessedRegister, optional
+        Register in place of the truth's own.
+
+    Returns
+    -------
+    pathlib.Path
+        The sealed file; one that seals just this with the same passphrase is left as it is.
+
+    Raises
+    ------
+    ValueError
+        If an input is not valid, or the register does not hold the plan.
+    FileExistsError
+        If another file is at the output.
+    """
+    data = read_named(existing(truth, "truth file"))
+    table = parse_table(data, "truth", truth)
+    lanes = read_lanes(lane)
+
+    named_register = default_register(truth, table)
+    if register is None:
+        register = named_register
+    bound_register = None
+    if register is not None:
+        is_planned = named_register is not None
+        bound_register = _bound_register(register, data, lanes, halo, is_planned)
+
+    rules: dict[str, Any] = {"halo": halo, "area": area, "by": by, "show": show}
+    path = Path(output)
+    if os.path.lexists(path):
+        _require_same_seal(path, passphrase, table, lanes, rules, bound_register)
+        tell_finished(path)
+    else:
+        with whole_output(path) as partial:
+            seal_truth(table, lanes, partial, passphrase, **rules, book=bound_register)
+
+    if register is not None:
+        _enter_sealed(register, path, bound_register)
+    return path
+
+
+def _bound_register(
+    register: Book, truth: bytes, lanes: LaneLike, halo: float, is_planned: bool
+) -> dict[str, Any]:
+    """Return what a sealed file states of its register: the truth's digest and the last line."""
+    path = existing(parts_of(register)[0], "register")
+    lines = read_book(register)
+    digest = content_hash(truth)
+    require_truth(path, digest, borders(lanes), {"halo": halo}, planned=is_planned)
+    if not lines:
+        raise ValueError(f"book must hold a plan or a recipe, got the empty {path}")
+    return {"truth": digest, "line": lines[-1]["hash"]}
+
+
+def _require_same_seal(
+    path: Path,
+    passphrase: Phrase,
+    truth: pd.DataFrame,
+    lanes: LaneLike,
+    rules: Mapping[str, Any],
+    bound_register: Mapping[str, Any] | None,
+) -> None:
+    """Refuse a file that does not seal this truth with these rules, passphrase and register."""
+    phrase = passphrase() if callable(passphrase) else passphrase
+    is_same, sealed_register = seals(path, phrase, truth, lanes, **rules)
+    if bound_register is None or sealed_register is None:
+        is_same = is_same and bound_register is None and sealed_register is None
+    else:
+        # The register may have grown since: its last line may be another one.
+        is_same = is_same and sealed_register["truth"] == bound_register["truth"]
+    if not is_same:
+        raise other_output(path, "or was sealed with another passphrase: choose another output")
+
+
+def _enter_sealed(register: Book, path: Path, bound_register: Mapping[str, Any] | None) -> None:
+    """Enter a sealed file into a register that does not hold it yet."""
+    digest = content_hash(path)
+    if any(line.get("sealed") == digest for line in read_book(register)):
+        return
+    truth = None if bound_register is None else bound_register["truth"]
+    trials.register(register, event="sealed", truth=truth, sealed=digest)
+
+
+def score_sealed(
+    alarms: PathLike,
+    sealed: PathLike,
+    passphrase: Phrase,
+    output: PathLike | None = None,
+    log: PathLike | None = None,
+    *,
+    recipe: PathLike | None = None,
+    register: Book | None = None,
+    witness: PathLike | None = None,
+) -> BlindScore:
+    """Score an alarm list, or that of a result, against a sealed truth; no position is shown.
+
+    Parameters
+    ----------
+    alarms : path
+        Alarm list (CSV) or result folder.
+    sealed : path
+        Sealed truth.
+    passphrase : str or callable
+        Passphrase, or a function that asks for it.
+    output : path, optional
+        Folder of ``report.html`` and ``roc.json``.
+    log : path, optional
+        Log of all looks, by default beside the sealed file.
+    recipe, register : optional
+        As for :func:`flgpr.commands.scoring.score_alarms`; a truth that was sealed with a register
+        demands them.
+    witness : path, optional
+        File elsewhere that must know the lines of the log.
+
+    Returns
+    -------
+    BlindScore
+        Operating points and counts.
+
+    Raises
+    ------
+    ValueError
+        As :func:`flgpr.trials.score_blind`.
+    """
+    entrant = find_entrant(alarms, recipe)
+    check_registered([entrant], register)
+
+    path = existing(sealed, "sealed truth")
+    table = entrant.table()
+    registration = registration_of(entrant, register)
+    blind = score_blind(table, path, passphrase, log, registration, witness)
+
+    if output is not None:
+        notes = {
+            **entrant.provenance(blind.registered),
+            "sealed_sha256": content_hash(path),
+            **blind.heads,
+        }
+        files = {
+            "report.html": blind_html(blind, notes),
+            "roc.json": blind_roc_json(blind, notes),
+        }
+        write_score_files(Path(output), files)
+    return blind
+
+
+def compare_sealed(
+    alarms: Sequence[PathLike],
+    sealed: PathLike,
+    passphrase: Phrase,
+    output: PathLike,
+    log: PathLike | None = None,
+    *,
+    recipes: Sequence[PathLike] = (),
+    register: Book | None = None,
+    witness: PathLike | None = None,
+) -> SideBySide:
+    """Compare alarm lists against a sealed truth; each of them is a look.
+
+    Only points and counts of all targets are returned. Parameters are those of
+    :func:`score_sealed` and :func:`flgpr.commands.scoring.compare_alarms`; the files are those of
+    the latter.
+    """
+    entrants = find_entrants(alarms, recipes)
+    check_registered(entrants, register)
+    path = existing(sealed, "sealed truth")
+    names = entrant_names(entrants)
+    # All lists are read before the passphrase is asked for and a look is entered.
+    tables = [entrant.table() for entrant in entrants]
+    phrase = passphrase() if callable(passphrase) else passphrase
+
+    matches = {}
+    notes = {}
+    for name, entrant, table in zip(names, entrants, tables, strict=True):
+        registration = registration_of(entrant, register)
+        look = match_blind(table, path, phrase, log, registered=registration, witness=witness)
+        matches[name] = look.matched
+        notes[name] = {
+            **entrant.provenance(look.line),
+            "looks": len(look.looks),
+            **look.heads,
+            "sealed_sha256": content_hash(path),
+        }
+        sealed_rules = look.rules
+
+    rules = Rules(halo=sealed_rules["halo"], area=sealed_rules["area"])
+    comparison = side_by_side(matches, FAR_GRID, rules, means=False)
+
+    # Two digits, as a blind score has them: more would tell where targets lie.
+    rounded_points = comparison.points.round({"chance": 2})
+    comparison = dataclasses.replace(comparison, points=rounded_points)
+
+    stated_rules = {
+        "halo_radius": rules.halo,
+        "area_rule": rules.area,
+        "level": rules.level,
+        "far_max": rules.far_max,
+    }
+    write_comparison(output, comparison, {}, stated_rules, notes)
+    return comparison
+
+
+def holds_sealed_score(
+    alarms: Sequence[PathLike],
+    sealed: PathLike,
+    output: PathLike,
+    recipes: Sequence[PathLike] = (),
+    register: Book | None = None,
+) -> bool:
+    """Return, before anybody looks, whether a folder has this very score against a sealed truth.
+
+    A folder with another score, one of other recipes in the register, or one of another version is
+    a FileExistsError.
+    """
+    folder = Path(output)
+    is_comparison = len(alarms) > 1
+    file = folder / ("comparison.json" if is_comparison else "roc.json")
+    if not os.path.lexists(file):
+        return False
+
+    entrants = find_entrants(alarms, recipes)
+    digest = content_hash(existing(sealed, "sealed truth"))
+    wanted = sorted(_wanted_digests(entrants, digest, with_recipe=register is not None))
+    try:
+        report = parse_json(Folder(folder).read(file.name, MOST_JSON))
+        stated = sorted(_stated_digests(report["notes"], is_comparison))
+        is_same = stated == wanted and report["flgpr"] == flgpr.__version__
+    except (ValueError, KeyError, TypeError, AttributeError):
+        is_same = False
+
+    if not is_same:
+        raise other_output(file, f"{OVERWRITE}, or choose another output")
+    tell_finished(folder, f"{OVERWRITE}, which is another look")
+    return True
+
+
+def _wanted_digests(
+    entrants: Sequence[Entrant], sealed: str, with_recipe: bool
+) -> Iterator[tuple[str, str, str]]:
+    """Yield the digests of list, sealed truth and recipe that a score of these lists states."""
+    for entrant in entrants:
+        recipe = str(entrant.recipe) if with_recipe else ""
+        yield content_hash(entrant.path), sealed, recipe
+
+
+def _stated_digests(notes: Mapping[str, Any], is_comparison: bool) -> Iterator[tuple[str, ...]]:
+    """Yield the digests that a report states of each of its lists."""
+    of_lists = list(notes.values()) if is_comparison else [notes]
+    for entry in of_lists:
+        yield entry["alarms_sha256"], entry["sealed_sha256"], entry.get("recipe_sha256", "")

@@ -1,0 +1,85 @@
+"""What a scene holds, as tables for a drawing, before anything is simulated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from flgpr.model import Lane
+from flgpr.model.arrays import FloatArray
+from flgpr.simulate.effort import check_effort
+from flgpr.simulate.scene.scene import Scene
+from flgpr.simulate.scene.world import World, draw_world
+
+_MARGIN = 0.5  # m of ground beside lane and roadside
+
+
+@dataclass(frozen=True)
+class ScenePreview:
+    """The drawn world of a scene, in the lane frame, m."""
+
+    title: str
+    lane: Lane
+    targets: pd.DataFrame  #: ``kind``, ``x``, ``y``, ``top`` and ``bottom`` (depths below ground)
+    objects: pd.DataFrame  #: ``kind``, ``x``, ``y`` of everything else with a position
+    patches: FloatArray  #: (patch, 3): x, y and radius of wet patches and refilled holes
+    half_width: float  #: largest distance from the lane's axis that a drawing needs
+
+
+def preview_scene(scene: Scene, seed: int, force: bool = False) -> ScenePreview:
+    """Draw the world of a scene and return what stands where.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    seed : int
+        The same seed gives the world of the simulation.
+    force : bool
+        Whether to draw even what takes very much memory or time.
+
+    Returns
+    -------
+    ScenePreview
+        Tables in the lane frame, m.
+
+    Raises
+    ------
+    ValueError
+        If the scene holds more than can be drawn in reasonable memory and time.
+    """
+    check_effort(scene, None, force)
+    world = draw_world(scene, seed)
+    lane = scene.lane
+    farthest = max(scene.clutter.roadside[1], abs(lane.x_min), abs(lane.x_max))
+    return ScenePreview(
+        title=f"{scene.name}, seed {seed}",
+        lane=lane,
+        targets=_target_table(world),
+        objects=_object_table(world),
+        patches=_patch_circles(world),
+        half_width=farthest + _MARGIN,
+    )
+
+
+def _target_table(world: World) -> pd.DataFrame:
+    """Return kind, position and depths of all targets, those outside the lane among them."""
+    rows = []
+    for target in world.targets:
+        bottom = target.depth + target.height
+        rows.append((target.kind, target.x, target.y, target.depth, bottom))
+    return pd.DataFrame(rows, columns=["kind", "x", "y", "top", "bottom"])
+
+
+def _object_table(world: World) -> pd.DataFrame:
+    """Return kind and position of all objects."""
+    rows = [(thing.kind, thing.x, thing.y) for thing in world.objects]
+    return pd.DataFrame(rows, columns=["kind", "x", "y"])
+
+
+def _patch_circles(world: World) -> FloatArray:
+    """Return x, y and radius of all patches."""
+    circles = [(patch.x, patch.y, patch.radius) for patch in world.patches]
+    return np.array(circles, dtype=np.float64).reshape(-1, 3)
