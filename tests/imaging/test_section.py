@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from flgpr.imaging.section import LineSection
-from flgpr.model import SPEED_OF_LIGHT, make_run, path_phase
+from flgpr.model import SPEED_OF_LIGHT, make_run
+from flgpr.model.phase import path_phase
 
 TONES = 0.5e9 + 50e6 * np.arange(40)
 PERMITTIVITY = 6.0

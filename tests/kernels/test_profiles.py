@@ -12,7 +12,7 @@ CARRIER = 1e9 / 299792458.0
 
 def geometry(medium, gain=None):
     rng = np.random.default_rng(1)
-    pixels = np.concatenate([rng.uniform(-5, 5, (2, BLOCK)), rng.uniform(-0.5, 0, (1, BLOCK))])
+    pixels = np.concatenate([rng.uniform(-5, 5, (2, BLOCK)), rng.uniform(-0.5, -0.1, (1, BLOCK))])
     antenna = np.array([[0.0, -9.0, 2.0], [1.0, -9.0, 3.0]])
     size = 2 * BLOCK
     return Geometry(
