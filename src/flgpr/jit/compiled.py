@@ -114,13 +114,16 @@ class _BySource(_UserWide):  # type: ignore[misc]
         self._folder = cache_folder(Path(py_file))
 
     def get_cache_path(self) -> str:
+        """Return the folder of compiled code."""
         return str(self._folder)
 
     def get_source_stamp(self) -> str:
+        """Return what tells compiled code of other sources apart."""
         return self._folder.name
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> Any:
+        """Return the locator of a function of this package that lies in a file, else None."""
         if not (py_func.__module__.startswith("flgpr.") and Path(py_file).exists()):
             return None
         _use(cache_folder(Path(py_file)))

@@ -45,6 +45,7 @@ from flgpr.kernels.transform import Spectrum, compress, expand
 
 
 def _array(kind: type, dimensions: int) -> NDArray[Any]:
+    """Return an empty array of a type and a number of dimensions."""
     return np.empty((0,) * dimensions, kind)
 
 

@@ -35,6 +35,7 @@ def _near(limit: float) -> float:
 
 @njit(cache=True)
 def _clipped(pixel: Any, limit: float, threshold: float) -> Any:
+    """Return a pixel clipped to a magnitude ``limit`` if its power is above ``threshold``."""
     value = np.complex128(pixel)
     if value.real * value.real + value.imag * value.imag > threshold:
         magnitude = abs(value)

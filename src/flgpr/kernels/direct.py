@@ -16,6 +16,7 @@ _TWO_PI = 2.0 * math.pi
 
 @njit(cache=True)
 def _amplitude(gain: Any, a: int, b: int, p: int) -> float:
+    """Return the two-way amplitude of a pair at a pixel, one without gains."""
     return gain[a, p] * gain[b, p] if gain.shape[1] > 0 else 1.0
 
 

@@ -52,7 +52,7 @@ class Geometry(NamedTuple):
 
 
 def polynomial_degree(width: int) -> int:
-    """Degree of the taps' polynomials that loses nothing in single precision."""
+    """Return the degree of the taps' polynomials that loses nothing in single precision."""
     return width + 3
 
 

@@ -23,6 +23,7 @@ def bilinear(
 
 @njit(nogil=True, cache=True)
 def _sample(images: Any, row: Any, column: Any, out: Any) -> None:
+    """Fill ``out`` (image, point) by bilinear interpolation; NaN outside an image."""
     ny, nx = images.shape[1:]
     for i in range(row.size):
         inside = (

@@ -306,6 +306,7 @@ def _height_cache(terrain: Terrain) -> Callable[[float, float], float]:
 
     @functools.cache
     def height(x: float, y: float) -> float:
+        """Return the height of the ground, m."""
         return float(terrain(x, y).item())
 
     return height

@@ -565,6 +565,7 @@ def _moved_to(
     offset = np.rint(origin).astype(int)
 
     def moved(point: GridPoint) -> GridPoint:
+        """Return a point on the node of the other grid."""
         i, j, k = (int(n) for n in np.asarray(point.node) - offset)
         return point._replace(node=(i, j, k))
 

@@ -184,9 +184,11 @@ class _Texture:
         return np.asarray(np.interp(low * (1 - fy) + high * fy, self._grid, self._power))
 
     def _waves_along_x(self, ix: int) -> ComplexArray:
+        """Return the waves along x in a column of tiles."""
         return self._waves_along(ix, self._waves[0], self._phase)
 
     def _waves_along_y(self, iy: int) -> ComplexArray:
+        """Return the waves along y in a row of tiles."""
         return self._waves_along(iy, self._waves[1], 0.0)
 
     def _waves_along(self, tile: int, waves: FloatArray, phase: FloatArray | float) -> ComplexArray:

@@ -106,6 +106,7 @@ def incidence_laws(scene: Scene, ground: Ground) -> FloatArray:
     k = ground.wavenumber[ground.wavenumber.size // 2]
 
     def volume(s: FloatArray | float) -> FloatArray:
+        """Return the cross section per volume at a sine, for a deviation of one."""
         return inclusions.volume_backscatter(
             k, s, ground.real[-1], 1.0, uneven.horizontal, uneven.vertical
         )
@@ -592,6 +593,7 @@ def subsurface_layers(
     deepest = max(scene.stones.depth, scene.heterogeneity.depth, scene.lenses.depth[1], 0.4)
 
     def grass_cover(sine: FloatArray) -> FloatArray:
+        """Return the two-way factor of the grass."""
         return through_grass(scene.grass, ground.frequency, sine)
 
     cover = grass_cover if scene.grass.grown else None

@@ -160,6 +160,7 @@ def _spreading(lanes: int, dipoles: bool) -> Any:
     def spread(  # type: ignore[no-untyped-def]
         coefficient, ranks, distance, phasor, gain, tx, rx, per_metre, table, profile, begin, end
     ):
+        """Add points to the profiles of pairs."""
         steps = table.shape[0] - 2
         bins = profile.shape[1] - table.shape[1]
         turns = 1.0 / bins
