@@ -203,7 +203,7 @@ def test_nothing_else_is_looked_for_in_the_working_folder(tmp_path):
         "os.stat = note\n"
         "sys.addaudithook(lambda event, given: looked.add(given[0]) if event == 'open'\n"
         "    and isinstance(given[0], str) and not os.path.isabs(given[0]) else None)\n"
-        "import flgpr.kernels.compiled, flgpr.report.figures, flgpr.geo.anchor\n"
+        "import flgpr.jit.compiled, flgpr.report.figures, flgpr.geo.anchor\n"
         "import flgpr.formats.arrays, flgpr.viewer.server\n"
         "from flgpr.report.kit import figure_png\n"
         "from matplotlib.figure import Figure\n"
