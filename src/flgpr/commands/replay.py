@@ -99,7 +99,7 @@ def _detect_again(
     other_runs = _other_runs(description.get("others", {}))
 
     section_note = old.manifest.get("section")
-    # A section is processed with scans around it: its note states the lane with these.
+    # A section is part of a lane: its note states the lane, its rows and the threshold of all.
     lane = old.lane
     section = None
     if section_note is not None:

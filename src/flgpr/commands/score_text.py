@@ -8,11 +8,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
-
 from flgpr.door import Folder
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.table import Table
 
     from flgpr.commands.analysts import PairAgreement
