@@ -284,9 +284,9 @@ def _refuse_options_of_runs(options: dict[str, Any]) -> None:
         )
 
 
-def _refuse_options_of_recordings(steps: dict[str, bool], others: tuple[Any, ...]) -> None:
+def _refuse_options_of_recordings(steps: dict[str, bool], settings: tuple[Any, ...]) -> None:
     """Refuse options that have no effect on a run: steps, channel, last time and window."""
-    channel, until, step_window = others
+    channel, until, step_window = settings
     refused = [name for name, is_on in steps.items() if is_on]
     if refused or channel or until is not None or step_window is not None:
         names = ", ".join(refused) or "channel, until or step-window"
