@@ -149,18 +149,19 @@ def calibrate_clock(
         If the answer cannot be trusted; the message says why.
     """
     from flgpr.calibrate import estimate_clock, with_track
+    from flgpr.calibrate.trial_grid import offsets_to_try, pixels_of_area
     from flgpr.commands import calibration
     from flgpr.imaging import ImagingOperator
     from flgpr.store import open_run
 
     dataset = open_run(run)
     track_table = calibration.track_of_run(run, track, anchor)
-    pixels = calibration.pixels_of_area(dataset, area, height, spacing)
+    pixels = pixels_of_area(dataset["frequency"].values, area, height, spacing)
     fit = estimate_clock(
         calibration.searched_run(dataset, keep_standing),
         track_table,
         pixels,
-        calibration.offsets_to_try(offsets, step),
+        offsets_to_try(offsets, step),
         ImagingOperator,
         tuple(rate or [1.0]),
     )
@@ -250,6 +251,7 @@ def calibrate_joint(
         If the answer cannot be trusted; the message says why.
     """
     from flgpr.calibrate import estimate_joint, remove_range_bias, with_track
+    from flgpr.calibrate.trial_grid import offsets_to_try
     from flgpr.commands import calibration
     from flgpr.imaging import ImagingOperator
     from flgpr.store import open_run
@@ -263,7 +265,7 @@ def calibrate_joint(
         ImagingOperator,
         biases,
         track_table,
-        calibration.offsets_to_try(offsets, step),
+        offsets_to_try(offsets, step),
         tolerance,
     )
     calibration.refuse_doubt(fit, run, keep_standing)
