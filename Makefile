@@ -47,7 +47,7 @@ robustness: $(VENV)/.test
 	    tests/live/test_live_fuzz.py tests/live/test_live_machines.py
 
 docs: $(VENV)/.docs
-	$(BIN)/codespell *.md docs src tests benchmarks viewer
+	$(BIN)/codespell *.md docs src tests benchmarks evidence viewer
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
 
 $(VENV)/bin/python:

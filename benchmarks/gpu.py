@@ -30,7 +30,7 @@ from flgpr.commands.imaging_speed import bench_imaging, format_bench
 from flgpr.imaging import ImagingOperator
 from flgpr.model import Lane
 from flgpr.store import open_run, write_whole
-from wang2007 import STEP, write_noise_run
+from suite.data import STEP, write_noise_run
 
 TESTS = Path(__file__).parents[1] / "tests/imaging/cuda_simulated.py"
 

@@ -1,7 +1,7 @@
 """Compare one worker with two on a lane of 300 m, and say what pieces of work cost: the plan for many workers.
 
 The run is noise on the geometry of the ``sri-array`` with the recipe ``wang2007``, see
-``wang2007.py``. Usage::
+``suite/data.py``. Usage::
 
     NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python benchmarks/workers.py [--scans 180] [--rounds 3]
     [--folder DIR] python benchmarks/workers.py --scheduler-load 2000 python benchmarks/workers.py
@@ -38,7 +38,7 @@ import scaling
 from flgpr.chain.recipe import recipe_text
 from flgpr.execution.job import LaneJob, code_versions, do_block
 from flgpr.execution.workers import Cluster
-from wang2007 import STEP, write_noise_run
+from suite.data import STEP, write_noise_run
 
 
 def once(store: Path, lane: Path, output: Path, workers: int) -> dict[str, Any]:

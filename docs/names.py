@@ -10,7 +10,7 @@ from docutils import nodes
 from sphinx import addnodes
 
 NAME = re.compile(r"flgpr(\.\w+)+")
-EXAMPLE = re.compile(r"\]\(((?:\.\./)?)gallery/(plot_\w+)\.py\)")
+EXAMPLE = re.compile(r"\]\(((?:\.\./)*)gallery/(plot_\w+)\.py\)")
 
 
 def _link(app, doctree):

@@ -21,10 +21,22 @@ def way(slices=SLICES):
     return np.stack([EASTING + 0.3 * step, NORTHING + 0.4 * step, np.full(slices, 51.5)], axis=-1)
 
 
-def write_ogpr(path, values=COUNTS, kind="<f4", places=None, srs=32632, **changes):
-    """A preamble, a descriptor that tells where blocks lie, and the blocks."""
+def slice_records(places):
+    """Records of version 2 of places (slice, channel, 3): number, then top and bottom of every channel."""
+    records = b""
+    for number, channels in enumerate(places):
+        records += struct.pack("<q", number)
+        for x, y, height in channels:
+            records += struct.pack("<8d", x, y, 0.0, height, x, y, 5.0, height - 5.0)
+    return records
+
+
+def write_ogpr(path, values=COUNTS, kind="<f4", places=None, srs=32632, version=None, **changes):
+    """A preamble, a descriptor that tells where blocks lie, and the blocks; ``places`` may be their bytes."""
     volume = values.astype(kind).tobytes()
-    geo = b"" if places is None else np.asarray(places, "<f8").tobytes()
+    geo = b"" if places is None else places
+    if not isinstance(geo, bytes):
+        geo = np.asarray(geo, "<f8").tobytes()
     slices, channels, samples = values.shape
     main = {
         "samplesCount": samples,
@@ -45,7 +57,7 @@ def write_ogpr(path, values=COUNTS, kind="<f4", places=None, srs=32632, **change
             blocks[-1]["srs"] = {"type": "EPSG", "value": srs}
     blocks.append({"type": "Markers", "byteOffset": start, "byteSize": 1})
     descriptor = {
-        "version": {"major": 2, "minor": 0},
+        "version": version or {"major": 2, "minor": 0},
         "mainDescriptor": main | changes,
         "dataBlockDescriptors": blocks,
     }

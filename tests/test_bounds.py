@@ -19,8 +19,8 @@ from flgpr.proving_ground.ground import GROUNDS, Description, load_ground
 from flgpr.simulate import Scene, draw_world
 from flgpr.simulate.bodies.signature import load_body, packaged_bodies
 from flgpr.simulate.bodies.signature.body import Body
+from flgpr.simulate.effort import MOST_MEMORY, check_effort, drawing_effort, simulation_effort
 from flgpr.simulate.scene.scene import sites
-from flgpr.simulate.simulator import MOST_MEMORY, check_effort, drawing_effort, simulation_effort
 
 SETTINGS = [find_stage(kind, name).Settings for kind, names in PACKAGED.items() for name in names]
 EXTREME = [0, -1, 1e9, 10**9, 1e300, math.inf, -math.inf, math.nan, 10**400]
@@ -222,7 +222,7 @@ def test_the_command_refuses_before_it_works(tmp_path, entries, words, option):
 
 
 def test_force_goes_beyond(tmp_path, monkeypatch):
-    monkeypatch.setattr("flgpr.simulate.simulator.MOST_HOURS", 0.0)
+    monkeypatch.setattr("flgpr.simulate.effort.MOST_HOURS", 0.0)
     (tmp_path / "scene.toml").write_text("length = 5.0\n[track]\npositions = [-5.0]")
     command = [
         "simulate",

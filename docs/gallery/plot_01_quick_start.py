@@ -78,6 +78,7 @@ outcome_table(scored).round(2)
 
 # %%
 # ``report.html`` in the result folder holds all of it on one page, and ``flgpr view`` shows it in the browser. Three
-# mines on one lane say that the chain works, not how well; `The first lane <../first-lane.html>`_ tells the rest.
+# mines on one lane say that the chain works, not how well;
+# `What became of each mine <../evidence/first-lane.html>`_ has the rest.
 
 print(*sorted(path.name for path in (home / "result").iterdir()), sep="\n")

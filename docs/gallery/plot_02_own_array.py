@@ -122,7 +122,7 @@ figure.colorbar(shown, ax=panels, label="dB of the run-view", shrink=0.7)
 # %%
 # Neither mine shines at its centre. The one on the ground answers from its front edge, nearer to the radar; the buried
 # one from its two rims, in VV the far one stronger, and refraction moves both away:
-# `Mine signatures <../theory/signatures.html>`_ and `Refraction <../theory/refraction.html>`_ tell why.
+# `Mine signatures <../reference/theory/signatures.html>`_ and `Refraction <../reference/theory/refraction.html>`_ tell why.
 #
 # ``flgpr simulate scene.toml -o lane.zarr --sensor bar.toml`` does the same from files, and every preset can be the
 # start of yours: ``src/flgpr/model/presets`` holds the four papers' radars.

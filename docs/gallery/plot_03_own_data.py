@@ -98,5 +98,5 @@ assert np.allclose(run["signal"], known["signal"], rtol=1e-5)
 
 # %%
 # From here on it is a run like any other: ``flgpr detect lane.zarr -o result``. Poses may also come from a survey, a CSV
-# track or an NMEA log; `Their data in, our results out <../exchange.html>`_ has all entries, and the calibrations for a
-# clock that is off, unknown pair delays or a lever arm.
+# track or an NMEA log. `Import your own arrays <../guide/import-mapping.html>`_ has all entries, and
+# `Calibrate a run <../guide/calibrate.html>`_ helps where a clock is off, or pair delays or a lever arm are unknown.

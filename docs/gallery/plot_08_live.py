@@ -97,6 +97,7 @@ axes.legend(fontsize=8)
 
 # %%
 # The folder holds the alarms for ``flgpr score``, the events for the viewer and a snapshot from which a stopped run
-# goes on. `Live detection <../live.html>`_ has the formats, and what is done about scans that are lost, late or broken.
+# resumes. `Detect while driving <../guide/live.html>`_ has the command,
+# `What a radar gets wrong <../guide/live-faults.html>`_ what is done about scans that are lost, late or broken.
 
 print(*sorted(path.name for path in (home / "out").iterdir()), sep="\n")

@@ -101,7 +101,7 @@ for ours, theirs in zip(plain, shared, strict=True):
     print(ours.folder.name, len(files), "files,", len(different), "different")
 
 # %%
-# And ``survey.json`` tells how each lane went. `Many workers <../cluster.html>`_ says what happens to workers that are
-# lost, and what a cluster costs and gains.
+# And ``survey.json`` says how each lane went. `Many workers <../guide/cluster.html>`_ says what happens to workers that
+# are lost, and `Many workers, measured <../evidence/workers.html>`_ what a cluster costs and gains.
 
 print((home / "cluster" / "survey.json").read_text()[:600])

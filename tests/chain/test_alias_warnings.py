@@ -10,7 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.chain.recipe import load_recipe, parse_recipe
-from flgpr.chain.recipe_for_run import alias_faults, check_fit, fit_faults, fit_recipe
+from flgpr.chain.recipe_fit import alias_faults, check_fit, fit_faults
+from flgpr.chain.recipe_for_run import fit_recipe
 from flgpr.commands.app import app
 from flgpr.commands.run_report import run_info
 from flgpr.execution.simulated_lane import simulate_to_store

@@ -10,7 +10,8 @@ from few_mines import counts_of, follow, resized
 from flgpr.chain.alarm_steps import count_alarm_steps
 from flgpr.chain.classifier import TrainingSet, make_training_set, train
 from flgpr.chain.estimators import train_estimator
-from flgpr.chain.recipe import DetectorTable, parse_recipe, recipe_text
+from flgpr.chain.recipe import parse_recipe, recipe_text
+from flgpr.chain.recipe_tables import DetectorTable
 from flgpr.chain.stages import TrainingView, find_stage
 from flgpr.chain.stages.clusters import subset
 from flgpr.chain.too_few import TooFewExamplesError, count_in_views
@@ -342,7 +343,7 @@ def test_where_hits_or_false_alarms_ran_out_decides_what_is_advised(
 ):
     recipe = parse_recipe(recipe_text("flsar2004"))
     error = TooFewExamplesError("hits, got none")
-    message = str(steps_of(features, spent).told(error, recipe, shown))
+    message = str(steps_of(features, spent).error(error, recipe, shown))
     assert message.startswith(
         f"detector cannot be trained: it needs hits, got none: {lost}. Step by step: "
     )

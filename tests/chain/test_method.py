@@ -8,10 +8,10 @@ import pandas as pd
 import pytest
 
 from flgpr.chain.cache_key import background_key, features_key, view_key
-from flgpr.chain.detection import detection_of, rank_alarms
+from flgpr.chain.detection import rank_alarms
 from flgpr.chain.engine import Engine, PlannedPass, blocks_of, sum_accumulator
 from flgpr.chain.lane_setup import LaneSetup
-from flgpr.chain.method import detect, engine_of, passes_of
+from flgpr.chain.method import detect, detection_of, engine_of, passes_of
 from flgpr.chain.recipe import load_recipe, parse_recipe
 from flgpr.chain.sections import Section, lane_threshold
 from flgpr.store import open_run, sample_lane

@@ -10,7 +10,7 @@ import pytest
 from flgpr.chain.classifier import TrainingSet
 from flgpr.chain.estimators import TrainedEstimator, find_estimator, train_estimator
 from flgpr.chain.model import Model, load_model, save_model
-from flgpr.chain.recipe import DetectorTable
+from flgpr.chain.recipe_tables import DetectorTable
 
 COLUMNS = ["a", "b"]
 

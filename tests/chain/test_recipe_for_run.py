@@ -7,7 +7,8 @@ from typer.testing import CliRunner
 import flgpr
 from flgpr.chain.method import detect
 from flgpr.chain.recipe import load_recipe, parse_recipe
-from flgpr.chain.recipe_for_run import check_fit, fit_recipe, recipe_for
+from flgpr.chain.recipe_fit import check_fit
+from flgpr.chain.recipe_for_run import fit_recipe, recipe_for
 from flgpr.commands.app import app
 from flgpr.model import Sensor, load_sensor, make_run
 from flgpr.simulate import Scene, simulate

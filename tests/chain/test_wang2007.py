@@ -10,9 +10,9 @@ import pytest
 import flgpr
 from flgpr.chain.classifier import CLASSIFIER_A, make_training_set, train
 from flgpr.chain.cleaned import CleanedRun
-from flgpr.chain.detection import MAIN, detection_of
+from flgpr.chain.detection import MAIN
 from flgpr.chain.lane_setup import LaneSetup
-from flgpr.chain.method import detect, engine_of
+from flgpr.chain.method import detect, detection_of, engine_of
 from flgpr.chain.model import load_model, save_model
 from flgpr.chain.progress import silent
 from flgpr.chain.recipe import lane_of, parse_recipe, recipe_text

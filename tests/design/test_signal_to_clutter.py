@@ -17,8 +17,8 @@ from flgpr.design import (
 )
 from flgpr.design.array import Design, Question, _set_expected, expected_in_words
 from flgpr.model import SPEED_OF_LIGHT, Sensor, load_sensor
+from flgpr.model.refraction import ray_divergence, two_way_transmission
 from flgpr.simulate.bodies.echoes import incidence
-from flgpr.simulate.ground.refraction import ray_divergence, two_way_transmission
 from flgpr.simulate.ground.roughness import surface_backscatter
 from flgpr.simulate.ground.soil import one_way_loss
 from flgpr.simulate.simulator import array_state

@@ -1,4 +1,4 @@
-"""The example of docs/cosgrove2004.md runs as printed."""
+"""The example of docs/evidence/papers/cosgrove2004.md runs as printed."""
 
 import re
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-DOC = Path(__file__).parents[2] / "docs" / "cosgrove2004.md"
+DOC = Path(__file__).parents[2] / "docs" / "evidence" / "papers" / "cosgrove2004.md"
 
 
 def test_example_trains_and_finds_its_own_mines(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""The programs that docs/cluster.md gives to SLURM and Kubernetes run here as far as they come without either."""
+"""The programs that docs/guide/cluster.md gives to SLURM and Kubernetes run here as far as they come without either."""
 
 import re
 import shlex
@@ -9,7 +9,9 @@ from test_docs_pages import check_flgpr
 from reading import FENCE, ROOT, read
 
 PYTHON = [
-    body for kind, body in FENCE.findall(read(ROOT / "docs" / "cluster.md")) if kind == "python"
+    body
+    for kind, body in FENCE.findall(read(ROOT / "docs" / "guide" / "cluster.md"))
+    if kind == "python"
 ]
 QUANTITY = re.compile(r"\d+(\.\d+)?(m|[KMGT]i?)?")
 

@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import itertools
 import re
 import shlex
 import tomllib
@@ -41,10 +42,15 @@ def test_links_lead_to_files_and_headings(page):
             assert anchor in anchors(file), f"{target}: no such heading"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=identify)
+# The changelog names files where they were when its line was written.
+CURRENT = [page for page in PAGES if page.name != "CHANGELOG.md"]
+
+
+@pytest.mark.parametrize("page", CURRENT, ids=identify)
 def test_files_of_the_repository_named_in_the_text_exist(page):
     named = re.findall(
-        r"`((?:src|tests|docs|benchmarks|viewer)/[\w./-]*\w)/?`", FENCE.sub("", read(page))
+        r"`((?:src|tests|docs|benchmarks|viewer|evidence(?=/\w+\.py))/[\w./-]*\w)/?`",
+        FENCE.sub("", read(page)),
     )
     wrong = [
         name
@@ -201,7 +207,21 @@ def check_dask(words):
     }  # what they take is Dask's; tests/robustness/test_cluster.py starts both
 
 
+def check_asv(words):
+    """Look whether the suite has the benchmarks that a line names."""
+    assert words[0] in {"run", "continuous", "publish", "preview"}
+    source = "".join(read(path) for path in sorted((ROOT / "benchmarks/suite").glob("*.py")))
+    for option, value in itertools.pairwise(words):
+        assert option != "--bench" or f"class {value}:" in source, f"no benchmark {value}"
+
+
+def check_folder(words):
+    assert (ROOT / words[0]).is_dir()
+
+
 CHECKS = {
+    "asv": check_asv,
+    "cd": check_folder,
     "flgpr": check_flgpr,
     "make": check_make,
     "python": check_script,
@@ -251,8 +271,10 @@ def test_the_lines_for_the_shell_are_found():
         "flgpr design sri -o b.html",
         "flgpr simulate a.toml --seed one -o b",
         "make demos",
-        "python benchmarks/live.py --agree",
+        "python evidence/live.py --agree",
         "pip install -e '.[seals]'",
+        "asv run --bench Images",
+        "cd bench",
     ],
 )
 def test_a_line_with_a_fault_is_noticed(line):

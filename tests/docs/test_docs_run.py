@@ -70,7 +70,7 @@ def made(tmp_path_factory, demo):
 
 
 def write_rail(path, offset=9.28, bias=0.44):
-    """A rail radar of the kind that exchange.md takes in: two reflectors, another clock, a bias of every range."""
+    """A rail radar of the kind that the guide takes in: two reflectors, another clock, a bias of every range."""
     ranges = 2 + 0.00915 * np.arange(600)
     time = np.linspace(0.0, 10.5, 70)
     clock = np.linspace(0.0, 20.7, 2000)
@@ -147,6 +147,36 @@ BEFORE = {
     "fuse2018": nothing,
     "wang2007": before_wang,
 }
+FOLLOWED = {
+    "exchange": (
+        "guide/import-mapping",
+        "guide/vehicle-recordings",
+        "guide/gpr-files",
+        "guide/recording-to-image",
+        "guide/calibrate",
+        "guide/export",
+        "guide/notebook",
+    ),
+    "simulation": (
+        "guide/simulation",
+        "guide/bodies",
+        "guide/scene-ground",
+        "guide/solver-runs",
+    ),
+    "imaging": ("reference/imaging",),
+    "rvm": ("reference/rvm",),
+    "scoring": (
+        "guide/scoring",
+        "guide/compare-detectors",
+        "guide/plan-a-test",
+        "guide/blind-test",
+    ),
+    "extending": ("guide/extending",),
+    "cosgrove2004": ("evidence/papers/cosgrove2004",),
+    "fuse2018": ("evidence/papers/fuse2018",),
+    "wang2007": ("evidence/papers/wang2007",),
+}
+"""Pages that a reader follows one after the other, in the same folder."""
 NOT_HERE = (
     "flgpr info line7",  # tests/commands/test_picture_lines.py goes from recordings to pictures
     "flgpr import gpr",
@@ -195,14 +225,17 @@ def follow(page, space):
 
 @pytest.fixture
 def followed(request, made, tmp_path, monkeypatch):
-    """A page, followed in an empty folder: the names of its programs, what its commands printed, the folder."""
+    """Pages, followed in an empty folder: the names of their programs, what their commands printed, the folder."""
     monkeypatch.chdir(tmp_path)
     space = ModuleType(
         "program_of_the_page"
     )  # a module, so that classes it defines can be found again
     monkeypatch.setitem(sys.modules, space.__name__, space)
     BEFORE[request.param](made)
-    return space, follow(ROOT / "docs" / f"{request.param}.md", space), tmp_path
+    printed = {}
+    for name in FOLLOWED[request.param]:
+        printed |= follow(ROOT / "docs" / f"{name}.md", space)
+    return space, printed, tmp_path
 
 
 def page(name):

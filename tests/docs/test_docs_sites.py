@@ -12,13 +12,13 @@ from flgpr.simulate.ground.roughness import surface_backscatter
 from flgpr.simulate.simulator import _surface_spectra
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "sites.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "reference" / "sites.md").read_text(encoding="utf-8")
 WORDS = " ".join(PAGE.split())
 
 
 @pytest.fixture(scope="module")
 def program():
-    spec = importlib.util.spec_from_file_location("site_tables", ROOT / "benchmarks" / "sites.py")
+    spec = importlib.util.spec_from_file_location("site_tables", ROOT / "evidence" / "sites.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -45,7 +45,7 @@ def test_the_figure_holds_all_sites_and_is_shown(program):
     assert sorted(line.get_label() for line in levels.lines) == sites()
     natural, prepared = (np.std(line.get_ydata()) for line in profiles.lines)
     assert prepared < 0.5 * natural
-    assert "(images/sites.png)" in PAGE
+    assert "(../images/sites.png)" in PAGE
 
 
 def test_prepared_surfaces_return_as_much_less_as_the_page_says(program):

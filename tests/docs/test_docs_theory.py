@@ -9,18 +9,19 @@ import pytest
 
 from flgpr.features import cameron, entropy_alpha
 from flgpr.model import SPEED_OF_LIGHT, load_sensor
-from flgpr.scoring import clopper_pearson
-from flgpr.simulate import Scene
-from flgpr.simulate.ground.refraction import (
+from flgpr.model.refraction import (
     interface_path,
     two_way_attenuation,
     two_way_transmission,
 )
+from flgpr.scoring import clopper_pearson
+from flgpr.simulate import Scene
 from flgpr.simulate.ground.roughness import surface_backscatter
 from flgpr.simulate.ground.soil import mironov, one_way_loss
 from flgpr.trials import sample_size
 
-THEORY = Path(__file__).parents[2] / "docs" / "theory"
+DOCS = Path(__file__).parents[2] / "docs"
+THEORY = DOCS / "reference" / "theory"
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +70,7 @@ def test_figures_are_drawn_and_shown_on_a_page(name, figures, tmp_path, monkeypa
     drawn.savefig(tmp_path / "figure.png", dpi=30)
     pages = "".join(page.read_text(encoding="utf-8") for page in THEORY.glob("*.md"))
     assert f"theory-{name}.png" in pages
-    assert (THEORY.parent / "images" / f"theory-{name}.png").is_file()
+    assert (DOCS / "images" / f"theory-{name}.png").is_file()
 
 
 def test_resolution_is_as_measured(figures):

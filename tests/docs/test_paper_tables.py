@@ -17,7 +17,7 @@ KINDS = ("exact", "a reading", "ours", "measured", "judged", "run beside")
 
 
 def page(name):
-    return read(ROOT / "docs" / "papers" / f"{name}.md")
+    return read(ROOT / "docs" / "evidence" / "papers" / f"{name}-steps.md")
 
 
 def tables(text):

@@ -66,12 +66,14 @@ def good(tmp_path_factory):
     if find_spec("mcap_ros2"):
         (folder / "a.mcap").write_bytes(drive(2, 2, crcs=False))
         (folder / "b.mcap").write_bytes(drive(1, 1, "none", crcs=False))
+        # Damage to a chunk shows in its checksum.
+        (folder / "c.mcap").write_bytes(drive(2, 9, "lz4"))
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 NAMES = [
     "a.npz", "b.npz", "a.npy", "a.csv", "commas.csv", "vna.csv", "wide.csv", "a.s2p", "down.s2p", "take.csv", "a.mcap",
-    "b.mcap",
+    "b.mcap", "c.mcap",
 ]  # fmt: skip
 
 

@@ -28,6 +28,20 @@ def test_a_receiver_without_a_fix_is_told(tmp_path):
     assert notes == ["9 of 9 sentences of a.dzg tell no position (the receiver had no fix)"]
 
 
+@pytest.mark.parametrize(
+    ("quality", "words"), [(6, "dead reckoning"), (7, "put in by hand"), (8, "simulated"), (1, "")]
+)
+def test_positions_that_no_satellite_gave_are_told(quality, words, tmp_path):
+    path = write_dt1(tmp_path / "a.dt1", COUNTS)
+    lines = gps_lines([0, 9], LATITUDE[[0, 9]], LONGITUDE[[0, 9]])
+    lines += gps_lines([20], LATITUDE[[20]], LONGITUDE[[20]], quality=quality)
+    path.with_suffix(".gps").write_text(lines)
+    read = read_gpr(path)
+    assert read.fixes[:, 0].tolist() == [0, 9, 20]
+    told = [f"1 of 3 sentences of a.gps are {words}: they are used"] if words else []
+    assert notes_with(read, "sentences of a.gps") == told
+
+
 def test_zero_north_zero_east_is_no_place(tmp_path):
     path = write_dzt(tmp_path / "a.dzt", COUNTS[:, None])
     lines = gps_lines([0, 10, 20], LATITUDE[[0, 10, 20]], LONGITUDE[[0, 10, 20]], "dzt")

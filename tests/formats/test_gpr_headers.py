@@ -1,5 +1,6 @@
 """Header words that change the meaning, and headers in other layouts and encodings."""
 
+import re
 import struct
 
 import numpy as np
@@ -87,10 +88,22 @@ def test_a_channel_without_a_header_is_told(tmp_path):
         read_gpr(other)
 
 
-@pytest.mark.parametrize("mode", ["CMP/WARR", "WARR", "Multi-offset", "Transillumination"])
+@pytest.mark.parametrize(
+    "mode",
+    [
+        "CMP/WARR",
+        "WARR",
+        "Multi-offset",
+        "Transillumination",
+        "Common Mid-Point",
+        "common midpoint",
+        "Wide Angle Reflection and Refraction",
+        "C.M.P.",
+    ],
+)
 def test_a_gather_is_no_line(mode, tmp_path):
     path = write_dt1(tmp_path / "a.dt1", COUNTS, SURVEY_MODE=mode)
-    with pytest.raises(ValueError, match=f"its antennas move apart .{mode}"):
+    with pytest.raises(ValueError, match=f"its antennas move apart .{re.escape(mode)}"):
         gpr_run(read_gpr(path))
     assert (
         f"its antennas move apart ({mode}): it is no line of one offset" in explain_file(path).lines
@@ -102,12 +115,17 @@ def test_places_of_the_antennas_tell_a_gather_too(tmp_path):
     path = write_dt1(tmp_path / "a.dt1", COUNTS, SURVEY_MODE="Reflection")
     set_dt1_words(path, "receiver", [0.5 + 0.1 * k for k in range(TRACES)])
     assert read_gpr(path).gather == "antennas 0.5 to 3.4 apart"
+    set_dt1_words(path, "receiver", [3.4 - 0.1 * k for k in range(TRACES)])
+    assert read_gpr(path).gather == "antennas 0.5 to 3.4 apart"
     set_dt1_words(path, "receiver", [0.5 + k % 3 for k in range(TRACES)])
     assert not read_gpr(path).gather
     assert notes_with(
         read_gpr(path), "the trace headers put the antennas 0.5 to 2.5 apart, which is not used"
     )
-    assert not read_gpr(write_dt1(tmp_path / "b.dt1", COUNTS, SURVEY_MODE="Reflection")).gather
+    for line in ("Reflection", "Common-Offset", "common offset", "PROFILE"):
+        read = read_gpr(write_dt1(tmp_path / "b.dt1", COUNTS, SURVEY_MODE=line))
+        assert not read.gather
+        assert not notes_with(read, "SURVEY MODE")
     assert notes_with(
         read_gpr(write_dt1(tmp_path / "c.dt1", COUNTS, SURVEY_MODE="walking")), "is not known"
     )

@@ -397,6 +397,7 @@ TRACE_WORDS = {
     "gather": st.booleans(),
     "where": st.sampled_from([*COORDINATES, "none", "same"]),
     "also": st.booleans(),
+    "receiver": st.sampled_from(["untold", "beside", "moving"]),
     "nowhere": some(12, 20),
     "unit": st.sampled_from([1, 0]),
     "cut": st.booleans(),
@@ -431,6 +432,11 @@ def segy_like(path, start, order, width, drawn):
     also = placed and d["also"] and d["where"] != "cdp"
     if also:
         put(every, 180, "i", lambda k: FAR + 7 * k)
+    paired = d["where"] == "source" and d["receiver"] != "untold"
+    if paired:
+        moving = d["receiver"] == "moving"
+        put(set(every) - nowhere, 80, "i", lambda k: FAR + round(100 * STEP * k))
+        put(set(every) - nowhere, 84, "i", lambda k: 50 + 10 * k if moving else 50)
     put(d["dead"], 28, "h", 2)
     put(d["late"], 108, "h", 40)
     put(d["weighted"], 168, "h", 3)
@@ -466,6 +472,9 @@ def segy_like(path, start, order, width, drawn):
         else None,
         if_any(nowhere, f"{len(nowhere)} of {count} traces are at 0, 0, far from all others"),
         "the CDP coordinates (bytes 181-188) are not used" if also else None,
+        "the antennas' separation is the distance of source" if paired and not moving else None,
+        "the group coordinates (bytes 81-88) are not used" if paired and moving else None,
+        "its antennas move apart (antennas 0.5 to" if paired and moving else None,
     ]
     return count, notes
 
@@ -474,6 +483,9 @@ def check_segy_like(read, counts, count, drawn):
     kept = [k for k in range(count) if k not in drawn["dead"]]
     np.testing.assert_array_equal(read.traces[kept, 0], counts[kept])
     assert np.isnan(read.traces[[k for k in drawn["dead"] if k < count], 0]).all()
+    paired = drawn["where"] == "source" and drawn["receiver"] != "untold"
+    assert read.separation == (0.5 if paired and drawn["receiver"] == "beside" else None)
+    assert bool(read.gather) == (paired and drawn["receiver"] == "moving")
     if drawn["where"] in COORDINATES:
         np.testing.assert_allclose(read.distance, ALONG[:count], atol=1e-6)
     else:

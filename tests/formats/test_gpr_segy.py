@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from flgpr.formats import read_gpr
+from flgpr.formats import gpr_run, read_gpr
 from io_gpr import (
     INTERVAL,
     SAMPLES,
     STEP,
     write_segy,
 )
+from io_open import write_su
 from io_recordings import ALONG, COUNTS, TRACES, notes_with, patched, segy_words, with_extra_headers
 
 
@@ -75,6 +76,38 @@ def test_source_and_group_tell_the_separation(tmp_path):
     read = read_gpr(path)
     assert read.separation == pytest.approx(0.2)
     assert notes_with(read, "the antennas' separation is the distance of source and group")
+
+
+@pytest.mark.parametrize("kind", ["sgy", "su"])
+@pytest.mark.parametrize("form", ["midpoint stays", "source stays", "zigzag"])
+def test_places_of_source_and_group_that_move_apart_make_no_line(kind, form, tmp_path):
+    """Cm: both go away from the midpoint of a CMP, the group alone from the source of a WARR."""
+    write = write_su if kind == "su" else write_segy
+    path = write(tmp_path / f"a.{kind}", COUNTS)
+    step = {"midpoint stays": 5, "source stays": 10, "zigzag": 0}[form]
+    words = {
+        "source_x": ("i", 72, lambda k: 5000 - 5 * k if form == "midpoint stays" else 5000),
+        "source_y": ("i", 76, 900),
+        "group_x": ("i", 80, lambda k: 5020 + step * k + (30 * (k % 3) if form == "zigzag" else 0)),
+        "group_y": ("i", 84, lambda k: 900 + (k if form == "zigzag" else 0)),
+    }
+    order = "<" if kind == "su" else ">"
+    start = 0 if kind == "su" else 3600
+    record = 240 + (4 if kind == "su" else 2) * SAMPLES
+    patches = []
+    for trace in range(TRACES):
+        for letter, offset, value in words.values():
+            number = value(trace) if callable(value) else value
+            patches.append((start + trace * record + offset, order + letter, number))
+    read = read_gpr(patched(path, *patches))
+    if form == "zigzag":
+        assert not read.gather
+        assert notes_with(read, "m apart, which is not used")
+        return
+    assert read.gather == "antennas 0.2 to 3.1 m apart"
+    assert notes_with(read, "it is no line of one offset")
+    with pytest.raises(ValueError, match="its antennas move apart"):
+        gpr_run(read)
 
 
 def test_words_that_change_the_meaning_of_a_trace_are_told(tmp_path):

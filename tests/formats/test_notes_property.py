@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 from damage import CASES, FUZZ, in_forks
 from flgpr.formats.arrays import open_arrays
-from flgpr.formats.gprmax_files import GprmaxTold, import_gprmax_files
+from flgpr.formats.gprmax_files import GprmaxSetup, import_gprmax_files
 from flgpr.formats.mapped import import_mapped
 from flgpr.formats.tracks import read_nmea, read_track
 from flgpr.geo.anchor import fit_anchor
@@ -157,7 +157,7 @@ def test_gprmax(more, same, dipole, samples, tmp_path):
     names = ["Rx"] * len(more) if same else [f"Rx{n}" for n in range(len(more))]
     kind = "HertzianDipole" if dipole else "VoltageSource"
     path = write_model(tmp_path / "a.out", receivers, names, kind, samples)
-    told = GprmaxTold((2e9, 5e9), "H", 0.5, waveform=None if samples else ("ricker", 1.5e9))
+    told = GprmaxSetup((2e9, 5e9), "H", 0.5, waveform=None if samples else ("ricker", 1.5e9))
     with in_forks():
         run = import_gprmax_files([path], told)
     used = ["Ex", *(["Ez"] if all("Ez" in fields for fields, _ in receivers) else [])]

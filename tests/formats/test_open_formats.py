@@ -10,7 +10,16 @@ from typer.testing import CliRunner
 from flgpr.commands.app import app
 from flgpr.formats import explain_file, gpr_run, open_arrays, read_gpr
 from io_gpr import INTERVAL, NOMINAL, STEP, section
-from io_open import CHANNELS, COUNTS, SAMPLES, SLICES, way, write_ogpr, write_su
+from io_open import (
+    CHANNELS,
+    COUNTS,
+    SAMPLES,
+    SLICES,
+    slice_records,
+    way,
+    write_ogpr,
+    write_su,
+)
 
 
 @pytest.mark.parametrize("kind", ["<f4", "<i2"])
@@ -25,13 +34,14 @@ def test_every_sample_of_every_channel_of_an_ogpr_file_is_read(kind, tmp_path):
     assert "the descriptor tells no time zero: it is put at the first sample" in line.history
 
 
-@pytest.mark.parametrize("form", ["every sample", "every trace", "every slice"])
+@pytest.mark.parametrize("form", ["every sample", "every trace", "every slice", "records"])
 def test_places_of_an_ogpr_file_give_distances_and_fixes(form, tmp_path):
     per_slice = way()
     places = {
         "every slice": per_slice,
         "every trace": np.repeat(per_slice[:, None], CHANNELS, axis=1),
         "every sample": np.broadcast_to(per_slice[:, None, None], (SLICES, CHANNELS, SAMPLES, 3)),
+        "records": slice_records(np.repeat(per_slice[:, None], CHANNELS, axis=1)),
     }[form]
     line = read_gpr(write_ogpr(tmp_path / "a.ogpr", places=places))
     np.testing.assert_allclose(line.distance, 0.5 * np.arange(SLICES), atol=1e-6)
@@ -39,6 +49,7 @@ def test_places_of_an_ogpr_file_give_distances_and_fixes(form, tmp_path):
         *per_slice[:, :2].T
     )
     np.testing.assert_allclose(line.fixes[:, 1:3], np.stack([lon, lat], axis=-1), atol=1e-9)
+    np.testing.assert_array_equal(line.fixes[:, 3], per_slice[:, 2])
     assert "heights are taken as ellipsoidal: EPSG:32632 does not tell" in line.history
 
 
@@ -53,6 +64,24 @@ def test_places_that_are_not_understood_are_told(tmp_path):
     assert len(line.fixes) == 0
     line = read_gpr(write_ogpr(tmp_path / "a.ogpr", places=np.ones((SLICES, 3))))
     assert any("all at one place: positions are not read" in note for note in line.history)
+
+
+@pytest.mark.parametrize("version", [{"major": 1, "minor": 0}, {"major": 2, "minor": 1}])
+def test_versions_that_are_known_are_read_without_a_word(version, tmp_path):
+    assert not notes_on_version(read_gpr(write_ogpr(tmp_path / "a.ogpr", version=version)))
+
+
+@pytest.mark.parametrize(
+    ("version", "told"), [({"major": 3, "minor": 0}, "'3'"), ("draft", "'draft'"), ({"a": 1}, "a")]
+)
+def test_a_version_that_is_not_known_is_told(version, told, tmp_path):
+    (note,) = notes_on_version(read_gpr(write_ogpr(tmp_path / "a.ogpr", version=version)))
+    assert told in note
+    assert note.endswith("which is not known: it is read as version 2")
+
+
+def notes_on_version(line):
+    return [note for note in line.history if note.startswith("its version is")]
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,8 @@ from flgpr.formats.arrays import open_arrays
 from flgpr.formats.explain import explain_file, propose_mapping
 from flgpr.formats.mapped import import_mapped
 from flgpr.store import open_run
-from flgpr.store.tables import read_text_table
 from flgpr.store.text import decode_text
+from flgpr.store.text_tables import read_text_table
 
 # --- one bad part never blocks the rest
 
@@ -286,6 +286,32 @@ def test_a_merged_b_scan_is_told_and_imported_by_its_draft(merged, tmp_path):
     tones = np.fft.fftfreq(200, 2e-11)
     wanted = spectrum[np.isclose(tones[:, None], run["frequency"].values).any(axis=1)]
     np.testing.assert_allclose(run["signal"].values[7, 0, 0], wanted, rtol=1e-4, atol=1e-4)
+
+
+def number_of_an_odd_type():
+    """Return a type of floating point with an exponent's bias that no type of NumPy has."""
+    kind = h5py.h5t.IEEE_F64LE.copy()
+    kind.set_ebias(20_000)
+    return kind
+
+
+def text_of_two_lines():
+    kind = h5py.h5t.C_S1.copy()
+    kind.set_size(8)
+    return kind
+
+
+@pytest.mark.parametrize("kind", [number_of_an_odd_type, text_of_two_lines])
+def test_a_merged_b_scan_whose_step_is_no_number_is_named(kind, merged):
+    """What h5py raises on such an attribute is a ValueError that names no file."""
+    with h5py.File(merged, "r+") as file:
+        del file.attrs["dt"]
+        scalar = h5py.h5s.create(h5py.h5s.SCALAR)
+        attribute = h5py.h5a.create(file.id, b"dt", kind(), scalar)
+        attribute.write(np.array(b"two\nway"), attribute.get_type())
+    with pytest.raises(ValueError, match=re.escape(str(merged))) as caught:
+        explain_file(merged)
+    assert "\n" not in str(caught.value)
 
 
 # --- axes of a draft

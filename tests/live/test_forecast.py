@@ -12,7 +12,8 @@ import pytest
 from flgpr.chain.classifier import TrainingSet
 from flgpr.chain.estimators import train_estimator
 from flgpr.chain.model import Model, load_model, save_model
-from flgpr.chain.recipe import DetectorTable, parse_recipe
+from flgpr.chain.recipe import parse_recipe
+from flgpr.chain.recipe_tables import DetectorTable
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.feeding import feed
 from flgpr.live.forecast import (

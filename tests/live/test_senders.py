@@ -225,7 +225,7 @@ def test_refused_senders_are_told_and_counted_at_the_end(live):
 
 
 def test_a_connection_goes_on_at_the_next_frame_after_a_bad_one(live):
-    """As docs/live.md says."""
+    """As docs/reference/live-format.md says."""
     path, ended = live
     with sending(path, DESCRIBED) as radar:
         radar.sendall(SCAN[:200] + b"nonsense" + SCAN[:-1] + b"\0" + SCAN + encode_frame("end", {}))

@@ -245,7 +245,7 @@ def test_the_bodies_are_shown_larger_as_their_slowness_has_it(echo, exact, image
     """What is measured comes out as the exact field does: the foam some 5 to 10 mm, the plastic 15 mm larger.
 
     Focusing takes the way through the bodies for one through air. The exact field tells that this, and neither the
-    number of views nor the missing receivers, is the reason (docs/exchange.md).
+    number of views nor the missing receivers, is the reason (docs/evidence/measured-data.md).
     """
     found = radii_of(image(echo))
     wanted = radii_of(image(exact(*CYLINDERS)))

@@ -40,7 +40,7 @@ from flgpr.store import (
 )
 from flgpr.store.files import canonical_json
 from flgpr.store.journal import JOURNAL, Journal, WrittenScan
-from flgpr.store.run_store import _digests
+from flgpr.store.run_writer import _digests
 from flgpr.trials.ledger import read_register, register
 from small_lane import LANE_TOML
 from small_results import small_result

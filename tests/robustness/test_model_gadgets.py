@@ -19,7 +19,7 @@ from flgpr.chain.classifier import TrainingSet, train
 from flgpr.chain.estimator_classes import ALLOWED
 from flgpr.chain.estimators import train_estimator
 from flgpr.chain.model import MODEL_FILE, Model, describe_model, load_model, save_model
-from flgpr.chain.recipe import DetectorTable
+from flgpr.chain.recipe_tables import DetectorTable
 from flgpr.commands.app import app
 from flgpr.commands.run_report import model_info
 from flgpr.detect.scorers.checks import Checked

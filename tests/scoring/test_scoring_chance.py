@@ -75,7 +75,7 @@ def test_alarms_strewn_at_random_find_what_the_closed_form_says():
     matched = match(
         strewn(rng, 12_000), mines(rng.uniform(-5, 5, 100), np.linspace(10, 1990, 100)), LONG
     )
-    curve = chance(matched).beside(roc_of(matched))
+    curve = chance(matched).add_chance_column(roc_of(matched))
     rows = curve.iloc[operating_row(curve, [0.01, 0.02, 0.05, 0.1, 0.2, 0.4])]
     expected = random_pd(rows["far"], 1.0)
     # The lane holds so many halos side by side; more shifts than that tell nothing new.
@@ -87,7 +87,7 @@ def test_alarms_that_stand_together_find_less_than_the_closed_form_says():
     rng = np.random.default_rng(5)
     sixes = strewn(rng, 1500).assign(confidence=1.0).loc[np.repeat(np.arange(1500), 6)]
     matched = match(sixes, mines(0.0, np.linspace(10, 1990, 100)), LONG)
-    point = chance(matched).beside(roc_of(matched)).iloc[-1]
+    point = chance(matched).add_chance_column(roc_of(matched)).iloc[-1]
     as_one = random_pd(point["far"] / 6, 1.0)
     error = np.sqrt(
         as_one * (1 - as_one) / (2 * 2000 / np.pi)
@@ -125,7 +125,7 @@ def test_targets_stay_in_their_lane():
 def test_what_is_found_is_no_chance():
     truth = mines(0.0, np.linspace(10, 190, 10))
     perfect = match(truth[["x", "y"]].assign(confidence=5.0), truth, Lane(-3, 3, 0, 200))
-    curve = chance(perfect).beside(roc_of(perfect))
+    curve = chance(perfect).add_chance_column(roc_of(perfect))
     assert curve["pd"].iloc[-1] == 1
     assert (curve["chance"] == 0).all()
 
@@ -185,7 +185,7 @@ def test_targets_are_found_at_the_operating_point(scored):
 
 
 def test_every_pd_that_is_told_has_its_chance(scored):
-    told = scored.told()
+    told = scored.summary()
     assert {"pd", "pd_low", "pd_high", "chance"} <= set(told["operating_point"])
     assert all("chance" in row for row in told["points"])
     assert (
@@ -211,7 +211,7 @@ def test_a_lane_too_small_for_the_operating_point_takes_one_false_alarm():
     assert small.far == 1 / small.curve.attrs["area"]
     assert (small.point["n_false"], small.point["n_detected"]) == (1, 1)
     assert "at one false alarm (0.087 per m²; 11.43 m² are too small for 0.05)" in small.in_words()
-    assert small.told()["operating_point"]["far_asked"] == 0.05
+    assert small.summary()["operating_point"]["far_asked"] == 0.05
 
 
 def test_where_few_halos_have_room_the_formula_stands_beside():

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.model.refraction import two_way_transmission
 from flgpr.simulate.bodies.rims import (
     cylinder,
     layered_reflection,
@@ -12,7 +13,6 @@ from flgpr.simulate.bodies.rims import (
 )
 from flgpr.simulate.bodies.signature import packaged_table
 from flgpr.simulate.bodies.signature.table import LOSS, PERMITTIVITY, SINE
-from flgpr.simulate.ground.refraction import two_way_transmission
 
 SINE_AIR = np.sin(np.radians(67.0))
 

@@ -3,7 +3,7 @@ import pytest
 from scipy.special import j1, jv
 
 from flgpr.model import load_sensor
-from flgpr.simulate import Scene, Simulator, draw_world, told
+from flgpr.simulate import Scene, Simulator, draw_world, world_description
 from flgpr.simulate.bodies.echoes import Ground
 from flgpr.simulate.ground.holes import Hole, cap_flash, hole_factor, wall_flash
 from simulate.conftest import BARE, STILL
@@ -174,12 +174,16 @@ def test_a_scene_told_thing_by_thing_is_the_same_scene(quiet):
         holes={"over": 1.0, "empty": 0.05, "rough_db": 6.0},
         clutter={"rocks": 0.1, "patches": 0.05},
     )
-    one = Scene.model_validate(told(scene, 5))
+    one = Scene.model_validate(world_description(scene, 5))
     assert draw_world(one, 5).patches == draw_world(scene, 5).patches
     assert draw_world(one, 5).holes == draw_world(scene, 5).holes
     ours, theirs = (Simulator(some, quiet, 5).scan(0) for some in (one, scene))
     np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.abs(theirs).max())
-    assert not draw_world(Scene.model_validate(told(scene, 5) | {"targets": []}), 5).truth().size
+    assert (
+        not draw_world(Scene.model_validate(world_description(scene, 5) | {"targets": []}), 5)
+        .truth()
+        .size
+    )
 
 
 def test_bodies_are_what_their_absence_takes_away_but_for_the_disturbed_ground(quiet):
@@ -191,7 +195,7 @@ def test_bodies_are_what_their_absence_takes_away_but_for_the_disturbed_ground(q
             soil=MOIST, surface={"density": 4.0}, track=STILL, length=20.0, shadow={"on": False}, holes=holes,
             draws=[{"kind": "metal", "depth": 0.05, "count": 6}], clutter={"rocks": 0.0, "patches": 0.0},
         )  # fmt: skip
-        without = Scene.model_validate(told(scene, 5) | {"targets": []})
+        without = Scene.model_validate(world_description(scene, 5) | {"targets": []})
         simulator = Simulator(scene, radar, 5)
         return simulator.bodies(0), simulator.scan(0) - Simulator(without, radar, 5).scan(0)
 

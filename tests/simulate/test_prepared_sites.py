@@ -9,7 +9,7 @@ import pytest
 from flgpr.simulate import Scene, Simulator, sites
 from flgpr.simulate.bodies.echoes import Ground
 from flgpr.simulate.ground.roughness import UNEVEN_LENGTH, surface_heights
-from flgpr.simulate.ground.subsurface import BuriedSpectra, SubsurfaceField, shapes
+from flgpr.simulate.ground.subsurface import BuriedSpectra, SubsurfaceField, spectral_shapes
 from flgpr.simulate.ground.terrain import Terrain
 from flgpr.simulate.scene.world import BARE, MARGIN, draw_world
 from flgpr.simulate.simulator import array_state
@@ -284,7 +284,7 @@ def test_simulated_scatterers_have_the_sigma0_of_small_perturbation(site, quiet)
 def test_stones_per_square_metre_and_their_sizes(site, quiet):
     scene = Scene(site=site)
     ground = Ground(scene.soil, None, quiet.tones.axis())
-    spectra = BuriedSpectra(ground, shapes(scene, ground), scene.stones.depth)
+    spectra = BuriedSpectra(ground, spectral_shapes(scene, ground), scene.stones.depth)
     field = SubsurfaceField(scene, spectra, 20.0, 10.0, seed=1)
     side = 30
     depths = np.concatenate(

@@ -6,7 +6,7 @@ import pytest
 from flgpr.model import Lane
 from flgpr.simulate import Scene, Simulator
 from flgpr.simulate.ground.layers import Skeleton, View
-from flgpr.simulate.ground.shadow import Shadows, Strip, strips_of
+from flgpr.simulate.ground.shadow import Shadows, Strip, shadow_strips
 from flgpr.simulate.ground.terrain import Terrain
 from flgpr.simulate.scene import scene_tables as tables
 from flgpr.simulate.scene.world import draw_world
@@ -89,7 +89,7 @@ def test_there_is_no_shadow_before_an_object_nor_beside_it_nor_on_itself(pair):
 def test_leaves_let_a_part_through(pair):
     bare = {"x": 0.0, "y": 10.0, "radius": 0.5, "height": 1.0}
     lane = Scene(length=30.0, objects=[{"kind": "bush"} | bare])
-    (bush,) = strips_of((), lane.objects, FLAT, 1.3)
+    (bush,) = shadow_strips((), lane.objects, FLAT, 1.3)
     assert bush.foliage == pytest.approx(1.3 * np.pi / 2 * 0.5)
     point = np.array([[0.0, 10.8, 0.0]])
     through = np.abs(Shadows([bush], pair, TONES).factors(point, NODES))[0]
@@ -120,7 +120,7 @@ def test_who_throws_a_shadow():
     )
     slope = Terrain(tables.Terrain(slope_along=0.05), lane.lane, 1)
     world = draw_world(lane, 1)
-    strips = strips_of(world.targets, world.objects, slope, 1.3)
+    strips = shadow_strips(world.targets, world.objects, slope, 1.3)
     assert [strip.y for strip in strips] == [5, 8, 10]
     assert [strip.top - strip.bottom for strip in strips] == pytest.approx([0.15, 0.1, 0.8])
     assert [strip.bottom for strip in strips] == pytest.approx(
@@ -177,7 +177,7 @@ def test_a_target_behind_a_post_is_darker_by_the_factor(quiet):
     dark = Simulator(on, quiet, 1).scan(0) - alone
     array = array_state(quiet, np.array([0.0, 0.0, quiet.height, 0.0, 0.0, 0.0]))
     shadows = Shadows([Strip(0.0, 10.0, 0.0, 1.5, 0.3)], array, quiet.tones.axis())
-    want = shadows.of_body(np.array([0.0, 12.0, 0.0]))
+    want = shadows.body_factor(np.array([0.0, 12.0, 0.0]))
     np.testing.assert_allclose(dark[0], lit[0] * want, rtol=1e-3, atol=1e-5 * np.abs(lit).max())
     assert np.linalg.norm(dark) < 0.6 * np.linalg.norm(lit)
 

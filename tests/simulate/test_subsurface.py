@@ -6,19 +6,19 @@ from scipy.stats import kstest
 
 from flgpr.imaging import ScanImager
 from flgpr.model import Antenna, Grid
+from flgpr.model.refraction import apparent_shift
 from flgpr.simulate import Scene, Simulator
 from flgpr.simulate.bodies.echoes import Ground
 from flgpr.simulate.ground import inclusions
 from flgpr.simulate.ground.layers import View
-from flgpr.simulate.ground.refraction import apparent_shift
 from flgpr.simulate.ground.subsurface import (
     _LENS,
     Buried,
     BuriedSpectra,
     SubsurfaceField,
     SubsurfaceLayer,
-    laws,
-    shapes,
+    incidence_laws,
+    spectral_shapes,
     stone_radii,
     subsurface_layers,
 )
@@ -70,7 +70,9 @@ def flat_layer(points, soil, sensor, scene=None):
     """Give the layer that holds the points with spectra that do not grow, and the soil."""
     ground = ground_of(soil, sensor)
     spectra = BuriedSpectra(ground, np.ones((60, ground.frequency.size)), 0.5)
-    return SubsurfaceLayer(Given(points), spectra, laws(scene or Scene(soil=soil), ground)), ground
+    return SubsurfaceLayer(
+        Given(points), spectra, incidence_laws(scene or Scene(soil=soil), ground)
+    ), ground
 
 
 def view_of(sensor):
@@ -89,7 +91,7 @@ def sine_at(xy):
 def test_stones_are_as_many_and_as_large_as_their_law(quiet):
     scene = Scene(soil=DRY, stones={"density": 2.0, "radius": (0.01, 0.08), "exponent": 2.5})
     ground = ground_of(DRY, quiet)
-    spectra = BuriedSpectra(ground, shapes(scene, ground), 0.4)
+    spectra = BuriedSpectra(ground, spectral_shapes(scene, ground), 0.4)
     field = SubsurfaceField(scene, spectra, 30.0, 10.0, seed=1)
     count = sum(field.stones(ix, iy).depth.size for ix in range(30) for iy in range(30))
     assert abs(count - 1800) < 4 * np.sqrt(1800)

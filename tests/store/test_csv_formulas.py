@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from damage import FUZZ
 from flgpr.geo import write_earth_csv
 from flgpr.store import read_table, write_table
-from flgpr.store.tables import parse_columns, read_text_table, table_text
+from flgpr.store.tables import parse_columns, table_text
+from flgpr.store.text_tables import read_text_table
 
 RUN_BY_SPREADSHEETS = [
     "=1+1",

@@ -147,7 +147,7 @@ def test_bytes_do_not_hang_on_how_far_ahead_the_array_grows(
     ahead, small_run, tmp_path, monkeypatch
 ):
     want = bytes_of(save_run(small_run, tmp_path / "a.zarr", resume=True))
-    monkeypatch.setattr("flgpr.store.run_store._AHEAD", ahead)
+    monkeypatch.setattr("flgpr.store.run_writer._SCANS_PER_GROWTH", ahead)
     stop_after(small_run, tmp_path / "b.zarr", 2)
     assert bytes_of(save_run(small_run, tmp_path / "b.zarr", resume=True)) == want
     assert (

@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from damage import MACHINE
-from flgpr.store import RunStoreError, open_run, run_store
+from flgpr.store import RunStoreError, open_run, run_writer
 from flgpr.store.files import replace_folder
 from flgpr.store.journal import JOURNAL, Journal, JournalError, OtherRunError, WrittenScan
-from flgpr.store.run_store import RunWriter
+from flgpr.store.run_writer import RunWriter
 
 ABOUT = {"title": "lane", "inputs": {"digest": "0f"}}
 
@@ -287,7 +287,7 @@ class StoreMachine(RuleBasedStateMachine):
     @rule(at=st.sampled_from(["sync_file", "sha256"]))
     def append_and_stop_inside(self, at):
         """A stop between chunk and journal: the scan was not acknowledged, and the next takes its place."""
-        with mock.patch.object(run_store, at, side_effect=Kill), pytest.raises(Kill):
+        with mock.patch.object(run_writer, at, side_effect=Kill), pytest.raises(Kill):
             self.writer.append(*self.make())
 
     @rule()
@@ -330,7 +330,7 @@ class StoreMachine(RuleBasedStateMachine):
     @precondition(lambda self: self.writer is not None and self.begun)
     @rule(at=st.sampled_from(["make_run", "_write_manifest", "write_whole", "replace_folder"]))
     def commit_and_stop_inside(self, at):
-        with mock.patch.object(run_store, at, side_effect=Kill), pytest.raises(Kill):
+        with mock.patch.object(run_writer, at, side_effect=Kill), pytest.raises(Kill):
             self.writer.commit()
         self.kill()
 
@@ -343,7 +343,7 @@ class StoreMachine(RuleBasedStateMachine):
             replace_folder(*folders)
             raise Kill
 
-        with mock.patch.object(run_store, "replace_folder", stop), pytest.raises(Kill):
+        with mock.patch.object(run_writer, "replace_folder", stop), pytest.raises(Kill):
             self.writer.commit()
         self.stored = self.begun
         self.begun = []

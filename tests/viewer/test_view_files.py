@@ -8,13 +8,8 @@ import pytest
 import xarray as xr
 
 from flgpr.chain.detection import Detection
-from flgpr.chain.evidence import (
-    MOST_SCANS,
-    EvidenceSums,
-    decibels,
-    focused_trace,
-    range_kernel,
-)
+from flgpr.chain.evidence import MOST_SCANS, EvidenceSums
+from flgpr.chain.look_samples import decibels, focused_trace, range_kernel
 from flgpr.features import PatchShape
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.results.result import read_result

@@ -1,4 +1,4 @@
-"""Features of alarms gathered scan by scan, alike for a stored run, its sections, and scans as they come."""
+"""Features of alarms gathered scan by scan, in stored runs, their sections, and live."""
 
 from __future__ import annotations
 
@@ -11,24 +11,34 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.engine import Arrays, bundle_groups, group_of
+from flgpr.chain.recipe_tables import FeaturesTable
 from flgpr.chain.stages import ComplexArray, FeatureStage
 from flgpr.chain.steps import CleanedScan, Steps
 from flgpr.features import POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
 from flgpr.model import ground_points, lane_to_scan
 
 SWAPPED = "swapped."
+"""Prefix of the columns of a variant: the regions of patches are exchanged."""
 OTHER_GAIN = {"shared": "paper.", "own": "shared."}
-"""Prefixes of the variants' columns: regions exchanged, and the polarimetric features with the other gain.
+"""Prefix of the polarimetric features with the other gain, by the recipe's gain.
 
 ``paper.`` are those with a gain of each polarization's own.
 """
 OTHER_PSI: dict[str, Literal["circular", "linear"]] = {"circular": "linear", "linear": "circular"}
-"""The other mean of ψ; before P_psi, behind what names the gain, it marks the variants' columns of it."""
+"""The other mean of ψ, whose name stands before P_psi in the columns of variants."""
 _PSI_OF_GAIN: dict[str, Literal["circular", "linear"]] = {"shared": "circular", "own": "linear"}
 
 
 class StageSums:
-    """Means over the scans of what a feature stage gives for alarms (x, y in the lane frame, m)."""
+    """Means over the scans of the columns of a feature stage.
+
+    Parameters
+    ----------
+    stage : FeatureStage
+        A stage that reads images.
+    alarms : DataFrame
+        ``x``, ``y`` in the lane frame, m.
+    """
 
     def __init__(self, stage: FeatureStage, alarms: pd.DataFrame) -> None:
         self.stage = stage
@@ -37,36 +47,43 @@ class StageSums:
         self._count = np.zeros(self._total.shape, np.int64)
 
     def add(self, image: xr.DataArray) -> None:
-        """Take in one cleaned image."""
-        found = self.stage.of_image(
-            image, lane_to_scan(self._points, np.asarray(image.attrs["pose"]))[:, :2]
-        )
+        """Add a cleaned image (polarization, subband, y, x) with its ``pose``."""
+        pose = np.asarray(image.attrs["pose"])
+        places = lane_to_scan(self._points, pose)[:, :2]
+        columns = self.stage.of_image(image, places)
         values = np.stack(
-            [np.asarray(found[name], dtype=np.float64) for name in self.stage.columns], axis=1
+            [np.asarray(columns[name], dtype=np.float64) for name in self.stage.columns], axis=1
         )
         self._total += np.nan_to_num(values)
         self._count += np.isfinite(values)
 
     def state(self) -> Arrays:
-        """Return sums and counts by row of the alarms."""
+        """Return sums and counts, with the rows of the alarms that they belong to."""
         return {"row": np.arange(len(self._points)), "total": self._total, "count": self._count}
 
     def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take in what another gathered of other scans."""
+        """Add the sums and counts of other scans."""
         self._total[state["row"]] += state["total"]
         self._count[state["row"]] += state["count"]
 
     def table(self) -> pd.DataFrame:
-        """Compute the means; NaN where no scan gave a value."""
+        """Return the means; NaN where no scan gave a value."""
         with np.errstate(invalid="ignore"):
             means = np.where(self._count > 0, self._total / np.maximum(self._count, 1), np.nan)
         return pd.DataFrame(means, columns=list(self.stage.columns))
 
 
 class AlarmSums:
-    """Features of alarms (x, y in the lane frame, m), gathered scan by scan.
+    """Features of alarms, gathered scan by scan.
 
-    ``rows``, ascending, are their numbers among all.
+    Parameters
+    ----------
+    steps : Steps
+        The recipe's steps.
+    alarms : DataFrame
+        ``x``, ``y`` in the lane frame, m.
+    rows : (alarm,) ndarray of int, optional
+        Their numbers among all alarms, ascending.
     """
 
     def __init__(
@@ -75,93 +92,113 @@ class AlarmSums:
         self._steps = steps
         self.rows = np.arange(len(alarms)) if rows is None else rows
         recipe = steps.recipe
-        table = steps.recipe.features
-        patch = steps.recipe.contrast.patch()
         self._contrast: ContrastSums | None = None
-        self._ten: dict[str, FeatureSums] = {}  # by prefix
-        if table is None:
+        self._ten: dict[str, FeatureSums] = {}  # the ten features, by the prefix of their columns
+        self._gain: dict[str, str] = {}  # "shared" or "own", by the same prefix
+        if recipe.features is None:
+            patch = recipe.contrast.patch()
             self._contrast = ContrastSums(alarms, steps.grid, recipe.run_view.y_max, patch)
         else:
-            main = FeatureSettings(
-                patch, table.inner, recipe.run_view.y_max, table.psi, steps.polarimetric
+            self._begin_ten_features(alarms, recipe.features)
+        self._stages = {}
+        for name, stage in steps.stages.items():
+            self._stages[name] = StageSums(stage, alarms)
+
+    def _begin_ten_features(self, alarms: pd.DataFrame, table: FeaturesTable) -> None:
+        """Make the sums of the ten features, and of their variants where the recipe has them."""
+        steps = self._steps
+        recipe = steps.recipe
+        patch = recipe.contrast.patch()
+        y_max = recipe.run_view.y_max
+        main = FeatureSettings(patch, table.inner, y_max, table.psi, steps.polarimetric)
+        settings = {"": main}
+        self._gain = {"": table.gain, SWAPPED: table.gain}
+        if table.variants:
+            other_gain = "own" if table.gain == "shared" else "shared"
+            prefix = OTHER_GAIN[table.gain]
+            self._gain[prefix] = other_gain
+            settings[SWAPPED] = main.swapped()
+            psi = _PSI_OF_GAIN[other_gain]
+            settings[prefix] = FeatureSettings(patch, main.inner, main.y_max, psi)
+        for prefix, variant in settings.items():
+            self._ten[prefix] = FeatureSums(
+                alarms, steps.polarizations, steps.subbands, steps.grid, variant
             )
-            settings = {"": main}
-            self._gain: dict[str, str] = {"": table.gain, SWAPPED: table.gain}
-            if table.variants:
-                other = "own" if table.gain == "shared" else "shared"
-                prefix = OTHER_GAIN[table.gain]
-                self._gain[prefix] = other
-                settings[SWAPPED] = main.swapped()
-                settings[prefix] = FeatureSettings(
-                    patch, main.inner, main.y_max, _PSI_OF_GAIN[other]
-                )
-            self._ten = {
-                prefix: FeatureSums(alarms, steps.polarizations, steps.subbands, steps.grid, one)
-                for prefix, one in settings.items()
-            }
-        self._stages = {name: StageSums(one, alarms) for name, one in steps.stages.items()}
 
     @property
-    def _parts(self) -> dict[str, FeatureSums | ContrastSums | StageSums]:
+    def _sums(self) -> dict[str, FeatureSums | ContrastSums | StageSums]:
+        """All sums by the names of their groups in a state."""
         contrast = {} if self._contrast is None else {"": self._contrast}
         return {**contrast, **self._ten, **self._stages}
 
     def add(self, *scans: CleanedScan) -> None:
-        """Take in scans, one after the other."""
+        """Add scans, one after the other."""
         for prefix, ten in self._ten.items():
-            own = self._gain[prefix] == "own"
+            own_gain = self._gain[prefix] == "own"
             ten.add_all(
-                (one.magnitude, _phased(one.own if own else one.coherent), one.pose)
-                for one in scans
+                (scan.magnitude, _phased(scan, own_gain=own_gain), scan.pose) for scan in scans
             )
-        for one in scans:
+        for scan in scans:
             if self._contrast is not None:
-                self._contrast.add(
-                    one.magnitude[self._steps.channel(self._steps.recipe.contrast)], one.pose
-                )
+                channel = self._steps.channel(self._steps.recipe.contrast)
+                self._contrast.add(scan.magnitude[channel], scan.pose)
             if self._stages:
-                image = self._steps.labelled(one)
+                image = self._steps.labelled(scan)
                 for stage in self._stages.values():
                     stage.add(image)
 
     def state(self) -> Arrays:
-        """Return what was gathered."""
-        states = {name: one.state() for name, one in self._parts.items()}
-        return bundle_groups(
-            {name: one | {"row": self.rows[one["row"]]} for name, one in states.items()}
-        )
+        """Return all sums, with the numbers of their alarms among all."""
+        groups = {}
+        for name, sums in self._sums.items():
+            state = sums.state()
+            groups[name] = state | {"row": self.rows[state["row"]]}
+        return bundle_groups(groups)
 
     def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take in what another gathered of other scans, of alarms that are among these."""
-        for name, one in self._parts.items():
+        """Add the sums of other scans; alarms that are not among these are left out."""
+        for name, sums in self._sums.items():
             theirs = group_of(state, name)
-            ours = np.isin(theirs["row"], self.rows)
-            theirs = {key: value[ours] for key, value in theirs.items()}
-            one.merge(theirs | {"row": np.searchsorted(self.rows, theirs["row"])})
+            known = np.isin(theirs["row"], self.rows)
+            ours = {key: value[known] for key, value in theirs.items()}
+            ours["row"] = np.searchsorted(self.rows, ours["row"])
+            sums.merge(ours)
 
     def table(self) -> pd.DataFrame:
-        """Compute ``scans`` and the features of every sub-band; with the other gain only the polarimetric ones.
+        """Return ``scans`` and the features of every sub-band.
 
-        Variants have P_psi by the other mean too, such as ``circular.P_psi_F1``.
+        With the other gain there are only the polarimetric ones. Recipes with variants have P_psi
+        by the other mean too, such as ``circular.P_psi_F1``.
         """
         tables = [] if self._contrast is None else [self._contrast.table()]
         for prefix, ten in self._ten.items():
-            columns = ten.table()
-            if prefix in OTHER_GAIN.values():
-                columns = columns[
-                    [f"{p}_{band}" for band in self._steps.subbands for p in POLARIMETRIC]
-                ]
-            if len(self._ten) > 1 and prefix != SWAPPED:
-                other = OTHER_PSI[ten.settings.psi]
-                names = [f"{other}.P_psi_{band}" for band in self._steps.subbands]
-                columns = columns.join(pd.DataFrame(ten.psi(other), columns.index, names))
-            tables.append(
-                (columns.drop(columns="scans") if prefix == SWAPPED else columns).add_prefix(prefix)
-            )
-        return pd.concat([*tables, *(stage.table() for stage in self._stages.values())], axis=1)
+            tables.append(self._table_of(prefix, ten))
+        for stage in self._stages.values():
+            tables.append(stage.table())
+        return pd.concat(tables, axis=1)
+
+    def _table_of(self, prefix: str, ten: FeatureSums) -> pd.DataFrame:
+        """Return the columns of the ten features, or of one of their variants."""
+        columns = ten.table()
+        subbands = self._steps.subbands
+        if prefix in OTHER_GAIN.values():
+            names = []
+            for band in subbands:
+                names += [f"{feature}_{band}" for feature in POLARIMETRIC]
+            columns = columns[names]
+        has_variants = len(self._ten) > 1
+        if has_variants and prefix != SWAPPED:
+            other = OTHER_PSI[ten.settings.psi]
+            names = [f"{other}.P_psi_{band}" for band in subbands]
+            columns = columns.join(pd.DataFrame(ten.psi(other), columns.index, names))
+        if prefix == SWAPPED:
+            columns = columns.drop(columns="scans")
+        return columns.add_prefix(prefix)
 
 
-def _phased(image: ComplexArray | None) -> ComplexArray:
+def _phased(scan: CleanedScan, own_gain: bool) -> ComplexArray:
+    """Return the images with their phase, of one of the two gains."""
+    image = scan.own if own_gain else scan.coherent
     if image is None:
         raise ValueError("scan must be cleaned as its features need it, got one without its phase")
     return image

@@ -1,4 +1,4 @@
-"""What each step before the training of a detector left of targets and alarms, and where these ran out."""
+"""How many targets and alarms each step before the training of a detector left."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from flgpr.chain.recipe import Recipe
 from flgpr.chain.too_few import (
     HALF,
     Change,
-    Shown,
     Tally,
     TooFewExamplesError,
+    TrainedOn,
     cannot_be_trained,
     count_targets,
     header,
@@ -24,8 +24,9 @@ from flgpr.chain.too_few import (
 )
 from flgpr.model import Lane
 
-_USUAL_DENSITY = 0.75  # alarms per m² of Wang et al. 2007
+_USUAL_DENSITY = 0.75  # alarms per area of an alarm, Wang et al. 2007
 LaneOfAlarms = tuple[str, pd.DataFrame, pd.DataFrame, pd.DataFrame, Lane]
+"""Name, alarms, features, truth and borders of a lane."""
 
 
 @dataclass(frozen=True)
@@ -33,114 +34,141 @@ class AlarmSteps:
     """How many targets and alarms each step before the training of a detector left."""
 
     targets: Tally
-    spent: Mapping[
-        str, int
-    ]  #: targets by the stage that took them, which the detector does not learn from
-    left: int  #: targets that no stage took
+    spent: Mapping[str, int]  #: number of targets that made what a stage has learnt, by stage
+    left: int  #: targets that no stage learnt from; the detector learns from these alone
     raised: int  #: alarms, of which those with a confidence are labelled
     hits: int
     false_alarms: int
     neither: int
-    hits_left: int  #: hits on targets that no stage took
-    complete: tuple[
-        int, int
-    ]  #: hits and false alarms that have all features, on targets that no stage took
+    hits_left: int  #: hits on targets that no stage learnt from
+    #: hits on targets that no stage learnt from, and false alarms, that have all features
+    complete: tuple[int, int]
     radius: float  #: of hits about a target, m
-    have: Mapping[str, tuple[int, int]] = field(
-        default_factory=dict
-    )  #: of these, how many have a feature, by feature
+    #: how many of the same have a feature, by feature
+    have: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def counts(self, recipe: Recipe) -> list[Tally]:
-        """List what each step left, in their order."""
-        taken = [Tally(number, f"taken by {name}") for name, number in self.spent.items()]
-        lost = [
-            Tally(number, f"alarms without the feature {name}")
-            for name, number in self._lacking().items()
-        ]
-        unranked = self.raised - self.hits - self.false_alarms - self.neither
-        return [
-            self.targets,
-            *taken,
-            Tally(self.left, "targets left for the detector"),
-            Tally(self.raised, f"alarms raised by {_screen_of(recipe)}"),
-            *([Tally(unranked, "of these without a confidence, left out")] if unranked else []),
-            Tally(self.hits, f"hits, within {self.radius:g} m of a target"),
-            Tally(self.false_alarms, "false alarms"),
-            Tally(self.neither, "outside the lane, neither"),
-            Tally(self.hits_left, "hits on targets left for the detector"),
-            *lost,
-            Tally(self.complete[0], "hits with all features"),
-            Tally(self.complete[1], "false alarms with all features"),
-        ]
+        """Return what each step left, in their order."""
+        counts = [self.targets]
+        for stage, number in self.spent.items():
+            counts.append(Tally(number, f"taken by {stage}"))
+        counts.append(Tally(self.left, "targets left for the detector"))
 
-    def told(self, error: TooFewExamplesError, recipe: Recipe, shown: Shown) -> ValueError:
-        """Word that a detector, shown both classes or one, has too few examples."""
-        lost = self.ran_out(recipe, shown)
-        why = f"it needs {error.needed}" + (f": {lost}" if lost else "")
-        return cannot_be_trained(
-            "detector", why, self.counts(recipe), [*error.changes, *self.changes(recipe, shown)]
-        )
+        counts.append(Tally(self.raised, f"alarms raised by {_screen_of(recipe)}"))
+        unranked = self.raised - self.hits - self.false_alarms - self.neither
+        if unranked:
+            counts.append(Tally(unranked, "of these without a confidence, left out"))
+        counts.append(Tally(self.hits, f"hits, within {self.radius:g} m of a target"))
+        counts.append(Tally(self.false_alarms, "false alarms"))
+        counts.append(Tally(self.neither, "outside the lane, neither"))
+
+        counts.append(Tally(self.hits_left, "hits on targets left for the detector"))
+        for feature, number in self._lacking().items():
+            counts.append(Tally(number, f"alarms without the feature {feature}"))
+        hits, false_alarms = self.complete
+        counts.append(Tally(hits, "hits with all features"))
+        counts.append(Tally(false_alarms, "false alarms with all features"))
+        return counts
+
+    def error(
+        self, error: TooFewExamplesError, recipe: Recipe, trained_on: TrainedOn
+    ) -> ValueError:
+        """Return the error of a detector that has too few examples.
+
+        Parameters
+        ----------
+        error : TooFewExamplesError
+            What the training of the detector raised.
+        recipe : Recipe
+            The recipe.
+        trained_on : {"all", "mines", "clutter"}
+            The classes of alarms that the detector is trained on.
+        """
+        why = f"it needs {error.needed}"
+        reason = self.ran_out(recipe, trained_on)
+        if reason:
+            why += f": {reason}"
+        changes = [*error.changes, *self.changes(recipe, trained_on)]
+        return cannot_be_trained("detector", why, self.counts(recipe), changes)
 
     def _lacking(self) -> dict[str, int]:
-        """Count the hits and false alarms left without a feature, by feature."""
+        """Return how many hits and false alarms lack a feature, by feature."""
         total = self.hits_left + self.false_alarms
-        return {name: total - sum(both) for name, both in self.have.items() if sum(both) < total}
+        lacking = {}
+        for feature, numbers in self.have.items():
+            if sum(numbers) < total:
+                lacking[feature] = total - sum(numbers)
+        return lacking
 
-    def ran_out(self, recipe: Recipe, shown: Shown) -> str:
+    def _lacks_hits(self, trained_on: TrainedOn) -> bool:
+        """Return whether the detector needs hits and there are none."""
+        return trained_on != "clutter" and not self.complete[0]
+
+    def _lacks_false_alarms(self, trained_on: TrainedOn) -> bool:
+        """Return whether the detector needs false alarms and there are none."""
+        return trained_on != "mines" and not self.complete[1]
+
+    def ran_out(self, recipe: Recipe, trained_on: TrainedOn) -> str:
         """Return at which step hits, or false alarms, ran out; "" if some are left."""
         screen = _screen_of(recipe)
-        names = ", ".join(self._lacking())
-        if shown != "clutter" and not self.complete[0]:
+        features = ", ".join(self._lacking())
+        if self._lacks_hits(trained_on):
             if not self.targets.number:
                 return "the truth holds no target"
             if not self.left:
                 return f"{' and '.join(self.spent)} took all targets"
             if not self.hits_left:
                 return f"{screen} raised no alarm at the targets left for the detector"
-            return f"no hit has all features ({names})"
-        if shown != "mines" and not self.complete[1]:
-            return (
-                f"no false alarm has all features ({names})"
-                if self.false_alarms
-                else f"{screen} raised no false alarm"
-            )
+            return f"no hit has all features ({features})"
+        if self._lacks_false_alarms(trained_on):
+            if self.false_alarms:
+                return f"no false alarm has all features ({features})"
+            return f"{screen} raised no false alarm"
         return ""
 
-    def changes(self, recipe: Recipe, shown: Shown) -> list[Change]:
-        """List entries of the recipe that let more through where they ran out."""
-        no_hit = shown != "clutter" and not self.complete[0]
-        if no_hit and not self.targets.number:
+    def changes(self, recipe: Recipe, trained_on: TrainedOn) -> list[Change]:
+        """Return entries of the recipe that let more through where they ran out."""
+        lacks_hits = self._lacks_hits(trained_on)
+        if lacks_hits and not self.targets.number:
             return []
-        if no_hit and not self.left:
-            named = recipe.named()
-            shares = {name: getattr(named[name].settings, "share", 0.0) for name in self.spent}
-            return [
-                Change("share", HALF, share, header(name))
-                for name, share in shares.items()
-                if share > HALF
-            ]
-        no_false_alarm = shown != "mines" and not self.complete[1]
-        if (no_hit and self.hits_left) or (not no_hit and no_false_alarm and self.false_alarms):
-            return self._fewer_features(recipe, shown)
+        if lacks_hits and not self.left:
+            return self._smaller_shares(recipe)
+        if lacks_hits:
+            fewer_features_help = self.hits_left > 0
+        else:
+            fewer_features_help = self._lacks_false_alarms(trained_on) and self.false_alarms > 0
+        if fewer_features_help:
+            return self._fewer_features(recipe, trained_on)
         return screen_changes(recipe)
 
-    def _fewer_features(self, recipe: Recipe, shown: Shown) -> list[Change]:
-        """Offer those features that some hit and some false alarm, as far as they are shown, have."""
-        usable = [
-            name
-            for name, (hits, false_alarms) in self.have.items()
-            if (hits or shown == "clutter") and (false_alarms or shown == "mines")
-        ]
-        present = list(recipe.detector.features) if recipe.detector is not None else list(self.have)
-        return (
-            [Change("features", usable, present, "[detector]")]
-            if 0 < len(usable) < len(self.have)
-            else []
-        )
+    def _smaller_shares(self, recipe: Recipe) -> list[Change]:
+        """Return the changes by which stages learn from fewer of the targets."""
+        stages = recipe.named()
+        changes = []
+        for name in self.spent:
+            share = getattr(stages[name].settings, "share", 0.0)
+            if share > HALF:
+                changes.append(Change("share", HALF, share, header(name)))
+        return changes
+
+    def _fewer_features(self, recipe: Recipe, trained_on: TrainedOn) -> list[Change]:
+        """Return the change to those features that some example of every class has."""
+        usable = []
+        for feature, (hits, false_alarms) in self.have.items():
+            enough_hits = hits > 0 or trained_on == "clutter"
+            enough_false_alarms = false_alarms > 0 or trained_on == "mines"
+            if enough_hits and enough_false_alarms:
+                usable.append(feature)
+        if not 0 < len(usable) < len(self.have):
+            return []
+        present = list(self.have)
+        if recipe.detector is not None:
+            present = list(recipe.detector.features)
+        return [Change("features", usable, present, "[detector]")]
 
 
 def screen_changes(recipe: Recipe) -> list[Change]:
-    """List entries of the recipe with which more alarms are raised."""
+    """Return entries of the recipe with which more alarms are raised."""
     if recipe.screen is not None:
         return looser_entries(recipe.screen.settings, recipe.screen.stage_class.looser, "[screen]")
     density = recipe.prescreen.density
@@ -148,6 +176,7 @@ def screen_changes(recipe: Recipe) -> list[Change]:
 
 
 def _screen_of(recipe: Recipe) -> str:
+    """Return the name of what raises alarms."""
     return "the prescreener" if recipe.screen is None else f"screen.{recipe.screen.stage}"
 
 
@@ -172,42 +201,51 @@ def count_alarm_steps(
         Features that the detector reads.
     label_radius : float
         r_label, m.
+
+    Returns
+    -------
+    AlarmSteps
+        The counts.
     """
     truths = [truth for *_, truth, _ in lanes]
-    taken = np.concatenate([_taken(truth, number, spent) for number, truth in enumerate(truths)])
-    labels = label_lanes(
-        [(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes], label_radius
+    is_spent = np.concatenate(
+        [_spent_targets(truth, number, spent) for number, truth in enumerate(truths)]
     )
-    known = np.isfinite(
-        pd.concat([one[2] for one in lanes])[list(columns)].to_numpy(dtype=np.float64)
-    )
+    alarm_lists = [(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes]
+    labels = label_lanes(alarm_lists, label_radius)
+    features = pd.concat([features for _, _, features, _, _ in lanes])
+    known = np.isfinite(features[list(columns)].to_numpy(dtype=np.float64))
+    complete = known.all(axis=1)
+
     hit = (labels["label"] == "hit").to_numpy()
     false = (labels["label"] == "false").to_numpy()
-    hit_left = hit & ~np.append(taken, True)[labels["target"].to_numpy()]
-    whole = known.all(axis=1)
+    # Alarms that hit nothing have the number -1, which picks the True at the end.
+    hit_left = hit & ~np.append(is_spent, True)[labels["target"].to_numpy()]
+    have = {}
+    for number, name in enumerate(columns):
+        hits_with = int(known[hit_left, number].sum())
+        false_alarms_with = int(known[false, number].sum())
+        have[name] = (hits_with, false_alarms_with)
     return AlarmSteps(
         targets=count_targets(truths),
         spent={name: sum(map(len, rows)) for name, rows in spent.items()},
-        left=int((~taken).sum()),
+        left=int((~is_spent).sum()),
         raised=raised,
         hits=int(hit.sum()),
         false_alarms=int(false.sum()),
         neither=int((labels["label"] == "neither").sum()),
         hits_left=int(hit_left.sum()),
-        complete=(int((hit_left & whole).sum()), int((false & whole).sum())),
+        complete=(int((hit_left & complete).sum()), int((false & complete).sum())),
         radius=label_radius,
-        have={
-            name: (int(known[hit_left, k].sum()), int(known[false, k].sum()))
-            for k, name in enumerate(columns)
-        },
+        have=have,
     )
 
 
-def _taken(
+def _spent_targets(
     truth: pd.DataFrame, lane: int, spent: Mapping[str, Sequence[pd.DataFrame]]
 ) -> NDArray[np.bool_]:
-    """Return which targets of a lane, by its number, some stage took."""
-    taken = np.zeros(len(truth), bool)
+    """Return which targets of a lane, by its number, some stage has learnt from."""
+    is_spent = np.zeros(len(truth), bool)
     for rows in spent.values():
-        taken |= truth.index.isin(rows[lane].index)
-    return taken
+        is_spent |= truth.index.isin(rows[lane].index)
+    return is_spent

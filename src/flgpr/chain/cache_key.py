@@ -1,6 +1,7 @@
-"""What the result of a pass depends on beside run, lane and program, so that recipes that agree in it can share it.
+"""What the result of a pass depends on beside run, lane and program.
 
-None stands for a result that no other recipe can use: what a stage has learnt is nobody else's.
+Recipes that agree in it share the result. None stands for a result that no other recipe can use,
+because a stage that has learnt took part in it.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ VIEWING = IMAGING | {"run_view", "contrast", "map"}
 def background_key(lane: LaneSetup) -> dict[str, Any] | None:
     """Return what the self-signature and the gain background depend on."""
     recipe = lane.recipe
-    if any(named.stage_class.learns for named in [*recipe.clutter, *_image_columns(lane)]):
-        return None
+    for stage in [*recipe.clutter, *_image_columns(lane)]:
+        if stage.stage_class.learns:
+            return None
     tables = recipe.model_dump(mode="json", include=IMAGING)
     return {"recipe": tables, "rows": lane.background_rows}
 
@@ -34,6 +36,7 @@ def view_key(lane: LaneSetup) -> dict[str, Any] | None:
     background = background_key(lane)
     if background is None or (recipe.map is not None and recipe.map.stage_class.learns):
         return None
+    # The entries' names are part of the names of files in a pass cache.
     return background | {
         "recipe": recipe.model_dump(mode="json", include=VIEWING),
         "explains": lane.explains,
@@ -42,14 +45,15 @@ def view_key(lane: LaneSetup) -> dict[str, Any] | None:
 
 
 def features_key(lane: LaneSetup) -> dict[str, Any] | None:
-    """Return what the features depend on: the places of the alarms among it."""
+    """Return what the features depend on, the places of the alarms included."""
     view = view_key(lane)
     if view is None:
         return None
     places = lane.alarms()[["x", "y"]].to_numpy(np.float64)
+    columns = [stage.model_dump(mode="json") for stage in _image_columns(lane)]
     return view | {
         "features": lane.recipe.model_dump(mode="json", include={"features"}),
-        "columns": [named.model_dump(mode="json") for named in _image_columns(lane)],
+        "columns": columns,
         "alarms": sha256(places.tobytes()),
     }
 
@@ -57,7 +61,7 @@ def features_key(lane: LaneSetup) -> dict[str, Any] | None:
 def _image_columns(lane: LaneSetup) -> list[Named]:
     """List the feature stages of the recipe that read images."""
     columns = []
-    for named in lane.recipe.columns:
-        if getattr(named.stage_class, "of_image", None) is not FeatureStage.of_image:
-            columns.append(named)
+    for stage in lane.recipe.columns:
+        if getattr(stage.stage_class, "of_image", None) is not FeatureStage.of_image:
+            columns.append(stage)
     return columns

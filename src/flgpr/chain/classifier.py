@@ -1,4 +1,7 @@
-"""The classifier of Wang et al. 2007: labels, duplication, histogram normaliser and Fisher discriminant."""
+"""The classifier of Wang et al. 2007 (Sec. II-D).
+
+It consists of labels, the duplication of hits, a histogram normaliser and a Fisher discriminant.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr import (
-    detect,
-)  # what it offers loads scikit-learn, which only what has learnt or learns needs
+# The package, not its names: it loads scikit-learn only when a name is asked for, and a recipe
+# without a model asks for none.
+from flgpr import detect
 from flgpr.chain.too_few import check_classes
 from flgpr.detect.scorers.checks import Checked
 from flgpr.model import Lane
@@ -30,27 +33,39 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TrainingSet:
-    """Labelled alarms: their features, label (1 hit, 0 false alarm), weight in training, and the lane each lies in."""
+    """Labelled alarms of training lanes."""
 
-    features: pd.DataFrame
-    label: NDArray[np.int64]
-    weight: NDArray[np.int64]
-    lane: NDArray[np.str_]
+    features: pd.DataFrame  #: a row per alarm
+    label: NDArray[np.int64]  #: (alarm,) 1 for a hit, 0 for a false alarm
+    weight: NDArray[np.int64]  #: (alarm,) how often the alarm counts in training
+    lane: NDArray[np.str_]  #: (alarm,) name of its lane
 
 
 @dataclass(frozen=True)
 class Classifier:
-    """A fitted normaliser and discriminant for some features, in order; ``notes`` say what it was trained on."""
+    """A fitted histogram normaliser and Fisher discriminant."""
 
-    features: tuple[str, ...]
+    features: tuple[str, ...]  #: columns that it reads, in order
     normalizer: HistogramNormalizer
     discriminant: FisherDiscriminant
-    notes: dict[str, Any] = field(default_factory=dict)
+    notes: dict[str, Any] = field(default_factory=dict)  #: what it was trained on
     border = 0.0
-    """Confidence where it parts mines from clutter: the discriminant's constant is subtracted already."""
+    """Confidence that separates mines from clutter: the constant is subtracted already."""
 
     def contributions(self, features: pd.DataFrame) -> pd.DataFrame:
-        """Split confidences into what each feature adds, and ``threshold``, the discriminant's constant."""
+        """Split confidences into what each feature adds.
+
+        Parameters
+        ----------
+        features : DataFrame
+            A row per alarm.
+
+        Returns
+        -------
+        DataFrame
+            A column per feature, and ``threshold``, the discriminant's constant. They add up to the
+            confidence.
+        """
         names = list(self.features)
         if not len(features):
             return pd.DataFrame({name: np.zeros(0) for name in [*names, "threshold"]})
@@ -59,7 +74,7 @@ class Classifier:
         return table.assign(threshold=-self.discriminant.threshold_)
 
     def about(self) -> dict[str, Any]:
-        """Return what JSON can hold of it."""
+        """Return the entries that a model's head holds of it."""
         return {
             "estimator": "fisher",
             "features": list(self.features),
@@ -67,26 +82,35 @@ class Classifier:
         }
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return its arrays."""
-        knots = {f"knots-{i}": one for i, one in enumerate(self.normalizer.knots_)}
-        return {"direction": self.discriminant.direction_} | knots
+        """Return the arrays that a model holds of it."""
+        arrays = {"direction": self.discriminant.direction_}
+        for number, knots in enumerate(self.normalizer.knots_):
+            arrays[f"knots-{number}"] = knots
+        return arrays
 
     @classmethod
     def restored(
         cls, about: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], notes: dict[str, Any]
     ) -> Classifier:
-        """Put together what :meth:`about` and :meth:`arrays` gave; what breaks a rule is a ValueError that names it."""
-        check_words(about, ("estimator", "features", "threshold"))
+        """Return the classifier of what :meth:`about` and :meth:`arrays` returned.
+
+        Raises
+        ------
+        ValueError
+            If an entry or an array breaks a rule; it names the rule.
+        """
+        check_entries(about, ("estimator", "features", "threshold"))
         names = checked_names(about["features"])
         checked = Checked({"threshold": about["threshold"]}, arrays)
         direction = checked.array("direction", (len(names),))
         threshold = checked.number("threshold")
-        knots = [checked.array(f"knots-{i}", (2, None)) for i in range(len(names))]
+        knots = [checked.array(f"knots-{number}", (2, None)) for number in range(len(names))]
         checked.done()
-        for name, one in zip(names, knots, strict=True):
-            if one.shape[1] < 1 or not (np.diff(one[0]) > 0).all():
+        for name, of_feature in zip(names, knots, strict=True):
+            count = of_feature.shape[1]
+            if count < 1 or not (np.diff(of_feature[0]) > 0).all():
                 raise ValueError(
-                    f"detector's knots of {name!r} must rise, one at least, got {one.shape[1]}"
+                    f"detector's knots of {name!r} must rise, one at least, got {count}"
                 )
         normalizer = detect.HistogramNormalizer()
         normalizer.knots_ = knots
@@ -98,27 +122,45 @@ class Classifier:
         return cls(names, normalizer, discriminant, notes)
 
     def confidence(self, features: pd.DataFrame) -> FloatArray:
-        """Score alarms: higher is more like a mine; NaN where a feature is missing; all columns must be there."""
-        values, whole = feature_values(features, self.features)
-        result = np.full(len(values), np.nan)
-        if whole.any():
-            result[whole] = self.discriminant.decision_function(
-                self.normalizer.transform(values[whole])
-            )
-        return result
+        """Score alarms.
+
+        Parameters
+        ----------
+        features : DataFrame
+            A row per alarm, with all columns that the classifier reads.
+
+        Returns
+        -------
+        (alarm,) ndarray
+            Higher for what is more like a mine; NaN where a feature is missing.
+
+        Raises
+        ------
+        ValueError
+            If a column is missing.
+        """
+        values, complete = feature_values(features, self.features)
+        confidence = np.full(len(values), np.nan)
+        if complete.any():
+            normalized = self.normalizer.transform(values[complete])
+            confidence[complete] = self.discriminant.decision_function(normalized)
+        return confidence
 
 
-def check_words(about: Mapping[str, Any], known: Sequence[str]) -> None:
-    """Refuse words of a detector that nothing reads: a model holds what its scores depend on alone."""
+def check_entries(about: Mapping[str, Any], known: Sequence[str]) -> None:
+    """Refuse entries of a detector that nothing reads.
+
+    A model holds only what its scores depend on.
+    """
     strange = sorted(set(about) - set(known))
     if strange:
         raise ValueError(f"detector must have {', '.join(known)} alone, got {strange[0][:60]!r}")
 
 
 def checked_names(names: Any) -> tuple[str, ...]:
-    """Take names of columns from a model's words: different texts, at least one."""
-    texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
-    if not texts or not names or len(set(names)) < len(names):
+    """Return the names of columns in a model's head; refuse any but different texts."""
+    are_texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
+    if not are_texts or not names or len(set(names)) < len(names):
         raise ValueError(
             f"detector.features must be a list of different names, got {str(names)[:60]!r}"
         )
@@ -128,7 +170,27 @@ def checked_names(names: Any) -> tuple[str, ...]:
 def feature_values(
     features: pd.DataFrame, names: Sequence[str]
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Take columns out of a feature table: values (alarm, feature), and which alarms have all of them."""
+    """Return columns of a feature table, and which alarms have all of them.
+
+    Parameters
+    ----------
+    features : DataFrame
+        A row per alarm.
+    names : sequence of str
+        Columns.
+
+    Returns
+    -------
+    values : (alarm, feature) ndarray
+        The columns in this order.
+    complete : (alarm,) ndarray of bool
+        Whether none of an alarm's values is missing.
+
+    Raises
+    ------
+    ValueError
+        If there is no such column.
+    """
     missing = [name for name in names if name not in features.columns]
     if missing:
         raise ValueError(
@@ -143,32 +205,49 @@ def label_lanes(
 ) -> pd.DataFrame:
     """Label the alarms of lanes with their truth (Wang et al. 2007, Sec. II-B).
 
-    One row per alarm, lane after lane: ``lane``, ``label`` ("hit", "false", "neither"), ``target`` (number of the
-    target hit, counted through all lanes, or -1), ``distance`` (m) and ``beta`` (0.5 for hits on simulants).
-    ``label_radius`` is r_label, m.
+    Parameters
+    ----------
+    lanes : sequence of tuple
+        Name, alarms, truth and borders of every lane.
+    label_radius : float
+        r_label, m.
+
+    Returns
+    -------
+    DataFrame
+        A row per alarm, lane after lane: ``lane``, ``label`` ("hit", "false", "neither"),
+        ``target`` (number of the target hit, counted through all lanes, or -1), ``distance`` (m)
+        and ``beta`` (0.5 for hits on simulants).
+
+    Raises
+    ------
+    ValueError
+        If there is no lane.
     """
     if not lanes:
         raise ValueError("lanes must hold at least one lane, got none")
-    parts = []
-    targets = 0
+    tables = []
+    targets_before = 0
     for name, alarms, truth, lane in lanes:
-        part = label_alarms(alarms, truth, lane, label_radius)
-        hit = (part["label"] == "hit").to_numpy()
-        kind = np.append(truth["kind"].to_numpy(dtype=object), "")[part["target"].to_numpy()]
-        part["beta"] = np.where(hit & (kind == "simulant"), SIMULANT_BETA, 1.0)
-        part["target"] = np.where(hit, part["target"] + targets, -1)
-        parts.append(part.assign(lane=name))
-        targets += len(truth)
-    return pd.concat(parts, ignore_index=True)
+        table = label_alarms(alarms, truth, lane, label_radius)
+        hit = (table["label"] == "hit").to_numpy()
+        # An alarm that hit no target has the number -1, which picks the empty kind at the end.
+        kinds = np.append(truth["kind"].to_numpy(dtype=object), "")
+        kind = kinds[table["target"].to_numpy()]
+        table["beta"] = np.where(hit & (kind == "simulant"), SIMULANT_BETA, 1.0)
+        table["target"] = np.where(hit, table["target"] + targets_before, -1)
+        tables.append(table.assign(lane=name))
+        targets_before += len(truth)
+    return pd.concat(tables, ignore_index=True)
 
 
 def count_mines(truths: Iterable[pd.DataFrame]) -> int:
-    """Count the actual mines of truth tables: simulants are none."""
+    """Return the number of actual mines in truth tables: simulants do not count."""
     return sum(int((truth["kind"] != "simulant").sum()) for truth in truths)
 
 
 def duplication(labels: pd.DataFrame, mines: int, label_radius: float = 1.0) -> NDArray[np.int64]:
-    """Weigh labelled alarms (alarm,) by Eq. 18 and 19 of Wang et al. 2007.
+    """Return how often each labelled alarm counts in training (Wang et al. 2007, Eq. 18 and 19).
 
     W0 is "the ratio between the number of FAs and the number of actual targets"; simulants are not
     counted among these (:func:`count_mines`), as the paper speaks of an "actual mine" or a simulant
@@ -182,6 +261,11 @@ def duplication(labels: pd.DataFrame, mines: int, label_radius: float = 1.0) -> 
         Number of actual mines in the lanes of these alarms.
     label_radius : float
         r_label, m.
+
+    Returns
+    -------
+    (alarm,) ndarray of int
+        The weights; 1 for false alarms.
     """
     W0 = float((labels["label"] == "false").sum() / max(mines, 1))
     return detect.hit_weights(
@@ -195,28 +279,42 @@ def make_training_set(
     columns: Sequence[str] | None = None,
     spent: Sequence[pd.DataFrame] = (),
 ) -> TrainingSet:
-    """Label and weigh the alarms of lanes, each (name, alarms, features, truth, lane).
+    """Label and weigh the alarms of lanes.
 
-    Left out are those that are neither hit nor false, that lack one of the ``columns`` (default all), and hits on the
-    rows of each lane's truth that are ``spent``, as they made templates or thresholds.
+    Left out are alarms that are neither hit nor false or lack a column, and hits on targets that
+    made templates or thresholds.
+
+    Parameters
+    ----------
+    lanes : sequence of tuple
+        Name, alarms, features, truth and borders of every lane.
+    label_radius : float
+        r_label, m.
+    columns : sequence of str, optional
+        Columns that every example must have; by default all.
+    spent : sequence of DataFrame, optional
+        The rows of each lane's truth that stages have learnt from.
+
+    Returns
+    -------
+    TrainingSet
+        The examples.
     """
-    labels = label_lanes(
-        [(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes], label_radius
-    )
+    alarm_lists = [(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes]
+    truths = [truth for *_, truth, _ in lanes]
+    labels = label_lanes(alarm_lists, label_radius)
     table = pd.concat([features for _, _, features, _, _ in lanes], ignore_index=True)
-    known = np.isfinite(table[list(columns or table.columns)].to_numpy(dtype=np.float64)).all(
-        axis=1
-    )
-    keep = known & (labels["label"] != "neither").to_numpy()
+    _, complete = feature_values(table, list(columns or table.columns))
+    keep = complete & (labels["label"] != "neither").to_numpy()
     if spent:
-        used = np.concatenate(
-            [truth.index.isin(one.index) for (*_, truth, _), one in zip(lanes, spent, strict=True)]
-        )
-        keep &= ~np.append(used, False)[
-            labels["target"].to_numpy()
-        ]  # those that hit nothing have the number -1
+        flags = []
+        for truth, used in zip(truths, spent, strict=True):
+            flags.append(truth.index.isin(used.index))
+        is_spent = np.concatenate(flags)
+        # Alarms that hit nothing have the number -1, which picks the False at the end.
+        keep &= ~np.append(is_spent, False)[labels["target"].to_numpy()]
     labels = labels[keep]
-    weight = duplication(labels, count_mines(truth for *_, truth, _ in lanes), label_radius)
+    weight = duplication(labels, count_mines(truths), label_radius)
     label = (labels["label"] == "hit").to_numpy().astype(np.int64)
     return TrainingSet(
         table[keep].reset_index(drop=True), label, weight, labels["lane"].to_numpy(dtype=str)
@@ -226,7 +324,27 @@ def make_training_set(
 def train(
     examples: TrainingSet, features: Sequence[str] = CLASSIFIER_B, duplicate: bool = True
 ) -> Classifier:
-    """Train a classifier on some columns; without ``duplicate`` every hit counts once. Each class needs an example."""
+    """Train a classifier (Wang et al. 2007, Sec. II-D).
+
+    Parameters
+    ----------
+    examples : TrainingSet
+        Labelled alarms.
+    features : sequence of str
+        Columns that it reads.
+    duplicate : bool
+        Whether hits count by their weights; otherwise each counts once.
+
+    Returns
+    -------
+    Classifier
+        The trained classifier.
+
+    Raises
+    ------
+    ValueError
+        If a column is missing, or a class has no example.
+    """
     missing = [name for name in features if name not in examples.features.columns]
     if missing:
         raise ValueError(f"features must be columns of the feature table, got {', '.join(missing)}")

@@ -15,9 +15,16 @@ from flgpr.imaging import ScanImager
 
 
 class CleanedRun:
-    """A run's cleaned images, made anew on every pass, as far ahead as counts, and their background.
+    """A run's cleaned images, made anew on every pass, as far ahead as counts.
 
-    ``background`` is the result of the pass "gain"; ``whole_image`` returns whole images where these are in memory.
+    Parameters
+    ----------
+    images : RunImages
+        The images before they are cleaned.
+    background : mapping of str to ndarray
+        The result of the pass "gain".
+    whole_image : callable, optional
+        Returns the whole image of the scan at an index, where images stay in memory.
     """
 
     def __init__(
@@ -29,7 +36,10 @@ class CleanedRun:
         self.grid = images.grid
         self._whole_image = whole_image if images.plain else images.image
         self.gains: FloatArray = background["gains"]
-        arrays = {name: background[name] for name in background if name != "gains"}
+        arrays = {}
+        for name in background:
+            if name != "gains":
+                arrays[name] = background[name]
         self.whole_background = Background(**arrays)
         self.background: Background = self.whole_background.cropped(self.grid.ny)
         imager = images.imager
@@ -46,15 +56,23 @@ class CleanedRun:
         return self._whole_image is None
 
     def scan(self, index: int, data: ComplexArray | None = None) -> xr.DataArray:
-        """Return the image of the scan at an index among the complete ones, with its ``pose`` and number.
+        """Return the image of a scan before its background is removed, with its number and pose.
 
-        ``data`` are those of the scan, where they have been read already.
+        Parameters
+        ----------
+        index : int
+            Index of the scan among the complete ones.
+        data : (polarization, pair, frequency) ndarray of complex, optional
+            The scan's data, where they have been read already.
         """
         if self._whole_image is not None:
             return self._whole_image(index).isel(y=slice(self.grid.ny))
         return self.imager.image(int(self.imager.scans[index]), data)
 
     def coherent(self, index: int) -> xr.DataArray:
-        """Return the cleaned image of the scan at an index, in units of its background, with its phase."""
+        """Return the cleaned image of the scan at an index, with its phase.
+
+        It is in units of the background, with a gain of each polarization's own.
+        """
         image = self.scan(index)
         return image.copy(data=self.background.own_coherent(image.values, self.gains[index]))

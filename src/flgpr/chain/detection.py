@@ -26,21 +26,22 @@ MAIN = "main"
 class Detection:
     """What one recipe found."""
 
-    #: name, title: "main" for a result's own recipe, and what is said of it where several stand side by side
-    name: str
-    title: str
+    name: str  #: "main" for a result's own recipe
+    title: str  #: the words for it where several detections stand side by side
     #: alarm table, the most mine-like first; stages may have added columns to it
     alarms: pd.DataFrame
     view: xr.DataArray  #: run-view (polarization, subband, y, x) in units of the gain background
     notes: dict[str, Any] = field(default_factory=dict)  #: figures worth reporting
     channel: tuple[str, str] | None = None  #: polarization and sub-band the alarms were raised on
-    #: features, contributions: per alarm its features, and what each of them adds to the confidence
-    features: pd.DataFrame | None = None
-    contributions: pd.DataFrame | None = None
+    features: pd.DataFrame | None = None  #: features of every alarm
+    contributions: pd.DataFrame | None = (
+        None  #: what each feature adds to the confidence, per alarm
+    )
     training: pd.DataFrame | None = None  #: features of the training alarms, with their ``label``
     evidence: Evidence | None = None  #: what explains the alarms, for the viewer
     before: xr.DataArray | None = None  #: run-view before clutter suppression, for the viewer
-    #: alarms of every scan's own image, and the pose of each scan by its number, where the recipe scores by frames
+    #: alarms of every scan's own image, and the pose of each scan by its number, where the recipe
+    #: scores by frames
     frames: tuple[pd.DataFrame, dict[int, FloatArray]] | None = None
     recipe_text: str = ""  #: TOML of its recipe, where that is not the result's own
 
@@ -55,13 +56,27 @@ class RankedAlarms:
 
 
 def rank_alarms(lane: LaneSetup) -> RankedAlarms:
-    """Score and rank the alarms of a lane; needs the passes "alarms" and "features"."""
+    """Score the alarms of a lane with the recipe's detector and rank them.
+
+    Needs the results of the passes "alarms" and "features".
+
+    Parameters
+    ----------
+    lane : LaneSetup
+        The lane.
+
+    Returns
+    -------
+    RankedAlarms
+        The alarms that have a confidence.
+    """
     features = lane.results["features"]
     if lane.explains:
         features = group_of(features, "features")
     alarms = lane.alarms()
     view_columns = [name for name in alarms.columns if name not in ("x", "y", "magnitude")]
     table = pd.concat([array_table(features), alarms[view_columns]], axis=1)
+
     alarms["confidence"] = lane.steps.confidence(table, alarms["magnitude"])
     alarms["scans"] = table["scans"]
     ranked = rank(alarms, table)
@@ -72,42 +87,57 @@ def rank_alarms(lane: LaneSetup) -> RankedAlarms:
 
 
 def rank(alarms: pd.DataFrame, features: pd.DataFrame) -> RankedAlarms:
-    """Drop alarms without a confidence, sort and name the rest, and keep their features in step."""
+    """Drop alarms without a confidence, sort and name the rest, and keep their features in step.
+
+    Parameters
+    ----------
+    alarms : DataFrame
+        Alarms with the column ``confidence``.
+    features : DataFrame
+        Their features, of the same index.
+
+    Returns
+    -------
+    RankedAlarms
+        The most confident first; equal ones stay in their order.
+    """
     table = alarms[alarms["confidence"].notna()]
     table = table.sort_values("confidence", ascending=False, kind="stable")
     features = features.loc[table.index].reset_index(drop=True)
     rows = table.index.to_numpy()
     table = table.reset_index(drop=True)
     table["alarm_id"] = [f"alarm-{number}" for number in range(1, len(table) + 1)]
-    shown = [column.name for column in ALARM_COLUMNS if column.name in table.columns]
+    columns = [column.name for column in ALARM_COLUMNS if column.name in table.columns]
     if not len(table):
         table = empty_table(ALARM_COLUMNS)
-    return RankedAlarms(table[shown], features, rows)
+    return RankedAlarms(table[columns], features, rows)
 
 
-def detection_of(lane: LaneSetup) -> Detection:
-    """Return what was found on a lane; needs all passes."""
-    ranked = rank_alarms(lane)
-    screen = lane.recipe.prescreen
+def assemble(lane: LaneSetup, ranked: RankedAlarms) -> Detection:
+    """Return the ranked alarms of a lane with its run-view and what explains them.
+
+    Needs the results of all passes. What explains alarms is there only where the lane gathers it.
+    """
     alarms = ranked.alarms
     for stage in lane.columns:
         for name in stage.alarm_columns:
             alarms = alarms.assign(**{name: ranked.features[name]})
     frames = alarms_by_frame(lane) if "frames" in lane.results else None
-    found: dict[str, Any] = {
+    entries: dict[str, Any] = {
         "notes": _notes(lane),
         "features": ranked.features,
         "frames": frames,
     }
     if lane.explains:
+        screen = lane.recipe.prescreen
         evidence = _evidence(lane, ranked)
-        found |= {
+        entries |= {
             "channel": (screen.polarization, screen.subband),
             "contributions": _contributions(lane, ranked, evidence),
             "evidence": evidence,
             "before": lane.view("before"),
         }
-    return Detection(MAIN, lane.recipe.description, alarms, lane.view(), **found)
+    return Detection(MAIN, lane.recipe.description, alarms, lane.view(), **entries)
 
 
 def _evidence(lane: LaneSetup, ranked: RankedAlarms) -> Evidence:
@@ -125,8 +155,8 @@ def _contributions(lane: LaneSetup, ranked: RankedAlarms, evidence: Evidence) ->
         return pd.DataFrame({lane.steps.single: confidence.to_numpy()})
     linear = isinstance(detector, TrainedEstimator) and detector.linear_in_magnitude
     if linear and evidence.adds:
-        low, high = detector.confidence(pd.DataFrame({"magnitude": [0.0, 1.0]}))
-        return confidence_contributions(evidence, high - low, confidence)
+        at_zero, at_one = detector.confidence(pd.DataFrame({"magnitude": [0.0, 1.0]}))
+        return confidence_contributions(evidence, at_one - at_zero, confidence)
     return detector.contributions(ranked.features)
 
 

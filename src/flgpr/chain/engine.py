@@ -1,9 +1,9 @@
-"""The engine: runs passes over the scans of a run, block by block, in memory or shared among workers.
+"""The engine: runs passes over the scans of a run, block by block, in memory or in workers.
 
-A pass goes through the scans block by block. What is gathered of a block depends on nothing but the run, the recipe and
-the results of earlier passes; the states of the blocks are merged in the order of the blocks. So the bits of a result
-depend neither on how many work on it, nor where, nor on what was interrupted in between. The engine knows no pass by
-name: what a pass does stands in ``chain/passes`` and in the stages.
+The state of a block depends on nothing but the run, the recipe and the results of earlier passes,
+and the states are merged in the order of the blocks. So the bits of a result depend neither on the
+number of workers, nor on their machines, nor on interruptions. The engine knows no pass by name:
+what a pass does stands in ``chain/passes`` and in the stages.
 """
 
 from __future__ import annotations
@@ -33,24 +33,25 @@ from flgpr.chain.progress import Track, silent
 
 BLOCK = 16
 """Most scans in a block."""
-# Each thread holds a scan and a block's sums, and in memory nobody counts how much that is.
+# Each thread holds a scan and the sums of a block, and detection in memory has no limit to count
+# them against.
 _MOST_THREADS = 16
 Arrays = dict[str, NDArray[Any]]
 T = TypeVar("T")
 
 
 class _WorkerState(threading.local):
-    """What a thread knows of the pieces of work that it takes."""
+    """What a thread knows about the pieces of work that it takes."""
 
-    threads = 1  # that take pieces beside it, itself included
-    stop = threading.Event()  # set when nobody waits for its piece any more
+    threads = 1  # threads of this process that take pieces, this one included
+    stop = threading.Event()  # set when the results of its pieces are no longer needed
 
 
 worker_state = _WorkerState()
 
 
 class Gatherer(Protocol):
-    """What the engine needs of a pass at work on a block, or on the states of all blocks."""
+    """What the engine asks of a pass that adds the scans of a block or merges blocks."""
 
     def add(self, index: int, /) -> Any:
         """Add one scan, by its index among the complete ones."""
@@ -58,8 +59,8 @@ class Gatherer(Protocol):
     def state(self, exact: bool, /) -> Arrays:
         """Return everything gathered so far, as plain arrays.
 
-        With ``exact`` another gatherer that merges it goes on with the same bits; else the precision of what is
-        estimated from it suffices, and it may be smaller.
+        With ``exact`` another gatherer that merges the state continues with the same bits. Without
+        it the precision of the result suffices, and the state may be smaller.
         """
 
     def merge(self, state: Any, /) -> None:
@@ -71,7 +72,7 @@ class Gatherer(Protocol):
 
 @dataclass(frozen=True)
 class Accumulator:
-    """A gatherer made of four functions, for stages that gather examples or estimates of their own."""
+    """A gatherer made of four functions, for stages that gather their own estimates."""
 
     add: Callable[[int], Any]  #: adds one scan, by its index among the complete ones
     state: Callable[[bool], Arrays]  #: returns everything gathered so far, see :class:`Gatherer`
@@ -88,9 +89,10 @@ def not_shared() -> dict[str, Any] | None:
 class PlannedPass:
     """One pass over the scans, as the engine plans it."""
 
-    name: str  #: its name, under which its result is kept
+    name: str  #: its name, which is that of its result
     title: str  #: what it is called where progress is shown
-    #: begins to gather a block, or with None the states of all blocks, once earlier passes have their results
+    #: returns the gatherer of a block, or with None the one that merges all blocks; called once
+    #: earlier passes have their results
     start: Callable[[range | None], Gatherer]
     needs: tuple[str, ...] = ()  #: earlier passes whose results it reads
     all_scans: bool = False  #: goes through all scans even where a section of the lane is wanted
@@ -102,31 +104,46 @@ class PlannedPass:
 
 
 BlockIterator = Callable[[range, Gatherer], Iterator[int]]
-"""Goes through the scans of a block for a gatherer, which may begin with what a checkpoint holds of it."""
+"""Yields the scans of a block that its gatherer lacks; a checkpoint may hold the first ones."""
 
 
 def whole_block(block: range, gatherer: Gatherer) -> Iterator[int]:  # noqa: ARG001
-    """Yield the scans of a block from its first; no checkpoint is kept."""
+    """Yield all scans of a block, without a checkpoint."""
     yield from block
 
 
 def block_name(name: str, number: int) -> str:
-    """Return the name under which the state of a pass's block is kept."""
+    """Return the name of the state of one block of a pass."""
     return f"{name}-{number:06d}"
 
 
 def blocks_of(scans: int) -> list[range]:
-    """Divide scans into blocks of at most ``BLOCK`` consecutive ones, as even as can be."""
+    """Divide scans into blocks of at most ``BLOCK`` consecutive scans, as even as can be."""
     count = -(-scans // BLOCK)
     edges = [scans * k // count for k in range(count + 1)]
     return [range(begin, end) for begin, end in pairwise(edges)]
 
 
 class Engine:
-    """Runs passes over so many complete scans; ``results`` holds what each pass gave, by its name.
+    """Runs passes over the scans of a run.
 
-    ``block_numbers`` are those of the blocks that see what is wanted, by default all; ``concurrent`` says whether
-    several threads may work on blocks at once.
+    Parameters
+    ----------
+    passes : sequence of PlannedPass
+        The passes in their order.
+    scans : int
+        Number of complete scans.
+    results : mutable mapping
+        Takes the result of each pass by its name. Passes whose results are there are not run.
+    concurrent : bool
+        Whether several threads may work on blocks at once.
+    block_numbers : sequence of int, optional
+        Numbers of the blocks that see the section that is wanted; by default all.
+
+    Raises
+    ------
+    ValueError
+        If a pass needs the result of one that does not stand before it.
     """
 
     def __init__(
@@ -146,8 +163,9 @@ class Engine:
         self.blocks = blocks_of(scans)
         self.results = results
         self.concurrent = concurrent
-        every = list(range(len(self.blocks)))
-        self._wanted = every if block_numbers is None else list(block_numbers)
+        if block_numbers is None:
+            block_numbers = range(len(self.blocks))
+        self._of_section = list(block_numbers)
 
     def block_numbers(self, name: str) -> list[int]:
         """Return the numbers of the blocks that a pass goes through."""
@@ -156,12 +174,32 @@ class Engine:
             return []
         if planned.all_scans:
             return list(range(len(self.blocks)))
-        return self._wanted
+        return self._of_section
 
     def gather_block(
         self, name: str, number: int, block_iterator: BlockIterator = whole_block
     ) -> Arrays:
-        """Work on one block of a pass and return the state of it."""
+        """Add the scans of one block of a pass and return its state.
+
+        Parameters
+        ----------
+        name : str
+            Name of the pass.
+        number : int
+            Number of the block.
+        block_iterator : callable
+            Yields the scans to add; a checkpoint may hold those before.
+
+        Returns
+        -------
+        dict of str to ndarray
+            What :meth:`merge_blocks` merges.
+
+        Raises
+        ------
+        CancelledError
+            If the state is no longer needed.
+        """
         block = self.blocks[number]
         gatherer = self.passes[name].start(block)
         for index in block_iterator(block, gatherer):
@@ -171,19 +209,42 @@ class Engine:
         return gatherer.state(False)
 
     def merge_blocks(self, name: str, states: Iterable[Arrays]) -> Gatherer:
-        """Merge the states of the blocks of :meth:`block_numbers`, in their order, one after the other."""
+        """Merge the states of the blocks of a pass.
+
+        Parameters
+        ----------
+        name : str
+            Name of the pass.
+        states : iterable of dict
+            States of the blocks of :meth:`block_numbers`, in their order.
+
+        Returns
+        -------
+        Gatherer
+            It has the result of the pass.
+        """
         gatherer = self.passes[name].start(None)
         for state in states:
             gatherer.merge(state)
         return gatherer
 
     def run(self, track: Track = silent, names: Sequence[str] | None = None) -> None:
-        """Run passes in this process, by default all; those whose results are there already are left out."""
-        for name in self.passes if names is None else names:
+        """Run passes in this process that have no result yet, by default all.
+
+        Parameters
+        ----------
+        track : Track
+            Shows progress.
+        names : sequence of str, optional
+            Names of the passes to run.
+        """
+        chosen = self.passes if names is None else names
+        for name in chosen:
             if name not in self.results:
                 self._run_pass(name, track)
 
     def _run_pass(self, name: str, track: Track) -> None:
+        """Run one pass and put its result, or the states of its blocks, among the results."""
         planned = self.passes[name]
         numbers = self.block_numbers(name)
         pieces = [(name, number) for number in numbers]
@@ -201,17 +262,35 @@ class Engine:
 def run_pieces(
     work: Callable[..., T], arguments: Sequence[tuple[Any, ...]], threads: int
 ) -> Generator[T]:
-    """Do a piece of work for each set of arguments, so many at once, and yield what it returns in their order.
+    """Do a piece of work for each set of arguments and yield what it returns, in their order.
 
-    Threads take whole pieces, each with its share of numba's threads: those that share a kernel's loop wait for one
-    another at every call. Where the last round would leave most without a piece, all share the loops of what is left.
-    Close it where it may not be used up: the pieces at work then end at their next scan.
+    Close the generator where it may not be used up: the pieces at work then end at their next scan.
+
+    Parameters
+    ----------
+    work : callable
+        Does one piece.
+    arguments : sequence of tuple
+        The arguments of every piece.
+    threads : int
+        How many pieces may be worked on at once.
+
+    Yields
+    ------
+    object
+        What ``work`` returned.
     """
+    # Threads take whole pieces, each with its share of numba's threads: threads that share the loop
+    # of a kernel wait for one another at every call.
     kernels = numba.get_num_threads()
     threads = min(threads, kernels, len(arguments))
     if threads > 1:
-        left = len(arguments) % threads
-        count = len(arguments) - (left if 2 * left <= threads else 0)
+        # Where the last round would leave most threads without a piece, all of them share the loops
+        # of its pieces.
+        last_round = len(arguments) % threads
+        count = len(arguments)
+        if 2 * last_round <= threads:
+            count -= last_round
         yield from _run_at_once(work, arguments[:count], threads, kernels // threads)
         arguments = arguments[count:]
     for piece in arguments:
@@ -221,6 +300,7 @@ def run_pieces(
 def _run_at_once(
     work: Callable[..., T], arguments: Sequence[tuple[Any, ...]], threads: int, kernels: int
 ) -> Generator[T]:
+    """Do pieces of work in threads, each of which runs kernels with so many of numba's threads."""
     stop = threading.Event()
 
     def begin() -> None:
@@ -254,33 +334,71 @@ def bundle_groups(groups: Mapping[str, Arrays]) -> Arrays:
 def group_of(arrays: Mapping[str, NDArray[Any]], group: str) -> Arrays:
     """Return one group of what :func:`bundle_groups` made."""
     prefix = f"{group}|"
-    return {key.removeprefix(prefix): arrays[key] for key in arrays if key.startswith(prefix)}
+    members = {}
+    for key in arrays:
+        if key.startswith(prefix):
+            members[key.removeprefix(prefix)] = arrays[key]
+    return members
 
 
 def sum_accumulator(
     sums: Arrays, add: Callable[[int], Any], result: Callable[[], Arrays] | None = None
 ) -> Accumulator:
-    """Make an accumulator of arrays of fixed shapes: ``add`` adds a scan's to ``sums``, and so are states."""
+    """Return an accumulator of arrays of fixed shapes, to which those of every scan are added.
+
+    Parameters
+    ----------
+    sums : dict of str to ndarray
+        The sums so far, usually zeros; changed in place.
+    add : callable
+        Adds the arrays of the scan at an index to ``sums``.
+    result : callable, optional
+        Returns the result; by default the sums are the result.
+
+    Returns
+    -------
+    Accumulator
+        What the engine runs.
+    """
 
     def merge(state: Mapping[str, NDArray[Any]]) -> None:
         for name, value in sums.items():
             value += state[name]
 
-    return Accumulator(add, lambda _: dict(sums), merge, result or (lambda: sums))
+    def sums_as_result() -> Arrays:
+        return sums
+
+    return Accumulator(add, lambda _: dict(sums), merge, result or sums_as_result)
 
 
-def append_accumulator(parts: list[Arrays], add: Callable[[int], Any]) -> Accumulator:
-    """Make an accumulator of arrays whose first axis grows: ``add`` appends a scan's to ``parts``."""
+def append_accumulator(pieces: list[Arrays], add: Callable[[int], Any]) -> Accumulator:
+    """Return an accumulator of arrays whose first axis grows with every scan.
+
+    Parameters
+    ----------
+    pieces : list of dict
+        The arrays so far, usually none; changed in place.
+    add : callable
+        Appends the arrays of the scan at an index to ``pieces``.
+
+    Returns
+    -------
+    Accumulator
+        What the engine runs.
+    """
 
     def merge(state: Mapping[str, NDArray[Any]]) -> None:
         if state:
-            parts.append(dict(state))
+            pieces.append(dict(state))
 
-    return Accumulator(add, lambda _: joined_parts(parts), merge, lambda: joined_parts(parts))
+    return Accumulator(add, lambda _: concatenate(pieces), merge, lambda: concatenate(pieces))
 
 
-def joined_parts(parts: Sequence[Arrays]) -> Arrays:
-    """Concatenate arrays of the same names along their first axis; no parts give no arrays."""
-    if not parts:
+def concatenate(pieces: Sequence[Arrays]) -> Arrays:
+    """Concatenate arrays of the same names along their first axis; no pieces give no arrays."""
+    if not pieces:
         return {}
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    joined = {}
+    for name in pieces[0]:
+        joined[name] = np.concatenate([piece[name] for piece in pieces])
+    return joined

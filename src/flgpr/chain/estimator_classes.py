@@ -1,4 +1,4 @@
-"""The classes of estimators that a recipe may name as its detector, by name: none of them is loaded here."""
+"""The estimators that a recipe may name as its detector. None of them is loaded here."""
 
 ALLOWED = {
     "rvm": "flgpr.detect.rvm.RelevanceVectorClassifier",
@@ -15,4 +15,7 @@ ALLOWED = {
     "copod": "pyod.models.copod.COPOD",
     "knn": "pyod.models.knn.KNN",
 }
-"""Classes that are trained, by the name that recipes use. Only training looks here: a model holds none of them."""
+"""Classes that are trained, by the name that recipes use.
+
+Only training reads this table: a model holds arrays and settings, and no class.
+"""

@@ -1,4 +1,7 @@
-"""Estimators that a recipe may name as its detector: trained by their libraries, kept as arrays and settings."""
+"""Estimators that a recipe may name as its detector.
+
+They are trained by their libraries, and a model holds arrays and settings of them.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +17,12 @@ from numpy.typing import NDArray
 from flgpr.chain.classifier import (
     FloatArray,
     TrainingSet,
-    check_words,
+    check_entries,
     checked_names,
     feature_values,
 )
 from flgpr.chain.estimator_classes import ALLOWED
-from flgpr.chain.recipe import DetectorTable
+from flgpr.chain.recipe_tables import DetectorTable
 from flgpr.chain.too_few import Change, TooFewExamplesError, check_classes
 from flgpr.detect.scorers import restored_scorer, scorer_of
 from flgpr.detect.scorers.checks import Scorer
@@ -27,13 +30,19 @@ from flgpr.detect.scorers.checks import Scorer
 _OUTWARD = ("ecod", "copod", "knn")  # whose scores grow with what is unlike the examples
 _NEIGHBOURS = 5  # of PyOD's KNN, where no option says otherwise
 LAYOUT = 2
-"""How a trained estimator is laid out in a model: 1 was a file of skops, which could name what to call."""
+"""Version of the layout of a trained estimator in a model.
+
+The first was a file of skops, which could name what to call.
+"""
 
 
 def find_estimator(name: str) -> Any:
-    """Return the class of an allowed estimator.
+    """Return the class of an estimator in ``ALLOWED``.
 
-    One of PyOD is a ModuleNotFoundError without that library.
+    Raises
+    ------
+    ModuleNotFoundError
+        If it is one of PyOD, and that library is not installed.
     """
     module, _, kind = ALLOWED[name].rpartition(".")
     try:
@@ -48,49 +57,69 @@ def find_estimator(name: str) -> Any:
 
 @dataclass(frozen=True)
 class TrainedEstimator:
-    """What a fitted estimator scores with, by its name in ``ALLOWED``, and the features it reads, columns in order.
+    """What a fitted estimator scores with."""
 
-    ``centre`` is subtracted from the features, which are then divided by ``scale``.
-    """
-
-    name: str
-    features: tuple[str, ...]
-    centre: FloatArray
-    scale: FloatArray
+    name: str  #: its name in ``ALLOWED``
+    features: tuple[str, ...]  #: columns that it reads, in order
+    centre: FloatArray  #: (feature,) is subtracted from the features
+    scale: FloatArray  #: (feature,) divides them then
     scorer: Scorer
-    notes: dict[str, Any] = field(default_factory=dict)
+    notes: dict[str, Any] = field(default_factory=dict)  #: what it was trained on
     unlike: bool = False  #: whether what is unlike the training examples scores high
 
     def confidence(self, features: pd.DataFrame) -> FloatArray:
-        """Score alarms: higher is more like a mine; NaN where a feature is missing."""
-        values, whole = feature_values(features, self.features)
-        result = np.full(len(values), np.nan)
-        if whole.any():
+        """Score alarms.
+
+        Parameters
+        ----------
+        features : DataFrame
+            A row per alarm, with all columns that the estimator reads.
+
+        Returns
+        -------
+        (alarm,) ndarray
+            Higher for what is more like a mine; NaN where a feature is missing.
+
+        Raises
+        ------
+        ValueError
+            If a column is missing.
+        """
+        values, complete = feature_values(features, self.features)
+        confidence = np.full(len(values), np.nan)
+        if complete.any():
             outward = self.name in _OUTWARD
             sign = 1 if self.unlike == outward else -1
-            result[whole] = sign * self.scorer((values[whole] - self.centre) / self.scale)
-        return result
+            scaled = (values[complete] - self.centre) / self.scale
+            confidence[complete] = sign * self.scorer(scaled)
+        return confidence
 
     @property
     def linear_in_magnitude(self) -> bool:
         """Whether its scores are the log odds of a logistic regression on the magnitude alone."""
-        # Where examples were weighed, the scores are the odds of other frequencies than theirs.
-        plain = bool(getattr(self.scorer, "plain", False))
-        return self.name == "logistic" and self.features == ("magnitude",) and plain
+        # Where examples were weighted, the scores are the odds of other frequencies than theirs.
+        unweighted = bool(getattr(self.scorer, "plain", False))
+        return self.name == "logistic" and self.features == ("magnitude",) and unweighted
 
     @property
     def border(self) -> float:
-        """Confidence where the estimator parts mines from clutter: PyOD's own threshold, zero of all others."""
-        return (1 if self.unlike else -1) * self.scorer.threshold
+        """Confidence that separates mines from clutter.
+
+        It is PyOD's own threshold, and zero for all other estimators.
+        """
+        sign = 1 if self.unlike else -1
+        return sign * self.scorer.threshold
 
     def contributions(self, features: pd.DataFrame) -> pd.DataFrame:
-        """Return the confidences under the estimator's name: what is not linear has no shares of single features."""
-        return pd.DataFrame(
-            {self.name: self.confidence(features) if len(features) else np.zeros(0)}
-        )
+        """Return the confidences under the estimator's name.
+
+        What is not linear cannot be split into what single features add.
+        """
+        confidence = self.confidence(features) if len(features) else np.zeros(0)
+        return pd.DataFrame({self.name: confidence})
 
     def about(self) -> dict[str, Any]:
-        """Return what JSON can hold of it."""
+        """Return the entries that a model's head holds of it."""
         return {
             "estimator": self.name,
             "layout": LAYOUT,
@@ -100,42 +129,48 @@ class TrainedEstimator:
         }
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return its arrays."""
+        """Return the arrays that a model holds of it."""
         return {"centre": self.centre, "scale": self.scale, **self.scorer.arrays()}
 
     @classmethod
     def restored(
         cls, about: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], notes: dict[str, Any]
     ) -> TrainedEstimator:
-        """Put together what :meth:`about` and :meth:`arrays` gave.
+        """Return the estimator of what :meth:`about` and :meth:`arrays` returned.
 
-        Nothing but numbers is taken. A layout of before, or whatever breaks a rule of the estimator that it names, is a
-        ValueError.
+        Nothing but numbers is read.
+
+        Raises
+        ------
+        ValueError
+            If the layout is an earlier one, or an entry or array breaks a rule of the estimator.
         """
         name = about["estimator"]
         if about.get("layout") != LAYOUT:
             raise ValueError(
-                f"its detector {str(name)[:60]!r} was written by an earlier version of flgpr, in a form that is no "
+                f"its detector {str(name)[:60]!r} was written by an earlier version of flgpr, in a "
+                "form that is no "
                 "longer read: train it again with `flgpr train`"
             )
-        check_words(about, ("estimator", "layout", "features", "unlike", "settings"))
+        check_entries(about, ("estimator", "layout", "features", "unlike", "settings"))
         features = checked_names(about["features"])
         unlike = about.get("unlike")
         if type(unlike) is not bool:
             raise ValueError(f"detector.unlike must be true or false, got {str(unlike)[:60]!r}")
-        own = dict(arrays)
-        centre = _vector("centre", own, len(features))
-        scale = _vector("scale", own, len(features))
+        unread = dict(arrays)
+        centre = _take_vector("centre", unread, len(features))
+        scale = _take_vector("scale", unread, len(features))
         if not (scale > 0).all():
             raise ValueError(f"detector.scale must be positive, got {float(scale.min()):g}")
         try:
-            scorer = restored_scorer(name, about["settings"], own, len(features))
+            scorer = restored_scorer(name, about["settings"], unread, len(features))
         except ValueError as error:
             raise ValueError(f"detector {str(name)[:60]!r}: {error}") from None
         return cls(name, features, centre, scale, scorer, notes, unlike)
 
 
-def _vector(name: str, arrays: dict[str, NDArray[Any]], length: int) -> FloatArray:
+def _take_vector(name: str, arrays: dict[str, NDArray[Any]], length: int) -> FloatArray:
+    """Remove an array of a finite number per feature from the arrays and return it."""
     value = arrays.pop(name, None)
     if (
         value is None
@@ -145,7 +180,8 @@ def _vector(name: str, arrays: dict[str, NDArray[Any]], length: int) -> FloatArr
     ):
         got = "none" if value is None else f"{value.dtype} {value.shape}"
         raise ValueError(
-            f"detector.{name} must hold a finite float64 number for each of {length} features, got {got}"
+            f"detector.{name} must hold a finite float64 number for each of {length} features, "
+            f"got {got}"
         )
     return value
 
@@ -153,27 +189,50 @@ def _vector(name: str, arrays: dict[str, NDArray[Any]], length: int) -> FloatArr
 def train_estimator(
     examples: TrainingSet, table: DetectorTable, features: Sequence[str]
 ) -> TrainedEstimator:
-    """Train the estimator that a recipe names on some columns of labelled alarms.
+    """Train the estimator that a recipe names.
 
-    A class without an example, options that do not fit the estimator, or options with which it cannot be kept as plain
-    arrays, are a ValueError.
+    Parameters
+    ----------
+    examples : TrainingSet
+        Labelled alarms.
+    table : DetectorTable
+        The table ``detector`` of the recipe.
+    features : sequence of str
+        Columns that the estimator reads.
+
+    Returns
+    -------
+    TrainedEstimator
+        What scores alarms.
+
+    Raises
+    ------
+    ValueError
+        If a class has no example, the options do not fit the estimator, or with them it cannot be
+        written as plain arrays.
     """
     values, _ = feature_values(examples.features, features)
     mines = examples.label == 1
-    wanted = {"all": np.ones_like(mines), "mines": mines, "clutter": ~mines}[table.on]
+    chosen = {"all": np.ones_like(mines), "mines": mines, "clutter": ~mines}[table.on]
     _check_examples(table, int(mines.sum()), int((~mines).sum()))
-    X = values[wanted]
+
+    X = values[chosen]
     centre = np.zeros(X.shape[1])
     scale = np.ones(X.shape[1])
     if table.scale == "standard":
-        spread = X.std(axis=0)
+        deviation = X.std(axis=0)
         centre = X.mean(axis=0)
-        scale = np.where(spread > 0, spread, 1.0)
+        scale = np.where(deviation > 0, deviation, 1.0)
     try:
         estimator = find_estimator(table.estimator)(**table.options)
     except TypeError as error:
         raise ValueError(f"detector.options do not fit {table.estimator}: {error}") from None
-    estimator.fit((X - centre) / scale, *((examples.label,) if table.on == "all" else ()))
+    scaled = (X - centre) / scale
+    if table.on == "all":
+        estimator.fit(scaled, examples.label)
+    else:
+        estimator.fit(scaled)
+
     try:
         scorer = scorer_of(table.estimator, estimator)
     except ValueError as error:
@@ -183,8 +242,9 @@ def train_estimator(
         "false_alarms": int((~mines).sum()),
         "lanes": np.unique(examples.lane).tolist(),
     }
+    unlike = table.on == "clutter"
     return TrainedEstimator(
-        table.estimator, tuple(features), centre, scale, scorer, notes, unlike=table.on == "clutter"
+        table.estimator, tuple(features), centre, scale, scorer, notes, unlike=unlike
     )
 
 
@@ -194,11 +254,10 @@ def _check_examples(table: DetectorTable, hits: int, false_alarms: int) -> None:
     shown = {"all": hits + false_alarms, "mines": hits, "clutter": false_alarms}[table.on]
     neighbours = int(table.options.get("n_neighbors", _NEIGHBOURS))
     least = {"mixture": 2, "lda": 3, "knn": neighbours + 1}.get(table.estimator, 1)
-    if shown < least:
-        fewer = (
-            [Change("n_neighbors", shown - 1, neighbours, "[detector.options]")]
-            if shown > 1
-            else []
-        )
-        needed = f"{least} examples or more for {table.estimator}, got {shown}"
-        raise TooFewExamplesError(needed, changes=fewer if table.estimator == "knn" else [])
+    if shown >= least:
+        return
+    changes = []
+    if table.estimator == "knn" and shown > 1:
+        changes = [Change("n_neighbors", shown - 1, neighbours, "[detector.options]")]
+    needed = f"{least} examples or more for {table.estimator}, got {shown}"
+    raise TooFewExamplesError(needed, changes=changes)

@@ -1,4 +1,8 @@
-"""A run's images as a recipe wants them: cleaned data of the last scans, summed coherently, polarizations chosen."""
+"""A run's images as a recipe wants them.
+
+Clutter stages clean the data, the last scans are summed coherently, and only the polarizations that
+the recipe names are imaged.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,8 @@ import xarray as xr
 
 from flgpr.chain.engine import PlannedPass
 from flgpr.chain.model import Model
-from flgpr.chain.recipe import ImageTable, Recipe
+from flgpr.chain.recipe import Recipe
+from flgpr.chain.recipe_tables import ImageTable
 from flgpr.chain.stages import ClutterStage, ComplexArray, Setup, make_stage
 from flgpr.imaging import ScanImager
 from flgpr.model import Lane, lane_to_scan, scan_to_lane
@@ -22,7 +27,22 @@ def imager_of(
     subbands: Sequence[str] = (),
     polarizations: Sequence[str] = (),
 ) -> ScanImager:
-    """Make the imager of a run on a recipe's grid, of some of its sub-bands and polarizations; default all."""
+    """Return the imager of a run on a recipe's grid.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    table : ImageTable
+        The table ``image`` of the recipe.
+    subbands, polarizations : sequence of str
+        Those to image; by default all.
+
+    Returns
+    -------
+    ScanImager
+        It makes images of single scans.
+    """
     bands = {name: table.subbands[name] for name in subbands or table.subbands}
     chosen = run.sel(polarization=list(polarizations)) if polarizations else run
     weights = table.weights(run["frequency"].values)
@@ -30,10 +50,33 @@ def imager_of(
 
 
 class RunImages:
-    """Images of a run, scan by scan, with its recipe's clutter stages in between.
+    """Images of a run, scan by scan, of data that the recipe's clutter stages have cleaned.
 
-    ``imager`` has the polarizations that are imaged, on the recipe's grid, of which ``grid`` has the pixels as far
-    ahead as counts; ``plain`` says whether images are those of the run's own scans; ``setup`` is what stages are told.
+    Parameters
+    ----------
+    run : xarray.Dataset
+        The run, without scans whose poses are not plausible.
+    recipe : Recipe
+        The recipe.
+    lane : Lane
+        The lane.
+    model : Model
+        What the recipe's stages have learnt.
+    results : mapping
+        Results of earlier passes.
+    others : mapping of str to xarray.Dataset
+        Runs taken together with this one.
+
+    Attributes
+    ----------
+    imager : ScanImager
+        Makes images of the polarizations that are imaged, on the recipe's grid.
+    grid : Grid
+        The pixels of that grid as far ahead as counts.
+    setup : Setup
+        What stages are given.
+    plain : bool
+        Whether images are those of the run's own scans: nothing is cleaned or summed.
     """
 
     def __init__(
@@ -47,38 +90,65 @@ class RunImages:
     ) -> None:
         table = recipe.image
         labels = [str(label) for label in run["polarization"].values]
-        wanted = list(table.polarizations) or labels
+        imaged = list(table.polarizations) or labels
         source = imager_of(run, table)
-        self.imager = source if wanted == labels else imager_of(run, table, polarizations=wanted)
+        self.imager = source if imaged == labels else imager_of(run, table, polarizations=imaged)
         self.frames = table.summed
         self.grid = recipe.near_grid()
         self.setup = Setup(
-            run, others, lane, source, self.grid, recipe.run_view.grid(lane), [labels.index(label) for label in wanted],
-            self.frames, results,
-        )  # fmt: skip
+            run=run,
+            others=others,
+            lane=lane,
+            imager=source,
+            images=self.grid,
+            view=recipe.run_view.grid(lane),
+            imaged=[labels.index(label) for label in imaged],
+            summed=self.frames,
+            results=results,
+        )
         self.stages: dict[str, ClutterStage] = {}
-        before = self._raw
-        for name, named in recipe.named().items():
-            if issubclass(named.stage_class, ClutterStage):
-                stage = make_stage(name, named, self.setup, model.stages.get(name))
-                stage.before = before
-                self.stages[name] = stage
-                before = stage.data
-                if named.stage_class.learns and name not in model.stages:
-                    break  # what comes after it works on what it will leave
+        self._data = self._raw
+        self._add_clutter_stages(recipe, model)
         self.plain = not self.stages and self.frames == 1
-        self._data = before
+
+    def _add_clutter_stages(self, recipe: Recipe, model: Model) -> None:
+        """Make the recipe's clutter stages, each of which reads what the one before it leaves."""
+        for name, entry in recipe.named().items():
+            if not issubclass(entry.stage_class, ClutterStage):
+                continue
+            stage = make_stage(name, entry, self.setup, model.stages.get(name))
+            stage.before = self._data
+            self.stages[name] = stage
+            self._data = stage.data
+            if entry.stage_class.learns and name not in model.stages:
+                # In training the stages after it work on what it will leave once it has learnt.
+                break
 
     def passes(self) -> list[PlannedPass]:
-        """List the passes that the clutter stages need beforehand."""
-        return [each for stage in self.stages.values() for each in stage.passes()]
+        """List the passes that the clutter stages need before the first image."""
+        passes = []
+        for stage in self.stages.values():
+            passes += stage.passes()
+        return passes
 
     def image(
         self, index: int, data: ComplexArray | None = None, rows: int | None = None
     ) -> xr.DataArray:
-        """Image of the scan at an index among the complete ones, at least its nearest ``rows``, by default all.
+        """Return the image of a scan, the coherent mean of the last scans up to it.
 
-        ``data`` stands in for a plain scan's own.
+        Parameters
+        ----------
+        index : int
+            Index of the scan among the complete ones.
+        data : (polarization, pair, frequency) ndarray of complex, optional
+            Data in place of the scan's own, where images are plain.
+        rows : int, optional
+            The nearest rows that are needed; by default all. There may be more.
+
+        Returns
+        -------
+        (polarization, subband, y, x) DataArray of complex
+            With the scan's number and pose.
         """
         scan = int(self.imager.scans[index])
         if self.plain:
@@ -86,14 +156,18 @@ class RunImages:
         frames = self._data(index, self.frames)[:, self.setup.imaged]
         if len(frames) == 1:
             return self.imager.image(scan, frames[0], rows)
+
+        # Fuse et al. 2018, Eq. 4: earlier scans are imaged on the ground ahead of the latest.
         points = scan_to_lane(self.imager.grid.points(), self.setup.pose(index))
         total = self.imager.operator(scan).adjoint(frames[-1])
         for back, frame in enumerate(frames[-2::-1], 1):
             earlier = int(self.imager.scans[index - back])
-            where = lane_to_scan(points, self.setup.pose(index - back))
-            total += self.imager.operator_on(earlier, where, self.imager.subbands).adjoint(frame)
+            places = lane_to_scan(points, self.setup.pose(index - back))
+            operator = self.imager.operator_on(earlier, places, self.imager.subbands)
+            total += operator.adjoint(frame)
         return self.imager.labelled(scan, np.asarray(total / np.float32(len(frames)), np.complex64))
 
     def _raw(self, index: int, count: int) -> ComplexArray:
+        """Return the measured data of the last ``count`` scans up to an index."""
         scans = self.setup.imager.scans[max(index - count + 1, 0) : index + 1]
         return np.stack([self.setup.imager.signal(int(scan)) for scan in scans])

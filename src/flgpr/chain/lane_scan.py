@@ -14,7 +14,7 @@ from flgpr.chain.steps import CleanedScan
 
 
 class LaneScan:
-    """One scan of a lane, as passes see it: its images, made when a pass asks, and shared by passes that go together.
+    """One scan of a lane: its images, made when a pass asks, and shared by passes that go together.
 
     ``index`` counts among the complete scans. What is cleaned needs the result of the pass "gain".
     """
@@ -24,13 +24,19 @@ class LaneScan:
         self.index = index
 
     def raw_image(self, rows: int | None = None) -> NDArray[np.complex64]:
-        """Return the image (polarization, subband, y, x) before its background is removed, at least ``rows`` of it."""
+        """Return the image (polarization, subband, y, x) before its background is removed.
+
+        It has at least the nearest ``rows``; by default all.
+        """
         values: NDArray[np.complex64] = self._lane.image(self.index, rows).values
         return values
 
     @cached_property
     def data(self) -> ComplexArray | None:
-        """The scan's data (polarization, pair, frequency), where the image and what explains alarms share them."""
+        """The scan's data (polarization, pair, frequency), read once for several uses.
+
+        None unless both the image and what explains alarms are made of them.
+        """
         lane = self._lane
         if lane.reads_data_once:
             return lane.imager.signal(int(lane.imager.scans[self.index]))
@@ -38,7 +44,7 @@ class LaneScan:
 
     @cached_property
     def image(self) -> xr.DataArray:
-        """The image as far ahead as counts, before its background is removed, with its number and pose."""
+        """The image before its background is removed, as far ahead as counts, with its pose."""
         cleaned = self._lane.cleaned
         return cleaned.scan(self.index, self.data if cleaned.reads_data else None)
 
@@ -58,7 +64,10 @@ class LaneScan:
         return np.asarray(self.image.attrs["pose"], dtype=np.float64)
 
     def magnitude(self) -> NDArray[np.float32]:
-        """Return the magnitude (polarization, subband, y, x) in units of the background, or the recipe's map of it."""
+        """Return the cleaned magnitude (polarization, subband, y, x), or the recipe's map of it.
+
+        It is in units of the background (Wang et al. 2007, Eq. 5).
+        """
         lane = self._lane
         background = lane.cleaned.background
         if lane.mapper is None:
@@ -68,7 +77,7 @@ class LaneScan:
 
     @cached_property
     def cleaned(self) -> CleanedScan:
-        """The images in units of their background, as far as features and explanations read them."""
+        """The cleaned images, as far as features and explanations read them."""
         lane = self._lane
         return lane.steps.clean(
             self.number,

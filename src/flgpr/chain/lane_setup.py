@@ -1,4 +1,4 @@
-"""What the passes over one lane have in common: run, recipe, stages, grids, and the results of earlier passes."""
+"""What the passes over one lane share: run, recipe, stages, grids and earlier results."""
 
 from __future__ import annotations
 
@@ -32,15 +32,38 @@ from flgpr.screen import RunViewSums, view_array
 
 
 class LaneSetup:
-    """A recipe on one lane of a run: what its passes read that no pass changes, and ``results`` of earlier passes.
+    """A recipe on one lane of a run: what its passes read and no pass changes.
 
-    The recipe must fit the run and have a model if it learns, whose detector scores the alarms; by default their local
-    contrast does. With a ``section`` only those rows of the lane's run-view are worked on: backgrounds are those of the
-    whole run, and run-view, alarms and features those that the whole lane has there. ``others`` are runs taken together
-    with it, by the names that the recipe gives them; ``truth`` are the targets of a training lane, for the first stage
-    that has not learnt yet. With ``explains`` what explains the alarms to the viewer is gathered, too; with
-    ``whole_background`` the background reaches as far as the images, by default as far ahead as counts and as that
-    depends on.
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run that the recipe fits.
+    recipe : Recipe
+        The recipe.
+    lane : Lane
+        The lane.
+    model : Model or its detector, optional
+        What the recipe's stages have learnt. The score of its detector is the confidence; by
+        default the local contrast is.
+    results : mutable mapping, optional
+        Results of the passes by name; by default an empty dictionary.
+    section : Section, optional
+        Rows of the run-view to work on. Backgrounds are those of the whole run; run-view, alarms
+        and features are those that the whole lane has there.
+    others : mapping of str to xarray.Dataset, optional
+        Runs taken together with this one, by the names that the recipe gives them.
+    truth : DataFrame, optional
+        The targets of a training lane, for the first stage that has not learnt yet.
+    explains : bool
+        Whether to gather what explains the alarms to the viewer.
+    whole_background : bool
+        Whether the background reaches as far as the images; by default it reaches as far ahead as
+        counts and as the rows there depend on.
+
+    Raises
+    ------
+    ValueError
+        If the recipe needs a model that is not given, or its confidence is no column of a stage.
     """
 
     def __init__(
@@ -87,19 +110,21 @@ class LaneSetup:
         rows = self.imager.grid.ny
         if whole:
             return rows
+        # The filters of the gain background read so many rows beyond the last that counts.
         (median, _), (mean, _), _ = self.recipe.smoothing
         return min(self.images.grid.ny + median // 2 + mean // 2, rows)
 
     def _stages(self) -> dict[str, Stage]:
-        """Make the stages that the recipe names, but for those of clutter, which belong to the images."""
+        """Make the recipe's stages, but for the clutter stages, which belong to the images."""
         stages = {}
-        for name, named in self.recipe.named().items():
+        for name, entry in self.recipe.named().items():
             if not name.startswith("clutter."):
                 learnt = self.model.stages.get(name)
-                stages[name] = make_stage(name, named, self.setup, learnt)
+                stages[name] = make_stage(name, entry, self.setup, learnt)
         return stages
 
     def _first_stage(self, kind: type[Any]) -> Any:
+        """Return the first stage of a kind, or None."""
         for stage in self.stages.values():
             if isinstance(stage, kind):
                 return stage
@@ -107,18 +132,16 @@ class LaneSetup:
 
     def _steps(self) -> Steps:
         """Make the steps that the recipe takes with images, a run-view and alarms."""
-        stages = {
-            name: stage
-            for name, stage in self.stages.items()
-            if isinstance(stage, FeatureStage) and stage.columns
-        }
-        subbands = list(self.recipe.image.subbands)
+        image_stages = {}
+        for name, stage in self.stages.items():
+            if isinstance(stage, FeatureStage) and stage.columns:
+                image_stages[name] = stage
         return Steps(
-            self.recipe,
-            self.polarizations,
-            subbands,
-            self.images.grid,
-            stages,
+            recipe=self.recipe,
+            polarizations=self.polarizations,
+            subbands=list(self.recipe.image.subbands),
+            grid=self.images.grid,
+            stages=image_stages,
             detector=self.model.detector,
         )
 
@@ -129,18 +152,27 @@ class LaneSetup:
 
     @property
     def concurrent(self) -> bool:
-        """Whether several threads may work on blocks at once: stages may keep things from scan to scan."""
+        """Whether several threads may work on blocks at once.
+
+        Stages may keep state from scan to scan.
+        """
         return self.images.plain and not self.stages
 
     @cached_property
     def _remembers(self) -> bool:
-        """Whether images stay in memory: that of an aperture, which is the only one of its run, is dear."""
+        """Whether images stay in memory.
+
+        The image of an aperture takes long to make, and is the only one of its run.
+        """
         grid = self.imager.grid
         channels = len(self.setup.imaged) * len(self.recipe.image.subbands) * grid.nx * grid.ny
         return len(self.imager) == 1 and 8 * len(self.imager) * channels <= CACHE
 
     def image(self, index: int, rows: int | None = None) -> xr.DataArray:
-        """Return the image of the scan at an index among the complete ones, at least its nearest ``rows``."""
+        """Return the image of the scan at an index among the complete ones.
+
+        It has at least the nearest ``rows``; by default all.
+        """
         if not self._remembers:
             return self.images.image(index, None, rows)
         if index not in self._images:
@@ -155,7 +187,7 @@ class LaneSetup:
 
     @cached_property
     def reads_data_once(self) -> bool:
-        """Whether the data of a scan, read once, serve its image and what explains alarms."""
+        """Whether a scan's image and what explains alarms are made of the same data."""
         return self.explains and self.imager.run is self.setup.run
 
     def stage_passes(self) -> list[PlannedPass]:
@@ -175,17 +207,22 @@ class LaneSetup:
     # The lane's run-view and its rows
 
     def rows_of(self, block: range | None) -> slice:
-        """Return the rows of the run-view, among those that the section needs, that a block's scans reach."""
+        """Return the rows of the run-view that the section needs and the scans of a block reach.
+
+        With None instead of a block, return all rows that the section needs.
+        """
         if block is None:
             return self.view_rows
         sums = RunViewSums(self.grid, self.recipe.run_view.y_max, slice(0, 0))
         reached = [sums.reach(self.imager.grid, self.setup.pose(index)) for index in block]
-        first = max(min(rows.start for rows in reached), self.view_rows.start)
-        last = min(max(rows.stop for rows in reached), self.view_rows.stop)
+        first_reached = min(rows.start for rows in reached)
+        last_reached = max(rows.stop for rows in reached)
+        first = max(first_reached, self.view_rows.start)
+        last = min(last_reached, self.view_rows.stop)
         return slice(first, max(last, first))
 
     def block_numbers(self, blocks: list[range]) -> list[int]:
-        """Return the numbers of the blocks that reach the section, at least one."""
+        """Return the numbers of the blocks that reach the section; the first if none does."""
         numbers = []
         for number, block in enumerate(blocks):
             rows = self.rows_of(block)
@@ -200,7 +237,7 @@ class LaneSetup:
         return slice(self.section.start - first, self.section.stop - first)
 
     def labels(self, of_images: bool = False) -> dict[str, list[str]]:
-        """Name the channels of the run-view or, if asked for, those of the images."""
+        """Return the names of the channels of the run-view, or of the images."""
         if of_images:
             return {
                 "polarization": self.polarizations,
@@ -213,9 +250,19 @@ class LaneSetup:
         }
 
     def view(self, name: str = "view", all_rows: bool = False) -> xr.DataArray:
-        """Return the run-view, or that "before" its background is removed; needs the pass "view".
+        """Return the run-view; needs the result of the pass "view".
 
-        It has the section's own rows or, if asked for, those around them that the section needs, too.
+        Parameters
+        ----------
+        name : {"view", "before"}
+            "before" is the run-view before the background is removed, for the viewer.
+        all_rows : bool
+            Whether to return the rows around the section that it needs, beside its own.
+
+        Returns
+        -------
+        (polarization, subband, y, x) DataArray
+            In units of the background.
         """
         arrays = self.results["view"]
         if self.explains:
@@ -223,12 +270,15 @@ class LaneSetup:
         labels = self.labels(of_images=name == "before")
         if all_rows:
             return view_array(arrays["view"], arrays["looks"], self.grid, labels, self.view_rows)
-        own = self.own_rows
-        values = arrays["view"][..., own, :]
-        return view_array(values, arrays["looks"][own], self.grid, labels, self.section.rows)
+        values = arrays["view"][..., self.own_rows, :]
+        looks = arrays["looks"][self.own_rows]
+        return view_array(values, looks, self.grid, labels, self.section.rows)
 
     def alarms(self) -> pd.DataFrame:
-        """Return the alarms that the density rule leaves of the maxima; needs the pass "alarms"."""
+        """Return the maxima that are alarms by the density rule (Wang et al. 2007, Sec. II-B).
+
+        Needs the result of the pass "alarms".
+        """
         raised = self.results["alarms"]
         table = array_table(group_of(raised, "maximum"))
         threshold = self.section.threshold
@@ -237,7 +287,10 @@ class LaneSetup:
         return table[table["magnitude"] >= threshold].reset_index(drop=True)
 
     def evidence_sums(self, poses: Mapping[int, FloatArray] | None = None) -> EvidenceSums:
-        """Make the sums of what explains the strongest alarms; needs the pass "alarms"."""
+        """Return the empty sums of what explains the strongest alarms; needs the pass "alarms".
+
+        ``poses`` are those of all scans that may see the same alarms, by scan number.
+        """
         contrast = self.recipe.contrast
         run_view = self.recipe.run_view
         explains_map = self.mapper is not None and run_view.look == "mean"
@@ -253,13 +306,15 @@ class LaneSetup:
         )
 
     def _column_names(self) -> list[str]:
-        """Name the columns of all feature stages; those of the run-view tell theirs where there is no alarm."""
+        """Return the names of the columns of all feature stages."""
         labels = self.labels()
+        # Stages that read the run-view name their columns when they are asked about no alarms, on a
+        # bit of a run-view that no scan saw.
         rows = min(2, self.grid.ny)
         shape = (len(labels["polarization"]), len(labels["subband"]), rows, self.grid.nx)
         unseen = np.full(shape, np.nan, np.float32)
-        looks = np.zeros(shape[-2:], np.int64)
-        empty = view_array(unseen, looks, self.grid, labels, slice(rows))
+        no_looks = np.zeros(shape[-2:], np.int64)
+        empty = view_array(unseen, no_looks, self.grid, labels, slice(rows))
         names: list[str] = []
         for stage in self.columns:
             names += stage.columns
@@ -273,5 +328,5 @@ def table_arrays(table: pd.DataFrame) -> dict[str, Any]:
 
 
 def array_table(arrays: Mapping[str, Any]) -> pd.DataFrame:
-    """Return the table that :func:`table_arrays` took apart."""
+    """Return the table of columns that :func:`table_arrays` returned."""
     return pd.DataFrame({name: arrays[name] for name in arrays})

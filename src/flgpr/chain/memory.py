@@ -1,4 +1,4 @@
-"""How much memory a detection takes, told before it begins."""
+"""How much memory a detection takes, estimated before it begins."""
 
 from __future__ import annotations
 
@@ -30,7 +30,13 @@ _PER_ALARM = 4000.0  # features and their sums, bytes per alarm and sub-band
 
 
 def parse_size(text: str) -> int:
-    """Read a size in bytes: "2GB" is 2·10⁹, "2GiB" is 2·2³⁰."""
+    """Return a size in bytes: "2GB" is 2·10⁹, "2GiB" is 2·2³⁰.
+
+    Raises
+    ------
+    ValueError
+        If the text is no size.
+    """
     size = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([a-zA-Z]*)\s*", text)
     if not size or size[2].upper() not in _UNITS or float(size[1]) <= 0:
         raise ValueError(f"max-memory must be a size such as 2GB or 500MB, got {text!r}")
@@ -43,7 +49,7 @@ def sizes_of(run: xr.Dataset) -> dict[str, int]:
 
 
 def _per_thread(sizes: Mapping[str, int], recipe: Recipe) -> float:
-    """Estimate what a scan at work and the sums of its block take."""
+    """Estimate the bytes of a scan at work and of the sums of its block."""
     image = recipe.image.grid()
     bands = len(recipe.image.subbands)
     pixels = image.nx * image.ny
@@ -52,45 +58,99 @@ def _per_thread(sizes: Mapping[str, int], recipe: Recipe) -> float:
 
 
 def check_scan_memory(shape: tuple[int, int, int], recipe: Recipe, limit: int = MAX_MEMORY) -> None:
-    """Refuse scans (polarization, pair, frequency) one of which would take more than a limit (bytes)."""
-    needed = _PROGRAM + _per_thread(
-        dict(zip(("polarization", "pair", "frequency"), shape, strict=True)), recipe
-    )
+    """Refuse scans (polarization, pair, frequency) one of which would take too much memory.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Lengths of a scan's data.
+    recipe : Recipe
+        The recipe.
+    limit : int
+        Bytes that the process may take.
+
+    Raises
+    ------
+    ValueError
+        If one scan takes more.
+    """
+    sizes = dict(zip(("polarization", "pair", "frequency"), shape, strict=True))
+    needed = _PROGRAM + _per_thread(sizes, recipe)
     if needed > limit:
         raise ValueError(
-            f"scans of {shape} samples must take at most {limit / 1e9:.3g} GB, got {needed / 1e9:.3g} GB"
+            f"scans of {shape} samples must take at most {limit / 1e9:.3g} GB, got "
+            f"{needed / 1e9:.3g} GB"
         )
 
 
 def memory_needed(
     sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: int | None = None
 ) -> float:
-    """Estimate from above the bytes of a process that works on a lane, or on some rows of its run-view at a time.
+    """Estimate from above the bytes of a process that works on a lane.
 
-    It does not grow with the number of scans, but for a self-signature by the median, which keeps all images; what
-    grows with the length of the lane are its run-views and alarms. The factors were measured, see
-    docs/robustness.md.
+    They do not grow with the number of scans, but for a self-signature by the median, which holds
+    all images. What grows with the length of the lane are its run-views and alarms. The factors
+    were measured, see docs/evidence/robustness.md.
+
+    Parameters
+    ----------
+    sizes : mapping of str to int
+        Lengths of the run's dimensions.
+    recipe : Recipe
+        The recipe.
+    lane : Lane
+        The lane.
+    rows : int, optional
+        Rows of the run-view that are worked on at a time; by default all.
+
+    Returns
+    -------
+    float
+        Bytes.
     """
-    bands = len(recipe.image.subbands)
-    view = recipe.run_view.grid(lane)
-    channels = (len(recipe.image.polarizations) or sizes["polarization"]) * bands
-    pixels = view.nx * (view.ny if rows is None else rows)
-    alarms = (
-        recipe.prescreen.density * pixels * view.dx * view.dy / (3.14 * recipe.prescreen.radius**2)
-    )
     image = recipe.image.grid()
+    stages = 0.0
+    for stage in recipe.named().values():
+        stages += stage.stage_class.memory(stage.settings, sizes, image)
+    background = _background_bytes(sizes, recipe)
+    run_views = _run_view_bytes(sizes, recipe, lane, rows)
+    return _PROGRAM + _per_thread(sizes, recipe) + background + run_views + stages
+
+
+def _imaged_channels(sizes: Mapping[str, int], recipe: Recipe) -> int:
+    """Return the number of channels of an image."""
+    polarizations = len(recipe.image.polarizations) or sizes["polarization"]
+    return polarizations * len(recipe.image.subbands)
+
+
+def _background_bytes(sizes: Mapping[str, int], recipe: Recipe) -> float:
+    """Estimate the bytes of the images that a self-signature by the median holds."""
+    if recipe.background.self_signature != "median":
+        return 0
+    image = recipe.image.grid()
+    channels = _imaged_channels(sizes, recipe)
     images = _PER_COMPLEX * sizes["scan"] * channels * image.nx * image.ny
-    median = recipe.background.self_signature == "median"
-    kept = _MEDIAN * images if median else 0
-    names = (
-        1 if recipe.map is not None else len(recipe.run_view.channels(list(recipe.image.subbands)))
-    )
-    shown = names if recipe.map is not None else names * channels // bands
-    run_views = _PER_VIEW_PIXEL * (channels + shown) / 2 * pixels + _PER_ALARM * bands * alarms
-    stages = sum(
-        one.stage_class.memory(one.settings, sizes, image) for one in recipe.named().values()
-    )
-    return _PROGRAM + _per_thread(sizes, recipe) + kept + run_views + stages
+    return _MEDIAN * images
+
+
+def _run_view_bytes(
+    sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: int | None
+) -> float:
+    """Estimate the bytes of run-views, on some of their rows, and of the features of alarms."""
+    view = recipe.run_view.grid(lane)
+    bands = len(recipe.image.subbands)
+    channels = _imaged_channels(sizes, recipe)
+    pixels = view.nx * (view.ny if rows is None else rows)
+    screen = recipe.prescreen
+    alarms = screen.density * pixels * view.dx * view.dy / (3.14 * screen.radius**2)
+
+    # Beside the recipe's look there is one of the images before their background is removed.
+    view_channels = 1
+    if recipe.map is None:
+        names = len(recipe.run_view.channels(list(recipe.image.subbands)))
+        view_channels = names * channels // bands
+    views = _PER_VIEW_PIXEL * (channels + view_channels) / 2 * pixels
+    return views + _PER_ALARM * bands * alarms
 
 
 def plan_sections(
@@ -100,41 +160,65 @@ def plan_sections(
     limit: int = MAX_MEMORY,
     longest: float | None = None,
 ) -> list[Section]:
-    """Cut a lane into as few sections as the memory (bytes) allows, before anything is decoded.
+    """Cut a lane into as few sections as the memory allows, before anything is decoded.
 
-    ``longest`` is the longest section that is wanted, m; infinity for the lane in one piece or not at all. A
-    ValueError tells what would do: if the lane in one piece takes more, or the memory does not suffice for sections
-    of ``SHORTEST`` metres (or of the longest that is wanted), or the recipe's run-view reaches beyond the lane so
-    that a section would have none of it.
+    Parameters
+    ----------
+    sizes : mapping of str to int
+        Lengths of the run's dimensions.
+    recipe : Recipe
+        The recipe.
+    lane : Lane
+        The lane.
+    limit : int
+        Bytes that a process may take.
+    longest : float, optional
+        The longest section that is wanted, m; infinity asks for the lane in one piece.
+
+    Returns
+    -------
+    list of Section
+        One that is the whole lane if that fits.
+
+    Raises
+    ------
+    ValueError
+        If the lane in one piece was asked for and takes more, or the memory does not suffice for
+        sections of ``SHORTEST`` metres (or of the longest that is wanted), or the run-view reaches
+        beyond the lane so that a section would have none of it. It says what would suffice.
     """
     if longest is not None and not longest > 0:
         raise ValueError(f"section must be a positive length in metres, got {longest}")
     grid = recipe.run_view.grid(lane)
     needed = memory_needed(sizes, recipe, lane)
-    wanted = (
-        grid.ny
-        if longest is None or longest == math.inf
-        else max(1, math.floor(longest / grid.dy + 1e-9))
-    )
-    if wanted >= grid.ny and needed <= limit:
+    wanted_rows = grid.ny
+    if longest is not None and longest != math.inf:
+        wanted_rows = max(1, math.floor(longest / grid.dy + 1e-9))
+    if wanted_rows >= grid.ny and needed <= limit:
         return [Section(0, grid.ny)]
     if longest == math.inf:
         raise ValueError(
-            f"max-memory must be at least {needed / 1e9:.3g} GB for a lane of {lane.y_max - lane.y_min:.0f} m in one "
-            f"piece, got {limit / 1e9:.3g} GB: give more or take it in sections"
+            f"max-memory must be at least {needed / 1e9:.3g} GB for a lane of "
+            f"{lane.y_max - lane.y_min:.0f} m in one piece, got {limit / 1e9:.3g} GB: "
+            "give more or take it in sections"
         )
+
     beyond = 2 * margin(recipe)
-    shortest = min(math.ceil(SHORTEST / grid.dy), wanted, grid.ny)
+    shortest = min(math.ceil(SHORTEST / grid.dy), wanted_rows, grid.ny)
     least = memory_needed(sizes, recipe, lane, min(shortest + beyond, grid.ny))
     if least > limit:
         raise ValueError(
-            f"max-memory must be at least {least / 1e9:.3g} GB for this run, got {limit / 1e9:.3g} GB"
+            f"max-memory must be at least {least / 1e9:.3g} GB for this run, "
+            f"got {limit / 1e9:.3g} GB"
         )
-    each = memory_needed(sizes, recipe, lane, 1) - memory_needed(sizes, recipe, lane, 0)
-    room = limit - least - _per_thread(sizes, recipe)  # for a second thread, if it may be
-    sections = divide(grid.ny, min(wanted, shortest + int(max(room, 0) / each)))
+
+    # What is left beside the shortest section and a second thread makes sections longer.
+    per_row = memory_needed(sizes, recipe, lane, 1) - memory_needed(sizes, recipe, lane, 0)
+    room = limit - least - _per_thread(sizes, recipe)
+    longer = int(max(room, 0) / per_row)
+    sections = divide(grid.ny, min(wanted_rows, shortest + longer))
     for section in sections:
-        section_lane(recipe, lane, section)
+        section_lane(recipe, lane, section)  # refuses a section without any of the lane
     return sections
 
 
@@ -147,12 +231,22 @@ def threads_within(
 ) -> int:
     """Return how many threads may work on scans of a lane at once, at least one.
 
-    The lane is taken in sections of :func:`plan_sections`.
+    Parameters
+    ----------
+    sizes : mapping of str to int
+        Lengths of the run's dimensions.
+    recipe : Recipe
+        The recipe.
+    lane : Lane
+        The lane.
+    sections : sequence of Section
+        What :func:`plan_sections` returned.
+    limit : int
+        Bytes that the process may take.
     """
-    rows = (
-        max(section.stop - section.start for section in sections) + 2 * margin(recipe)
-        if sections[1:]
-        else None
-    )
+    rows = None
+    if len(sections) > 1:
+        longest = max(section.stop - section.start for section in sections)
+        rows = longest + 2 * margin(recipe)
     room = limit - memory_needed(sizes, recipe, lane, rows)
     return 1 + max(0, int(room / _per_thread(sizes, recipe)))

@@ -1,8 +1,9 @@
 """The method on one page: what a recipe does with the scans of a lane, pass by pass.
 
-A recipe of Wang et al. 2007 takes the way of the paper; what other recipes do otherwise stands in their stages. One run
-in memory, worker processes, sections of a long lane and training all run this list of passes. Live detection takes the
-same steps (:mod:`flgpr.chain.steps`), with a background and a run-view of the scans so far.
+The steps are those of Wang et al. 2007; where other recipes differ, their stages say how. A run in
+memory, worker processes, sections of a long lane and training all run this list of passes. Live
+detection takes the same steps (:mod:`flgpr.chain.steps`) with the background and the run-view of
+the scans so far.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Mapping
 
 import xarray as xr
 
-from flgpr.chain.detection import Detection, detection_of
+from flgpr.chain.detection import Detection, assemble, rank_alarms
 from flgpr.chain.engine import Engine, PlannedPass, blocks_of
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.model import Detector, Model
@@ -23,10 +24,10 @@ from flgpr.chain.passes.gain import GAIN_BACKGROUND
 from flgpr.chain.passes.run_view import PlainRunView, RunView
 from flgpr.chain.passes.signature import SelfSignature
 from flgpr.chain.passes.training import until_examples
-from flgpr.chain.passes.traversal import Pass, plan
+from flgpr.chain.passes.traversal import plan
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import Recipe
-from flgpr.chain.recipe_for_run import area_of
+from flgpr.chain.recipe_fit import area_of
 from flgpr.chain.sections import Section
 from flgpr.model import Lane
 
@@ -36,28 +37,24 @@ def passes_of(lane: LaneSetup) -> list[PlannedPass]:
 
     For training they end where the first stage that has not learnt yet has its examples.
     """
-    recipe = lane.recipe
-
     # What stages need of the raw data beforehand, such as a field that stands still.
     passes = lane.stage_passes()
 
     # The background: the self-signature with the gain of every scan (Eq. 2), and the gain
     # background (Eq. 3 and 4), in units of which images are cleaned.
     passes.append(plan(lane, SelfSignature))
-    passes.append(plan(lane, GAIN_BACKGROUND[recipe.background.gain]))
+    passes.append(plan(lane, GAIN_BACKGROUND[lane.recipe.background.gain]))
 
     # Cleaned images, or the recipe's map of them, laid over one another on the lane (Sec. II-B).
-    views: list[type[Pass]] = [RunView, PlainRunView] if lane.explains else [RunView]
-    passes.append(plan(lane, *views))
-    if recipe.score.area == "frames":
+    passes.append(plan(lane, RunView, PlainRunView))
+    if lane.recipe.score.area == "frames":
         passes.append(plan(lane, FrameAlarms))
 
     # Local maxima of the run-view are alarms, as many as the density rule leaves (Sec. II-B).
     passes.append(plan(lane, Maxima))
 
     # The features of every alarm, mean over the scans that see it (Eq. 5 to 17).
-    readers: list[type[Pass]] = [Features, Explain] if lane.explains else [Features]
-    passes.append(plan(lane, *readers))
+    passes.append(plan(lane, Features, Explain))
 
     return until_examples(lane, passes) if lane.untrained else passes
 
@@ -65,8 +62,15 @@ def passes_of(lane: LaneSetup) -> list[PlannedPass]:
 def engine_of(lane: LaneSetup) -> Engine:
     """Return the engine that runs the passes of a lane."""
     scans = len(lane.imager)
-    reaching = lane.block_numbers(blocks_of(scans))
-    return Engine(passes_of(lane), scans, lane.results, lane.concurrent, reaching)
+    numbers = lane.block_numbers(blocks_of(scans))
+    return Engine(passes_of(lane), scans, lane.results, lane.concurrent, numbers)
+
+
+def detection_of(lane: LaneSetup) -> Detection:
+    """Score the alarms of a lane whose passes are done, and return them with what explains them."""
+    # The detector turns the features of every alarm into its confidence (Sec. II-D).
+    ranked = rank_alarms(lane)
+    return assemble(lane, ranked)
 
 
 def detect(
@@ -78,12 +82,12 @@ def detect(
     section: Section | None = None,
     others: Mapping[str, xr.Dataset] | None = None,
 ) -> Detection:
-    """Run a recipe on a run, in memory. Truth is not among what it takes.
+    """Run a recipe on a run, in memory. Truth is not among its inputs.
 
     Parameters
     ----------
     run : xarray.Dataset
-        A run, which the recipe must fit, see :func:`flgpr.chain.recipe_for_run.check_fit`.
+        A run that the recipe fits, see :func:`flgpr.chain.recipe_fit.check_fit`.
     recipe : Recipe
         The recipe.
     lane : Lane, optional
@@ -91,11 +95,23 @@ def detect(
     track : Track
         Shows progress.
     model : Model or its detector, optional
-        What the recipe's stages have learnt; its detector's score is the confidence, by default the local contrast.
+        What the recipe's stages have learnt. The score of its detector is the confidence; by
+        default the local contrast is.
     section : Section, optional
-        Part of the lane; default all of it.
+        Rows of the lane to work on; by default all.
     others : mapping of str to xarray.Dataset, optional
-        Runs taken together with this one, such as a second band, by the names that the recipe gives them.
+        Runs taken together with this one, such as a second band, by the names that the recipe gives
+        them.
+
+    Returns
+    -------
+    Detection
+        The ranked alarms, and what explains them.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit the run, or needs a model that is not given.
     """
     area = area_of(run, recipe, lane)
     setup = LaneSetup(run, recipe, area, model, section=section, others=others)

@@ -22,33 +22,60 @@ FORMAT = "flgpr-model"
 VERSION = 1
 MODEL_FILE = "model.bundle"
 DETECTOR = "detector"
-"""Under which name the detector's arrays are kept, beside those of the stages."""
+"""Name of the group of the detector's arrays, beside those of the stages."""
 Detector = Classifier | TrainedEstimator
+_HEAD = ("format", "version", "flgpr", "detector", "stages", "notes")
+"""Entries of a model's head, in their order."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """What was learnt: the alarms' detector, arrays of the stages by their names in the recipe, and notes."""
+    """What was learnt from training lanes."""
 
-    detector: Detector | None = None
+    detector: Detector | None = None  #: scores the alarms
+    #: arrays of the stages, by the names that these have in the recipe
     stages: dict[str, Arrays] = field(default_factory=dict)
-    notes: dict[str, Any] = field(default_factory=dict)
+    notes: dict[str, Any] = field(default_factory=dict)  #: what it was made of, and counts
 
 
 def as_model(model: Model | Detector | None) -> Model:
-    """Take a detector as a model that has nothing else."""
-    return model if isinstance(model, Model) else Model(model)
+    """Return a model, or a detector as a model that holds nothing else."""
+    if isinstance(model, Model):
+        return model
+    return Model(model)
 
 
 def unlearnt(recipe: Recipe, model: Model, training: bool = False) -> list[str]:
-    """List the recipe's stages that have not learnt yet; but for training that is an error, as is a vain detector."""
+    """List the recipe's stages that have not learnt yet.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+    model : Model
+        What has been learnt.
+    training : bool
+        Whether stages may lack what they learn, as they are being trained.
+
+    Returns
+    -------
+    list of str
+        Names of the stages, in the order in which they learn.
+
+    Raises
+    ------
+    ValueError
+        If a stage lacks what it learns without ``training``, or the model has a detector and the
+        recipe has no features for it.
+    """
     if model.detector is not None and not (recipe.features or recipe.columns or recipe.detector):
         raise ValueError("model needs a recipe with the table features, got one without")
     names = [name for name in recipe.learning() if name not in model.stages]
     if names and not training:
         raise ValueError(
-            f"recipe {recipe.name!r} learns ({', '.join(recipe.learning())}) and needs a model: make one with "
-            f"`flgpr train RUN --truth TRUTH --recipe {recipe.name} -o MODEL` and give it with --model"
+            f"recipe {recipe.name!r} learns ({', '.join(recipe.learning())}) and needs a model: "
+            f"make one with `flgpr train RUN --truth TRUTH --recipe {recipe.name} -o MODEL` "
+            "and give it with --model"
         )
     return names
 
@@ -56,52 +83,72 @@ def unlearnt(recipe: Recipe, model: Model, training: bool = False) -> list[str]:
 def save_model(
     model: Model | Detector, folder: str | Path, notes: Mapping[str, Any] | None = None
 ) -> Path:
-    """Write a model, a folder with one bundle of arrays and words; whole or not at all.
+    """Write a model as a folder with one bundle of arrays and JSON. A stop leaves no part of it.
 
-    ``folder`` is made or, if it holds a model, replaced; anything else there is a FileExistsError. ``notes`` are
-    added to its own.
+    Parameters
+    ----------
+    model : Model or its detector
+        What was learnt.
+    folder : str or path
+        Made, or replaced if it holds a model.
+    notes : mapping, optional
+        Added to the model's own.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    FileExistsError
+        If the folder holds anything but a model.
     """
     model = as_model(model)
     folder = check_free_model(folder)
     groups: dict[str, Mapping[str, NDArray[Any]]] = dict(model.stages)
-    own: dict[str, Any] = {}
+    detector_notes: dict[str, Any] = {}
     if model.detector is not None:
         groups[DETECTOR] = model.detector.arrays()
-        own = model.detector.notes
-    about = {
+        detector_notes = model.detector.notes
+    head = {
         "format": FORMAT,
         "version": VERSION,
         "flgpr": flgpr.__version__,
         "detector": None if model.detector is None else model.detector.about(),
         "stages": list(model.stages),
-        "notes": {**model.notes, **own, **(notes or {})},
+        "notes": {**model.notes, **detector_notes, **(notes or {})},
     }
-    arrays = {
-        f"{stage}.{name}": array for stage, group in groups.items() for name, array in group.items()
-    }
+    arrays = {}
+    for stage, group in groups.items():
+        for name, array in group.items():
+            arrays[f"{stage}.{name}"] = array
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with whole_output(folder, replace=True) as made:
-        made.mkdir()
-        write_bundle(made / MODEL_FILE, arrays, about, lasting=True)
+    with whole_output(folder, replace=True) as partial:
+        partial.mkdir()
+        write_bundle(partial / MODEL_FILE, arrays, head, lasting=True)
     return folder
 
 
-def _stage_names(about: Mapping[str, Any]) -> list[str]:
-    """Take the names of the stages out of a model's words."""
-    names = about["stages"]
-    texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
-    if not texts or len({*names, DETECTOR}) <= len(names):
-        raise ValueError(f"stages must be a list of different names, got {str(names)[:60]}")
-    return list(names)
-
-
 def check_free_model(folder: str | Path) -> Path:
-    """Make sure that a model may be written at a place: nothing, or another model, lies there."""
+    """Return a folder in which a model may be written.
+
+    Raises
+    ------
+    FileExistsError
+        If anything but another model lies there.
+    """
     return check_free_folder(folder, (MODEL_FILE,), "model")
 
 
 def read_model(folder: str | Path) -> bytes:
-    """Read a model's file, whose SHA-256 stands for the model; a ValueError if it is missing or no regular file."""
+    """Return the bytes of a model's file, whose SHA-256 stands for the model.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing, or is no regular file.
+    """
     try:
         return Folder(folder).read(MODEL_FILE)
     except FileNotFoundError as error:
@@ -113,44 +160,83 @@ def read_model(folder: str | Path) -> bytes:
 
 
 def load_model(folder: str | Path, digest: str | None = None) -> Model:
-    """Read a model of :func:`save_model`; a ValueError if it is none, altered, or of another ``digest`` (SHA-256)."""
+    """Read a model that :func:`save_model` wrote. Nothing in the file can run.
+
+    Parameters
+    ----------
+    folder : str or path
+        The model's folder.
+    digest : str, optional
+        SHA-256 that the file must have.
+
+    Returns
+    -------
+    Model
+        What was learnt.
+
+    Raises
+    ------
+    ValueError
+        If the folder holds no model of this version, or one that was altered, or the file has
+        another digest.
+    """
     path = Path(folder) / MODEL_FILE
     data = read_model(folder)
     if digest not in (None, sha256(data)):
         raise ValueError(f"model {folder}: {MODEL_FILE} differs from what was written")
     try:
-        bundle = Bundle(path, data)
-        about = bundle.about
-        if (about.get("format"), about.get("version")) != (FORMAT, VERSION):
-            raise ValueError(f"format must be {FORMAT} version {VERSION}")
-        groups: dict[str, Arrays] = {name: {} for name in [*_stage_names(about), DETECTOR]}
-        for name, array in bundle.items():
-            stage, _, which = name.rpartition(".")
-            groups[stage][which] = array
-        own = groups.pop(DETECTOR)
-        notes = dict(about["notes"])
-        detector: Detector | None = None
-        if about["detector"] is not None:
-            kind = Classifier if about["detector"]["estimator"] == "fisher" else TrainedEstimator
-            detector = kind.restored(about["detector"], own, notes)
-        elif own:
-            raise ValueError(f"it holds {len(own)} arrays of a detector that it does not name")
+        return _restored(Bundle(path, data))
     except ValueError as error:
         raise ValueError(f"model {folder}: {error}") from None
     except Exception as error:  # parsers raise whatever they stumble over
         raise ValueError(f"model {folder}: it cannot be read ({error!r})") from None
+
+
+def _restored(bundle: Bundle) -> Model:
+    """Return the model that a bundle holds."""
+    head = bundle.about
+    _check_format(head)
+    groups: dict[str, Arrays] = {name: {} for name in [*_stage_names(head), DETECTOR]}
+    for name, array in bundle.items():
+        stage, _, array_name = name.rpartition(".")
+        groups[stage][array_name] = array
+    detector_arrays = groups.pop(DETECTOR)
+    notes = dict(head["notes"])
+    detector: Detector | None = None
+    if head["detector"] is not None:
+        kind = Classifier if head["detector"]["estimator"] == "fisher" else TrainedEstimator
+        detector = kind.restored(head["detector"], detector_arrays, notes)
+    elif detector_arrays:
+        raise ValueError(
+            f"it holds {len(detector_arrays)} arrays of a detector that it does not name"
+        )
     return Model(detector, groups, notes)
 
 
+def _check_format(head: Mapping[str, Any]) -> None:
+    """Refuse the head of a file that is no model of this version."""
+    if (head.get("format"), head.get("version")) != (FORMAT, VERSION):
+        raise ValueError(f"format must be {FORMAT} version {VERSION}")
+
+
+def _stage_names(head: Mapping[str, Any]) -> list[str]:
+    """Return the names of the stages in a model's head."""
+    names = head["stages"]
+    are_texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
+    if not are_texts or len({*names, DETECTOR}) <= len(names):
+        raise ValueError(f"stages must be a list of different names, got {str(names)[:60]}")
+    return list(names)
+
+
 def describe_model(folder: str | Path) -> dict[str, Any]:
-    """Return what a model holds by its head alone: none of its arrays is read, and nothing is made of them.
+    """Return what a model holds by its head alone: none of its arrays is read.
 
     Returns
     -------
     dict
-        ``path``, ``format``, ``version``, ``flgpr`` (that wrote it), ``detector`` (its words, or
-        None), ``stages``, ``notes``, ``arrays`` (name, dtype, shape, bytes of each) and ``bytes``
-        of all.
+        ``path``, ``format``, ``version``, ``flgpr`` (that wrote it), ``detector`` (its settings,
+        or None), ``stages``, ``notes``, ``arrays`` (name, dtype, shape, bytes of each) and
+        ``bytes`` of all.
 
     Raises
     ------
@@ -162,19 +248,11 @@ def describe_model(folder: str | Path) -> dict[str, Any]:
         raise ValueError(f"model {folder}: {MODEL_FILE} is missing")
     try:
         bundle = Bundle(path)
-        about = bundle.about
-        if (about.get("format"), about.get("version")) != (FORMAT, VERSION):
-            raise ValueError(f"format must be {FORMAT} version {VERSION}")
-        told = {
-            name: about.get(name)
-            for name in ("format", "version", "flgpr", "detector", "stages", "notes")
-        }
+        head = bundle.about
+        _check_format(head)
+        entries = {name: head.get(name) for name in _HEAD}
     except (ValueError, TypeError, AttributeError) as error:
         raise ValueError(f"model {folder}: {error}") from None
     arrays = bundle.listed()
-    return {
-        "path": str(path),
-        **told,
-        "arrays": arrays,
-        "bytes": sum(one["bytes"] for one in arrays),
-    }
+    total = sum(array["bytes"] for array in arrays)
+    return {"path": str(path), **entries, "arrays": arrays, "bytes": total}

@@ -1,4 +1,4 @@
-"""Progress of long work, told to whoever wants to show it."""
+"""How long work reports its progress."""
 
 from __future__ import annotations
 

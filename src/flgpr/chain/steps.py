@@ -1,7 +1,7 @@
 """The steps of the method that detection on stored runs and live detection take alike.
 
-What differs is what is known: of a stored run the background and the run-view of all scans, live those of the scans so
-far.
+What differs is what is known: of a stored run the background and the run-view of all scans, live
+those of the scans so far.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.model import Detector
-from flgpr.chain.recipe import RANKS, ContrastTable, PrescreenTable, Recipe
+from flgpr.chain.recipe import RANKS, Recipe
+from flgpr.chain.recipe_tables import ContrastTable, PrescreenTable
 from flgpr.chain.stages import ComplexArray, FeatureStage, FloatArray
 from flgpr.clutter import Background
 from flgpr.imaging.scan import blank_image
@@ -27,37 +28,36 @@ from flgpr.screen import MeanViewSums, RangeViewSums, RunViewSums, local_maxima
 
 @dataclass(frozen=True)
 class CleanedScan:
-    """A scan's images (polarization, subband, y, x) in units of their background, as far ahead as counts.
+    """A scan's images (polarization, subband, y, x), cleaned, as far ahead as counts.
 
-    The polarizations of ``coherent`` share one gain, those of ``own`` have their own; None where nothing reads them.
+    They are in units of their background.
     """
 
-    number: int
-    pose: FloatArray
+    number: int  #: the scan's number in the run
+    pose: FloatArray  #: (6,) in the lane frame
     magnitude: NDArray[np.float32]
+    #: with the phase and one gain that the polarizations share; None where nothing reads it
     coherent: ComplexArray | None = None
+    #: with the phase and a gain of each polarization's own; None where nothing reads it
     own: ComplexArray | None = None
 
 
 @dataclass(frozen=True)
 class Steps:
-    """The steps of a recipe on images of some channels, whose pixels that count are ``grid``.
-
-    ``stages`` are the feature stages that read images, by name; ``detector`` scores the alarms, by default their local
-    contrast does.
-    """
+    """The steps of a recipe on images of some channels."""
 
     recipe: Recipe
     polarizations: Sequence[str]
     subbands: Sequence[str]
-    grid: Grid
-    stages: Mapping[str, FeatureStage]
+    grid: Grid  #: the pixels that count, in the scan frame
+    stages: Mapping[str, FeatureStage]  #: the feature stages that read images, by name
     #: sub-bands whose polarimetric features are read; None reads all
     polarimetric: tuple[str, ...] | None = None
+    #: scores the alarms; without one their local contrast is the confidence
     detector: Detector | None = None
 
     def channel(self, table: ContrastTable | PrescreenTable) -> tuple[int, int]:
-        """Return where the polarization and sub-band of a table stand in the images."""
+        """Return the indices of a table's polarization and sub-band in the images."""
         polarization = list(self.polarizations).index(table.polarization)
         subband = list(self.subbands).index(table.subband)
         return polarization, subband
@@ -71,36 +71,56 @@ class Steps:
         background: Background,
         own: bool = False,
     ) -> CleanedScan:
-        """Remove the background from a scan's image (Eq. 2 to 4), as far as its features need it.
+        """Remove the background from a scan's image (Wang et al. 2007, Eq. 2 to 5).
 
-        ``own`` asks for the phase with a gain of each polarization's own even where no feature reads it.
+        Parameters
+        ----------
+        number : int
+            The scan's number in the run.
+        pose : (6,) ndarray
+            The scan's pose in the lane frame.
+        image : (polarization, subband, y, x) ndarray of complex
+            The image, at least the rows of the pixels that count.
+        gain : (polarization, subband) ndarray
+            The scan's gain.
+        background : Background
+            Self-signature and gain background.
+        own : bool
+            Asks for the phase with a gain of each polarization's own even where no feature reads
+            it.
+
+        Returns
+        -------
+        CleanedScan
+            The magnitude, and the phases that the recipe's features read.
         """
-        table = self.recipe.features
         rows = self.grid.ny
-        shared = table is not None and (table.gain == "shared" or table.variants)
-        if self.stages or (table is not None and (table.gain == "own" or table.variants)):
-            own = True
-        return CleanedScan(
-            number,
-            pose,
-            background.magnitude(image, gain, rows),
-            background.coherent(image, gain, rows) if shared else None,
-            background.own_coherent(image, gain, rows) if own else None,
-        )
+        table = self.recipe.features
+        needs_shared = False
+        needs_own = own or bool(self.stages)
+        if table is not None:
+            needs_shared = table.gain == "shared" or table.variants
+            needs_own = needs_own or table.gain == "own" or table.variants
+
+        magnitude = background.magnitude(image, gain, rows)
+        shared_phase = background.coherent(image, gain, rows) if needs_shared else None
+        own_phase = background.own_coherent(image, gain, rows) if needs_own else None
+        return CleanedScan(number, pose, magnitude, shared_phase, own_phase)
 
     def labelled(self, scan: CleanedScan) -> xr.DataArray:
-        """Return the image whose channels have their own gain with its names, axes, number and pose."""
+        """Return the image with each polarization's own gain, with its labels, axes and pose."""
         image = self._blank.copy(deep=False, data=scan.own)
         image.attrs = {"scan": scan.number, "pose": scan.pose.tolist()}
         return image
 
+    # The axes are made once: the viewer's explanations and the stages ask for every scan.
     @cached_property
     def _blank(self) -> xr.DataArray:
         return blank_image(list(self.polarizations), list(self.subbands), self.grid.y, self.grid.x)
 
     @property
     def single(self) -> str:
-        """Name of the column that is the confidence where nothing was trained."""
+        """Name of the column that is the confidence where no detector was trained."""
         table = self.recipe.contrast
         if self.recipe.confidence != "contrast" or self.recipe.features is None:
             return self.recipe.confidence
@@ -109,7 +129,20 @@ class Steps:
     def view_sums(
         self, grid: Grid, rows: slice | None = None
     ) -> RunViewSums | MeanViewSums | RangeViewSums:
-        """Make the sums of the recipe's look (Sec. II-B), on rows of a grid of the lane frame."""
+        """Return the empty sums of the recipe's look (Wang et al. 2007, Sec. II-B).
+
+        Parameters
+        ----------
+        grid : Grid
+            Pixels of the run-view, in the lane frame.
+        rows : slice, optional
+            Rows of the grid to sum on; by default all.
+
+        Returns
+        -------
+        RunViewSums, MeanViewSums or RangeViewSums
+            What the images of scans are added to.
+        """
         table = self.recipe.run_view
         if table.look == "ranges":
             return RangeViewSums(grid, table.y_max, rows, table.ranges, table.within)
@@ -118,11 +151,36 @@ class Steps:
         return RunViewSums(grid, table.y_max, rows)
 
     def maxima(self, view: xr.DataArray) -> pd.DataFrame:
-        """Find the local maxima of one channel of a run-view (y, x): x, y (m) and magnitude (Sec. II-B)."""
+        """Find the local maxima of one channel of a run-view (Wang et al. 2007, Sec. II-B).
+
+        Parameters
+        ----------
+        view : (y, x) DataArray
+            One channel of a run-view.
+
+        Returns
+        -------
+        DataFrame
+            ``x``, ``y`` (m, lane frame) and ``magnitude``.
+        """
         return local_maxima(view, self.recipe.prescreen.radius)
 
     def confidence(self, features: pd.DataFrame, magnitude: pd.Series[float]) -> Any:
-        """Score alarms by their features and magnitude; NaN where one that is read is missing."""
+        """Score alarms by their features and magnitude.
+
+        Parameters
+        ----------
+        features : DataFrame
+            A row per alarm.
+        magnitude : Series
+            Their magnitudes in the run-view.
+
+        Returns
+        -------
+        (alarm,) array_like
+            The confidence, higher for what is more like a mine; NaN where a feature that is read is
+            missing.
+        """
         table = features.assign(magnitude=magnitude)
         if self.detector is None:
             return table[self.single]
@@ -130,7 +188,7 @@ class Steps:
 
 
 def check_confidence(recipe: Recipe, columns: Iterable[str]) -> None:
-    """Refuse a recipe whose confidence is none of the columns that its stages make."""
+    """Refuse a recipe whose confidence is none of the columns that its stages add."""
     known = [*RANKS, *columns]
     if recipe.confidence not in known:
         raise ValueError(f"confidence must be one of {', '.join(known)}, got {recipe.confidence!r}")

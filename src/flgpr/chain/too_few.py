@@ -1,4 +1,4 @@
-"""Training on too few mines: how it is told what there was, step by step, and what to change in the recipe."""
+"""Training on too few mines: the counts of every step, and what to change in the recipe."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from flgpr.chain.stages import TrainingView
 
-Shown = Literal["all", "mines", "clutter"]
+TrainedOn = Literal["all", "mines", "clutter"]
+"""The classes of alarms that a detector is trained on."""
+HALF = 0.5
+"""Largest share of the mines that makes templates and thresholds where a detector learns, too."""
 _HEADERS = {
     "clutter": "[[clutter]]",
     "map": "[map]",
     "screen": "[screen]",
     "features": "[[columns]]",
 }
-# of the mines make templates and thresholds, at most, where a detector learns from the others
-HALF = 0.5
 
 
 class Tally(NamedTuple):
-    """How many of what a step left."""
+    """How many targets, alarms or samples a step left."""
 
     number: int
     what: str
@@ -36,12 +37,12 @@ class Tally(NamedTuple):
 
 
 class Change(NamedTuple):
-    """An entry of a recipe, a value that lets more through, and the value it has; ``table`` is its header."""
+    """An entry of a recipe with a value that lets more through."""
 
     key: str
     value: Any
-    now: Any
-    table: str = ""
+    now: Any  #: the value that it has
+    table: str = ""  #: header of its table
 
     def __str__(self) -> str:
         return f"{self.key} = {_toml(self.value)} in {self.table} (now {_toml(self.now)})"
@@ -69,30 +70,53 @@ class TooFewExamplesError(ValueError):
         self.changes = tuple(changes)
 
     def of_stage(self, name: str, before: Sequence[Tally] = ()) -> ValueError:
-        """Word it for a stage by its name in the recipe; ``before`` counts what the steps before it left."""
-        changes = [one if one.table else one._replace(table=header(name)) for one in self.changes]
+        """Return the error of a stage by its name in the recipe.
+
+        ``before`` counts what the steps before it left.
+        """
+        changes = []
+        for change in self.changes:
+            if not change.table:
+                change = change._replace(table=header(name))
+            changes.append(change)
         return cannot_be_trained(name, f"it needs {self.needed}", [*before, *self.counts], changes)
 
 
-def check_classes(shown: Shown, hits: int, false_alarms: int) -> None:
-    """Refuse training without an example of a class that a detector is shown."""
-    if (shown != "clutter" and not hits) or (shown != "mines" and not false_alarms):
-        words = {"all": "hits and false alarms", "mines": "hits", "clutter": "false alarms"}[shown]
-        raise TooFewExamplesError(f"{words}, got {hits} hits and {false_alarms} false alarms")
+def check_classes(trained_on: TrainedOn, hits: int, false_alarms: int) -> None:
+    """Refuse training without an example of a class that a detector is trained on."""
+    lacks_hits = trained_on != "clutter" and not hits
+    lacks_false_alarms = trained_on != "mines" and not false_alarms
+    if lacks_hits or lacks_false_alarms:
+        classes = {"all": "hits and false alarms", "mines": "hits", "clutter": "false alarms"}
+        raise TooFewExamplesError(
+            f"{classes[trained_on]}, got {hits} hits and {false_alarms} false alarms"
+        )
 
 
 def cannot_be_trained(
     name: str, why: str, counts: Sequence[Tally], changes: Sequence[Change] = ()
 ) -> ValueError:
-    """Word that something cannot be trained: why, what each step left, and what to change."""
-    parts = [f"{name} cannot be trained: {why.removesuffix('.')}."]
+    """Return the error of a stage or detector that cannot be trained.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    why : str
+        The reason.
+    counts : sequence of Tally
+        What each step left.
+    changes : sequence of Change
+        Entries of the recipe that let more through.
+    """
+    sentences = [f"{name} cannot be trained: {why.removesuffix('.')}."]
     if counts:
-        parts.append(f"Step by step: {'; '.join(map(str, counts))}.")
+        sentences.append(f"Step by step: {'; '.join(map(str, counts))}.")
     if changes:
-        parts.append(f"Set {', or '.join(map(str, changes))}; or give more lanes with mines.")
+        sentences.append(f"Set {', or '.join(map(str, changes))}; or give more lanes with mines.")
     else:
-        parts.append("Give more lanes with mines.")
-    return ValueError(" ".join(parts))
+        sentences.append("Give more lanes with mines.")
+    return ValueError(" ".join(sentences))
 
 
 def header(name: str) -> str:
@@ -103,78 +127,113 @@ def header(name: str) -> str:
 
 
 def _toml(value: Any) -> str:
-    """Write a value as TOML does: JSON is the same for words, numbers, truth values and lists of them."""
+    """Return a value as TOML writes it."""
+    # JSON is the same for words, numbers, truth values and lists of them.
     return json.dumps(list(value) if isinstance(value, tuple) else value, ensure_ascii=False)
 
 
 def looser_entries(settings: Any, values: Mapping[str, Any], table: str = "") -> list[Change]:
-    """List the entries of a table that do not have these values yet."""
-    present = {key: getattr(settings, key) for key in values}
-    return [
-        Change(key, value, present[key], table)
-        for key, value in values.items()
-        if present[key] != value
-    ]
+    """Return the entries of a table that do not have these values yet."""
+    changes = []
+    for key, value in values.items():
+        present = getattr(settings, key)
+        if present != value:
+            changes.append(Change(key, value, present, table))
+    return changes
 
 
 def count_targets(truths: Sequence[pd.DataFrame]) -> Tally:
-    """Count the targets of truth tables by kind."""
+    """Count the targets of truth tables, by kind."""
     kinds = pd.concat([truth["kind"] for truth in truths]).value_counts().sort_index()
-    each = ", ".join(f"{number} {kind}" for kind, number in kinds.items())
-    return Tally(
-        int(kinds.sum()), f"targets in the truth ({each})" if each else "targets in the truth"
-    )
+    counts = ", ".join(f"{number} {kind}" for kind, number in kinds.items())
+    what = "targets in the truth"
+    if counts:
+        what += f" ({counts})"
+    return Tally(int(kinds.sum()), what)
 
 
 def count_in_views(views: Sequence[TrainingView], spent: Sequence[pd.DataFrame]) -> list[Tally]:
-    """Count the targets that run-views hold, that scans saw in all channels, and that a stage learns from."""
-    inside = seen = seen_of_spent = 0
+    """Count the targets that run-views hold.
+
+    Parameters
+    ----------
+    views : sequence of TrainingView
+        Run-view and truth of every training lane.
+    spent : sequence of DataFrame
+        Of each lane the rows of the truth that the stage learns from; may be empty.
+
+    Returns
+    -------
+    list of Tally
+        Targets in the run-views, those that scans saw in all channels, and how many of these the
+        stage learns from.
+    """
+    inside = 0
+    seen = 0
+    seen_of_spent = 0
     for number, lane in enumerate(views):
-        shown = _seen(lane.view, lane.truth)
+        is_seen = _seen_in_all_channels(lane.view, lane.truth)
         inside += int(_inside(lane.view, lane.truth).sum())
-        seen += int(shown.sum())
+        seen += int(is_seen.sum())
         if spent:
-            seen_of_spent += int(shown[lane.truth.index.isin(spent[number].index)].sum())
+            is_spent = lane.truth.index.isin(spent[number].index)
+            seen_of_spent += int(is_seen[is_spent].sum())
     counts = [Tally(inside, "in the run-view"), Tally(seen, "seen in all of its channels")]
     if not spent:
         return counts
-    taken = sum(map(len, spent))
     return [
         *counts,
-        Tally(taken, "taken for this stage"),
+        Tally(sum(map(len, spent)), "taken for this stage"),
         Tally(seen_of_spent, "of these seen in all channels"),
     ]
 
 
 def _inside(view: xr.DataArray, truth: pd.DataFrame) -> NDArray[np.bool_]:
-    x, y = view["x"].values, view["y"].values
-    return np.asarray(truth["x"].between(x[0], x[-1]) & truth["y"].between(y[0], y[-1]), dtype=bool)
+    """Return which targets lie within the borders of a run-view."""
+    x = view["x"].values
+    y = view["y"].values
+    inside = truth["x"].between(x[0], x[-1]) & truth["y"].between(y[0], y[-1])
+    return np.asarray(inside, dtype=bool)
 
 
-def _seen(view: xr.DataArray, truth: pd.DataFrame) -> NDArray[np.bool_]:
+def _seen_in_all_channels(view: xr.DataArray, truth: pd.DataFrame) -> NDArray[np.bool_]:
     """Return which targets lie on a pixel of the run-view that has a magnitude in all channels."""
-    x, y = (view[axis].values for axis in "xy")
-    column = np.abs(x - truth["x"].to_numpy(dtype=np.float64)[:, None]).argmin(axis=1)
-    row = np.abs(y - truth["y"].to_numpy(dtype=np.float64)[:, None]).argmin(axis=1)
+    column = _nearest(view["x"].values, truth["x"])
+    row = _nearest(view["y"].values, truth["y"])
     magnitude = view.values.reshape(-1, *view.shape[-2:])[:, row, column]
     return np.asarray(_inside(view, truth) & (magnitude > 0).all(axis=0), dtype=bool)
 
 
+def _nearest(axis: NDArray[np.float64], coordinates: pd.Series[float]) -> NDArray[np.intp]:
+    """Return the index of the pixel of an axis that is nearest to each coordinate."""
+    distance = np.abs(axis - coordinates.to_numpy(dtype=np.float64)[:, None])
+    return distance.argmin(axis=1)
+
+
 def share_changes(settings: Any, name: str) -> list[Change]:
-    """Offer to let more of the mines make what a stage learns, where its table says how many."""
+    """Return the change that lets more of the mines make what a stage learns.
+
+    None where its table has no ``share``, or one that is large enough.
+    """
     share = getattr(settings, "share", HALF)
     return [Change("share", HALF, share, header(name))] if share < HALF else []
 
 
 def clear_change(settings: Any) -> Change:
-    """Offer clutter nearer to the targets: half as far, and no farther than the stage does by itself."""
-    usual = type(settings).model_fields["clear"].default
-    return Change("clear", min(settings.clear / 2, usual), settings.clear)
+    """Return the change that takes clutter from nearer to the targets.
+
+    It is half as far, and no farther than the stage's default.
+    """
+    default = type(settings).model_fields["clear"].default
+    return Change("clear", min(settings.clear / 2, default), settings.clear)
 
 
 def kinds_change(settings: Any, views: Sequence[TrainingView]) -> list[Change]:
-    """Offer the kinds of targets that the truth holds, where these are others than a stage learns from."""
+    """Return the change to the kinds of targets that the truth holds.
+
+    None where a stage learns from all of them already.
+    """
     kinds = sorted(set(pd.concat([lane.truth["kind"] for lane in views])))
-    return (
-        [Change("kinds", kinds, list(settings.kinds))] if set(kinds) - set(settings.kinds) else []
-    )
+    if not set(kinds) - set(settings.kinds):
+        return []
+    return [Change("kinds", kinds, list(settings.kinds))]

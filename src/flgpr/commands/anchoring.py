@@ -15,7 +15,7 @@ from flgpr.model import Lane
 from flgpr.store import open_run, read_lane, save_run, write_whole
 from flgpr.store.files import existing, faults_of
 from flgpr.store.outputs import whole_output, write_new
-from flgpr.store.tables import read_text_table
+from flgpr.store.text_tables import read_text_table
 
 PathLike = str | Path
 _PROJECTED = ("easting_m", "northing_m")

@@ -15,7 +15,7 @@ from flgpr.commands.positions import track_of
 from flgpr.model.arrays import FloatArray
 from flgpr.store import save_run
 from flgpr.store.files import existing
-from flgpr.store.tables import read_text_table
+from flgpr.store.text_tables import read_text_table
 
 PathLike = str | Path
 

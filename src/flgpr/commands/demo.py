@@ -67,7 +67,7 @@ def demo(
     from flgpr.chain.method import detect
     from flgpr.chain.progress import silent
     from flgpr.chain.recipe import parse_recipe, recipe_text
-    from flgpr.chain.recipe_for_run import area_of
+    from flgpr.chain.recipe_fit import area_of
     from flgpr.commands.scoring import score_result
     from flgpr.results.description import describe_run
     from flgpr.results.result import check_free, write_result

@@ -206,7 +206,7 @@ def _detect_lane(
 ) -> None:
     """Detect on one stored run, in one piece or in sections."""
     from flgpr.chain.recipe import parse_recipe
-    from flgpr.chain.recipe_for_run import area_of
+    from flgpr.chain.recipe_fit import area_of
     from flgpr.execution.driver import detect_lane
     from flgpr.execution.job import make_job
     from flgpr.store import open_run, read_lane

@@ -32,7 +32,7 @@ from flgpr.model.motion import judge_run
 from flgpr.model.track import reference_track
 from flgpr.store import RunWriter, save_run, write_geojson, write_table, write_whole
 from flgpr.store.outputs import tell_finished
-from flgpr.store.run_store import RunExistsError, is_stored
+from flgpr.store.run_writer import RunExistsError, is_stored
 
 _TABLES_OF_DECKS = ("truth.csv", "truth.json", "objects.csv", "objects.json", "lane.toml")
 

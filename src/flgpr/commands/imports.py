@@ -114,7 +114,7 @@ def import_gprmax(
     """
     from flgpr.chain.progress import silent
     from flgpr.commands.importing import import_gprmax_decks
-    from flgpr.formats.gprmax_files import GprmaxTold, import_gprmax_files
+    from flgpr.formats.gprmax_files import GprmaxSetup, import_gprmax_files
     from flgpr.store import save_run
     from flgpr.store.notes import tell_note
 
@@ -131,7 +131,7 @@ def import_gprmax(
     if (waveform is None) != (centre is None):
         raise ValueError("--waveform and --centre go together")
     pulse = None if waveform is None or centre is None else (waveform, centre)
-    stated = GprmaxTold(band, transmit, ground, horizontal, vertical, pulse)
+    stated = GprmaxSetup(band, transmit, ground, horizontal, vertical, pulse)
     run = import_gprmax_files(sources, stated)
     for import_note in run.attrs["import_notes"]:
         tell_note(import_note)
@@ -313,7 +313,7 @@ def import_gpr(
     file: Annotated[
         Paths,
         Argument(
-            help="Recording: .dt1, .dzt, .rd3, .rd7, .iprb, .sgy, .segy, .su or .ogpr; "
+            help="Recording: .dt1, .dzt, .rd3, .rd7, .iprb, .dt, .sgy, .segy, .su or .ogpr; "
             "several make a survey."
         ),
     ],

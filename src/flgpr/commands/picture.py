@@ -120,10 +120,11 @@ def _write(picture: Picture, path: Path, poses: NDArray[np.float64]) -> None:
         if ending == ".zarr":
             image.to_dataset("polarization").to_zarr(partial, zarr_format=2, consolidated=True)
         elif ending == ".png":
-            from flgpr.report.figures import image_figure  # loads Matplotlib
+            from flgpr.report import figure_png  # loads Matplotlib
+            from flgpr.report.figures import image_figure
 
             figure = image_figure(image, picture.peaks, poses)
-            figure.savefig(partial, dpi=110, format="png", metadata={"Software": None})
+            partial.write_bytes(figure_png(figure))
         else:
             axes = {str(name): axis.values for name, axis in image.coords.items()}
             np.savez(partial, image=image.values, **axes)

@@ -194,7 +194,8 @@ def _write(drawn: Radargram, path: Path) -> None:
 
 def _write_png(drawn: Radargram, path: Path) -> None:
     """Draw a radargram as PNG."""
-    from flgpr.report.radargram import radargram_figure  # loads Matplotlib
+    from flgpr.report import figure_png  # loads Matplotlib
+    from flgpr.report.radargram import radargram_figure
 
     figure = radargram_figure(
         drawn.values,
@@ -206,7 +207,7 @@ def _write_png(drawn: Radargram, path: Path) -> None:
         drawn.unit,
         drawn.steps,
     )
-    figure.savefig(path, dpi=110, format="png", metadata={"Software": None})
+    path.write_bytes(figure_png(figure))
 
 
 def _write_npz(drawn: Radargram, path: Path) -> None:

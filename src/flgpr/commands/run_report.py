@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from flgpr.calibrate import channel_health, health_summary
 from flgpr.chain.recipe import Recipe, lane_of, load_recipe, recipe_names
-from flgpr.chain.recipe_for_run import fit_faults
+from flgpr.chain.recipe_fit import fit_faults
 from flgpr.door import Folder
 from flgpr.imaging import count_looks
 from flgpr.imaging.ground import covered_ground, grid_ahead
@@ -169,12 +169,15 @@ def _write_plot(
     path: PathLike, description: dict[str, Any], lane: Lane, looks: xr.DataArray
 ) -> None:
     """Draw plan, coverage and side view as PNG."""
-    from flgpr.report import geometry_figure  # loads Matplotlib, which the text does without
+    from flgpr.report import (  # loads Matplotlib, which the text does without
+        figure_png,
+        geometry_figure,
+    )
 
     margin = 0.1 * (lane.x_max - lane.x_min)
     figure = geometry_figure(description, lane, looks, margin)
     with whole_output(Path(path)) as partial:
-        figure.savefig(partial, dpi=110, format="png", metadata={"Software": None})
+        partial.write_bytes(figure_png(figure))
 
 
 def model_info(folder: PathLike) -> dict[str, Any]:

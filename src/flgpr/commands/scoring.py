@@ -397,7 +397,7 @@ def compare_alarms(
     comparison = side_by_side(matches, far_points, rules)
 
     curves = {name: score.curve for name, score in scores.items()}
-    stated_rules = {**first_score.told_rules(), "far_max": rules.far_max}
+    stated_rules = {**first_score.rules_summary(), "far_max": rules.far_max}
     write_comparison(output, comparison, curves, stated_rules, provenance_by_name, overwrite)
     return comparison
 

@@ -105,7 +105,7 @@ def simulate_lane(
     from flgpr.execution.simulated_lane import simulate_to_store
     from flgpr.model import load_sensor
     from flgpr.simulate import load_scene
-    from flgpr.simulate.simulator import check_effort
+    from flgpr.simulate.effort import check_effort
 
     loaded_scene = load_scene(scene)
     array = load_sensor(sensor)

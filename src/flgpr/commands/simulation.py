@@ -56,10 +56,12 @@ def preview_figure(scene: Scene, seed: int, force: bool = False) -> Figure:
 
 def write_preview(scene: Scene, seed: int, path: PathLike, force: bool) -> Path:
     """Draw a scene and write it as PNG."""
+    from flgpr.report import figure_png  # loads what pages are made with
+
     target = Path(path)
     figure = preview_figure(scene, seed, force)
     with whole_output(target) as partial:
-        figure.savefig(partial, dpi=100, format="png", metadata={"Software": None})
+        partial.write_bytes(figure_png(figure, dpi=100))
     return target
 
 

@@ -112,10 +112,11 @@ def _write(slices: Slices, poses: NDArray[np.float64], path: Path) -> None:
     """Write slices as PNG or NumPy archive, by the ending."""
     with whole_output(path) as partial:
         if path.suffix.lower() == ".png":
-            from flgpr.report.slices import slices_figure  # loads Matplotlib
+            from flgpr.report import figure_png  # loads Matplotlib
+            from flgpr.report.slices import slices_figure
 
             figure = slices_figure(slices.image, poses)
-            figure.savefig(partial, dpi=110, format="png", metadata={"Software": None})
+            partial.write_bytes(figure_png(figure))
         else:
             axes = {str(name): axis.values for name, axis in slices.image.coords.items()}
             np.savez(partial, image=slices.image.values, **axes)

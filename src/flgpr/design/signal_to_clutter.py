@@ -26,11 +26,11 @@ from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import Grid, Sensor
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.faults import first_fault
+from flgpr.model.refraction import apparent_shift
 from flgpr.simulate import Scene, Simulator
 from flgpr.simulate.bodies.echoes import Ground, incidence
 from flgpr.simulate.bodies.signature import FREQUENCY, find_table
 from flgpr.simulate.bodies.targets import mean_amplitude
-from flgpr.simulate.ground.refraction import apparent_shift
 from flgpr.simulate.ground.roughness import surface_backscatter
 from flgpr.simulate.radar.spread import ArrayState
 from flgpr.simulate.scene.scene import Soil, Surface, Target, Track

@@ -1,6 +1,7 @@
 """The work folder: what an interrupted detection has done so far, in files that are whole and proven or absent.
 
-Nothing is flushed to the disk on purpose: what a crash of the machine tears is found out and made again.
+Nothing is flushed to the disk on purpose: what a crash of the machine tears is found out and made
+again.
 """
 
 from __future__ import annotations
@@ -169,8 +170,9 @@ def _locked(path: Path) -> Iterator[bool]:
 def begin(folder: Path, job: dict[str, Any], most: int = MOST_BUNDLE) -> Iterator[Checkpoint]:
     """Begin a job in a work folder, or go on with it; no other process can begin while the context lasts.
 
-    ``job`` holds all that the outcome depends on, as JSON, and ``most`` is the size of the largest file in bytes. What
-    belongs to another job, or is damaged, is deleted; anything that a work folder does not hold is refused.
+    ``job`` holds all that the outcome depends on, as JSON, and ``most`` is the size of the largest
+    file in bytes. What belongs to another job, or is damaged, is deleted; anything that a work
+    folder does not hold is refused.
     """
     folder.mkdir(exist_ok=True)
     with _locked(folder / _LOCK) as alone:

@@ -1,7 +1,7 @@
 """One lane from run to result: what drives the pieces of work, in sections if need be, and goes on after a stop.
 
-A lane in sections becomes a folder with a result folder per section, ``alarms.csv`` with all alarms ranked together,
-``lane.toml``, and ``sections.json``, which lists them with their digests.
+A lane in sections becomes a folder with a result folder per section, ``alarms.csv`` with all alarms
+ranked together, ``lane.toml``, and ``sections.json``, which lists them with their digests.
 """
 
 from __future__ import annotations
@@ -66,11 +66,11 @@ def detect_lane(
 ) -> list[Path]:
     """Run a recipe on a stored lane, block by block; give its result folder, or those of its sections in their order.
 
-    ``OUTPUT.work`` keeps what is done until the result is written: after a stop, however hard, the same call goes on
-    there, to the same bits. A lane that would take more than the job's memory, or is longer than ``longest`` (m;
-    infinity for one piece or not at all), is taken in sections, which together hold the alarms that the whole lane
-    would. Without ``overwrite`` a whole result of this job and version is left as it is, and any other is a
-    FileExistsError.
+    ``OUTPUT.work`` keeps what is done until the result is written: after a stop, however hard, the
+    same call goes on there, to the same bits. A lane that would take more than the job's memory, or
+    is longer than ``longest`` (m; infinity for one piece or not at all), is taken in sections,
+    which together hold the alarms that the whole lane would. Without ``overwrite`` a whole result
+    of this job and version is left as it is, and any other is a FileExistsError.
     """
     folder = check_free(job.output)
     first = open_lane(job)  # refuses what does not fit before anything is written
@@ -110,7 +110,8 @@ def passes_of_lane(
 ) -> Iterator[LaneSetup]:
     """Do the passes of a stored training lane, but for what explains alarms, and yield the lane with their results.
 
-    With a truth they end where the first stage that has not learnt yet has its examples. ``OUTPUT.work`` is kept.
+    With a truth they end where the first stage that has not learnt yet has its examples.
+    ``OUTPUT.work`` is kept.
     """
     job = replace(job, explains=False)
     lane = open_lane(job)
@@ -318,7 +319,8 @@ def results_at(folder: str | Path) -> list[Path]:
 def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
     """Return whether the output of a job is whole, and take away what a kill left beside it.
 
-    Nothing there, or a result of this job that lacks its report, is none yet; any other result is a FileExistsError.
+    Nothing there, or a result of this job that lacks its report, is none yet; any other result is a
+    FileExistsError.
     """
     folder = Path(job.output)
     if not any((folder / name).is_file() for name in ("manifest.json", SECTIONS)):

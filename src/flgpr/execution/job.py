@@ -23,10 +23,9 @@ import numpy as np
 import pandas as pd
 
 import flgpr
-from flgpr.chain.detection import detection_of
 from flgpr.chain.engine import BLOCK, Arrays, Engine, block_name, worker_state
 from flgpr.chain.lane_setup import LaneSetup
-from flgpr.chain.method import engine_of
+from flgpr.chain.method import detection_of, engine_of
 from flgpr.chain.model import Model, load_model, read_model
 from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.sections import Section, section_lane, section_note
@@ -207,8 +206,9 @@ def _so_far(name: str) -> str:
 def _merge_ahead(engine: Engine, work: Checkpoint, name: str) -> None:
     """Merge the first blocks of a pass that are done, if they are large together, to the bits of one merge of all.
 
-    Only where all blocks are gone through. Sums are then no larger than those of one block; what grows with scans is
-    merged when there is twice as much of it, so that it is not written over and over.
+    Only where all blocks are gone through. Sums are then no larger than those of one block; what
+    grows with scans is merged when there is twice as much of it, so that it is not written over and
+    over.
     """
     planned = engine.passes[name]
     if not planned.all_scans or planned.keep_blocks:
@@ -291,7 +291,8 @@ def _open(job: LaneJob) -> tuple[LaneSetup, Engine, Checkpoint]:
         )
     if not job.work.is_dir():
         raise ValueError(
-            f"worker {socket.gethostname()} must see the work folder of the driver, got no {job.work}"
+            f"worker {socket.gethostname()} must see the work folder of the driver, got no "
+            f"{job.work}"
         )
     with _OPENING:
         return _opened(job)
@@ -312,7 +313,8 @@ def open_lane(job: LaneJob, results: MutableMapping[str, Any] | None = None) -> 
     for name, path, digest in (("run", job.run, job.store_sha256), *job.others):
         if read_manifest(path)["sha256"] != digest:
             raise ValueError(
-                f"worker {socket.gethostname()} must see the {name} of the driver, got another at {path}"
+                f"worker {socket.gethostname()} must see the {name} of the driver, got another at "
+                f"{path}"
             )
     model = None if job.model is None else _model_of(job, job.model)
     others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
@@ -332,7 +334,8 @@ def open_lane(job: LaneJob, results: MutableMapping[str, Any] | None = None) -> 
 def _model_of(job: LaneJob, folder: str) -> Model:
     if sha256(read_model(folder)) != job.model_sha256:
         raise ValueError(
-            f"worker {socket.gethostname()} must see the model of the driver, got another at {folder}"
+            f"worker {socket.gethostname()} must see the model of the driver, got another at "
+            f"{folder}"
         )
     return load_model(folder, job.model_sha256)
 

@@ -10,7 +10,8 @@ from flgpr import __version__
 from flgpr.chain.progress import Track, silent
 from flgpr.model import Sensor
 from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.simulator import check_effort, warn_of_aliases
+from flgpr.simulate.effort import check_effort
+from flgpr.simulate.simulator import warn_of_aliases
 from flgpr.store import (
     RunWriter,
     canonical_json,
@@ -21,7 +22,7 @@ from flgpr.store import (
     write_whole,
 )
 from flgpr.store.outputs import tell_finished, whole_output
-from flgpr.store.run_store import RunExistsError
+from flgpr.store.run_writer import RunExistsError
 
 
 def simulate_to_store(
@@ -38,12 +39,13 @@ def simulate_to_store(
 ) -> list[Path]:
     """Simulate a lane scan by scan into a run store, and return the paths of all that was written.
 
-    Beside it stand ``NAME-truth.csv`` (or what ``truth`` names) and ``NAME-objects.csv``, as JSON in the lane frame,
-    too, and ``NAME-lane.toml``; ``blind``, only the last. A stopped call goes on when made again with the same
-    arguments, to the same bits; without ``resume`` it begins again; and a whole lane of the same arguments stays as it
-    is. What another lane's call left is a RunStoreError. What would take too much memory or time is a ValueError before
-    anything is made, unless ``force`` is given; a footprint that reaches beyond what the steps of the tones keep apart
-    is a UserWarning.
+    Beside it stand ``NAME-truth.csv`` (or what ``truth`` names) and ``NAME-objects.csv``, as JSON
+    in the lane frame, too, and ``NAME-lane.toml``; ``blind``, only the last. A stopped call goes on
+    when made again with the same arguments, to the same bits; without ``resume`` it begins again;
+    and a whole lane of the same arguments stays as it is. What another lane's call left is a
+    RunStoreError. What would take too much memory or time is a ValueError before anything is made,
+    unless ``force`` is given; a footprint that reaches beyond what the steps of the tones keep
+    apart is a UserWarning.
     """
     check_effort(scene, sensor, force)
     warn_of_aliases(sensor)

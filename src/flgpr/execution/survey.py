@@ -12,7 +12,7 @@ from typing import Any
 from flgpr.chain.memory import plan_sections, sizes_of
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import as_imaged, parse_recipe
-from flgpr.chain.recipe_for_run import area_of
+from flgpr.chain.recipe_fit import area_of
 from flgpr.door import read_named
 from flgpr.execution.driver import Note, detect_lane, holds_result, is_done, results_at, unnoted
 from flgpr.execution.job import LaneJob, make_job
@@ -65,10 +65,11 @@ def detect_survey(
 ) -> list[Path]:
     """Run a recipe on many stored lanes; give their folders in the runs' order, results or folders of sections.
 
-    Lanes whose result is there are left out, so that a stopped survey goes on. ``output`` takes a result folder per
-    lane, named like its run, and ``survey.json``. Where others do the work two lanes are worked on at once by default,
-    so that none of them waits for the last block of a stage. Without ``overwrite`` a lane whose place holds another
-    result is refused before any is begun.
+    Lanes whose result is there are left out, so that a stopped survey goes on. ``output`` takes a
+    result folder per lane, named like its run, and ``survey.json``. Where others do the work two
+    lanes are worked on at once by default, so that none of them waits for the last block of a
+    stage. Without ``overwrite`` a lane whose place holds another result is refused before any is
+    begun.
     """
     recipe = parse_recipe(recipe_text)
     survey = Path(output)

@@ -22,8 +22,9 @@ from flgpr.chain.engine import Arrays
 from flgpr.chain.estimators import train_estimator
 from flgpr.chain.lane_setup import LaneSetup
 from flgpr.chain.model import MODEL_FILE, Model, check_free_model, load_model, save_model
-from flgpr.chain.recipe import RANKS, DetectorTable, Recipe, parse_recipe
-from flgpr.chain.recipe_for_run import area_of
+from flgpr.chain.recipe import RANKS, Recipe, parse_recipe
+from flgpr.chain.recipe_fit import area_of
+from flgpr.chain.recipe_tables import DetectorTable
 from flgpr.chain.stages import TrainingView
 from flgpr.chain.too_few import (
     TooFewExamplesError,
@@ -265,7 +266,7 @@ class _Course:
                 )
             except TooFewExamplesError as error:
                 steps = count_alarm_steps(alarms, raised, spent, wanted, label_radius)
-                raise steps.told(error, self.recipe, table.on) from None
+                raise steps.error(error, self.recipe, table.on) from None
         self.model = replace(self.model, detector=detector)
 
     def learn_forecast(self) -> None:

@@ -1,7 +1,7 @@
 """Who does the work: this process, other processes of this machine, or a Dask cluster.
 
-All of them take a function of a module and a list of arguments and give back what the function returns, as the work
-gets done. What they return is small: arrays go through the work folder.
+All of them take a function of a module and a list of arguments and give back what the function
+returns, as the work gets done. What they return is small: arrays go through the work folder.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ class Executor(AbstractContextManager["Executor"]):
     ) -> Generator[Report]:
         """Do a piece of work for each set of arguments and yield what it returns, in any order.
 
-        A single process may do as many at once as ``threads`` says. Close it where it may not be used up.
+        A single process may do as many at once as ``threads`` says. Close it where it may not be
+        used up.
         """
 
 
@@ -70,7 +71,8 @@ class InProcess(Executor):
 class Processes(Executor):
     """Does the work in processes of this machine, which share its processors evenly and end when this process does.
 
-    If one is killed, its work is begun anew. Scripts use it under ``if __name__ == "__main__"``, since it imports them.
+    If one is killed, its work is begun anew. Scripts use it under ``if __name__ == "__main__"``,
+    since it imports them.
     """
 
     def __init__(self, count: int) -> None:
@@ -147,9 +149,9 @@ def _end_with_parent() -> None:
 class Cluster(Executor):
     """Hands the work to the workers of an existing Dask cluster, by the scheduler's address (``tcp://host:8786``).
 
-    Only small values go through it: arrays stay in the work folder, which all see. A lost worker costs what it was at.
-    Run, model and output must have the same path on every worker, and the workers
-    the same versions as this process.
+    Only small values go through it: arrays stay in the work folder, which all see. A lost worker
+    costs what it was at. Run, model and output must have the same path on every worker, and the
+    workers the same versions as this process.
     """
 
     def __init__(self, address: str) -> None:

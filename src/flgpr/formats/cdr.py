@@ -1,4 +1,9 @@
-"""Messages of ROS 2 as numbers: the OMG's Common Data Representation, by the definitions that a recording holds."""
+"""Messages of ROS 2 as numbers, by the definitions that a recording holds.
+
+The encoding is the OMG's Common Data Representation (CDR). It is decoded here and not by
+``mcap-ros2-support``: that library returns a text or a byte array that is cut off as if it were
+complete, and builds arrays number by number in Python. It is the oracle of the tests.
+"""
 
 from __future__ import annotations
 
@@ -11,143 +16,213 @@ from numpy.typing import NDArray
 
 Decoder = Callable[[bytes], dict[str, Any]]
 _NUMBERS = {
-    "bool": "u1", "byte": "u1", "char": "u1", "float32": "f4", "float64": "f8", "int8": "i1", "uint8": "u1",
-    "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8",
-}  # fmt: skip
+    "bool": "u1",
+    "byte": "u1",
+    "char": "u1",
+    "float32": "f4",
+    "float64": "f8",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "int64": "i8",
+    "uint64": "u8",
+}
+"""NumPy types of the primitive types of ROS 2."""
+_TEXT = "text"
+_VARIABLE = -1
+_LENGTH_BYTES = 4  # of the count before a text or a sequence
+_HEAD_BYTES = 4  # of a message: byte order and options; alignment counts from behind them
 _FIELD = re.compile(r"([\w/]+)(?:<=\d+)?(\[(?:(?:<=)?\d+)?\])?\s+(\w+)(?:\s+[^=\s].*)?$")
 _DEEPEST = 40
 
 
 class _Struct(NamedTuple):
+    """The fields of a message type, in their order."""
+
     fields: list[_Field]
-    least: int  # bytes that one takes at least
+    least: int  # bytes that a message of this type takes at least
 
 
 class _Field(NamedTuple):
+    """One field of a message type."""
+
     name: str
-    kind: str | _Struct  # NumPy type, "text", or members
-    many: int | None  # None: one; -1: as many as the message says
+    kind: str | _Struct  # NumPy type, _TEXT, or the fields of a nested message
+    count: int | None  # None: a single value; _VARIABLE: as many as the message states
 
 
 def message_decoder(name: str, text: str) -> Decoder:
-    """Make a decoder of messages of a type, whose definition ``text`` holds those of all types in it.
+    """Return a decoder of the messages of a type.
 
-    It gives nested dictionaries of NumPy numbers, arrays and texts; content that is cut off is a ValueError.
+    Parameters
+    ----------
+    name : str
+        Type of the messages, such as "sensor_msgs/msg/Imu".
+    text : str
+        Its definition, followed by those of all types in it.
+
+    Returns
+    -------
+    callable
+        Takes the bytes of a message and returns nested dictionaries of NumPy numbers, arrays and
+        texts; a message that is cut off is a ValueError.
+
+    Raises
+    ------
+    ValueError
+        If a definition is missing, holds itself, or has a field that cannot be read.
     """
     definitions = {"builtin_interfaces/Time": "int32 sec\nuint32 nanosec"}
     definitions["builtin_interfaces/Duration"] = definitions["builtin_interfaces/Time"]
-    own = _short(name, "")
-    for part in re.split(r"^={3,}\s*$", text, flags=re.MULTILINE):
-        body = part.strip()
+    top_name = _short(name, "")
+    for section in re.split(r"^={3,}\s*$", text, flags=re.MULTILINE):
+        body = section.strip()
         head = re.match(r"MSG:\s*(\S+)\s*", body)
-        definitions[_short(head[1], "") if head else own] = body[head.end() :] if head else body
-    whole = _struct(own, definitions, {}, 0)
+        if head is None:
+            definitions[top_name] = body
+        else:
+            definitions[_short(head[1], "")] = body[head.end() :]
+    top = _struct(top_name, definitions, {}, 0)
 
     def decode(data: bytes) -> dict[str, Any]:
-        return _Reader(data).struct(whole)
+        return _Reader(data).struct(top)
 
     return decode
 
 
 def _short(name: str, package: str) -> str:
-    """Take pkg/msg/Name, pkg/Name or a Name of the same package as pkg/Name."""
-    parts = name.split("/")
-    if len(parts) == 1:
-        return "std_msgs/Header" if name == "Header" else f"{package}/{name}"
-    return f"{parts[0]}/{parts[-1]}"
+    """Return pkg/Name of pkg/msg/Name, of pkg/Name, or of a Name in the same package."""
+    words = name.split("/")
+    if len(words) > 1:
+        return f"{words[0]}/{words[-1]}"
+    return "std_msgs/Header" if name == "Header" else f"{package}/{name}"
 
 
 def _struct(
     name: str, definitions: dict[str, str], known: dict[str, _Struct], depth: int
 ) -> _Struct:
+    """Return the fields of a type and of all types in it; ``known`` are those read before."""
     if name in known:
         return known[name]
     if name not in definitions or depth > _DEEPEST:
         raise ValueError(f"the definition of {name} is missing or holds itself")
     fields = []
-    least = 0
     for line in definitions[name].splitlines():
-        plain = line.split("#")[0].strip()
-        found = _FIELD.match(plain)
-        if not plain or (not found and "=" in plain):
-            continue  # a constant
-        if not found:
+        declaration = line.split("#")[0].strip()
+        match = _FIELD.match(declaration)
+        is_constant = match is None and "=" in declaration
+        if not declaration or is_constant:
+            continue
+        if match is None:
             raise ValueError(
-                f"the definition of {name} has a line that is no field: {plain[:80]!r}"
+                f"the definition of {name} has a line that is no field: {declaration[:80]!r}"
             )
-        told, many, label = found.groups()
+        type_name, brackets, label = match.groups()
         kind: str | _Struct
-        if told in _NUMBERS:
-            kind = _NUMBERS[told]
-        elif told == "string":
-            kind = "text"
-        elif told == "wstring":
+        if type_name in _NUMBERS:
+            kind = _NUMBERS[type_name]
+        elif type_name == "string":
+            kind = _TEXT
+        elif type_name == "wstring":
             raise ValueError(f"the definition of {name} has wide texts, which are not read")
         else:
-            kind = _struct(_short(told, name.split("/")[0]), definitions, known, depth + 1)
-        count = None if many is None else int(many[1:-1]) if many[1:-1].isdigit() else -1
-        one = (
-            kind.least
-            if isinstance(kind, _Struct)
-            else 4
-            if kind == "text"
-            else np.dtype(kind).itemsize
-        )
-        least += one if count is None else 4 if count < 0 else count * one
-        fields.append(_Field(label, kind, count))
+            package = name.split("/")[0]
+            kind = _struct(_short(type_name, package), definitions, known, depth + 1)
+        fields.append(_Field(label, kind, _count_in(brackets)))
+    least = sum(_least_bytes(field) for field in fields)
     known[name] = _Struct(fields, max(least, 1))
     return known[name]
 
 
+def _count_in(brackets: str | None) -> int | None:
+    """Return how many values a field has by the brackets behind its type."""
+    if brackets is None:
+        return None
+    number = brackets[1:-1]
+    return int(number) if number.isdigit() else _VARIABLE
+
+
+def _least_bytes(field: _Field) -> int:
+    """Return the bytes that a field takes at least."""
+    if field.count == _VARIABLE:
+        return _LENGTH_BYTES
+    if isinstance(field.kind, _Struct):
+        single = field.kind.least
+    elif field.kind == _TEXT:
+        single = _LENGTH_BYTES
+    else:
+        single = np.dtype(field.kind).itemsize
+    return single if field.count is None else field.count * single
+
+
 class _Reader:
+    """Reads the fields of one message; sizes are checked before memory is taken."""
+
     def __init__(self, data: bytes) -> None:
-        if len(data) < 4 or data[0] or data[1] > 1:
+        is_plain_cdr = len(data) >= _HEAD_BYTES and data[0] == 0 and data[1] <= 1
+        if not is_plain_cdr:
             raise ValueError(f"a message must begin as plain CDR, got {data[:4].hex()!r}")
         self.data = data
-        self.at = 4
+        self.position = _HEAD_BYTES
         self.order = "<" if data[1] else ">"
 
-    def take(self, kind: str, count: int) -> NDArray[Any]:
-        """Numbers at their alignment, which counts from behind the four bytes of the header."""
+    def numbers(self, kind: str, count: int) -> NDArray[Any]:
+        """Return so many numbers of a NumPy type, from the next position that is aligned to it."""
         width = int(kind[1:])
         if count:
-            self.at += -(self.at - 4) % width
+            self.position += -(self.position - _HEAD_BYTES) % width
         self.check(count * width)
-        values = np.frombuffer(self.data, self.order + kind, count, self.at)
-        self.at += count * width
+        values = np.frombuffer(self.data, self.order + kind, count, self.position)
+        self.position += count * width
         return values
 
     def check(self, size: int) -> None:
-        if size > len(self.data) - self.at:
+        """Refuse to read more bytes than the message has left."""
+        if size > len(self.data) - self.position:
             raise ValueError(
-                f"a message of {len(self.data)} bytes is cut off, it needs {size} more at {self.at}"
+                f"a message of {len(self.data)} bytes is cut off, "
+                f"it needs {size} more at {self.position}"
             )
 
     def length(self) -> int:
-        return int(self.take("u4", 1)[0])
+        """Return the length that stands before a text or a sequence."""
+        return int(self.numbers("u4", 1)[0])
 
     def text(self) -> str:
+        """Return a text."""
         size = self.length()
         self.check(size)
-        self.at += size
-        return self.data[self.at - size : self.at].rstrip(b"\0").decode("utf-8", errors="replace")
+        begin = self.position
+        self.position += size
+        content = self.data[begin : self.position].rstrip(b"\0")
+        return content.decode("utf-8", errors="replace")
 
     def struct(self, kind: _Struct) -> dict[str, Any]:
+        """Return the fields of a message by their names."""
         if not kind.fields:
-            self.take("u1", 1)  # an empty message has a byte
-        return {name: self.field(one, count) for name, one, count in kind.fields}
+            self.numbers("u1", 1)  # an empty message has a byte
+        values = {}
+        for field in kind.fields:
+            values[field.name] = self.field(field.kind, field.count)
+        return values
 
     def field(self, kind: str | _Struct, count: int | None) -> Any:
-        if count == -1:
+        """Return the value of a field, or the list or array of its values."""
+        if count == _VARIABLE:
             count = self.length()
         if isinstance(kind, _Struct):
             if count is None:
                 return self.struct(kind)
             self.check(count * kind.least)
             return [self.struct(kind) for _ in range(count)]
-        if kind == "text":
+        if kind == _TEXT:
             if count is None:
                 return self.text()
-            self.check(4 * count)
+            self.check(count * _LENGTH_BYTES)
             return [self.text() for _ in range(count)]
-        return self.take(kind, 1)[0] if count is None else self.take(kind, count)
+        if count is None:
+            return self.numbers(kind, 1)[0]
+        return self.numbers(kind, count)

@@ -1,9 +1,9 @@
 """Runs as Compensated Phase History Data (CPHD 1.1, NGA.STND.0068) and back, by sarkit.
 
-One channel per pair and polarization, one vector per scan, FX domain, antenna positions per vector. The stabilization
-reference point is fixed: a CPHD signal has the path to it taken off, and reading adds it again. What CPHD has no place
-for (pose, antenna positions in the vehicle frame, attributes) travels in added parameters; files of other makers are
-read without them.
+One channel per pair and polarization, one vector per scan, FX domain, antenna positions per vector.
+The stabilization reference point is fixed: a CPHD signal has the path to it taken off, and reading
+adds it again. What has no element in CPHD (pose, antenna positions in the vehicle frame,
+attributes) travels in added parameters; files of other makers are read without them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -29,88 +29,158 @@ from flgpr.store.extras import MissingExtraError, optional
 from flgpr.store.files import canonical_json, existing
 from flgpr.store.outputs import whole_output
 
+FloatArray = NDArray[np.float64]
+_Vectors = dict[str, NDArray[Any]]
+"""Parameters of a channel's vectors (scan, ...), by their names in CPHD."""
 _NAMESPACE = "http://api.nsgreg.nga.mil/schema/cphd/1.1.0"
 _VECTORS = ("TxPos", "TxVel", "RcvPos", "RcvVel", "SRPPos")
 _ORDER = (
-    "TxTime", "TxPos", "TxVel", "RcvTime", "RcvPos", "RcvVel", "SRPPos", "aFDOP", "aFRR1", "aFRR2", "FX1", "FX2",
-    "TOA1", "TOA2", "TDTropoSRP", "SC0", "SCSS", "SIGNAL",
-)  # fmt: skip
+    "TxTime",
+    "TxPos",
+    "TxVel",
+    "RcvTime",
+    "RcvPos",
+    "RcvVel",
+    "SRPPos",
+    "aFDOP",
+    "aFRR1",
+    "aFRR2",
+    "FX1",
+    "FX2",
+    "TOA1",
+    "TOA2",
+    "TDTropoSRP",
+    "SC0",
+    "SCSS",
+    "SIGNAL",
+)
 _ADDED = tuple(f"flgpr_{name}" for name in POSE_COMPONENTS)
 _TIME = "flgpr_time"
+_SCENE_HALF = 10.0  # m, half the side of the scene that is taken where none is given
+_AHEAD = 10.0  # m, from an antenna on the ground to the centre of that scene
+_LARGEST_MOTION = 1e-3  # m, of antennas in an array that keeps its form
+_UNEVEN = 1e-6  # share of a step by which tones may differ
+
+
+class _Channel(NamedTuple):
+    """A channel as it was read."""
+
+    signal: NDArray[Any]  # (scan, frequency)
+    vectors: NDArray[Any]  # (scan,) record of the vectors' parameters
 
 
 def write_cphd(
     run: xr.Dataset, path: str | Path, anchor: Anchor, scene: Grid | None = None
 ) -> Path:
-    """Write a run with uniform tones as CPHD; the file is whole or absent.
+    """Write a run as CPHD; the file is complete or absent.
 
-    The anchor tells where the lane lies: CPHD positions are geocentric. ``scene`` is the ground the data are about, in
-    the lane frame, its centre the reference point; by default 20 m square ahead of the mean of the poses. It needs
-    sarkit (MissingExtraError).
+    It needs sarkit.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run with evenly spaced tones.
+    path : path
+        The file to write; one that exists is replaced.
+    anchor : Anchor
+        States where the lane lies: CPHD positions are geocentric.
+    scene : Grid, optional
+        The ground the data are about, in the lane frame, its centre the reference point; by default
+        20 m square ahead of the mean of the poses.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ValueError
+        If the run breaks a rule, or its tones are uneven or fewer than two.
+    MissingExtraError
+        If sarkit is not installed.
     """
     check_run(run)
     path = Path(path)
     sarkit = optional("sarkit.cphd", "cphd")
-    frequency = run["frequency"].values
-    _uniform(frequency)
+    _check_even_tones(run["frequency"].values)
     run = run.compute()  # channels cut across the store's chunks
-    scene = scene or _ahead(run)
+    scene = scene or _scene_ahead(run)
     center = np.array([scene.x.mean(), scene.y.mean(), 0.0])
-    names = [
-        f"{pair}_{label}"
-        for label in run["polarization"].values
-        for pair in range(run.sizes["pair"])
-    ]
-    pvps = {}
-    signals = {}
     time = _times(run)
-    for k, label in enumerate(run["polarization"].values):
+    names = []
+    signals = {}
+    vectors = {}
+    for number, label in enumerate(run["polarization"].values):
         for pair in range(run.sizes["pair"]):
             name = f"{pair}_{label}"
-            signals[name], pvps[name] = _channel(run, pair, k, time, anchor, center)
+            names.append(name)
+            signals[name], vectors[name] = _channel(run, pair, number, time, anchor, center)
     with _without_sarkits_warnings():
-        tree = _metadata(run, names, pvps, anchor, scene, time)
+        tree = _metadata(run, names, vectors, anchor, scene, time)
         root = sarkit.ElementWrapper(tree.getroot())
     dtype = sarkit.get_pvp_dtype(tree)
-    arrays = {name: np.zeros(len(time), dtype) for name in names}
-    for name, array in arrays.items():
-        for quantity, value in pvps[name].items():
-            array[quantity] = value
+    records = {}
+    for name in names:
+        records[name] = np.zeros(len(time), dtype)
+        for parameter, values in vectors[name].items():
+            records[name][parameter] = values
     # A vehicle that stands has no direction.
     with np.errstate(invalid="ignore", divide="ignore"), _without_sarkits_warnings():
-        root["ReferenceGeometry"] = sarkit.compute_reference_geometry(tree, arrays[names[0]])
-    written = sarkit.Metadata(xmltree=tree)
+        root["ReferenceGeometry"] = sarkit.compute_reference_geometry(tree, records[names[0]])
+    metadata = sarkit.Metadata(xmltree=tree)
     with (
         whole_output(path, replace=True) as partial,
         partial.open("wb") as file,
-        sarkit.Writer(file, written) as writer,
+        sarkit.Writer(file, metadata) as writer,
     ):
         for name in names:
             writer.write_signal(name, signals[name])
-            writer.write_pvp(name, arrays[name])
+            writer.write_pvp(name, records[name])
     return path
 
 
 def read_cphd(path: str | Path, anchor: Anchor | None = None) -> xr.Dataset:
-    """Read CPHD in the FX domain, whose channels have the same vectors and the same uniform tones, as a run.
+    """Read CPHD as a run.
 
-    Files of other makers need the anchor, where the lane lies; ours carry theirs. Without poses in the file, the
-    vehicle frame has lane axes and its origin at the mean of the transmit positions of each vector, and the array must
-    keep its form and heading. It needs sarkit (MissingExtraError).
+    It must be in the FX domain, and its channels must have the same vectors and the same uniform
+    tones. Without poses in the file, the vehicle frame has lane axes and its origin at the mean of
+    the transmit positions of each vector, and the array must keep its form and heading. It needs
+    sarkit.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    anchor : Anchor, optional
+        States where the lane lies. Files of other makers need it; those of flgpr hold the lane's
+        positions.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run (:func:`flgpr.model.make_run`).
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged, cannot become a run, or needs an anchor.
+    MissingExtraError
+        If sarkit is not installed.
     """
     path = existing(path)
     sarkit = optional("sarkit.cphd", "cphd")
     try:
         with path.open("rb") as file, sarkit.Reader(file) as reader:
             tree = reader.metadata.xmltree
-            added = _added(tree)
-            channels = tree.findall("{*}Data/{*}Channel")
-            _declared(tree, channels, path)
-            parts = {
-                c.findtext("{*}Identifier"): reader.read_channel(c.findtext("{*}Identifier"))
-                for c in channels
-            }
-        return _assembled(tree, parts, added, anchor)
+            added = _added_parameters(tree)
+            elements = tree.findall("{*}Data/{*}Channel")
+            _check_declared(tree, elements, path)
+            channels = {}
+            for element in elements:
+                name = element.findtext("{*}Identifier")
+                channels[name] = _native(*reader.read_channel(name))
+        return _assembled(tree, channels, added, anchor)
     except (MissingExtraError, FileNotFoundError):
         raise
     except Exception as error:
@@ -120,7 +190,7 @@ def read_cphd(path: str | Path, anchor: Anchor | None = None) -> xr.Dataset:
 
 @contextmanager
 def _without_sarkits_warnings() -> Iterator[None]:
-    """Keep back what sarkit makes Python say of its own use of importlib.resources."""
+    """Suppress what Python warns of in sarkit's own use of importlib.resources."""
     with warnings.catch_warnings():
         warnings.filterwarnings(
             "ignore", message=r"(read|open)_\w+ is deprecated", category=DeprecationWarning
@@ -128,29 +198,35 @@ def _without_sarkits_warnings() -> Iterator[None]:
         yield
 
 
-def _uniform(frequency: NDArray[np.float64]) -> None:
+def _check_even_tones(frequency: FloatArray) -> None:
+    """Refuse tones (frequency,), Hz, that CPHD cannot hold."""
     if frequency.size < 2:
         raise ValueError(f"CPHD needs at least two tones, got {frequency.size}")
     step = (frequency[-1] - frequency[0]) / (frequency.size - 1)
     off = np.abs(frequency - (frequency[0] + step * np.arange(frequency.size))).max()
-    if off > 1e-6 * step:
+    if off > _UNEVEN * step:
         raise ValueError(
-            f"CPHD needs evenly spaced tones, these are up to {off:g} Hz off: select an even sub-band"
+            f"CPHD needs evenly spaced tones, these are up to {off:g} Hz off: "
+            "select an even sub-band"
         )
 
 
-def _ahead(run: xr.Dataset) -> Grid:
+def _scene_ahead(run: xr.Dataset) -> Grid:
+    """Return the ground ahead of the mean of the poses."""
     pose = run["pose"].values
     x, y, z, heading = pose[:, :4].mean(axis=0)
-    ahead = 10.0 + abs(z)
+    ahead = _AHEAD + abs(z)
+    center_x = x + ahead * math.sin(heading)
+    center_y = y + ahead * math.cos(heading)
     return Grid.spanning(
-        (x + ahead * math.sin(heading) - 10, x + ahead * math.sin(heading) + 10),
-        (y + ahead * math.cos(heading) - 10, y + ahead * math.cos(heading) + 10),
+        (center_x - _SCENE_HALF, center_x + _SCENE_HALF),
+        (center_y - _SCENE_HALF, center_y + _SCENE_HALF),
         0.1,
     )
 
 
-def _times(run: xr.Dataset) -> NDArray[np.float64]:
+def _times(run: xr.Dataset) -> FloatArray:
+    """Return the time (scan,) since the first scan, s; scan numbers where it does not increase."""
     time = np.asarray(run["time"].values, dtype=np.float64)
     if np.isfinite(time).all() and (np.diff(time) > 0).all():
         return time - time[0]
@@ -161,36 +237,41 @@ def _channel(
     run: xr.Dataset,
     pair: int,
     polarization: int,
-    time: NDArray[np.float64],
+    time: FloatArray,
     anchor: Anchor,
-    center: NDArray[np.float64],
-) -> tuple[NDArray[np.complex64], dict[str, NDArray[Any]]]:
+    center: FloatArray,
+) -> tuple[NDArray[np.complex64], _Vectors]:
+    """Return a channel's signal (scan, frequency) and its vectors.
+
+    The path to the reference point ``center`` is taken off the signal.
+    """
     frequency = run["frequency"].values
     pose = run["pose"].values
-    tx, rx = (
-        vehicle_to_lane(run[name].values[pair, None], pose)[:, 0]
-        for name in ("tx_position", "rx_position")
-    )
-    range_tx, range_rx = (np.linalg.norm(antenna - center, axis=1) for antenna in (tx, rx))
+    tx = vehicle_to_lane(run["tx_position"].values[pair, None], pose)[:, 0]
+    rx = vehicle_to_lane(run["rx_position"].values[pair, None], pose)[:, 0]
+    range_tx = np.linalg.norm(tx - center, axis=1)
+    range_rx = np.linalg.norm(rx - center, axis=1)
     valid = run["valid"].values[:, polarization, pair]
     signal = run["signal"].values[:, polarization, pair]
-    signal = np.where(
-        valid[:, None], lengthen(signal, frequency, -(range_tx + range_rx)), 0
-    ).astype(np.complex64)
+    compensated = lengthen(signal, frequency, -(range_tx + range_rx))
+    signal = np.where(valid[:, None], compensated, 0).astype(np.complex64)
     step = float((frequency[-1] - frequency[0]) / (frequency.size - 1))
     scans = len(pose)
-    velocity = [np.gradient(p, time, axis=0) if scans > 1 else np.zeros_like(p) for p in (tx, rx)]
-    unit = [
-        (p - center) / np.maximum(r, 1e-12)[:, None] for p, r in ((tx, range_tx), (rx, range_rx))
-    ]
-    closing = 0.5 * sum((v * u).sum(axis=1) for v, u in zip(velocity, unit, strict=True))
-    full = {
+    velocity_tx = _velocity(tx, time)
+    velocity_rx = _velocity(rx, time)
+    closing = 0.5 * sum(
+        (
+            _along(velocity_tx, tx - center, range_tx),
+            _along(velocity_rx, rx - center, range_rx),
+        )
+    )
+    vectors: _Vectors = {
         "TxTime": time,
         "TxPos": anchor.to_geocentric(tx),
-        "TxVel": anchor.turn(velocity[0]),
+        "TxVel": anchor.turn(velocity_tx),
         "RcvTime": time + (range_tx + range_rx) / SPEED_OF_LIGHT,
         "RcvPos": anchor.to_geocentric(rx),
-        "RcvVel": anchor.turn(velocity[1]),
+        "RcvVel": anchor.turn(velocity_rx),
         "SRPPos": np.broadcast_to(anchor.to_geocentric(center), (scans, 3)),
         "aFDOP": -2 * closing / SPEED_OF_LIGHT,
         "aFRR1": np.zeros(scans),
@@ -203,19 +284,36 @@ def _channel(
         "SC0": np.full(scans, frequency[0]),
         "SCSS": np.full(scans, step),
         "SIGNAL": valid.astype(np.int64),
-        **{name: pose[:, column] for column, name in enumerate(_ADDED)},
     }
-    return signal, full
+    for column, name in enumerate(_ADDED):
+        vectors[name] = pose[:, column]
+    return signal, vectors
+
+
+def _velocity(position: FloatArray, time: FloatArray) -> FloatArray:
+    """Return the velocity (scan, 3) of positions (scan, 3), m/s; zero of a single one."""
+    if len(position) < 2:
+        return np.zeros_like(position)
+    return np.gradient(position, time, axis=0)
+
+
+def _along(velocity: FloatArray, offset: FloatArray, distance: FloatArray) -> FloatArray:
+    """Return the component (scan,) of a velocity along the offset from the reference point."""
+    unit = offset / np.maximum(distance, 1e-12)[:, None]
+    return np.asarray((velocity * unit).sum(axis=1))
 
 
 def _metadata(
-    run: xr.Dataset, names: list[str], pvps: dict[str, dict[str, NDArray[Any]]], anchor: Anchor,
-    scene: Grid, time: NDArray[np.float64],
-) -> Any:  # fmt: skip
+    run: xr.Dataset,
+    names: list[str],
+    vectors: dict[str, _Vectors],
+    anchor: Anchor,
+    scene: Grid,
+    time: FloatArray,
+) -> Any:
+    """Return the XML tree of a run's channels."""
     root = _empty()
-    scans = run.sizes["scan"]
-    tones = run.sizes["frequency"]
-    first = pvps[names[0]]
+    first = vectors[names[0]]
     root["CollectionID"] = {
         "CollectorName": "flgpr",
         "CoreName": str(run.attrs.get("title", "run"))[:200] or "run",
@@ -236,7 +334,7 @@ def _metadata(
         "TOASwath": {"TOAMin": float(first["TOA1"][0]), "TOAMax": float(first["TOA2"][0])},
     }
     _scene(root, anchor, scene)
-    _data(root, names, scans, tones)
+    _data(root, names, run.sizes["scan"], run.sizes["frequency"])
     _channels(root, run, names, first)
     _layout(root)
     middle, duration = _dwell(first)
@@ -249,7 +347,8 @@ def _metadata(
     return root.elem.getroottree()
 
 
-def _dwell(first: dict[str, NDArray[Any]]) -> tuple[float, float]:
+def _dwell(first: _Vectors) -> tuple[float, float]:
+    """Return the middle and the length of the time in which the reference point is seen, s."""
     out = np.linalg.norm(first["TxPos"] - first["SRPPos"], axis=1)
     back = np.linalg.norm(first["RcvPos"] - first["SRPPos"], axis=1)
     middle = first["TxTime"] + out / (out + back) * (first["RcvTime"] - first["TxTime"])
@@ -257,14 +356,15 @@ def _dwell(first: dict[str, NDArray[Any]]) -> tuple[float, float]:
 
 
 def _scene(root: Any, anchor: Anchor, scene: Grid) -> None:
+    """Add where the scene lies."""
     x1, x2, y1, y2 = scene.extent()
     center = np.array([(x1 + x2) / 2, (y1 + y2) / 2, 0.0])
     lon, lat, height = anchor.to_geodetic(center)
     half = np.array([(x2 - x1) / 2, (y2 - y1) / 2])
-    corners = [
-        center + [sx * half[0], sy * half[1], 0] for sx, sy in ((-1, 1), (1, 1), (1, -1), (-1, -1))
-    ]
-    places = anchor.to_geodetic(np.array(corners))[:, [1, 0]]
+    corners = []
+    for side_x, side_y in ((-1, 1), (1, 1), (1, -1), (-1, -1)):
+        corners.append(center + [side_x * half[0], side_y * half[1], 0])
+    corners_lat_lon = anchor.to_geodetic(np.array(corners))[:, [1, 0]]
     root["SceneCoordinates"] = {
         "EarthModel": "WGS_84",
         "IARP": {"ECF": anchor.to_geocentric(center), "LLH": np.array([lat, lon, height])},
@@ -272,7 +372,7 @@ def _scene(root: Any, anchor: Anchor, scene: Grid) -> None:
             "Planar": {"uIAX": anchor.turn([1.0, 0, 0]), "uIAY": anchor.turn([0, 1.0, 0])}
         },
         "ImageArea": {"X1Y1": -half, "X2Y2": half},
-        "ImageAreaCornerPoints": places,
+        "ImageAreaCornerPoints": corners_lat_lon,
         "ImageGrid": {
             "IARPLocation": np.array([(scene.nx - 1) / 2, (scene.ny - 1) / 2]),
             "IAXExtent": {"LineSpacing": scene.dx, "FirstLine": 0, "NumLines": scene.nx},
@@ -282,14 +382,17 @@ def _scene(root: Any, anchor: Anchor, scene: Grid) -> None:
 
 
 def _empty() -> Any:
+    """Return an empty tree."""
     etree = optional("lxml.etree", "cphd")
-    return optional("sarkit.cphd", "cphd").ElementWrapper(
-        etree.Element(f"{{{_NAMESPACE}}}CPHD", nsmap={None: _NAMESPACE})
-    )
+    element = etree.Element(f"{{{_NAMESPACE}}}CPHD", nsmap={None: _NAMESPACE})
+    return optional("sarkit.cphd", "cphd").ElementWrapper(element)
 
 
 def _elements(block: str, name: str, records: list[dict[str, Any]]) -> Iterator[Any]:
-    """Make a block's elements of a name, each in a tree of its own: in one, every value is looked up among all."""
+    """Yield a block's elements of a name, each of a tree of its own.
+
+    In a single tree, every value is looked up among all.
+    """
     for record in records:
         root = _empty()
         root[block] = {name: [record]}
@@ -297,17 +400,18 @@ def _elements(block: str, name: str, records: list[dict[str, Any]]) -> Iterator[
 
 
 def _data(root: Any, names: list[str], scans: int, tones: int) -> None:
-    words = len(_ORDER) + 2 * len(_VECTORS) + len(_ADDED)
-    channels = [
-        {
+    """Add how the arrays of the channels lie in the file."""
+    words = len(_ORDER) + 2 * len(_VECTORS) + len(_ADDED)  # of 8 bytes in a vector
+    channels = []
+    for number, name in enumerate(names):
+        channel = {
             "Identifier": name,
             "NumVectors": scans,
             "NumSamples": tones,
-            "SignalArrayByteOffset": k * scans * tones * 8,
-            "PVPArrayByteOffset": k * scans * words * 8,
+            "SignalArrayByteOffset": number * scans * tones * 8,
+            "PVPArrayByteOffset": number * scans * words * 8,
         }
-        for k, name in enumerate(names)
-    ]
+        channels.append(channel)
     root["Data"] = {
         "SignalArrayFormat": "CF8",
         "NumBytesPVP": 8 * words,
@@ -317,22 +421,22 @@ def _data(root: Any, names: list[str], scans: int, tones: int) -> None:
     }
 
 
-def _channels(root: Any, run: xr.Dataset, names: list[str], first: dict[str, NDArray[Any]]) -> None:
-    scans = run.sizes["scan"]
+def _channels(root: Any, run: xr.Dataset, names: list[str], first: _Vectors) -> None:
+    """Add the parameters of the channels, and what of a run has no element in CPHD."""
     valid = run["valid"].values
+    labels = [str(label) for label in run["polarization"].values]
     parameters = []
     for name in names:
-        pair = int(name.split("_")[0])
-        label = name.split("_")[1]
-        k = [str(one) for one in run["polarization"].values].index(label)
+        pair, label = name.split("_")[:2]
+        polarization = labels.index(label)
         parameters.append(
             {
                 "Identifier": name,
-                "RefVectorIndex": scans // 2,
+                "RefVectorIndex": run.sizes["scan"] // 2,
                 "FXFixed": True,
                 "TOAFixed": True,
                 "SRPFixed": True,
-                "SignalNormal": bool(valid[:, k, pair].all()),
+                "SignalNormal": bool(valid[:, polarization, int(pair)].all()),
                 "Polarization": {"TxPol": label[0], "RcvPol": label[1]},
                 "FxC": float(first["FX1"][0] + first["FX2"][0]) / 2,
                 "FxBW": float(first["FX2"][0] - first["FX1"][0]),
@@ -340,15 +444,14 @@ def _channels(root: Any, run: xr.Dataset, names: list[str], first: dict[str, NDA
                 "DwellTimes": {"CODId": "all", "DwellId": "all"},
             }
         )
-    said = [
-        ("flgpr_attrs", canonical_json({str(k): v for k, v in run.attrs.items()}).decode()),
+    attrs = {str(name): value for name, value in run.attrs.items()}
+    times = [time if math.isfinite(time) else None for time in run["time"].values.tolist()]
+    added = [
+        ("flgpr_attrs", canonical_json(attrs).decode()),
         ("flgpr_tx_position", json.dumps(run["tx_position"].values.tolist())),
         ("flgpr_rx_position", json.dumps(run["rx_position"].values.tolist())),
         ("flgpr_frequency", json.dumps(run["frequency"].values.tolist())),
-        (
-            _TIME,
-            json.dumps([None if not math.isfinite(t) else t for t in run["time"].values.tolist()]),
-        ),
+        (_TIME, json.dumps(times)),
     ]
     root["Channel"] = {
         "RefChId": names[0],
@@ -356,42 +459,53 @@ def _channels(root: Any, run: xr.Dataset, names: list[str], first: dict[str, NDA
         "TOAFixedCPHD": True,
         "SRPFixedCPHD": True,
         "Parameters": _elements("Channel", "Parameters", parameters),
-        "AddedParameters": {"Parameter": said},
+        "AddedParameters": {"Parameter": added},
     }
 
 
 def _layout(root: Any) -> None:
+    """Add how the parameters of a vector lie in it."""
     dtype = optional("sarkit.cphd", "cphd").binary_format_string_to_dtype
-    forms = {name: "X=F8;Y=F8;Z=F8;" for name in _VECTORS} | {"SIGNAL": "I8"}
-    offset = 0
+    offset = 0  # in words of 8 bytes
     table = {}
     for name in (*_ORDER, *_ADDED):
-        size = 3 if name in _VECTORS else 1
-        table[name] = {"Offset": offset, "Size": size, "dtype": dtype(forms.get(name, "F8"))}
+        size = 1
+        form = "F8"
+        if name in _VECTORS:
+            size = 3
+            form = "X=F8;Y=F8;Z=F8;"
+        elif name == "SIGNAL":
+            form = "I8"
+        table[name] = {"Offset": offset, "Size": size, "dtype": dtype(form)}
         offset += size
     added = [{"Name": name, **table.pop(name)} for name in _ADDED]
     root["PVP"] = {**table, "AddedPVP": added}
 
 
-def _added(tree: Any) -> dict[str, str]:
-    parameters = tree.findall("{*}Channel/{*}AddedParameters/{*}Parameter")
-    return {
-        one.get("name"): one.text or ""
-        for one in parameters
-        if str(one.get("name")).startswith("flgpr_")
-    }
+def _added_parameters(tree: Any) -> dict[str, str]:
+    """Return the texts that flgpr added, by name."""
+    texts = {}
+    for parameter in tree.findall("{*}Channel/{*}AddedParameters/{*}Parameter"):
+        name = parameter.get("name")
+        if str(name).startswith("flgpr_"):
+            texts[name] = parameter.text or ""
+    return texts
 
 
-def _declared(tree: Any, channels: list[Any], path: Path) -> None:
+def _check_declared(tree: Any, channels: list[Any], path: Path) -> None:
     """Refuse what cannot become a run before anything large is read."""
     domain = tree.findtext("{*}Global/{*}DomainType")
     if domain != "FX":
         raise ValueError(f"the domain must be FX, got {domain}")
     if not channels:
         raise ValueError("there is no channel")
-    if any(c.find("{*}CompressedSignalSize") is not None for c in channels):
+    if any(channel.find("{*}CompressedSignalSize") is not None for channel in channels):
         raise ValueError("compressed signals cannot be read")
-    sizes = {(int(c.findtext("{*}NumVectors")), int(c.findtext("{*}NumSamples"))) for c in channels}
+    sizes = set()
+    for channel in channels:
+        vectors = int(channel.findtext("{*}NumVectors"))
+        samples = int(channel.findtext("{*}NumSamples"))
+        sizes.add((vectors, samples))
     if len(sizes) > 1:
         raise ValueError(
             f"all channels must have the same vectors and samples, got {sorted(sizes)}"
@@ -399,91 +513,99 @@ def _declared(tree: Any, channels: list[Any], path: Path) -> None:
     scans, tones = sizes.pop()
     if scans * tones * len(channels) * 2 > path.stat().st_size:
         raise ValueError(
-            f"it tells of {len(channels)} channels of {scans} x {tones} samples and holds less: truncated"
+            f"it tells of {len(channels)} channels of {scans} x {tones} samples and holds less: "
+            "truncated"
         )
 
 
 def _assembled(
     tree: Any,
-    parts: dict[str, tuple[NDArray[Any], NDArray[Any]]],
+    channels: dict[str, _Channel],
     added: dict[str, str],
     anchor: Anchor | None,
 ) -> xr.Dataset:
-    native = {
-        name: (_native(s), p.astype(p.dtype.newbyteorder("="))) for name, (s, p) in parts.items()
-    }
-    pairs, labels, channel_of = _channel_order(tree, list(native))
-    first = next(iter(native.values()))[1]
-    frequency = _frequency(native, added)
-    scans = len(first)
-    signal = np.full((scans, len(labels), pairs, frequency.size), np.nan, np.complex64)
+    """Return the run of the channels of a file."""
+    pairs, labels, position_of = _channel_order(tree, list(channels))
+    first = next(iter(channels.values())).vectors
+    parameters = first.dtype.names or ()
+    frequency = _frequency(channels, added)
+    signal = np.full((len(first), len(labels), pairs, frequency.size), np.nan, np.complex64)
     sign = int(tree.findtext("{*}Global/{*}SGN"))
-    for name, (samples, pvp) in native.items():
-        k, pair = channel_of[name]
-        path = _leg(pvp, "TxPos") + _leg(pvp, "RcvPos")
-        if "AmpSF" in (pvp.dtype.names or ()):
-            samples = samples * pvp["AmpSF"][:, None]
+    for name, (samples, vectors) in channels.items():
+        polarization, pair = position_of[name]
+        path = _leg(vectors, "TxPos") + _leg(vectors, "RcvPos")
+        if "AmpSF" in (vectors.dtype.names or ()):
+            samples = samples * vectors["AmpSF"][:, None]
         values = lengthen(samples.conj() if sign > 0 else samples, frequency, path)
-        good = pvp["SIGNAL"] == 1 if "SIGNAL" in (pvp.dtype.names or ()) else np.ones(scans, bool)
-        signal[good, k, pair] = values[good]
-    if all(name in (first.dtype.names or ()) for name in _ADDED) and "flgpr_tx_position" in added:
+        usable = np.ones(len(first), bool)
+        if "SIGNAL" in (vectors.dtype.names or ()):
+            usable = vectors["SIGNAL"] == 1
+        signal[usable, polarization, pair] = values[usable]
+    if all(name in parameters for name in _ADDED) and "flgpr_tx_position" in added:
         pose = np.stack([first[name] for name in _ADDED], axis=1)
-        tx, rx = (np.array(parse_json(added[f"flgpr_{side}_position"])) for side in ("tx", "rx"))
-        time = np.array(
-            [np.nan if t is None else t for t in parse_json(added[_TIME])], dtype=np.float64
-        )
-        return make_run(
-            signal, frequency, labels, tx, rx, pose, time, parse_json(added["flgpr_attrs"])
-        )
-    tx, rx, pose = _geometry(
-        {channel_of[name][1]: pvp for name, (_, pvp) in native.items()}, anchor
-    )
-    title = tree.findtext("{*}CollectionID/{*}CoreName") or "CPHD"
-    source = f"CPHD by {tree.findtext('{*}CollectionID/{*}CollectorName')}"
-    return make_run(
-        signal, frequency, labels, tx, rx, pose, first["TxTime"], {"title": title, "source": source}
-    )
+        tx = np.array(parse_json(added["flgpr_tx_position"]))
+        rx = np.array(parse_json(added["flgpr_rx_position"]))
+        times = [np.nan if time is None else time for time in parse_json(added[_TIME])]
+        time = np.array(times, dtype=np.float64)
+        attrs = parse_json(added["flgpr_attrs"])
+        return make_run(signal, frequency, labels, tx, rx, pose, time, attrs)
+    vectors_of_pair = {position_of[name][1]: channels[name].vectors for name in channels}
+    tx, rx, pose = _geometry(vectors_of_pair, anchor)
+    attrs = {
+        "title": tree.findtext("{*}CollectionID/{*}CoreName") or "CPHD",
+        "source": f"CPHD by {tree.findtext('{*}CollectionID/{*}CollectorName')}",
+    }
+    return make_run(signal, frequency, labels, tx, rx, pose, first["TxTime"], attrs)
 
 
-def _native(samples: NDArray[Any]) -> NDArray[Any]:
+def _native(samples: NDArray[Any], vectors: NDArray[Any]) -> _Channel:
+    """Return a channel in the machine's byte order, its samples as complex numbers."""
     if samples.dtype.names:
-        return samples["real"].astype(np.float32) + 1j * samples["imag"].astype(np.float32)
-    return samples.astype(samples.dtype.newbyteorder("="))
+        signal = samples["real"].astype(np.float32) + 1j * samples["imag"].astype(np.float32)
+    else:
+        signal = samples.astype(samples.dtype.newbyteorder("="))
+    return _Channel(signal, vectors.astype(vectors.dtype.newbyteorder("=")))
 
 
-def _leg(pvp: NDArray[Any], name: str) -> NDArray[np.float64]:
-    return np.asarray(np.linalg.norm(pvp[name] - pvp["SRPPos"], axis=1), dtype=np.float64)
+def _leg(vectors: NDArray[Any], name: str) -> FloatArray:
+    """Return the distance (scan,) of an antenna from the reference point, m."""
+    offset = vectors[name] - vectors["SRPPos"]
+    return np.asarray(np.linalg.norm(offset, axis=1), dtype=np.float64)
 
 
 def _channel_order(
     tree: Any, names: list[str]
 ) -> tuple[int, list[str], dict[str, tuple[int, int]]]:
-    """Sort channels into polarizations and pairs, in the order of the file."""
-    known: dict[str, str] = {}
-    for one in tree.findall("{*}Channel/{*}Parameters"):
-        tx, rx = (one.findtext(f"{{*}}Polarization/{{*}}{side}") for side in ("TxPol", "RcvPol"))
-        known[one.findtext("{*}Identifier")] = f"{tx}{rx}"
-    labels = list(dict.fromkeys(known[name] for name in names))
+    """Sort channels into polarizations and pairs, in the order of the file.
+
+    Returns the number of pairs, the polarizations, and where each channel goes in them.
+    """
+    label_of: dict[str, str] = {}
+    for parameters in tree.findall("{*}Channel/{*}Parameters"):
+        tx = parameters.findtext("{*}Polarization/{*}TxPol")
+        rx = parameters.findtext("{*}Polarization/{*}RcvPol")
+        label_of[parameters.findtext("{*}Identifier")] = f"{tx}{rx}"
+    labels = list(dict.fromkeys(label_of[name] for name in names))
     counts = {label: 0 for label in labels}
-    channel_of = {}
+    position_of = {}
     for name in names:
-        label = known[name]
-        channel_of[name] = (labels.index(label), counts[label])
+        label = label_of[name]
+        position_of[name] = (labels.index(label), counts[label])
         counts[label] += 1
     if len(set(counts.values())) > 1:
         raise ValueError(f"every polarization must have the same number of channels, got {counts}")
-    return counts[labels[0]], labels, channel_of
+    return counts[labels[0]], labels, position_of
 
 
-def _frequency(
-    native: dict[str, tuple[NDArray[Any], NDArray[Any]]], added: dict[str, str]
-) -> NDArray[np.float64]:
-    start = np.concatenate([pvp["SC0"] for _, pvp in native.values()])
-    step = np.concatenate([pvp["SCSS"] for _, pvp in native.values()])
-    count = next(iter(native.values()))[0].shape[1]
+def _frequency(channels: dict[str, _Channel], added: dict[str, str]) -> FloatArray:
+    """Return the tones (frequency,) of all vectors, Hz."""
+    start = np.concatenate([channel.vectors["SC0"] for channel in channels.values()])
+    step = np.concatenate([channel.vectors["SCSS"] for channel in channels.values()])
+    count = next(iter(channels.values())).signal.shape[1]
     if not (np.isfinite(start).all() and np.isfinite(step).all()):
         raise ValueError("SC0 and SCSS must be finite")
-    if np.ptp(start) > 1e-6 * abs(step[0]) or np.ptp(step) * count > 1e-6 * abs(step[0]):
+    largest = _UNEVEN * abs(step[0])
+    if np.ptp(start) > largest or np.ptp(step) * count > largest:
         raise ValueError("all vectors must have the same tones, SC0 and SCSS change")
     if "flgpr_frequency" in added:
         return np.array(parse_json(added["flgpr_frequency"]), dtype=np.float64)
@@ -491,23 +613,30 @@ def _frequency(
 
 
 def _geometry(
-    pvps: dict[int, NDArray[Any]], anchor: Anchor | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    vectors_of_pair: dict[int, NDArray[Any]], anchor: Anchor | None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return positions (pair, 3) of transmitters and receivers, and poses (scan, 6)."""
     if anchor is None:
         raise ValueError(
-            "an anchor is needed: positions are geocentric and the file does not say where the lane is"
+            "an anchor is needed: positions are geocentric and the file does not say where the "
+            "lane is"
         )
-    tx, rx = (
-        np.stack([anchor.from_geocentric(pvps[pair][name]) for pair in sorted(pvps)], axis=1)
-        for name in ("TxPos", "RcvPos")
-    )
+    sides = []
+    for name in ("TxPos", "RcvPos"):
+        positions = []
+        for pair in sorted(vectors_of_pair):
+            positions.append(anchor.from_geocentric(vectors_of_pair[pair][name]))
+        sides.append(np.stack(positions, axis=1))
+    tx, rx = sides
     origin = tx.mean(axis=1)
-    local = [part - origin[:, None] for part in (tx, rx)]
-    moved = max(float(np.abs(part - part[0]).max()) for part in local)
-    if not moved <= 1e-3:
+    local_tx = tx - origin[:, None]
+    local_rx = rx - origin[:, None]
+    moved = max(float(np.abs(local - local[0]).max()) for local in (local_tx, local_rx))
+    if not moved <= _LARGEST_MOTION:
         raise ValueError(
-            f"the array must keep its form and heading from vector to vector, it moves by {moved:g} m"
+            "the array must keep its form and heading from vector to vector, "
+            f"it moves by {moved:g} m"
         )
     pose = np.zeros((len(origin), 6))
     pose[:, :3] = origin
-    return local[0][0], local[1][0], pose
+    return local_tx[0], local_rx[0], pose

@@ -1,4 +1,4 @@
-"""The files of one measurement in groups: those that differ by numbers in their names, and the arrays they hold."""
+"""The files of one measurement in groups of files that differ by numbers in their names alone."""
 
 from __future__ import annotations
 
@@ -28,9 +28,8 @@ class FileGroup:
     key: str  #: name in the mapping's table of files
     paths: list[Path]
     opened: ArrayFile
-    texts: dict[str, list[str]] = field(
-        default_factory=dict
-    )  #: columns of text of a table, by name
+    #: columns of text of a table, by name
+    texts: dict[str, list[str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -51,64 +50,89 @@ class ArraySource:
 
     def entry(self, unit: str | None = None) -> str:
         """Return the inline table (TOML) by which a mapping names it."""
-        parts = [f"file = {json.dumps(self.group.key)}", f"variable = {json.dumps(self.info.name)}"]
+        cells = [f"file = {json.dumps(self.group.key)}", f"variable = {json.dumps(self.info.name)}"]
         if unit is not None:
-            parts.append(f'unit = "{unit}"')
-        return "{" + ", ".join(parts) + "}"
+            cells.append(f'unit = "{unit}"')
+        return "{" + ", ".join(cells) + "}"
 
 
 def group_files(files: list[Path], limit: int) -> list[FileGroup]:
-    """Put files together whose names differ by numbers alone and whose arrays are alike."""
+    """Group files whose names differ by numbers alone.
+
+    Parameters
+    ----------
+    files : list of Path
+        The files.
+    limit : int
+        Bytes that a file and an array may take.
+
+    Returns
+    -------
+    list of FileGroup
+        The groups, in the order of their first files.
+
+    Raises
+    ------
+    ValueError
+        If a file cannot be read, or the files of a group hold different arrays.
+    """
     by_name: dict[tuple[str, str], list[Path]] = {}
     for path in files:
-        by_name.setdefault((str(path.parent), re.sub(r"\d+", "*", path.name)), []).append(path)
+        pattern = re.sub(r"\d+", "*", path.name)
+        by_name.setdefault((str(path.parent), pattern), []).append(path)
     groups: list[FileGroup] = []
     for alike in by_name.values():
-        alike.sort(key=lambda path: [int(part) for part in re.findall(r"\d+", path.name)])
-        opened = open_arrays(alike[0], limit)
+        alike.sort(key=_numbers_in)
+        first = alike[0]
+        opened = open_arrays(first, limit)
         for path in alike[1:]:
             names = list(open_arrays(path, limit).arrays)
             if names != list(opened.arrays):
                 raise ValueError(
-                    f"{path}: files of one kind must hold the same arrays, got {', '.join(names)} beside "
-                    f"{', '.join(opened.arrays)} of {alike[0].name}"
+                    f"{path}: files of one kind must hold the same arrays, got {', '.join(names)} "
+                    f"beside {', '.join(opened.arrays)} of {first.name}"
                 )
-        texts = _text_columns(alike[0]) if alike[0].suffix.lower() in TABLES else {}
-        groups.append(
-            FileGroup(_key(alike[0], {group.key for group in groups}), alike, opened, texts)
-        )
+        texts = _text_columns(first) if first.suffix.lower() in TABLES else {}
+        key = _key(first, {group.key for group in groups})
+        groups.append(FileGroup(key, alike, opened, texts))
     return groups
+
+
+def _numbers_in(path: Path) -> list[int]:
+    """Return the numbers in the name of a file."""
+    return [int(digits) for digits in re.findall(r"\d+", path.name)]
 
 
 def _key(path: Path, taken: set[str]) -> str:
     """Return a name for a file that TOML takes without quotes."""
-    key = re.sub(r"\W+", "_", re.sub(r"\d+", "", path.stem), flags=re.ASCII).strip("_") or "file"
+    stem = re.sub(r"\d+", "", path.stem)
+    key = re.sub(r"\W+", "_", stem, flags=re.ASCII).strip("_") or "file"
     while key in taken or key == "data":
         key += "_"
     return key
 
 
 def _text_columns(path: Path) -> dict[str, list[str]]:
-    """Return the columns of a table that hold text, such as which antenna is a transmitter, by their header."""
+    """Return the columns of a table that hold text, such as the kind of an antenna, by header."""
     text = read_named(path, LIMIT).decode("utf-8-sig", errors="replace")
-    lines = [
-        line
-        for line in text.splitlines()
-        if line.strip() and not line.lstrip().startswith(("#", "%"))
-    ]
+    lines = []
+    for line in text.splitlines():
+        if line.strip() and not line.lstrip().startswith(("#", "%")):
+            lines.append(line)
     if len(lines) < 2:
         return {}
-    mark = next((mark for mark in ";\t," if mark in lines[0]), ",")
-    rows = [row for row in csv.reader(io.StringIO("\n".join(lines)), delimiter=mark) if row]
+    delimiter = next((mark for mark in ";\t," if mark in lines[0]), ",")
+    reader = csv.reader(io.StringIO("\n".join(lines)), delimiter=delimiter)
+    header, *rows = (row for row in reader if row)
     columns: dict[str, list[str]] = {}
-    for number, name in enumerate(rows[0]):
-        cells = [row[number].strip() if number < len(row) else "" for row in rows[1:]]
+    for number, name in enumerate(header):
+        cells = [row[number].strip() if number < len(row) else "" for row in rows]
         if any(re.search(r"[A-Za-z]", cell) for cell in cells):
             columns[name.strip()] = cells
     return columns
 
 
 def name_token(name: str, words: Collection[str]) -> str | None:
-    """Return the word of a name that is one of ``words``; None if none is."""
+    """Return the word of a name that is among ``words``; None if none is."""
     tokens = re.split(r"[_\W]+", name.lower())
     return next((token for token in tokens if token in words), None)

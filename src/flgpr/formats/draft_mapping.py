@@ -12,206 +12,274 @@ from flgpr.formats.draft_roles import TIME_NAMES, Roles
 from flgpr.formats.draft_units import unit_of
 from flgpr.model.units import UNITS
 
+_NO_POSE = [
+    "[pose]  # no file tells where the vehicle was",
+    'x = "?"',
+    'y = "?"',
+    'z = "?"',
+    'unit = "m"',
+    'heading = "?"',
+    'pitch = "0?"',
+    'roll = "0?"',
+    'angle_unit = "deg"',
+]
+_NO_ANTENNAS = [
+    "[antenna_position]  # in the vehicle frame; "
+    "no file holds as many places as there are antennas",
+    'values = [["?", "?", "?"]]',
+    'unit = "m"',
+    "",
+]
+_NO_TONES = [
+    "[frequency]  # no file holds values that increase along an axis of the signal",
+    'span = ["?", "?"]  # first and last tone',
+    'unit = "GHz"',
+    "",
+]
+_WITHOUT = {"heading": '"course?"  # along the way', "pitch": "0.0", "roll": "0.0"}
+"""Values of angles that no column holds."""
+
 
 class MappingDraft:
-    """Writes the mapping of files whose ``roles`` are known; names of files are relative to the folder ``home``."""
+    """Writes the mapping of files whose ``roles`` are known.
 
-    def __init__(self, roles: Roles, home: Path) -> None:
+    Names of files are relative to ``folder``.
+    """
+
+    def __init__(self, roles: Roles, folder: Path) -> None:
         self.roles = roles
-        self.home = home
+        self.folder = folder
 
     def text(self) -> str:
         """Return the mapping."""
-        dims = self.roles.dims()
-        several = len(self.roles.data.paths) > 1
-        join = ""
-        if several:
-            join = "scan" if any(name.startswith("scan") for name in dims) else "new scan"
-            rows = self.roles.fixes()
-            certain = join == "scan" or rows is None or rows == len(self.roles.data.paths)
-            join += "" if certain or self.roles.way.get("time") is not None else "?"
+        roles = self.roles
+        dims = roles.dims()
+        files = sum(len(group.paths) for group in roles.groups)
+        title = roles.data.paths[0].parent.resolve().name or "own array"
         lines = [
-            f"# Draft for {sum(len(group.paths) for group in self.roles.groups)} files together.",
+            f"# Draft for {files} files together.",
             "# What ends in a question mark is a guess: check it and take the mark away.",
-            f"title = {json.dumps(self.roles.data.paths[0].parent.resolve().name or 'own array')}",
-            f"polarization = {json.dumps(self.roles.labels)}",
-        ]
-        if join:
-            what = (
-                "each file is a scan"
-                if join.startswith("new")
-                else "each file continues the scans of the one before"
-            )
-            lines.append(f"join = {json.dumps(join)}  # {len(self.roles.data.paths)} files: {what}")
-        lines += ["", "[files]"]
-        lines += [
-            f"{group.key} = {self._names(group)}"
-            for group in self.roles.groups
-            if self._needed(group)
-        ]
-        lines += [
+            f"title = {json.dumps(title)}",
+            f"polarization = {json.dumps(roles.labels)}",
+            *self._join_lines(dims),
             "",
-            "[signal]",
-            f"variable = {json.dumps(self.roles.signal.name)}",
-            *([f"imaginary = {json.dumps(self.roles.imaginary)}"] if self.roles.imaginary else []),
-            f"dims = {json.dumps(dims)}  # of {' x '.join(map(str, self.roles.sizes))}",
-            "",
-            *self._axis_lines(),
-            *self._antenna_lines(),
-            *self._way_lines(self.roles.scans(dims)),
+            "[files]",
         ]
+        for group in roles.groups:
+            if self._is_used(group):
+                lines.append(f"{group.key} = {self._file_names(group)}")
+        lines += ["", "[signal]", f"variable = {json.dumps(roles.signal.name)}"]
+        if roles.imaginary:
+            lines.append(f"imaginary = {json.dumps(roles.imaginary)}")
+        sizes = " x ".join(map(str, roles.sizes))
+        lines += [f"dims = {json.dumps(dims)}  # of {sizes}", ""]
+        lines += self._axis_lines()
+        lines += self._antenna_lines()
+        lines += self._place_lines(roles.scan_count(dims))
         return "\n".join(lines).rstrip() + "\n"
 
-    def _needed(self, group: FileGroup) -> bool:
+    def _join_lines(self, dims: list[str]) -> list[str]:
+        """Return the line that states how several files of data go together."""
+        count = len(self.roles.data.paths)
+        if count == 1:
+            return []
+        if any(name.startswith("scan") for name in dims):
+            join = "scan"
+            meaning = "each file continues the scans of the one before"
+        else:
+            join = "new scan"
+            meaning = "each file is a scan"
+            rows = self.roles.fix_count()
+            certain = rows is None or rows == count or "time" in self.roles.pose_columns
+            if not certain:
+                join += "?"
+        return [f"join = {json.dumps(join)}  # {count} files: {meaning}"]
+
+    def _is_used(self, group: FileGroup) -> bool:
+        """Return whether the mapping names an array of a group."""
         if group is self.roles.data:
             return True
-        sources = [self.roles.frequency, self.roles.samples, *self.roles.way.values()]
-        sources += [one.source for one in self.roles.antennas.values() if one.values is None]
+        sources = [self.roles.frequency, self.roles.samples, *self.roles.pose_columns.values()]
+        for antennas in self.roles.antennas.values():
+            if antennas.values is None:
+                sources.append(antennas.source)
         return any(source is not None and source.group is group for source in sources)
 
-    def _names(self, group: FileGroup) -> str:
-        names = [os.path.relpath(path, self.home or ".") for path in group.paths]
+    def _file_names(self, group: FileGroup) -> str:
+        """Return the files of a group as the mapping names them: a name, a pattern or a list."""
+        start = self.folder or "."
+        names = [os.path.relpath(path, start) for path in group.paths]
         if len(names) == 1:
             return json.dumps(names[0])
         folder = group.paths[0].parent
         pattern = re.sub(r"\d+", "*", group.paths[0].name)
-        if {path.name for path in folder.glob(pattern)} == {path.name for path in group.paths}:
-            return json.dumps(os.path.relpath(folder / pattern, self.home or "."))
+        matching = {path.name for path in folder.glob(pattern)}
+        if matching == {path.name for path in group.paths}:
+            return json.dumps(os.path.relpath(folder / pattern, start))
         return json.dumps(names)
 
     def _axis_lines(self) -> list[str]:
-        if self.roles.frequency is not None:
-            unit, why = self.roles.frequency_unit()
-            return ["[frequency]", *_where(self.roles.frequency), _unit_line(unit, why), ""]
-        if self.roles.samples is not None:
-            usual = "m" if "range" in self.roles.samples.info.name.lower() else "ns"
-            unit = unit_of(self.roles.samples.group.opened, self.roles.samples.info, usual)
-            meaning = "range?" if unit.rstrip("?") in UNITS["length"] else "delay?"
+        """Return the table of the tones or of the samples."""
+        roles = self.roles
+        if roles.frequency is not None:
+            unit, reason = roles.frequency_unit()
             return [
-                "[samples]", *_where(self.roles.samples), _unit_line(unit),
-                f'meaning = "{meaning}"  # delay, range (one way) or path (there and back)',
-                'band = ["?", "?"]  # first and last frequency to keep', 'band_unit = "GHz"', "",
-            ]  # fmt: skip
+                "[frequency]",
+                *_variable_lines(roles.frequency),
+                _unit_line(unit, reason),
+                "",
+            ]
+        if roles.samples is None:
+            return _NO_TONES
+        usual = "m" if "range" in roles.samples.info.name.lower() else "ns"
+        unit = _unit(roles.samples, usual)
+        meaning = "range?" if unit.rstrip("?") in UNITS["length"] else "delay?"
         return [
-            "[frequency]  # no file holds values that increase along an axis of the signal",
-            'span = ["?", "?"]  # first and last tone', 'unit = "GHz"', "",
-        ]  # fmt: skip
+            "[samples]",
+            *_variable_lines(roles.samples),
+            _unit_line(unit),
+            f'meaning = "{meaning}"  # delay, range (one way) or path (there and back)',
+            'band = ["?", "?"]  # first and last frequency to keep',
+            'band_unit = "GHz"',
+            "",
+        ]
 
     def _antenna_lines(self) -> list[str]:
-        sides = ("tx", "rx") if {"tx", "rx"} <= set(self.roles.antennas) else ("antenna",)
-        if not set(sides) <= set(self.roles.antennas):
-            return ["[antenna_position]  # in the vehicle frame; no file holds as many places as there are antennas",
-                    'values = [["?", "?", "?"]]', 'unit = "m"', ""]  # fmt: skip
+        """Return the tables of the antennas' positions."""
+        antennas = self.roles.antennas
+        sides = ("tx", "rx") if {"tx", "rx"} <= set(antennas) else ("antenna",)
+        if not set(sides) <= set(antennas):
+            return _NO_ANTENNAS
         lines: list[str] = []
         for side in sides:
-            one = self.roles.antennas[side]
+            positions = antennas[side]
             lines.append(f"[{side}_position]  # in the vehicle frame: x right, y forward, z up")
-            if one.values is None:
-                lines += _where(one.source)
+            if positions.values is None:
+                lines += _variable_lines(positions.source)
             else:
-                lines += [
-                    "values = [",
-                    *(f"    {json.dumps(row)}," for row in one.values.tolist()),
-                    "]",
-                ]
-            lines += [_unit_line(one.unit, one.why), ""]
+                lines.append("values = [")
+                lines += [f"    {json.dumps(row)}," for row in positions.values.tolist()]
+                lines.append("]")
+            lines += [_unit_line(positions.unit, positions.reason), ""]
         return lines
 
-    def _way_lines(self, scans: int | None) -> list[str]:
-        way = self.roles.way
-        if not way:
-            return ["[pose]  # no file tells where the vehicle was", 'x = "?"', 'y = "?"', 'z = "?"', 'unit = "m"',
-                    'heading = "?"', 'pitch = "0?"', 'roll = "0?"', 'angle_unit = "deg"']  # fmt: skip
-        rows = next(iter(way.values())).count
+    def _place_lines(self, scans: int | None) -> list[str]:
+        """Return the tables that state where the vehicle was."""
+        columns = self.roles.pose_columns
+        if not columns:
+            return _NO_POSE
+        rows = next(iter(columns.values())).count
         if rows == scans:
             return self._pose_lines()
         return self._track_lines(rows, scans)
 
     def _pose_lines(self) -> list[str]:
-        way = self.roles.way
+        """Return the table of a pose for every scan."""
+        columns = self.roles.pose_columns
+        file = next(iter(columns.values())).group.key
         lines = [
-            "[pose]  # the vehicle in the lane frame, a row per scan; heading is clockwise from +y seen from above",
-            f"file = {json.dumps(next(iter(way.values())).group.key)}",
+            "[pose]  # the vehicle in the lane frame, a row per scan; "
+            "heading is clockwise from +y seen from above",
+            f"file = {json.dumps(file)}",
         ]
-        if {"longitude", "latitude"} <= set(way):
-            lines.append(f"geodetic = {self._geodetic()}  # needs --anchor, or --anchor-from-track")
+        if self._is_geodetic():
+            lines.append(self._geodetic_line())
         else:
-            unit, why = self.roles.way_unit()
-            lines += [f"{axis} = {json.dumps(way[axis].info.name)}" for axis in "xy"]
-            z = way.get("height")
-            lines += [
-                f"z = {json.dumps(z.info.name) if z else '0.0  # no column of heights'}",
-                _unit_line(unit, why),
-            ]
-        return [*lines, *self._attitude_lines()]
+            unit, reason = self.roles.position_unit()
+            lines += [f"{axis} = {json.dumps(columns[axis].info.name)}" for axis in "xy"]
+            height = "0.0  # no column of heights"
+            if "height" in columns:
+                height = json.dumps(columns["height"].info.name)
+            lines += [f"z = {height}", _unit_line(unit, reason)]
+        return lines + self._attitude_lines()
 
-    def _geodetic(self) -> str:
-        way = self.roles.way
-        parts = [f"file = {json.dumps(way['longitude'].group.key)}"]
-        parts += [
-            f"{name} = {json.dumps(way[name].info.name)}" for name in ("longitude", "latitude")
-        ]
-        height = way.get("height")
-        parts.append(f"height = {json.dumps(height.info.name) if height else 0.0}")
-        return "{" + ", ".join(parts) + ', angle_unit = "deg", unit = "m"}'
+    def _is_geodetic(self) -> bool:
+        """Return whether positions are longitudes and latitudes."""
+        return {"longitude", "latitude"} <= set(self.roles.pose_columns)
+
+    def _geodetic_line(self) -> str:
+        """Return the entry of positions by longitude and latitude."""
+        columns = self.roles.pose_columns
+        cells = [f"file = {json.dumps(columns['longitude'].group.key)}"]
+        for name in ("longitude", "latitude"):
+            cells.append(f"{name} = {json.dumps(columns[name].info.name)}")
+        cells.append(f"height = {self._height()}")
+        cells += ['angle_unit = "deg"', 'unit = "m"']
+        return f"geodetic = {{{', '.join(cells)}}}  # needs --anchor, or --anchor-from-track"
+
+    def _height(self) -> str:
+        """Return the column of heights, or zero where there is none."""
+        height = self.roles.pose_columns.get("height")
+        return json.dumps(height.info.name if height else 0.0)
 
     def _attitude_lines(self) -> list[str]:
-        way = self.roles.way
+        """Return the entries of heading, pitch and roll."""
+        columns = self.roles.pose_columns
         lines: list[str] = []
-        for name, without in (
-            ("heading", '"course?"  # along the way'),
-            ("pitch", "0.0"),
-            ("roll", "0.0"),
-        ):
-            known = way.get(name)
-            lines.append(f"{name} = {json.dumps(known.info.name) if known else without}")
-        units = [unit_of(way[name].group.opened, way[name].info, "deg") for name in ("heading", "pitch", "roll")
-                 if name in way]  # fmt: skip
-        return [*lines, f'angle_unit = "{units[0] if units else "deg"}"']
+        unit = ""
+        for name, without in _WITHOUT.items():
+            column = columns.get(name)
+            if column is None:
+                lines.append(f"{name} = {without}")
+            else:
+                lines.append(f"{name} = {json.dumps(column.info.name)}")
+                unit = unit or _unit(column, "deg")
+        return [*lines, f'angle_unit = "{unit or "deg"}"']
 
     def _track_lines(self, rows: int, scans: int | None) -> list[str]:
-        """Write a track on a clock of its own, where there are more or fewer fixes than scans."""
-        way = self.roles.way
-        stamp = self.roles.find_axis(TIME_NAMES)
-        counts = (
-            f"{rows} fixes of {scans or 'an unknown number of'} scans: a track on its own clock"
-        )
+        """Return the tables of a track, which has more or fewer fixes than there are scans."""
         lines = ["[time]  # the radar's time of every scan"]
+        stamp = self.roles.find_axis(TIME_NAMES)
         if stamp is not None:
-            lines += [*_where(stamp), _unit_line(unit_of(stamp.group.opened, stamp.info, "s")), ""]
+            lines += [*_variable_lines(stamp), _unit_line(_unit(stamp, "s")), ""]
         else:
             lines += [
                 'span = ["?", "?"]  # of the first and the last scan, on the clock of the fixes',
                 'unit = "s"',
                 "",
             ]
-        lines.append(f"[track]  # {counts}")
-        clock = way.get("time")
-        if clock is not None:
-            lines.append(f"time = {clock.entry(unit_of(clock.group.opened, clock.info, 's'))}")
-        else:
-            lines.append('time = {values = ["?"], unit = "s"}  # no column of times')
-        if {"longitude", "latitude"} <= set(way):
-            lines.append(f"geodetic = {self._geodetic()}  # needs --anchor, or --anchor-from-track")
-        else:
-            unit, why = self.roles.way_unit()
-            key = json.dumps(way["x"].group.key)
-            sides = [f"{axis} = {json.dumps(way[axis].info.name)}" for axis in "xy"]
-            height = way.get("height")
-            sides.append(f"z = {json.dumps(height.info.name) if height else 0.0}")
-            words = f"  # {why}" if why else ""
-            lines.append(f'position = {{file = {key}, {", ".join(sides)}, unit = "{unit}"}}{words}')
-        return [
-            *lines,
-            *self._attitude_lines(),
-            "clock_offset = 0.0  # the track's clock less the radar's, s",
+        lines += [
+            f"[track]  # {rows} fixes of {scans or 'an unknown number of'} scans: "
+            "a track on its own clock",
+            self._clock_line(),
+            self._geodetic_line() if self._is_geodetic() else self._position_line(),
         ]
+        lines += self._attitude_lines()
+        return [*lines, "clock_offset = 0.0  # the track's clock less the radar's, s"]
+
+    def _clock_line(self) -> str:
+        """Return the entry of the times of fixes."""
+        clock = self.roles.pose_columns.get("time")
+        if clock is None:
+            return 'time = {values = ["?"], unit = "s"}  # no column of times'
+        return f"time = {clock.entry(_unit(clock, 's'))}"
+
+    def _position_line(self) -> str:
+        """Return the entry of positions in the lane."""
+        columns = self.roles.pose_columns
+        unit, reason = self.roles.position_unit()
+        cells = [f"file = {json.dumps(columns['x'].group.key)}"]
+        for axis in "xy":
+            cells.append(f"{axis} = {json.dumps(columns[axis].info.name)}")
+        cells += [f"z = {self._height()}", f'unit = "{unit}"']
+        comment = f"  # {reason}" if reason else ""
+        return f"position = {{{', '.join(cells)}}}{comment}"
 
 
-def _where(source: ArraySource) -> list[str]:
-    lines = [] if source.group.key == "data" else [f"file = {json.dumps(source.group.key)}"]
-    return [*lines, f"variable = {json.dumps(source.info.name)}"]
+def _unit(source: ArraySource, usual: str) -> str:
+    """Return the unit of an array; a guess ends in a question mark."""
+    return unit_of(source.group.opened, source.info, usual)
 
 
-def _unit_line(unit: str, why: str = "") -> str:
-    return f'unit = "{unit}"' + (f"  # {why}" if why else "")
+def _variable_lines(source: ArraySource) -> list[str]:
+    """Return the entries that name an array."""
+    variable = f"variable = {json.dumps(source.info.name)}"
+    if source.group.key == "data":
+        return [variable]
+    return [f"file = {json.dumps(source.group.key)}", variable]
+
+
+def _unit_line(unit: str, reason: str = "") -> str:
+    """Return the entry of a unit, with why it is known as a comment."""
+    comment = f"  # {reason}" if reason else ""
+    return f'unit = "{unit}"{comment}'

@@ -1,6 +1,7 @@
-"""What each array of a measurement's files is: the signal, its axes, the antennas, and where the vehicle was.
+"""What each array of a measurement's files is.
 
-What follows from lengths, names and stated units is taken as it is. What is a guess ends in a question mark.
+An array is the signal, an axis of it, positions of antennas, or where the vehicle was. What follows
+from lengths, names and stated units is taken as it is. What is a guess ends in a question mark.
 """
 
 from __future__ import annotations
@@ -8,7 +9,8 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import Any
+from itertools import combinations, product
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +28,15 @@ _CERTAIN_HERTZ = 1e8  # no radar has tones of so many kHz, MHz or GHz
 _LONGEST_ARRAY = 20.0  # m; an array on a vehicle is no longer
 _LONGEST_STEP = 50.0  # m from scan to scan
 _SHORTEST_STEP = 0.02
+_COMPLEX_WEIGHT = 10  # by which complex arrays go before real ones: a table is no field
 _FREQUENCY_NAMES = re.compile(r"freq|tone|(^|[_./])(f|hz|ghz|mhz)($|[_./])", re.IGNORECASE)
 _SAMPLE_NAMES = re.compile(r"range|delay|time|t_ns|twt", re.IGNORECASE)
 TIME_NAMES = re.compile(r"time|stamp|(^|[_./])(t|utc|tow)($|[_./])", re.IGNORECASE)
 """What times of scans and of fixes are called."""
 _TX_NAMES = re.compile(r"(^|[^a-z])tx|trans|source|sender", re.IGNORECASE)
 _RX_NAMES = re.compile(r"(^|[^a-z])rx|recei|receptor|empf", re.IGNORECASE)
-_WAY_NAMES: dict[str, set[str]] = {
+_UNNAMED = ("array", "table")  # names of arrays in files that name none
+_POSE_NAMES: dict[str, set[str]] = {
     "longitude": {"lon", "long", "longitude", "lng", "laenge"},
     "latitude": {"lat", "latitude", "breite"},
     "height": {"height", "alt", "altitude", "elevation", "ellipsoidal", "hoehe", "z", "up", "hgt"},
@@ -51,8 +55,16 @@ class Antennas:
     source: ArraySource
     count: int
     unit: str
-    why: str = ""
-    values: FloatArray | None = None  #: (antenna, 3) where they are a part of a list
+    reason: str = ""  #: why it is that unit
+    values: FloatArray | None = None  #: (antenna, 3) where they are some rows of a list
+
+
+class _Signal(NamedTuple):
+    """The measured field: its group of files, its array, and that of its imaginary part."""
+
+    group: FileGroup
+    info: ArrayInfo
+    imaginary: str | None
 
 
 class Roles:
@@ -63,7 +75,7 @@ class Roles:
 
     def __init__(self, groups: list[FileGroup]) -> None:
         self.groups = groups
-        self.data, self.signal, self.imaginary = self._signal_of_all()
+        self.data, self.signal, self.imaginary = self._find_signal()
         self.data.key = "data"
         self.used = {(self.data.key, self.signal.name), (self.data.key, self.imaginary or "")}
         self.sizes = list(self.signal.shape)
@@ -71,173 +83,175 @@ class Roles:
         self.samples = None if self.frequency else self.find_axis(_SAMPLE_NAMES)
         self.antennas = self._find_antennas()
         self.labels = labels_of(self.data.opened, self.sizes)
-        self.way = self._find_way()
+        self.pose_columns = self._find_pose_columns()
 
-    def _signal_of_all(self) -> tuple[FileGroup, ArrayInfo, str | None]:
-        best: tuple[int, FileGroup, ArrayInfo, str | None] | None = None
+    def _find_signal(self) -> _Signal:
+        """Find the largest array that can be the measured field."""
+        best: _Signal | None = None
+        best_size = -1
         for group in self.groups:
-            signal, imaginary = find_signal(group.opened)
-            if signal is None:
+            info, imaginary = find_signal(group.opened)
+            if info is None:
                 continue
-            size = math.prod(signal.shape) * len(group.paths)
-            complex_or_parts = imaginary is not None or signal.dtype.startswith("complex")
-            size *= 10 if complex_or_parts else 1  # a table of antennas is no field
-            if best is None or size > best[0]:
-                best = size, group, signal, imaginary
+            size = math.prod(info.shape) * len(group.paths)
+            if imaginary is not None or info.dtype.startswith("complex"):
+                size *= _COMPLEX_WEIGHT
+            if size > best_size:
+                best = _Signal(group, info, imaginary)
+                best_size = size
         if best is None:
-            names = ", ".join(path.name for group in self.groups for path in group.paths[:1])
+            names = ", ".join(group.paths[0].name for group in self.groups)
             raise ValueError(
-                f"one of the files must hold a signal, an array of many numbers, got none in {names}"
+                "one of the files must hold a signal, an array of many numbers, "
+                f"got none in {names}"
             )
-        return best[1:]
+        return best
 
-    def _rest(self) -> list[ArraySource]:
-        return [
-            ArraySource(group, info)
-            for group in self.groups
-            for info in group.opened.arrays.values()
-            if (group.key, info.name) not in self.used
-        ]
+    def _unused(self) -> list[ArraySource]:
+        """Return the arrays that are nothing yet."""
+        sources = []
+        for group in self.groups:
+            for info in group.opened.arrays.values():
+                if (group.key, info.name) not in self.used:
+                    sources.append(ArraySource(group, info))
+        return sources
 
     def _take(self, source: ArraySource) -> ArraySource:
+        """Mark an array as used, and return it."""
         self.used.add((source.group.key, source.info.name))
         return source
 
     def find_axis(self, names: re.Pattern[str]) -> ArraySource | None:
-        """Find values that increase along an axis of the signal, the longest first: by their name, or by a file's."""
-        fits: list[tuple[int, ArraySource]] = []
-        for source in self._rest():
-            flat = max(source.info.shape, default=0) == source.count > 1 and source.count <= _SMALL
-            called = names.search(source.info.name) or (
-                names.search(source.group.paths[0].stem) and source.info.name in ("array", "table")
-            )
-            if not (flat and called and source.count in self.sizes):
+        """Find the longest array of values that increase along an axis of the signal.
+
+        Its name matches ``names``, or that of its file where the file names no array.
+        """
+        longest: ArraySource | None = None
+        for source in self._unused():
+            if not _is_vector(source) or source.count > _SMALL:
+                continue
+            if source.count not in self.sizes or not _is_called(source, names):
+                continue
+            if longest is not None and source.count <= longest.count:
                 continue
             values = source.values()
-            if (
-                values.dtype.kind in "fiu"
-                and (np.diff(values.ravel().astype(np.float64)) > 0).all()
-            ):
-                fits.append((source.count, source))
-        if not fits:
-            return None
-        return self._take(max(fits, key=lambda fit: fit[0])[1])
+            if values.dtype.kind in "fiu" and _increases(values):
+                longest = source
+        return None if longest is None else self._take(longest)
 
     def _find_antennas(self) -> dict[str, Antennas]:
         """Find the positions of transmitters and receivers, or of pairs."""
-        found: dict[str, Antennas] = {}
-        for source in self._rest():
-            if (
-                len(source.info.shape) != 2
-                or source.info.shape[1] != 3
-                or source.count > 3 * _SMALL
-            ):
+        antennas: dict[str, Antennas] = {}
+        for source in self._unused():
+            shape = source.info.shape
+            if len(shape) != 2 or shape[1] != 3 or source.count > 3 * _SMALL:
                 continue
-            if source.info.shape[0] not in self.sizes and not self._is_product(
-                source.info.shape[0]
-            ):
+            if shape[0] not in self.sizes and not self._is_sum_of_axes(shape[0]):
                 continue
             side = self._side(source)
-            if side is None or side in found:
+            if side is None or side in antennas:
                 continue
-            unit, why = self._length_unit(source, source.values())
-            found[side] = Antennas(self._take(source), source.info.shape[0], unit, why)
-        if {"tx", "rx"} <= set(found) or "antenna" in found:
-            return found
-        return self._antennas_of_lists() or found
+            unit, reason = self._length_unit(source, source.values())
+            antennas[side] = Antennas(self._take(source), shape[0], unit, reason)
+        if {"tx", "rx"} <= set(antennas) or "antenna" in antennas:
+            return antennas
+        return self._antennas_of_lists() or antennas
 
-    def _is_product(self, count: int) -> bool:
-        return any(count == a + b for a in self.sizes for b in self.sizes)
+    def _is_sum_of_axes(self, count: int) -> bool:
+        """Return whether a number is the sum of the lengths of two axes of the signal."""
+        return any(count == first + second for first, second in product(self.sizes, repeat=2))
 
     def _side(self, source: ArraySource) -> str | None:
-        name = (
-            source.info.name
-            if source.info.name not in ("array", "table")
-            else source.group.paths[0].stem
-        )
+        """Return which antennas a list of positions is of, by its name; None if unknown."""
+        name = source.info.name
+        if name in _UNNAMED:
+            name = source.group.paths[0].stem
         if _TX_NAMES.search(name):
             return "tx"
         if _RX_NAMES.search(name):
             return "rx"
-        table = source.group.texts or source.group.paths[0].suffix.lower() in TABLES
-        return None if table or source.info.shape[0] not in self.sizes else "antenna"
+        if source.group.texts or source.group.paths[0].suffix.lower() in TABLES:
+            return None
+        return "antenna" if source.info.shape[0] in self.sizes else None
 
     def _antennas_of_lists(self) -> dict[str, Antennas]:
-        """Find one list of all antennas: with a column that tells their kind, else transmitters first."""
+        """Find one list of all antennas.
+
+        A column states the kind of each, else transmitters come first.
+        """
         for group in self.groups:
             for source, points in self._point_lists(group):
-                kinds = self._kinds(group, len(points))
-                unit, why = self._length_unit(source, points)
-                if kinds is not None:
-                    tx = points[kinds == "tx"]
-                    rx = points[kinds == "rx"]
-                    if len(tx) in self.sizes and len(rx) in self.sizes:
-                        words = f"{why}, " if why else ""
-                        why_tx = f"{words}of the rows that are called transmitters"
-                        why_rx = f"{words}of the rows that are called receivers"
-                        return {
-                            "tx": Antennas(source, len(tx), unit, why_tx, tx),
-                            "rx": Antennas(source, len(rx), unit, why_rx, rx),
-                        }
-                split = self._split(len(points))
-                if split is not None:
-                    tx = points[: split[0]]
-                    rx = points[split[0] :]
-                    return {
-                        "tx": Antennas(
-                            source,
-                            len(tx),
-                            f"{unit.rstrip('?')}?",
-                            "transmitters first in the list?",
-                            tx,
-                        ),
-                        "rx": Antennas(source, len(rx), unit, "the rest of the list", rx),
-                    }
+                antennas = self._by_kind(source, points) or self._by_order(source, points)
+                if antennas:
+                    return antennas
         return {}
 
+    def _by_kind(self, source: ArraySource, points: FloatArray) -> dict[str, Antennas]:
+        """Return transmitters and receivers of a list by a column of their kinds, if any."""
+        kinds = _kinds_in(source.group, len(points))
+        if kinds is None:
+            return {}
+        tx = points[kinds == "tx"]
+        rx = points[kinds == "rx"]
+        if len(tx) not in self.sizes or len(rx) not in self.sizes:
+            return {}
+        unit, reason = self._length_unit(source, points)
+        start = f"{reason}, " if reason else ""
+        why_tx = f"{start}of the rows that are called transmitters"
+        why_rx = f"{start}of the rows that are called receivers"
+        return {
+            "tx": Antennas(source, len(tx), unit, why_tx, tx),
+            "rx": Antennas(source, len(rx), unit, why_rx, rx),
+        }
+
+    def _by_order(self, source: ArraySource, points: FloatArray) -> dict[str, Antennas]:
+        """Return transmitters and receivers of a list by their numbers, if these are certain."""
+        count = self._transmitters_of(len(points))
+        if count is None:
+            return {}
+        tx = points[:count]
+        rx = points[count:]
+        unit, _ = self._length_unit(source, points)
+        guess = f"{unit.rstrip('?')}?"
+        return {
+            "tx": Antennas(source, len(tx), guess, "transmitters first in the list?", tx),
+            "rx": Antennas(source, len(rx), unit, "the rest of the list", rx),
+        }
+
     def _point_lists(self, group: FileGroup) -> list[tuple[ArraySource, FloatArray]]:
-        """Return the lists (antenna, 3) of a group: arrays of three columns, or columns called x, y and z."""
+        """Return the lists (antenna, 3) of a group.
+
+        They are arrays of three columns, or columns called x, y and z.
+        """
         arrays = group.opened.arrays
         lists: list[tuple[ArraySource, FloatArray]] = []
-        named = {name_token(name, "xyz"): name for name in arrays}
-        if {"x", "y", "z"} <= set(named):
-            sides = [group.opened.read(named[axis]).astype(np.float64).ravel() for axis in "xyz"]
+        name_of = {name_token(name, "xyz"): name for name in arrays}
+        if {"x", "y", "z"} <= set(name_of):
+            sides = []
+            for axis in "xyz":
+                sides.append(group.opened.read(name_of[axis]).astype(np.float64).ravel())
             if len({side.size for side in sides}) == 1:
-                lists.append((ArraySource(group, arrays[named["x"]]), np.stack(sides, axis=-1)))
+                source = ArraySource(group, arrays[name_of["x"]])
+                lists.append((source, np.stack(sides, axis=-1)))
         for info in arrays.values():
             if len(info.shape) == 2 and info.shape[1] == 3 and info.shape[0] <= _SMALL:
-                lists.append(
-                    (ArraySource(group, info), group.opened.read(info.name).astype(np.float64))
-                )
+                points = group.opened.read(info.name).astype(np.float64)
+                lists.append((ArraySource(group, info), points))
         return lists
 
-    def _kinds(self, group: FileGroup, count: int) -> NDArray[np.str_] | None:
-        """Read from a column of text which antenna transmits and which receives."""
-        for cells in group.texts.values():
-            low = [cell.lower() for cell in cells]
-            sides = [
-                "tx" if one.startswith(("t", "s")) else "rx" if one.startswith(("r", "e")) else ""
-                for one in low
-            ]
-            if len(sides) == count and set(sides) == {"tx", "rx"}:
-                return np.array(sides)
-        return None
-
-    def _split(self, count: int) -> tuple[int, int] | None:
-        """Tell how many transmitters and receivers a list of so many antennas has, by two axes of the signal."""
-        others = [size for size in self.sizes if size > 1]
-        if self.frequency is not None and self.frequency.count in others:
-            others.remove(self.frequency.count)
-        pairs = [
-            (a, b)
-            for i, a in enumerate(others)
-            for k, b in enumerate(others)
-            if i < k and a + b == count
-        ]
-        return pairs[0] if len(pairs) == 1 else None
+    def _transmitters_of(self, count: int) -> int | None:
+        """Return how many of so many antennas transmit; None if two axes do not make it certain."""
+        sizes = [size for size in self.sizes if size > 1]
+        if self.frequency is not None and self.frequency.count in sizes:
+            sizes.remove(self.frequency.count)
+        splits = [pair for pair in combinations(sizes, 2) if sum(pair) == count]
+        return splits[0][0] if len(splits) == 1 else None
 
     def _length_unit(self, source: ArraySource, points: NDArray[Any]) -> tuple[str, str]:
-        """Return the unit of antennas' positions, and why: stated, or by what their spread can be; else a guess."""
+        """Return the unit of antennas' positions, and why.
+
+        It is stated, or follows from what their spread can be; else it is a guess.
+        """
         stated = unit_of(source.group.opened, source.info, "m")
         if not stated.endswith("?"):
             return stated, ""
@@ -247,13 +261,14 @@ class Roles:
             return stated, ""
         # Were it centimetres, the whole array would be smaller than half a wavelength.
         if spread <= _LONGEST_ARRAY and 0.01 * spread < 0.5 * SPEED_OF_LIGHT / lowest:
-            return (
-                "m",
-                f"by their spread of {spread:.3g}: in cm the array would be below half a wavelength",
+            reason = (
+                f"by their spread of {spread:.3g}: in cm the array would be below half a wavelength"
             )
+            return "m", reason
         return stated, ""
 
     def _lowest_frequency(self) -> float | None:
+        """Return the lowest tone, Hz; None if no array holds the tones."""
         if self.frequency is None:
             return None
         unit, _ = self.frequency_unit()
@@ -268,106 +283,150 @@ class Roles:
             return "Hz", "by their size"
         return unit, ""
 
-    def _find_way(self) -> dict[str, ArraySource]:
-        """Find columns or arrays that tell where the vehicle was, all of one file and of one length."""
+    def _find_pose_columns(self) -> dict[str, ArraySource]:
+        """Find the arrays of where the vehicle was, all of one file."""
         best: dict[str, ArraySource] = {}
         for group in self.groups:
-            found: dict[str, ArraySource] = {}
-            for source in self._rest():
-                if (
-                    source.group is not group
-                    or max(source.info.shape, default=0) != source.count
-                    or source.count < 2
-                ):
-                    continue
-                for name, words in _WAY_NAMES.items():
-                    if name not in found and name_token(source.info.name, words) is not None:
-                        found[name] = source
-                        break
-                if TIME_NAMES.search(source.info.name):
-                    found.setdefault("time", source)
-            placed = {"longitude", "latitude"} <= set(found) or {"x", "y"} <= set(found)
-            of_antennas = (
-                any(one.source.group is group for one in self.antennas.values())
-                and group is not self.data
+            holds_antennas = any(
+                antennas.source.group is group for antennas in self.antennas.values()
             )
-            if placed and not of_antennas and len(found) > len(best):
-                best = found
+            if holds_antennas and group is not self.data:
+                continue
+            columns = self._pose_columns_in(group)
+            has_places = {"longitude", "latitude"} <= set(columns) or {"x", "y"} <= set(columns)
+            if has_places and len(columns) > len(best):
+                best = columns
         return best
 
-    def scans(self, dims: list[str]) -> int | None:
+    def _pose_columns_in(self, group: FileGroup) -> dict[str, ArraySource]:
+        """Return the vectors of a group that are called as components of a pose, or as times."""
+        columns: dict[str, ArraySource] = {}
+        for source in self._unused():
+            if source.group is not group or not _is_vector(source):
+                continue
+            for name, words in _POSE_NAMES.items():
+                if name not in columns and name_token(source.info.name, words) is not None:
+                    columns[name] = source
+                    break
+            if TIME_NAMES.search(source.info.name):
+                columns.setdefault("time", source)
+        return columns
+
+    def scan_count(self, dims: list[str]) -> int | None:
         """Count the scans of all files together; None where no axis and no file is one."""
-        along = [k for k, name in enumerate(dims) if name.startswith("scan")]
-        if along:
-            return self.sizes[along[0]] * len(self.data.paths)
-        return len(self.data.paths) if len(self.data.paths) > 1 else None
+        files = len(self.data.paths)
+        for size, name in zip(self.sizes, dims, strict=True):
+            if name.startswith("scan"):
+                return size * files
+        return files if files > 1 else None
 
     def dims(self) -> list[str]:
-        """Name the axes of the signal; a question mark where lengths leave a choice."""
+        """Return the names of the signal's axes; a question mark where lengths leave a choice."""
         names = [""] * len(self.sizes)
-
-        def put(count: int, name: str) -> None:
-            fits = [k for k, size in enumerate(self.sizes) if size == count and not names[k]]
-            if fits:
-                place = fits[-1] if name in ("frequency", "sample") else fits[0]
-                names[place] = name if self.sizes.count(count) == 1 else f"{name}?"
-
         axis = self.frequency or self.samples
         if axis is not None:
-            put(axis.count, "frequency" if self.frequency else "sample")
+            self._name_axis(names, axis.count, "frequency" if self.frequency else "sample")
         if self.labels[0] != "HH?" and len(self.labels) > 1:
-            put(len(self.labels), "polarization")
-        tx = self.antennas.get("tx")
-        rx = self.antennas.get("rx")
-        if tx is not None and rx is not None and tx.count * rx.count > 1:
-            if self._holds(tx.count, rx.count, names):
-                put(tx.count, "tx")
-                put(rx.count, "rx")
-            else:
-                put(tx.count, "pair")
-        elif "antenna" in self.antennas:
-            count = self.antennas["antenna"].count
-            free = [size for size, name in zip(self.sizes, names, strict=True) if not name]
-            sides = ("tx", "rx") if free.count(count) == 2 else ("pair",)  # each sends and receives
-            for name in sides:
-                place = next(
-                    k for k, size in enumerate(self.sizes) if size == count and not names[k]
-                )
-                names[place] = name
-        for k, size in enumerate(self.sizes):
-            if not names[k] and size == 1:
-                names[k] = "single"
-        left = [k for k, name in enumerate(names) if not name]
-        if len(left) == 1:
-            rows = self.fixes()
-            certain = rows is not None and rows == self.sizes[left[0]] * len(self.data.paths)
-            names[left[0]] = "scan" if certain else "scan?"
-            left = []
-        for k in left:
-            names[k] = "scan, polarization, pair, tx, rx or single?"
+            self._name_axis(names, len(self.labels), "polarization")
+        self._name_antenna_axes(names)
+        for number, size in enumerate(self.sizes):
+            if not names[number] and size == 1:
+                names[number] = "single"
+        unnamed = [number for number, name in enumerate(names) if not name]
+        if len(unnamed) == 1:
+            rows = self.fix_count()
+            scans = self.sizes[unnamed[0]] * len(self.data.paths)
+            names[unnamed[0]] = "scan" if rows == scans else "scan?"
+        else:
+            for number in unnamed:
+                names[number] = "scan, polarization, pair, tx, rx or single?"
         return names
 
-    def _holds(self, tx: int, rx: int, names: list[str]) -> bool:
-        """Tell whether transmitters and receivers have an axis each."""
+    def _name_axis(self, names: list[str], count: int, name: str) -> None:
+        """Name an axis of that length; others of the same length leave a doubt."""
+        free = [k for k, size in enumerate(self.sizes) if size == count and not names[k]]
+        if free:
+            number = free[-1] if name in ("frequency", "sample") else free[0]
+            names[number] = name if self.sizes.count(count) == 1 else f"{name}?"
+
+    def _name_antenna_axes(self, names: list[str]) -> None:
+        """Name the axes of transmitters and receivers, or of pairs."""
+        tx = self.antennas.get("tx")
+        rx = self.antennas.get("rx")
         free = [size for size, name in zip(self.sizes, names, strict=True) if not name]
-        if tx not in free:
-            return False
-        free.remove(tx)
-        return rx in free
+        if tx is not None and rx is not None and tx.count * rx.count > 1:
+            if _have_axis_each(tx.count, rx.count, free):
+                self._name_axis(names, tx.count, "tx")
+                self._name_axis(names, rx.count, "rx")
+            else:
+                self._name_axis(names, tx.count, "pair")
+        elif "antenna" in self.antennas:
+            count = self.antennas["antenna"].count
+            sides = ("tx", "rx") if free.count(count) == 2 else ("pair",)  # each sends and receives
+            for name in sides:
+                axes = [k for k, size in enumerate(self.sizes) if size == count and not names[k]]
+                if axes:  # else the one axis of that length is another's
+                    names[axes[0]] = name
 
-    def fixes(self) -> int | None:
-        """Count the rows that tell where the vehicle was; None without any."""
-        return next(iter(self.way.values())).count if self.way else None
+    def fix_count(self) -> int | None:
+        """Count the rows of where the vehicle was; None without any."""
+        return next(iter(self.pose_columns.values())).count if self.pose_columns else None
 
-    def way_unit(self) -> tuple[str, str]:
-        """Return the unit of the vehicle's places, and why: stated, or by their steps; else a guess."""
-        way = self.way
-        stated = unit_of(way["x"].group.opened, way["x"].info, "m")
+    def position_unit(self) -> tuple[str, str]:
+        """Return the unit of the vehicle's positions, and why.
+
+        It is stated, or follows from their steps; else it is a guess.
+        """
+        source = self.pose_columns["x"]
+        stated = unit_of(source.group.opened, source.info, "m")
         if not stated.endswith("?"):
             return stated, ""
-        places = np.stack([way[axis].values().astype(np.float64).ravel() for axis in "xy"])
-        steps = np.hypot(*np.diff(places, axis=1))
-        middle = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0
+        sides = [self.pose_columns[axis].values().astype(np.float64).ravel() for axis in "xy"]
+        steps = np.hypot(*np.diff(np.stack(sides), axis=1))
+        finite = steps[np.isfinite(steps)]
+        middle = float(np.median(finite)) if finite.size else 0.0
         if _SHORTEST_STEP <= middle <= _LONGEST_STEP:
             return "m", f"by their steps of {middle:.3g} from row to row"
         return stated, ""
+
+
+def _is_vector(source: ArraySource) -> bool:
+    """Return whether an array has several values, all along one axis."""
+    return max(source.info.shape, default=0) == source.count > 1
+
+
+def _increases(values: NDArray[Any]) -> bool:
+    """Return whether numbers increase from one to the next."""
+    return bool((np.diff(values.ravel().astype(np.float64)) > 0).all())
+
+
+def _is_called(source: ArraySource, names: re.Pattern[str]) -> bool:
+    """Return whether the name of an array, or of a file that names none, matches."""
+    if names.search(source.info.name):
+        return True
+    return source.info.name in _UNNAMED and bool(names.search(source.group.paths[0].stem))
+
+
+def _kinds_in(group: FileGroup, count: int) -> NDArray[np.str_] | None:
+    """Return which antenna transmits ("tx") and which receives ("rx"), by a column of text."""
+    for cells in group.texts.values():
+        sides = [_kind_of(cell.lower()) for cell in cells]
+        if len(sides) == count and set(sides) == {"tx", "rx"}:
+            return np.array(sides)
+    return None
+
+
+def _kind_of(word: str) -> str:
+    """Return the kind that a word states; empty if it states none."""
+    if word.startswith(("t", "s")):
+        return "tx"
+    return "rx" if word.startswith(("r", "e")) else ""
+
+
+def _have_axis_each(tx: int, rx: int, sizes: list[int]) -> bool:
+    """Return whether there is an axis for so many transmitters, and another for the receivers."""
+    if tx not in sizes:
+        return False
+    others = list(sizes)
+    others.remove(tx)
+    return rx in others

@@ -1,11 +1,16 @@
-"""A draft of the mapping that imports one file of named arrays. Guesses end in a question mark."""
+"""A draft of the mapping that imports one file of named arrays.
+
+Guesses end in a question mark.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +22,12 @@ from flgpr.model.units import UNITS
 _CLOCK = re.compile(r"gps|gnss|utc|epoch|stamp|scan|trace|pps|pose|slow")
 """What a time is called that is no delay of samples."""
 _ANTENNA = re.compile(r"tx|rx|ant|elem|rec|source")
-_PLACE = re.compile(r"pos|xyz|way|track|gps|gnss|rtk|coord|traj|odom|loc|place|transl|reference")
+_POSITION = re.compile(r"pos|xyz|way|track|gps|gnss|rtk|coord|traj|odom|loc|place|transl|reference")
+_ROTATION = re.compile(r"orientation|rotation|quat")
+_NO_FIELD = re.compile(r"covariance|orientation|rotation")
+_COMPLEX = re.compile(r"complex|.*(\('r(eal)?'|\('re')", re.DOTALL)
+_IMAGINARY = (("real", "imag"), ("re", "im"), ("_i", "_q"))
+"""What names of real parts hold, and those of imaginary parts in its stead."""
 _COMPONENTS = {
     "x": {"x", "cross", "across", "east", "easting", "crosstrack"},
     "y": {
@@ -39,61 +49,138 @@ _COMPONENTS = {
     "longitude": {"longitude", "lon", "long", "lng"},
     "latitude": {"latitude", "lat"},
 }
+"""Words in the names of the components of a pose."""
 _GEODETIC = ("longitude", "latitude")
+_ANGLES = ("heading", "pitch", "roll")
+_RECORDING = "MCAP recording"
+_ANY_AXIS = "scan, polarization, pair, tx, rx or single?"
+_NO_TONES = [
+    "[frequency]  # no variable looks like the tones; span = [first, last] does as well",
+    'variable = "?"',
+    'unit = "Hz?"',
+    "",
+]
+_ONE_ANTENNA = [
+    "[antenna_position]  # in the vehicle frame",
+    'x = "0?"',
+    'y = "0?"',
+    'z = "0?"',
+    'unit = "m"',
+    "",
+]
+_NO_ANTENNAS = [
+    "[antenna_position]  # no variable looks like positions",
+    "values = []",
+    'unit = "m?"',
+    "",
+]
 
 
 @dataclass
 class _Draft:
+    """A file, and which of its arrays have a place in the mapping."""
+
     opened: ArrayFile
     used: set[str] = field(default_factory=set)
-    topic: str = ""  #: of a recording's signal, whose arrays are looked at first
+    topic: str = ""  # of a recording's signal, whose arrays are tried first
 
-    def rest(self) -> list[ArrayInfo]:
-        left = [info for info in self.opened.arrays.values() if info.name not in self.used]
-        return (
-            sorted(left, key=lambda info: not info.name.startswith(f"{self.topic}/"))
-            if self.topic
-            else left
-        )
+    def unused(self) -> list[ArrayInfo]:
+        """Return the arrays that have no place yet."""
+        infos = [info for info in self.opened.arrays.values() if info.name not in self.used]
+        if self.topic:
+            infos.sort(key=lambda info: not info.name.startswith(f"{self.topic}/"))
+        return infos
+
+
+class _Axis(NamedTuple):
+    """The array of the tones or of the samples, if there is one."""
+
+    frequency: ArrayInfo | None = None
+    samples: ArrayInfo | None = None
+    certain: bool = True  # whether the samples can be nothing else
+
+    @property
+    def info(self) -> ArrayInfo | None:
+        """The array."""
+        return self.frequency or self.samples
+
+    @property
+    def name(self) -> str:
+        """What the signal's axis is called."""
+        if self.frequency is not None:
+            return "frequency"
+        return "sample" if self.certain else "sample?"
 
 
 def draft_of_file(opened: ArrayFile) -> str:
-    """Return the mapping (TOML) of a file; empty if no array of it can be the signal."""
-    draft = _Draft(opened)
+    """Draft the mapping of a file.
+
+    Parameters
+    ----------
+    opened : ArrayFile
+        The file.
+
+    Returns
+    -------
+    str
+        The mapping, TOML; empty if no array of the file can be the signal.
+    """
     signal, imaginary = find_signal(opened)
     if signal is None:
         return ""
-    draft.topic = signal.name.rsplit("/", 1)[0] if opened.kind == "MCAP recording" else ""
-    draft.used |= {signal.name, *([imaginary] if imaginary else [])}
+    draft = _Draft(opened)
+    if opened.kind == _RECORDING:
+        draft.topic = signal.name.rsplit("/", 1)[0]
+    draft.used.add(signal.name)
+    if imaginary:
+        draft.used.add(imaginary)
     sizes = list(signal.shape)
-    frequency = _find_axis(draft, ("freq", "hz", "tone"), sizes)
-    recorded = opened.kind == "MCAP recording"  # whose arrays all are over messages
-    samples, sure = (None, True) if frequency or recorded else _find_samples(draft, sizes)
-    axis = frequency or samples
+    axis = _find_signal_axis(draft, sizes)
+    tones = math.prod(axis.info.shape) if axis.info is not None else 0
     positions = _find_positions(draft, signal)
     track = _find_track(draft, positions, sizes)
-    way = (
-        _find_way(draft, positions, sizes, math.prod(axis.shape) if axis else 0)
-        if track is None
-        else {}
-    )
+    components: dict[str, ArrayInfo] = {}
+    if track is None:
+        components = _find_pose(draft, positions, sizes, tones)
     positions.pop("way", None)
-    others = list(sizes)  # lengths that scans may have
-    if axis is not None and math.prod(axis.shape) in others:
-        others.remove(math.prod(axis.shape))
-    stamp = _find_axis(draft, ("time", "stamp", "t_"), others)
+    scan_sizes = list(sizes)  # lengths that scans may have
+    if tones in scan_sizes:
+        scan_sizes.remove(tones)
+    stamp = _find_axis(draft.opened, draft.unused(), ("time", "stamp", "t_"), scan_sizes)
+    if stamp is not None:
+        draft.used.add(stamp.name)
     labels = labels_of(opened, sizes)
-    dims = _dims(
-        sizes,
-        axis,
-        "frequency" if frequency else "sample" if sure else "sample?",
-        positions,
-        stamp,
-        labels,
-        way,
-    )
+    dims = _dims(sizes, axis, positions, stamp, labels, components)
+    lines = _head_lines(opened, signal, imaginary, labels, dims, axis)
+    lines += _axis_lines(opened, axis)
+    lines += _position_lines(opened, positions, "pair" in dims)
+    if stamp is not None:
+        lines += [
+            "[time]",
+            f"variable = {json.dumps(stamp.name)}",
+            f'unit = "{unit_of(opened, stamp, "s")}"',
+            "",
+        ]
+    in_lane = any(len(infos[0].shape) == 3 for infos in positions.values())
+    if track is not None:
+        lines += _track_lines(draft, *track)
+    elif not in_lane:
+        lines += _pose_lines(draft, components)
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _head_lines(
+    opened: ArrayFile,
+    signal: ArrayInfo,
+    imaginary: str | None,
+    labels: list[str],
+    dims: list[str],
+    axis: _Axis,
+) -> list[str]:
+    """Return the head of a mapping, and its tables of the files and of the signal."""
     lines = [
-        f"# Draft for {opened.path.name}. What ends in a question mark is a guess: check it and take the mark away.",
+        f"# Draft for {opened.path.name}. "
+        "What ends in a question mark is a guess: check it and take the mark away.",
         f"title = {json.dumps(opened.path.stem)}",
         f"polarization = {json.dumps(labels)}",
         "",
@@ -102,277 +189,334 @@ def draft_of_file(opened: ArrayFile) -> str:
         "",
         "[signal]",
         f"variable = {json.dumps(signal.name)}",
-        *([f"imaginary = {json.dumps(imaginary)}"] if imaginary else []),
-        f"dims = {json.dumps(dims)}  # of {' x '.join(map(str, sizes))}",
     ]
-    if axis is None and imaginary is None and not signal.dtype.startswith("complex"):
+    if imaginary:
+        lines.append(f"imaginary = {json.dumps(imaginary)}")
+    lines.append(f"dims = {json.dumps(dims)}  # of {' x '.join(map(str, signal.shape))}")
+    is_complex = imaginary is not None or signal.dtype.startswith("complex")
+    if axis.info is None and not is_complex:
         lines += [
             "# interleaved = true  # if real and imaginary parts alternate",
             "# shape = [-1, 1]  # of a flat record",
         ]
-    lines += [
-        "",
-        *_axis_lines(opened, frequency, samples, sure),
-        *_position_lines(opened, positions, "pair" in dims),
-    ]
-    if stamp is not None:
-        lines += [
-            "[time]",
-            f"variable = {json.dumps(stamp.name)}",
-            f'unit = "{unit_of(opened, stamp, "s")}"',
-            "",
-        ]
-    if track is not None:
-        lines += _track_lines(draft, *track)
-    elif not any(len(infos[0].shape) == 3 for infos in positions.values()):
-        lines += _pose_lines(draft, way)
-    return "\n".join(lines).rstrip() + "\n"
+    return [*lines, ""]
 
 
 def find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
-    """Find the array that is most likely the measured field, and the one of its imaginary part if that is apart."""
+    """Find the array that is most likely the measured field.
+
+    Parameters
+    ----------
+    opened : ArrayFile
+        The file.
+
+    Returns
+    -------
+    signal : ArrayInfo or None
+        The array; None if there is none.
+    imaginary : str or None
+        The array of its imaginary part, if that is apart.
+    """
     arrays = [info for info in opened.arrays.values() if math.prod(info.shape) > 1]
-    complex_ones = [
-        info
-        for info in arrays
-        if re.match(r"complex|.*(\('r(eal)?'|\('re')", info.dtype, re.DOTALL)
-    ]
-    if complex_ones:
-        return max(complex_ones, key=lambda info: math.prod(info.shape)), None
+    complex_arrays = [info for info in arrays if _COMPLEX.match(info.dtype)]
+    if complex_arrays:
+        return _largest(complex_arrays), None
     for info in arrays:
-        for real, imaginary in (("real", "imag"), ("re", "im"), ("_i", "_q")):
-            wanted = re.sub(real, imaginary, info.name, flags=re.IGNORECASE).lower()
-            other = next(
-                (name for name in opened.arrays if name.lower() == wanted and name != info.name),
-                None,
-            )
-            if other is not None and opened.arrays[other].shape == info.shape:
-                return info, other
-    large = [
-        info
-        for info in arrays
-        if len(info.shape) >= 2
-        and info.shape[-1] > 3
-        and not re.search("covariance|orientation|rotation", info.name)
-    ]
-    return (max(large, key=lambda info: math.prod(info.shape)), None) if large else (None, None)
+        imaginary = _imaginary_of(info, opened)
+        if imaginary is not None:
+            return info, imaginary
+    large = []
+    for info in arrays:
+        is_table = len(info.shape) >= 2 and info.shape[-1] > 3
+        if is_table and not _NO_FIELD.search(info.name):
+            large.append(info)
+    return (_largest(large) if large else None), None
 
 
-def _find_axis(
-    draft: _Draft,
-    words: tuple[str, ...],
-    sizes: list[int],
-    among: list[ArrayInfo] | None = None,
-    fast: bool = False,
-) -> ArrayInfo | None:
-    for info in draft.rest() if among is None else among:
-        if fast and not _is_fast(draft.opened, info):
-            continue
-        count = math.prod(info.shape)
-        if count in sizes and max(info.shape, default=0) == count and count > 1:
-            name = info.name.lower().replace("/", ".").split(".")[-1]
-            short = ("freq" in words and name == "f") or ("time" in words and name == "t")
-            if any(word in name for word in words) or short:
-                values = small_values(draft.opened, info)
-                if (
-                    values is not None
-                    and values.dtype.kind in "fiu"
-                    and (np.diff(values.ravel().astype(float)) > 0).all()
-                ):
-                    draft.used.add(info.name)
-                    return info
+def _largest(infos: list[ArrayInfo]) -> ArrayInfo:
+    """Return the array of most values."""
+    return max(infos, key=lambda info: math.prod(info.shape))
+
+
+def _imaginary_of(info: ArrayInfo, opened: ArrayFile) -> str | None:
+    """Return the array whose name and shape make it the imaginary part of another."""
+    for real, imaginary in _IMAGINARY:
+        wanted = re.sub(real, imaginary, info.name, flags=re.IGNORECASE).lower()
+        for name, other in opened.arrays.items():
+            if name.lower() == wanted and name != info.name:
+                if other.shape == info.shape:
+                    return name
+                break
     return None
 
 
-def _find_samples(draft: _Draft, sizes: list[int]) -> tuple[ArrayInfo | None, bool]:
-    """Find the two-way delays or ranges of the samples, and tell whether they can be nothing else.
+def _find_signal_axis(draft: _Draft, sizes: list[int]) -> _Axis:
+    """Find the tones, else the samples, and mark their array as used."""
+    frequency = _find_axis(draft.opened, draft.unused(), ("freq", "hz", "tone"), sizes)
+    is_recording = draft.opened.kind == _RECORDING  # whose arrays all are over messages
+    if frequency is not None:
+        axis = _Axis(frequency=frequency)
+    else:
+        axis = _Axis() if is_recording else _find_samples(draft, sizes)
+    if axis.info is not None:
+        draft.used.add(axis.info.name)
+    return axis
 
-    A "time" may be the radar's fast time or the scans' clock: values below a tenth of a millisecond are the former.
+
+def _find_axis(
+    opened: ArrayFile, candidates: Iterable[ArrayInfo], words: tuple[str, ...], sizes: list[int]
+) -> ArrayInfo | None:
+    """Return the first array of increasing values whose length is among ``sizes``.
+
+    One of the ``words`` must be in its name.
     """
-    for count in (sizes[-1:], sizes):
-        found = _find_axis(draft, ("range", "delay", "t_ns", "twt", "fast"), count)
-        if found is not None:
-            return found, True
-    times = [
-        info
-        for info in draft.rest()
-        if "time" in info.name.lower() and not _CLOCK.search(info.name.lower())
-    ]
-    for wanted, sure in ((times, True), (times, False)):
-        for count in (sizes[-1:], sizes):
-            found = _find_axis(draft, ("time",), count, wanted, sure)
-            if found is not None:
-                return found, sure
-    return None, True
+    for info in candidates:
+        count = math.prod(info.shape)
+        is_vector = max(info.shape, default=0) == count > 1
+        if not is_vector or count not in sizes or not _is_called(info, words):
+            continue
+        values = small_values(opened, info)
+        if values is None or values.dtype.kind not in "fiu":
+            continue
+        if (np.diff(values.ravel().astype(float)) > 0).all():
+            return info
+    return None
+
+
+def _is_called(info: ArrayInfo, words: tuple[str, ...]) -> bool:
+    """Return whether the name of an array holds one of the words, or is their letter."""
+    name = info.name.lower().replace("/", ".").split(".")[-1]
+    if "freq" in words and name == "f":
+        return True
+    if "time" in words and name == "t":
+        return True
+    return any(word in name for word in words)
+
+
+def _find_samples(draft: _Draft, sizes: list[int]) -> _Axis:
+    """Find the two-way delays or ranges of the samples.
+
+    A "time" may be the radar's fast time or the scans' clock: values below a tenth of a millisecond
+    are the former. The last axis of the signal is tried first.
+    """
+    unused = draft.unused()
+    for tried in (sizes[-1:], sizes):
+        words = ("range", "delay", "t_ns", "twt", "fast")
+        samples = _find_axis(draft.opened, unused, words, tried)
+        if samples is not None:
+            return _Axis(samples=samples)
+    times = []
+    for info in unused:
+        name = info.name.lower()
+        if "time" in name and not _CLOCK.search(name):
+            times.append(info)
+    fast = [info for info in times if _is_fast(draft.opened, info)]
+    for candidates, certain in ((fast, True), (times, False)):
+        for tried in (sizes[-1:], sizes):
+            samples = _find_axis(draft.opened, candidates, ("time",), tried)
+            if samples is not None:
+                return _Axis(samples=samples, certain=certain)
+    return _Axis()
 
 
 def _is_fast(opened: ArrayFile, info: ArrayInfo) -> bool:
-    """Tell whether times can only be those of samples: by their unit, or because they are that small."""
-    unit = unit_suffix(info)
-    if unit in ("ns", "ps", "us"):
+    """Return whether times can only be those of samples: by their unit, or by their size."""
+    if unit_suffix(info) in ("ns", "ps", "us"):
         return True
     values = small_values(opened, info)
-    return values is not None and bool(values.size) and float(np.abs(values).max()) < SHORTEST_SCANS
+    if values is None or not values.size:
+        return False
+    return float(np.abs(values).max()) < SHORTEST_SCANS
 
 
 def _find_positions(draft: _Draft, signal: ArrayInfo) -> dict[str, list[ArrayInfo]]:
+    """Find the arrays of positions (..., 3), by what they may be.
+
+    They are those of "tx", "rx" or any "antenna"; those of x, y and z apart are "xyz", and those of
+    a vehicle in a recording "way".
+    """
     sides: dict[str, list[ArrayInfo]] = {}
-    for info in draft.rest():
-        if len(info.shape) >= 2 and info.shape[-1] == 3 and 0 not in info.shape:
-            name = info.name.lower()
-            if name == "table" and len(draft.opened.arrays) > 1:
-                continue  # all columns of a text, which have names of their own
-            if draft.topic:
-                if _PLACE.search(name.rsplit("/", 1)[-1]):
-                    sides.setdefault("way", []).append(info)
-                continue
-            side = (
-                "tx"
-                if re.search(r"tx|trans|source", name)
-                else "rx"
-                if re.search(r"rx|rec", name)
-                else "antenna"
-            )
-            sides.setdefault(side, []).append(info)
-    by_axis = {name: draft.opened.arrays.get(_sibling(signal.name, name)) for name in "xyz"}
-    structured = (
-        re.search(r"[./]", signal.name) and not draft.topic
-    )  # flat files' x, y, z are rather the vehicle's
-    if not sides and structured and all(by_axis.values()):
-        sides["xyz"] = [info for info in by_axis.values() if info is not None]
+    for info in draft.unused():
+        if len(info.shape) < 2 or info.shape[-1] != 3 or 0 in info.shape:
+            continue
+        name = info.name.lower()
+        if name == "table" and len(draft.opened.arrays) > 1:
+            continue  # all columns of a text, which have names of their own
+        if draft.topic:
+            if _POSITION.search(name.rsplit("/", 1)[-1]):
+                sides.setdefault("way", []).append(info)
+            continue
+        if re.search(r"tx|trans|source", name):
+            side = "tx"
+        elif re.search(r"rx|rec", name):
+            side = "rx"
+        else:
+            side = "antenna"
+        sides.setdefault(side, []).append(info)
+    # The x, y and z of flat files are rather the vehicle's.
+    is_structured = re.search(r"[./]", signal.name) and not draft.topic
+    if not sides and is_structured:
+        by_axis = [draft.opened.arrays.get(_sibling(signal.name, axis)) for axis in "xyz"]
+        known = [info for info in by_axis if info is not None]
+        if len(known) == len(by_axis):
+            sides["xyz"] = known
     return sides
 
 
 def _find_track(
     draft: _Draft, positions: dict[str, list[ArrayInfo]], sizes: list[int]
 ) -> tuple[ArrayInfo, ArrayInfo] | None:
-    """Take positions out of the antennas' that fit no axis of the signal but a clock of their own."""
+    """Return clock and positions that fit no axis of the signal but one another.
+
+    The positions are taken out of the antennas'.
+    """
     for side, infos in list(positions.items()):
         info = infos[0]
         if side == "xyz" or len(info.shape) != 2 or info.shape[0] in sizes:
             continue
-        beside = _Draft(
-            draft.opened, draft.used, info.name.rsplit("/", 1)[0] if draft.topic else ""
-        )
-        clock = _find_axis(beside, ("time", "t_", "stamp"), [info.shape[0]])
+        topic = info.name.rsplit("/", 1)[0] if draft.topic else ""
+        candidates = _Draft(draft.opened, draft.used, topic).unused()
+        words = ("time", "t_", "stamp")
+        clock = _find_axis(draft.opened, candidates, words, [info.shape[0]])
         if clock is not None:
+            draft.used.add(clock.name)
             del positions[side]
             return clock, info
     return None
 
 
-def _find_way(
+def _find_pose(
     draft: _Draft, positions: dict[str, list[ArrayInfo]], sizes: list[int], tones: int
 ) -> dict[str, ArrayInfo]:
-    """Take what tells a pose per scan: ``position`` (scan, 2, 3 or 6), or single components by their names."""
+    """Find the arrays of a pose per scan, and mark them as used.
+
+    They are ``position`` (scan, 2, 3 or 6), which is taken out of the antennas' positions, or
+    single components by their names.
+    """
     scans = [size for size in sizes if size > 1]
     if tones in scans:
         scans.remove(tones)
-
-    found: dict[str, ArrayInfo] = {}
-    for info in draft.rest():
-        wide = len(info.shape) == 2 and info.shape[0] in scans and info.shape[1] in (2, 3, 6)
-        name = info.name.lower()
-        if wide and "position" not in found and _PLACE.search(name) and not _ANTENNA.search(name):
-            found["position"] = info
-            for side, infos in list(positions.items()):
-                positions[side] = [one for one in infos if one is not info]
-                if not positions[side]:
-                    del positions[side]
-    vectors = [
-        info
-        for info in draft.rest()
-        if max(info.shape, default=0) == math.prod(info.shape) and info.shape
-    ]
+    components: dict[str, ArrayInfo] = {}
+    position = _find_position(draft, scans)
+    if position is not None:
+        components["position"] = position
+        for side, infos in list(positions.items()):
+            positions[side] = [info for info in infos if info is not position]
+            if not positions[side]:
+                del positions[side]
+    vectors = []
+    for info in draft.unused():
+        count = math.prod(info.shape)
+        is_vector = bool(info.shape) and max(info.shape) == count
+        if is_vector and count in scans and not _ANTENNA.search(info.name.lower()):
+            vectors.append(info)
     for name, words in _COMPONENTS.items():
         for info in vectors:
-            tokens = set(re.split(r"[_\W]+", info.name.lower()))
-            if (
-                math.prod(info.shape) in scans
-                and tokens & words
-                and not _ANTENNA.search(info.name.lower())
-            ):
-                found.setdefault(name, info)
-    if "position" in found or "xyz" in positions:
-        found = {name: info for name, info in found.items() if name not in "xyz"}
-    in_lane = "position" in found or {"x", "y"} <= set(found)
-    if in_lane or not set(_GEODETIC) <= set(found):
-        found = {name: info for name, info in found.items() if name not in _GEODETIC}
-    draft.used |= {info.name for info in found.values()}
-    return found
+            if set(re.split(r"[_\W]+", info.name.lower())) & words:
+                components.setdefault(name, info)
+    if position is not None or "xyz" in positions:
+        _leave_out(components, "xyz")
+    in_lane = position is not None or {"x", "y"} <= set(components)
+    if in_lane or not set(_GEODETIC) <= set(components):
+        _leave_out(components, _GEODETIC)
+    draft.used |= {info.name for info in components.values()}
+    return components
 
 
-def _pose_lines(draft: _Draft, way: dict[str, ArrayInfo]) -> list[str]:
+def _leave_out(components: dict[str, ArrayInfo], names: Iterable[str]) -> None:
+    """Take components out that others stand for."""
+    for name in names:
+        components.pop(name, None)
+
+
+def _find_position(draft: _Draft, scans: list[int]) -> ArrayInfo | None:
+    """Return the first array of a position per scan."""
+    for info in draft.unused():
+        if len(info.shape) != 2 or info.shape[0] not in scans or info.shape[1] not in (2, 3, 6):
+            continue
+        name = info.name.lower()
+        if _POSITION.search(name) and not _ANTENNA.search(name):
+            return info
+    return None
+
+
+def _pose_lines(draft: _Draft, components: dict[str, ArrayInfo]) -> list[str]:
+    """Return the table of a pose per scan."""
     lines = [
         "[pose]  # the vehicle in the lane frame; heading is clockwise from +y seen from above"
     ]
-    angles = [name for name in ("heading", "pitch", "roll") if name in way]
-    position = way.get("position")
+    position = components.get("position")
     if position is not None:
         unit = unit_of(draft.opened, position, "m")
-        beside = ', z = "0?"' if position.shape[1] == 2 else ""
+        height = ', z = "0?"' if position.shape[1] == 2 else ""
         lines.append(
-            f'position = {{variable = {json.dumps(position.name)}{beside}, unit = "{unit}"}}'
+            f'position = {{variable = {json.dumps(position.name)}{height}, unit = "{unit}"}}'
         )
         if position.shape[1] == 6:
             return [*lines, 'angle_unit = "rad?"']
-    elif set(_GEODETIC) <= set(way):
-        lines.append(_geodetic_line(way))
+    elif set(_GEODETIC) <= set(components):
+        lines.append(_geodetic_line(components))
     else:
-        places = [name for name in "xyz" if name in way]
-        lines += [f"{name} = {_guess(way, name, '0?' if places else '?')}" for name in "xyz"]
-        lines.append(f'unit = "{_common_unit(draft, [way[name] for name in places], "m")}"')
-    placed = position is not None or "y" in way or "longitude" in way
-    course = "course?" if placed else "0?" if way else "?"
-    lines += [
-        f"{name} = {_guess(way, name, '0?' if name != 'heading' else course)}"
-        for name in ("heading", "pitch", "roll")
-    ]
-    return [*lines, f'angle_unit = "{_common_unit(draft, [way[name] for name in angles], "rad")}"']
+        known = [name for name in "xyz" if name in components]
+        for name in "xyz":
+            lines.append(f"{name} = {_guess(components, name, '0?' if known else '?')}")
+        lines.append(f'unit = "{_common_unit(draft, components, known, "m")}"')
+    has_place = position is not None or "y" in components or "longitude" in components
+    heading = "?"
+    if has_place:
+        heading = "course?"
+    elif components:
+        heading = "0?"
+    for name in _ANGLES:
+        without = heading if name == "heading" else "0?"
+        lines.append(f"{name} = {_guess(components, name, without)}")
+    angles = [name for name in _ANGLES if name in components]
+    return [*lines, f'angle_unit = "{_common_unit(draft, components, angles, "rad")}"']
 
 
-def _geodetic_line(way: dict[str, ArrayInfo]) -> str:
-    parts = [f"{name} = {json.dumps(way[name].name)}" for name in _GEODETIC]
-    height = json.dumps(way["z"].name) if "z" in way else '"0?"'
-    places = ", ".join([*parts, f"height = {height}"])
-    return (
-        f'geodetic = {{{places}, angle_unit = "deg?", unit = "m?"}}  '
-        "# needs --anchor, or --anchor-from-track"
-    )
+def _geodetic_line(components: dict[str, ArrayInfo]) -> str:
+    """Return the entry of positions by longitude and latitude."""
+    cells = [f"{name} = {json.dumps(components[name].name)}" for name in _GEODETIC]
+    height = json.dumps(components["z"].name) if "z" in components else '"0?"'
+    cells += [f"height = {height}", 'angle_unit = "deg?"', 'unit = "m?"']
+    return f"geodetic = {{{', '.join(cells)}}}  # needs --anchor, or --anchor-from-track"
 
 
-def _guess(way: dict[str, ArrayInfo], name: str, without: str) -> str:
-    """Give the variable of a component, with a mark unless it is called just that."""
-    if name not in way:
+def _guess(components: dict[str, ArrayInfo], name: str, without: str) -> str:
+    """Return the variable of a component, with a question mark unless it is called just that."""
+    if name not in components:
         return json.dumps(without)
-    called = way[name].name
-    last = re.split(r"[/.]", called.lower())[-1].split("_")[0]
-    return json.dumps(called if last == name else f"{called}?")
+    variable = components[name].name
+    last = re.split(r"[/.]", variable.lower())[-1].split("_")[0]
+    return json.dumps(variable if last == name else f"{variable}?")
 
 
-def _common_unit(draft: _Draft, infos: list[ArrayInfo], usual: str) -> str:
-    units = {unit_of(draft.opened, info, usual) for info in infos} or {f"{usual}?"}
+def _common_unit(
+    draft: _Draft, components: dict[str, ArrayInfo], names: list[str], usual: str
+) -> str:
+    """Return the unit of several components; a question mark where theirs differ."""
+    units = {unit_of(draft.opened, components[name], usual) for name in names}
+    if not units:
+        return f"{usual}?"
     return units.pop() if len(units) == 1 else "?"
 
 
 def _track_lines(draft: _Draft, clock: ArrayInfo, position: ArrayInfo) -> list[str]:
+    """Return the table of a track on a clock of its own."""
     opened = draft.opened
+    time_unit = unit_of(opened, clock, "s")
+    position_unit = unit_of(opened, position, "m")
     lines = [
         "[track]  # positions on a clock of their own",
-        f'time = {{variable = {json.dumps(clock.name)}, unit = "{unit_of(opened, clock, "s")}"}}',
-        f'position = {{variable = {json.dumps(position.name)}, unit = "{unit_of(opened, position, "m")}"}}',
+        f'time = {{variable = {json.dumps(clock.name)}, unit = "{time_unit}"}}',
+        f'position = {{variable = {json.dumps(position.name)}, unit = "{position_unit}"}}',
     ]
-    beside = position.name.rsplit("/", 1)[0]
-    turned = [
-        info.name
-        for info in draft.rest()
-        if info.shape == (position.shape[0], 4) and re.search(r"orientation|rotation|quat", info.name.lower())
-        and (not draft.topic or info.name.startswith(f"{beside}/"))
-    ]  # fmt: skip
-    if turned:
+    rotation = _find_rotation(draft, position)
+    if rotation is not None:
         body = '["-y?", "x?", "z?"]'
         lines.append(
-            f"orientation = {{variable = {json.dumps(turned[0])}, body = {body}}}  # of x forward, y left, z up"
+            f"orientation = {{variable = {json.dumps(rotation.name)}, body = {body}}}  "
+            "# of x forward, y left, z up"
         )
     else:
         lines += ['heading = "course?"', 'pitch = "0?"', 'roll = "0?"', 'angle_unit = "deg?"']
@@ -382,21 +526,48 @@ def _track_lines(draft: _Draft, clock: ArrayInfo, position: ArrayInfo) -> list[s
     ]
 
 
+def _find_rotation(draft: _Draft, position: ArrayInfo) -> ArrayInfo | None:
+    """Return the quaternions that belong to the positions of a track."""
+    topic = position.name.rsplit("/", 1)[0]
+    for info in draft.unused():
+        if info.shape != (position.shape[0], 4) or not _ROTATION.search(info.name.lower()):
+            continue
+        if not draft.topic or info.name.startswith(f"{topic}/"):
+            return info
+    return None
+
+
 def labels_of(opened: ArrayFile, sizes: list[int]) -> list[str]:
-    """Read the polarizations of a file if it names them, else guess one, marked so."""
+    """Return the polarizations of a file if it names them, else a guess.
+
+    Parameters
+    ----------
+    opened : ArrayFile
+        The file.
+    sizes : list of int
+        Lengths of the signal's axes.
+
+    Returns
+    -------
+    list of str
+        The labels; "HH?" alone where the file names none.
+    """
     for info in opened.arrays.values():
-        if math.prod(info.shape) in sizes:
-            values = small_values(opened, info)
-            if values is not None and values.dtype.kind in "US":
-                labels = [
-                    one.decode() if isinstance(one, bytes) else str(one) for one in values.ravel()
-                ]
-                if labels and set(labels) <= set(POLARIZATIONS):
-                    return labels
+        if math.prod(info.shape) not in sizes:
+            continue
+        values = small_values(opened, info)
+        if values is None or values.dtype.kind not in "US":
+            continue
+        labels = []
+        for value in values.ravel():
+            labels.append(value.decode() if isinstance(value, bytes) else str(value))
+        if labels and set(labels) <= set(POLARIZATIONS):
+            return labels
     return ["HH?"]
 
 
 def _sibling(name: str, other: str) -> str:
+    """Return the name of another member of the structure or group that an array is in."""
     for mark in (".", "/"):
         if mark in name:
             return name.rsplit(mark, 1)[0] + mark + other
@@ -404,58 +575,71 @@ def _sibling(name: str, other: str) -> str:
 
 
 def _dims(
-    sizes: list[int], axis: ArrayInfo | None, axis_name: str, positions: dict[str, list[ArrayInfo]],
-    stamp: ArrayInfo | None, labels: list[str], way: dict[str, ArrayInfo],
-) -> list[str]:  # fmt: skip
-    """Name the axes whose length tells what they are; the others get a question mark."""
+    sizes: list[int],
+    axis: _Axis,
+    positions: dict[str, list[ArrayInfo]],
+    stamp: ArrayInfo | None,
+    labels: list[str],
+    components: dict[str, ArrayInfo],
+) -> list[str]:
+    """Return the names of the signal's axes.
+
+    Those whose length does not make it certain get a question mark.
+    """
     names = ["?"] * len(sizes)
-
-    def put(count: int, name: str) -> None:
-        """Name the last axis of that length that has no name; others of the same length leave a doubt."""
-        fits = [k for k, size in enumerate(sizes) if size == count and names[k] == "?"]
-        if fits and not {name, f"{name}?"} & set(names):
-            certain = sizes.count(count) == 1 or name.endswith("?")
-            names[fits[-1]] = name if certain else f"{name}?"
-
-    if axis is not None:
-        put(math.prod(axis.shape), axis_name)
+    if axis.info is not None:
+        _name_axis(names, sizes, math.prod(axis.info.shape), axis.name)
     if stamp is not None:
-        put(math.prod(stamp.shape), "scan")
+        _name_axis(names, sizes, math.prod(stamp.shape), "scan")
     if labels[0] != "HH?":
-        put(len(labels), "polarization")
-    apart = {"tx", "rx"} <= set(positions) and positions["tx"][0].shape != positions["rx"][0].shape
+        _name_axis(names, sizes, len(labels), "polarization")
+    apart = False  # whether transmitters and receivers differ in their number
+    if {"tx", "rx"} <= set(positions):
+        apart = positions["tx"][0].shape != positions["rx"][0].shape
     for side, infos in positions.items():
-        rows = infos[0].shape[-2] if side != "xyz" else math.prod(infos[0].shape)
-        if len(infos[0].shape) == 3:
-            put(infos[0].shape[0], "scan")
-        put(rows, side if apart and side != "antenna" else "pair")
-    if way and not {"scan", "scan?"} & set(names):
-        put(max(next(iter(way.values())).shape), "scan")
-    if names.count("?") == 1 and not {"scan", "scan?"} & set(names):
+        shape = infos[0].shape
+        rows = math.prod(shape) if side == "xyz" else shape[-2]
+        if len(shape) == 3:
+            _name_axis(names, sizes, shape[0], "scan")
+        _name_axis(names, sizes, rows, side if apart and side != "antenna" else "pair")
+    has_scans = {"scan", "scan?"} & set(names)
+    if components and not has_scans:
+        _name_axis(names, sizes, max(next(iter(components.values())).shape), "scan")
+        has_scans = {"scan", "scan?"} & set(names)
+    if names.count("?") == 1 and not has_scans:
         names[names.index("?")] = "scan?"
-    return [
-        name if name != "?" else "scan, polarization, pair, tx, rx or single?" for name in names
-    ]
+    return [_ANY_AXIS if name == "?" else name for name in names]
 
 
-def _axis_lines(
-    opened: ArrayFile, frequency: ArrayInfo | None, samples: ArrayInfo | None, sure: bool
-) -> list[str]:  # fmt: skip
-    if frequency is not None:
-        unit = unit_of(opened, frequency, "Hz")
-        return ["[frequency]", f"variable = {json.dumps(frequency.name)}", f'unit = "{unit}"', ""]
-    if samples is not None:
-        unit = unit_of(opened, samples, "m" if "range" in samples.name.lower() else "ns")
-        meaning = "range?" if unit.rstrip("?") in UNITS["length"] else "delay?"
-        return [
-            "[samples]", f"variable = {json.dumps(samples.name + ('' if sure else '?'))}", f'unit = "{unit}"',
-            f'meaning = "{meaning}"  # delay, range (one way) or path (there and back)',
-            "band = []  # first and last frequency to keep", 'band_unit = "GHz"', "",
-        ]  # fmt: skip
+def _name_axis(names: list[str], sizes: list[int], count: int, name: str) -> None:
+    """Name the last axis of that length that has no name.
+
+    Others of the same length leave a doubt.
+    """
+    free = [k for k, size in enumerate(sizes) if size == count and names[k] == "?"]
+    if free and not {name, f"{name}?"} & set(names):
+        certain = sizes.count(count) == 1 or name.endswith("?")
+        names[free[-1]] = name if certain else f"{name}?"
+
+
+def _axis_lines(opened: ArrayFile, axis: _Axis) -> list[str]:
+    """Return the table of the tones or of the samples."""
+    if axis.frequency is not None:
+        unit = unit_of(opened, axis.frequency, "Hz")
+        variable = json.dumps(axis.frequency.name)
+        return ["[frequency]", f"variable = {variable}", f'unit = "{unit}"', ""]
+    if axis.samples is None:
+        return _NO_TONES
+    name = axis.samples.name
+    unit = unit_of(opened, axis.samples, "m" if "range" in name.lower() else "ns")
+    meaning = "range?" if unit.rstrip("?") in UNITS["length"] else "delay?"
     return [
-        "[frequency]  # no variable looks like the tones; span = [first, last] does as well",
-        'variable = "?"',
-        'unit = "Hz?"',
+        "[samples]",
+        f"variable = {json.dumps(name if axis.certain else f'{name}?')}",
+        f'unit = "{unit}"',
+        f'meaning = "{meaning}"  # delay, range (one way) or path (there and back)',
+        "band = []  # first and last frequency to keep",
+        'band_unit = "GHz"',
         "",
     ]
 
@@ -463,36 +647,26 @@ def _axis_lines(
 def _position_lines(
     opened: ArrayFile, positions: dict[str, list[ArrayInfo]], pairs: bool
 ) -> list[str]:
+    """Return the tables of the antennas' positions; ``pairs``: whether the signal has an axis."""
     if "xyz" in positions:
-        names = [
-            f"{axis} = {json.dumps(info.name)}"
-            for axis, info in zip("xyz", positions["xyz"], strict=True)
-        ]
+        names = []
+        for axis, info in zip("xyz", positions["xyz"], strict=True):
+            names.append(f"{axis} = {json.dumps(info.name)}")
         return ["[antenna_position]", *names, 'unit = "m?"', ""]
-    if not positions and not pairs:
-        return [
-            "[antenna_position]  # in the vehicle frame",
-            *(f'{axis} = "0?"' for axis in "xyz"),
-            'unit = "m"',
-            "",
-        ]
     if not positions:
-        return [
-            "[antenna_position]  # no variable looks like positions",
-            "values = []",
-            'unit = "m?"',
-            "",
-        ]
+        return _NO_ANTENNAS if pairs else _ONE_ANTENNA
+    sides = list(positions)[:1]
+    if {"tx", "rx"} <= set(positions):
+        sides = ["tx", "rx"]
     lines = []
-    for side in ("tx", "rx") if "tx" in positions and "rx" in positions else list(positions)[:1]:
+    for side in sides:
         info = positions[side][0]
-        frame = ['frame = "lane?"'] if len(info.shape) == 3 else []
-        unit = unit_of(opened, info, "m")
         lines += [
             f"[{side}_position]",
             f"variable = {json.dumps(info.name)}",
-            f'unit = "{unit}"',
-            *frame,
-            "",
+            f'unit = "{unit_of(opened, info, "m")}"',
         ]
+        if len(info.shape) == 3:
+            lines.append('frame = "lane?"')
+        lines.append("")
     return lines

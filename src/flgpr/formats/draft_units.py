@@ -1,4 +1,7 @@
-"""Units of arrays by what a file states, by names, and by sizes; those that are guessed end in a question mark."""
+"""Units of arrays by what a file states, by names, and by sizes.
+
+Those that are guessed end in a question mark.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,10 @@ _LONG_UNITS = {
 
 
 def small_values(opened: ArrayFile, info: ArrayInfo) -> Any:
-    """Read a small array; None if it is large or cannot be read, which keeps no other from being explained."""
+    """Read a small array; None if it is large or cannot be read.
+
+    An array that cannot be read keeps no other from being explained.
+    """
     if math.prod(info.shape) > SMALL:
         return None
     try:
@@ -39,27 +45,51 @@ def small_values(opened: ArrayFile, info: ArrayInfo) -> Any:
 
 def unit_suffix(info: ArrayInfo) -> str:
     """Return the unit that ends an array's name, such as ns of t_ns; empty if there is none."""
-    last = re.split(r"[_\W]", info.name.lower())[-1]
+    name = info.name.lower()
+    last = re.split(r"[_\W]", name)[-1]
+    if last == name:
+        return ""
     for units in UNITS.values():
-        suffixes = {unit.lower(): unit for unit in units if unit not in _NO_SUFFIX}
-        if last in suffixes and last != info.name.lower():
-            return suffixes[last]
+        for unit in units:
+            if unit.lower() == last and unit not in _NO_SUFFIX:
+                return unit
     return ""
 
 
 def unit_of(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
-    """Take the unit the file states, by attribute or at the end of the name, else guess by size and mark it so."""
+    """Return the unit of an array.
+
+    Parameters
+    ----------
+    opened : ArrayFile
+        The file.
+    info : ArrayInfo
+        The array.
+    usual : str
+        The usual unit of its kind, such as "m".
+
+    Returns
+    -------
+    str
+        The unit that the file states, by an attribute or at the end of the name, else one guessed
+        by size, with a question mark.
+    """
     kind = next(units for units in UNITS.values() if usual in units)
-    stated = info.unit.strip().lower().rstrip("s") if len(info.unit) > 2 else info.unit
-    if _LONG_UNITS.get(stated, info.unit) in kind:
-        return _LONG_UNITS.get(stated, info.unit)
+    stated = info.unit
+    if len(stated) > 2:
+        word = stated.strip().lower().rstrip("s")
+        stated = _LONG_UNITS.get(word, stated)
+    if stated in kind:
+        return stated
     suffix = unit_suffix(info)
     if suffix in kind:
         return suffix
     if usual == "Hz":
         values = small_values(opened, info)
         top = float(np.max(values)) if values is not None else 0.0
-        return "Hz?" if top >= 1e6 else "MHz?" if top >= 100 else "GHz?"
+        if top >= 1e6:
+            return "Hz?"
+        return "MHz?" if top >= 100 else "GHz?"
     if usual == "ns":
         values = small_values(opened, info)
         if values is not None and values.size and 0 < float(np.abs(values).max()) < SHORTEST_SCANS:

@@ -1,9 +1,10 @@
-"""One draft of a mapping for all files of an own array together: scans, antennas, frequencies, positions.
+"""One draft of a mapping for all files of an own array together.
 
-A file by itself does not tell what the others do: which axis has the antennas shows in the list of antennas, which has
-the tones in the list of tones, and how many scans there are in the list of positions. What follows from lengths, names
-and stated units stands as it is; what is still a guess ends in a question mark, as in a draft of one file
-(:mod:`flgpr.formats.explain`).
+It finds scans, antennas, frequencies and positions. A file by itself does not tell what the others
+do: which axis has the antennas shows in the list of antennas, which has the tones in the list of
+tones, and how many scans there are in the list of positions. What follows from lengths, names and
+stated units stands as it is; what is still a guess ends in a question mark, as in a draft of one
+file (:mod:`flgpr.formats.explain`).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from flgpr.store.files import existing
 def explain_files(
     paths: Sequence[str | Path], limit: int = LIMIT, beside: str | Path | None = None
 ) -> Explanation:
-    """Tell what several files of one measurement hold, and draft the one mapping that imports them together.
+    """Return what several files of one measurement hold, with a draft of one mapping for all.
 
     Parameters
     ----------
@@ -37,7 +38,7 @@ def explain_files(
     Returns
     -------
     Explanation
-        ``lines`` tell every group of files; ``mapping`` is the draft.
+        ``lines`` are of every group of files; ``mapping`` is the draft.
 
     Raises
     ------
@@ -51,10 +52,13 @@ def explain_files(
     groups = group_files(files, limit)
     lines: list[str] = []
     for group in groups:
+        first = group.paths[0]
         count = len(group.paths)
-        head = group.paths[0].name if count == 1 else f"{count} files like {group.paths[0].name}"
-        lines.append(f"{head} ({group.opened.kind})" + (", each" if count > 1 else ""))
-        lines += [f"  {line}" for line in explain_file(group.paths[0], limit).lines]
-    home = files[0].parent if beside is None else Path(beside).parent
-    draft = MappingDraft(Roles(groups), home)
+        if count == 1:
+            lines.append(f"{first.name} ({group.opened.kind})")
+        else:
+            lines.append(f"{count} files like {first.name} ({group.opened.kind}), each")
+        lines += [f"  {line}" for line in explain_file(first, limit).lines]
+    folder = files[0].parent if beside is None else Path(beside).parent
+    draft = MappingDraft(Roles(groups), folder)
     return Explanation(files[0], f"{len(files)} files", lines, draft.text())

@@ -1,4 +1,7 @@
-"""What a file holds, in words, and a first draft of the mapping that imports it. Guesses end in a question mark."""
+"""What a file holds, in words, and a first draft of the mapping that imports it.
+
+Guesses in a draft end in a question mark.
+"""
 
 from __future__ import annotations
 
@@ -32,10 +35,27 @@ class Explanation:
 
 
 def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
-    """Tell what a file holds and draft the mapping that imports it; file and arrays may take ``limit`` bytes.
+    """Return what a file holds, with a draft of the mapping that imports it.
 
-    It may be HDF5, gprMax, MATLAB, NPZ, CSV, Touchstone, CPHD, NMEA, MCAP, a take of OptiTrack Motive or the recording
-    of a commercial radar (:func:`flgpr.formats.read_gpr`); another or damaged one is a ValueError.
+    It may be HDF5, gprMax, MATLAB, NPZ, CSV, Touchstone, CPHD, NMEA, MCAP, a take of OptiTrack
+    Motive or the recording of a commercial radar (:func:`flgpr.formats.read_gpr`).
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    limit : int
+        Bytes that the file and an array may take.
+
+    Returns
+    -------
+    Explanation
+        What it holds.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged or of another kind.
     """
     path = existing(path)
     with path.open("rb") as file:
@@ -47,28 +67,43 @@ def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
     if is_gpr(path):
         from flgpr.formats.gpr_import import explain_gpr
 
-        return Explanation(path, *explain_gpr(path, limit))
+        kind, lines = explain_gpr(path, limit)
+        return Explanation(path, kind, lines)
     opened = open_arrays(path, limit)
     if opened.kind == "HDF5 file" and is_gprmax(path):
         lines, mapping = explain_merged(path)
         return Explanation(path, "result of gprMax", lines or explain_gprmax(path), mapping)
-    if (
-        opened.kind == "MCAP recording"
-    ):  # whose arrays are too many, and take too long, to look at all
+    if opened.kind == "MCAP recording":
+        # Its arrays are too many, and take too long, to read them all.
         return Explanation(path, opened.kind, opened.about + opened.notes, draft_of_file(opened))
-    lines = opened.about + opened.notes + [_line(opened, info) for info in opened.arrays.values()]
+    lines = opened.about + opened.notes
+    lines += [_line(opened, info) for info in opened.arrays.values()]
     if opened.kind == "take of OptiTrack Motive":
-        return Explanation(
-            path, opened.kind, [*lines, "read as a track: --track FILE --body NAME --axes x,-z,y"]
-        )
+        lines.append("read as a track: --track FILE --body NAME --axes x,-z,y")
+        return Explanation(path, opened.kind, lines)
     return Explanation(path, opened.kind, lines, draft_of_file(opened))
 
 
 def propose_mapping(path: str | Path, limit: int = LIMIT) -> str:
-    """Draft the mapping (TOML) that imports a file of named arrays.
+    """Draft the mapping that imports a file of named arrays.
 
-    What is a guess ends in a question mark, and an import refuses it until that is taken away. A file that needs no
-    mapping is a ValueError.
+    Parameters
+    ----------
+    path : path
+        The file.
+    limit : int
+        Bytes that the file and an array may take.
+
+    Returns
+    -------
+    str
+        The mapping, TOML. What is a guess ends in a question mark, and an import refuses it until
+        that is taken away.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged or needs no mapping.
     """
     explanation = explain_file(path, limit)
     if not explanation.mapping:
@@ -77,27 +112,29 @@ def propose_mapping(path: str | Path, limit: int = LIMIT) -> str:
 
 
 def _explain_cphd(path: Path) -> Explanation:
+    """Return what a CPHD file holds."""
     sarkit = optional("sarkit.cphd", "cphd")
     try:
         with path.open("rb") as file, sarkit.Reader(file) as reader:
             tree = reader.metadata.xmltree
         channels = tree.findall("{*}Data/{*}Channel")
-        first = channels[0]
-        band = [
-            float(tree.findtext(f"{{*}}Global/{{*}}FxBand/{{*}}{name}")) / 1e9
-            for name in ("FxMin", "FxMax")
-        ]
-        polarizations = {
-            one.findtext("{*}Polarization/{*}TxPol") + one.findtext("{*}Polarization/{*}RcvPol")
-            for one in tree.findall("{*}Channel/{*}Parameters")
-        }
-        own = b"flgpr_tx_position" in optional("lxml.etree", "cphd").tostring(tree)
+        vectors = channels[0].findtext("{*}NumVectors")
+        samples = channels[0].findtext("{*}NumSamples")
+        domain = tree.findtext("{*}Global/{*}DomainType")
+        low = float(tree.findtext("{*}Global/{*}FxBand/{*}FxMin")) / 1e9
+        high = float(tree.findtext("{*}Global/{*}FxBand/{*}FxMax")) / 1e9
+        polarizations = set()
+        for parameters in tree.findall("{*}Channel/{*}Parameters"):
+            transmit = parameters.findtext("{*}Polarization/{*}TxPol")
+            receive = parameters.findtext("{*}Polarization/{*}RcvPol")
+            polarizations.add(transmit + receive)
+        collector = tree.findtext("{*}CollectionID/{*}CollectorName")
+        is_ours = b"flgpr_tx_position" in optional("lxml.etree", "cphd").tostring(tree)
+        anchor = "" if is_ours else "; an anchor is needed to place the lane"
         lines = [
-            f"{len(channels)} channels of {first.findtext('{*}NumVectors')} vectors x "
-            f"{first.findtext('{*}NumSamples')} samples, {tree.findtext('{*}Global/{*}DomainType')} domain",
-            f"{band[0]:.4g} to {band[1]:.4g} GHz, polarizations {', '.join(sorted(polarizations))}",
-            f"collected by {tree.findtext('{*}CollectionID/{*}CollectorName')}, read without a mapping"
-            + ("" if own else "; an anchor is needed to place the lane"),
+            f"{len(channels)} channels of {vectors} vectors x {samples} samples, {domain} domain",
+            f"{low:.4g} to {high:.4g} GHz, polarizations {', '.join(sorted(polarizations))}",
+            f"collected by {collector}, read without a mapping{anchor}",
         ]
     except Exception as error:
         raise ValueError(
@@ -107,28 +144,36 @@ def _explain_cphd(path: Path) -> Explanation:
 
 
 def _explain_nmea(path: Path) -> Explanation:
-    found = (
-        re.match(rb"\s*\$[A-Z]{2}([A-Z]{3}),", line)
-        for line in read_named(path, MAX_MEMORY).splitlines()
-    )
-    kinds = Counter(sentence[1].decode() for sentence in found if sentence)
+    """Return how many sentences of each kind a log of NMEA 0183 holds."""
+    kinds: Counter[str] = Counter()
+    for line in read_named(path, MAX_MEMORY).splitlines():
+        sentence = re.match(rb"\s*\$[A-Z]{2}([A-Z]{3}),", line)
+        if sentence is not None:
+            kinds[sentence[1].decode()] += 1
     counts = ", ".join(f"{count} {name}" for name, count in sorted(kinds.items()))
     needs = "GGA gives positions, HDT headings; read as a track with an anchor"
     return Explanation(path, "NMEA 0183 log", [counts, needs])
 
 
 def _line(opened: ArrayFile, info: ArrayInfo) -> str:
+    """Return in words what an array is, and where its values lie."""
     shape = " x ".join(map(str, info.shape)) or "one value"
-    text = f"{info.name}: {shape} {info.dtype}" + (f" [{info.unit}]" if info.unit else "")
+    text = f"{info.name}: {shape} {info.dtype}"
+    if info.unit:
+        text += f" [{info.unit}]"
+    if math.prod(info.shape) > SMALL:
+        return text
     try:
-        values = opened.read(info.name) if math.prod(info.shape) <= SMALL else None
+        values = opened.read(info.name)
     except ValueError as error:
         return f"{text}, not read: {str(error).removeprefix(f'{opened.path}: ')}"
-    if values is None or values.dtype.kind not in "fciu" or not values.size:
+    if values.dtype.kind not in "fciu" or not values.size:
         return text
-    size = np.abs(values) if np.iscomplexobj(values) else values.astype(np.float64)
-    good = size[np.isfinite(size)]
-    bad = values.size - good.size
-    what = "magnitude " if np.iscomplexobj(values) else ""
-    span = f", {what}{good.min():.6g} to {good.max():.6g}" if good.size else ""
-    return text + span + (f", {bad} not finite" if bad else "")
+    is_complex = np.iscomplexobj(values)
+    numbers = np.abs(values) if is_complex else values.astype(np.float64)
+    finite = numbers[np.isfinite(numbers)]
+    if finite.size:
+        quantity = "magnitude " if is_complex else ""
+        text += f", {quantity}{finite.min():.6g} to {finite.max():.6g}"
+    bad = values.size - finite.size
+    return text + (f", {bad} not finite" if bad else "")

@@ -1,8 +1,9 @@
 """Import of full-wave lanes: one NumPy archive with data, geometry and, if known, truth.
 
-The archive holds ``data`` (scan, tx, rx, polarization, frequency), ``frequency_hz``, ``polarisation``, antenna
-positions ``tx_xyz_m`` (scan, tx, 3) and ``rx_xyz_m`` (scan, rx, 3) in the lane frame, and optionally ``truth``, a JSON
-text with ``mines`` (kind, x, y, depth of the top), ``rocks`` (x, y, radius) and ``posts`` (x, y, height).
+The archive holds ``data`` (scan, tx, rx, polarization, frequency), ``frequency_hz``,
+``polarisation``, antenna positions ``tx_xyz_m`` (scan, tx, 3) and ``rx_xyz_m`` (scan, rx, 3) in the
+lane frame, and optionally ``truth``, a JSON text with ``mines`` (kind, x, y, depth of the top),
+``rocks`` (x, y, radius) and ``posts`` (x, y, height).
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
 
 _ARRAYS = ("data", "frequency_hz", "polarisation", "tx_xyz_m", "rx_xyz_m")
+_LARGEST_MOTION = 1e-6  # m, of antennas in an array that keeps its form
 
 
 @dataclass(frozen=True)
@@ -42,40 +44,51 @@ class FullwaveLane:
 
 
 def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveLane:
-    """Read a full-wave lane from its .npz archive, whose arrays may take ``max_memory`` bytes each."""
+    """Read a full-wave lane from its .npz archive.
+
+    Parameters
+    ----------
+    path : path
+        The archive.
+    max_memory : int
+        Bytes that each of its arrays may take.
+
+    Returns
+    -------
+    FullwaveLane
+        The run, and the truth if the archive holds it.
+
+    Raises
+    ------
+    ValueError
+        If an array is missing, shapes do not agree, or the array of antennas changes its form.
+    """
     path = existing(path, "full-wave archive")
     arrays = _load(path, max_memory)
     data = arrays["data"]
     tx = arrays["tx_xyz_m"]
     rx = arrays["rx_xyz_m"]
-    if (
-        data.ndim != 5
-        or tx.shape != (*data.shape[:2], 3)
-        or rx.shape != (data.shape[0], data.shape[2], 3)
-    ):
-        raise ValueError(
-            f"{path}: data must be (scan, tx, rx, polarization, frequency) with tx_xyz_m (scan, tx, 3) and rx_xyz_m "
-            f"(scan, rx, 3), got {data.shape}, {tx.shape}, {rx.shape}"
-        )
+    _check_shapes(path, data, tx, rx)
     origin = tx.mean(axis=1)
     local_tx = tx - origin[:, None]
     local_rx = rx - origin[:, None]
-    if np.abs(local_tx - local_tx[0]).max() > 1e-6 or np.abs(local_rx - local_rx[0]).max() > 1e-6:
-        raise ValueError(
-            f"{path}: the array must keep its form and heading from scan to scan, it moves by more than 1 µm"
-        )
+    for local in (local_tx, local_rx):
+        if np.abs(local - local[0]).max() > _LARGEST_MOTION:
+            raise ValueError(
+                f"{path}: the array must keep its form and heading from scan to scan, "
+                "it moves by more than 1 µm"
+            )
     scans, transmitters, receivers, polarizations, tones = data.shape
-    signal = data.transpose(0, 3, 1, 2, 4).reshape(
-        scans, polarizations, transmitters * receivers, tones
-    )
+    shape = (scans, polarizations, transmitters * receivers, tones)
+    signal = data.transpose(0, 3, 1, 2, 4).reshape(shape)
     pose = np.zeros((scans, 6))
     pose[:, :3] = origin
-    told = parse_json(str(arrays["truth"])) if "truth" in arrays else None
     attrs: dict[str, Any] = {"source": "full-wave (FDTD) lane", "title": path.stem}
-    if told is not None and "soil_eps" in told:
+    world = parse_json(str(arrays["truth"])) if "truth" in arrays else None
+    if world is not None and "soil_eps" in world:
         attrs["soil"] = {
-            "permittivity": float(told["soil_eps"]),
-            "conductivity": float(told.get("soil_sigma", 0.0)),
+            "permittivity": float(world["soil_eps"]),
+            "conductivity": float(world.get("soil_sigma", 0.0)),
         }
     run = make_run(
         signal,
@@ -86,10 +99,13 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
         pose,
         attrs=attrs,
     )
-    return FullwaveLane(run, *(_tables(told) if told is not None else (None, None)))
+    if world is None:
+        return FullwaveLane(run, None, None)
+    return FullwaveLane(run, _truth(world), _objects(world))
 
 
 def _load(path: Path, max_memory: int) -> dict[str, NDArray[Any]]:
+    """Read the arrays of an archive."""
     opened = open_arrays(path, max_memory)
     missing = [name for name in _ARRAYS if name not in opened.arrays]
     if missing:
@@ -99,41 +115,56 @@ def _load(path: Path, max_memory: int) -> dict[str, NDArray[Any]]:
     return {name: opened.read(name) for name in (*_ARRAYS, "truth") if name in opened.arrays}
 
 
-def _tables(world: dict[str, Any]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    mines = [
-        {"target_id": f"mine-{i + 1}", "x": x, "y": y, "kind": kind, "depth": depth}
-        | {
+def _check_shapes(path: Path, data: NDArray[Any], tx: NDArray[Any], rx: NDArray[Any]) -> None:
+    """Refuse arrays whose shapes do not agree."""
+    if data.ndim == 5:
+        scans, transmitters, receivers = data.shape[:3]
+        if tx.shape == (scans, transmitters, 3) and rx.shape == (scans, receivers, 3):
+            return
+    raise ValueError(
+        f"{path}: data must be (scan, tx, rx, polarization, frequency) with tx_xyz_m "
+        f"(scan, tx, 3) and rx_xyz_m (scan, rx, 3), got {data.shape}, {tx.shape}, {rx.shape}"
+    )
+
+
+def _truth(world: dict[str, Any]) -> pd.DataFrame:
+    """Return the mines of a world as a table of truth."""
+    rows = []
+    for number, (kind, x, y, depth) in enumerate(world.get("mines", []), start=1):
+        row = {
+            "target_id": f"mine-{number}",
+            "x": x,
+            "y": y,
+            "kind": kind,
+            "depth": depth,
             "radius": world.get("mine_radius_m", np.nan),
             "height": world.get("mine_height_m", np.nan),
         }
-        for i, (kind, x, y, depth) in enumerate(world.get("mines", []))
-    ]
-    rocks = [
-        {
-            "object_id": f"rock-{i + 1}",
+        rows.append(row)
+    return check_truth(pd.DataFrame(rows)) if rows else empty_table(TRUTH_COLUMNS)
+
+
+def _objects(world: dict[str, Any]) -> pd.DataFrame:
+    """Return the rocks and posts of a world as a table of objects."""
+    rows = []
+    for number, (x, y, radius) in enumerate(world.get("rocks", []), start=1):
+        row = {
+            "object_id": f"rock-{number}",
             "x": x,
             "y": y,
             "kind": "rock",
             "radius": radius,
             "height": np.nan,
         }
-        for i, (x, y, radius) in enumerate(world.get("rocks", []))
-    ]
-    posts = [
-        {
-            "object_id": f"post-{i + 1}",
+        rows.append(row)
+    for number, (x, y, height) in enumerate(world.get("posts", []), start=1):
+        row = {
+            "object_id": f"post-{number}",
             "x": x,
             "y": y,
             "kind": "post",
             "radius": np.nan,
             "height": height,
         }
-        for i, (x, y, height) in enumerate(world.get("posts", []))
-    ]
-    truth = check_truth(pd.DataFrame(mines)) if mines else empty_table(TRUTH_COLUMNS)
-    objects = (
-        check_objects(pd.DataFrame(rocks + posts))
-        if rocks or posts
-        else empty_table(OBJECT_COLUMNS)
-    )
-    return truth, objects
+        rows.append(row)
+    return check_objects(pd.DataFrame(rows)) if rows else empty_table(OBJECT_COLUMNS)

@@ -3,11 +3,12 @@
 A name is looked up in a table of its maker's models, or states its frequency with a unit. Digits
 alone are a serial number as well as a frequency, and are not taken for one.
 
-Sources: the antenna codes that readgssi collected from files and the maker's staff (``readgssi/constants.py``,
-https://github.com/iannesbitt/readgssi) and those of RGPR (``R/readDZT.R``, https://github.com/emanuelhuber/RGPR). The
-horns 4105 and 4108 (2000 and 1000 MHz), MALÅ's GX models and CO700 are as commonly stated: no document of their makers
-was at hand. ImpulseRadar's CrossOver antennas are not in it: CO4080 is two antennas, of 400 and 800 MHz, and the name
-does not say whose channel a file holds.
+Sources: the antenna codes that readgssi collected from files and the maker's staff
+(``readgssi/constants.py``, https://github.com/iannesbitt/readgssi) and those of RGPR
+(``R/readDZT.R``, https://github.com/emanuelhuber/RGPR). The horns 4105 and 4108 (2000 and 1000
+MHz), MALÅ's GX models and CO700 are as commonly stated: no document of their makers was at hand.
+ImpulseRadar's CrossOver antennas are not in it: CO4080 is two antennas, of 400 and 800 MHz, and the
+name does not say whose channel a file holds.
 """
 
 from __future__ import annotations
@@ -15,44 +16,104 @@ from __future__ import annotations
 import re
 
 GSSI = {
-    "200HS": 200, "D200HS": 200, "50200HS": 200, "350": 350, "350HS": 350, "HS350": 350, "HS350US": 350, "D400HS": 350,
-    "3101": 900, "3101A": 900, "3102": 500, "3105": 300, "3207": 100, "3207AP": 100, "5100": 1500, "5103": 400,
-    "5103A": 400, "5104": 270, "5106": 200, "5106A": 200, "50270": 270, "50270S": 270, "50300": 300, "D50300": 300,
-    "50400": 400, "50400S": 400, "800": 800, "50800": 800, "D50800": 800, "51600": 1600, "51600S": 1600, "52600": 2600,
-    "52600S": 2600, "4105": 2000, "4105NR": 2000, "4108": 1000, "42000S": 2000, "62000": 2000, "62000-003": 2000,
-    "62300": 2300, "62300XT": 2300, "SS MINI": 1600, "SSMINI": 1600, "SSMINIXT": 2700, "SS MINI XT": 2700,
+    "200HS": 200,
+    "D200HS": 200,
+    "50200HS": 200,
+    "350": 350,
+    "350HS": 350,
+    "HS350": 350,
+    "HS350US": 350,
+    "D400HS": 350,
+    "3101": 900,
+    "3101A": 900,
+    "3102": 500,
+    "3105": 300,
+    "3207": 100,
+    "3207AP": 100,
+    "5100": 1500,
+    "5103": 400,
+    "5103A": 400,
+    "5104": 270,
+    "5106": 200,
+    "5106A": 200,
+    "50270": 270,
+    "50270S": 270,
+    "50300": 300,
+    "D50300": 300,
+    "50400": 400,
+    "50400S": 400,
+    "800": 800,
+    "50800": 800,
+    "D50800": 800,
+    "51600": 1600,
+    "51600S": 1600,
+    "52600": 2600,
+    "52600S": 2600,
+    "4105": 2000,
+    "4105NR": 2000,
+    "4108": 1000,
+    "42000S": 2000,
+    "62000": 2000,
+    "62000-003": 2000,
+    "62300": 2300,
+    "62300XT": 2300,
+    "SS MINI": 1600,
+    "SSMINI": 1600,
+    "SSMINIXT": 2700,
+    "SS MINI XT": 2700,
     "1.5/1.6GHZ": 1500,
-}  # fmt: skip
+}
 """Nominal frequency of GSSI's antennas, MHz."""
 GSSI_SETS = {"300/800D": (300, 800), "D300/800": (300, 800)}
 """Antennas of two frequencies, MHz: that of the first channel and of the second."""
 MALA = {"GX80": 80, "GX160": 160, "GX450": 450, "GX750": 750, "CO700": 700}
-"""Nominal frequency of MALÅ's antennas that are called by a model, MHz; CO700 as users' files have it."""
+"""Nominal frequency of MALÅ's antennas that are called by a model, MHz.
+
+CO700 is as users' files have it.
+"""
 _WITH_UNIT = re.compile(r"(?<![\d./,])(\d+(?:[.,]\d+)?)[\s_-]*([MG])HZ")
 _LEADING = re.compile(
     r"(\d{2,4})(?:[\s_-]+(?:UN)?SHIELDED(?![A-Z]).*|[\s_-]+RTA(?![A-Z]).*|[\s_-]*)", re.DOTALL
 )
-# MHz, of any such antenna
-_HIGHEST = 6000.0
+_MALA_MODEL = re.compile(r"(?<![A-Z])([A-Z]{2})[\s_-]?(\d+)(?![\d.])")
+_HIGHEST = 6000.0  # MHz, of any such antenna
 _LOWEST = 5.0
 
 
 def antenna_frequency(name: str, maker: str, channel: int = 0) -> float | None:
-    """Return the nominal frequency of an antenna, Hz, or None where neither a table nor the name itself tells it.
+    """Return the nominal frequency of an antenna.
 
-    ``maker`` is "GSSI", "MALÅ" or "ImpulseRadar"; ``channel`` chooses between the antennas of a set of two.
+    Parameters
+    ----------
+    name : str
+        What the file calls the antenna.
+    maker : {"GSSI", "MALÅ", "ImpulseRadar"}
+        Its maker.
+    channel : int
+        Chooses between the antennas of a set of two.
+
+    Returns
+    -------
+    float or None
+        The frequency, Hz; None where neither a table nor the name itself states it.
     """
     return _look_up(name, maker, channel)[0]
 
 
 def set_frequency(name: str, channel: int) -> float | None:
-    """Return the nominal frequency, Hz, of a channel's antenna in a set of GSSI's; None if the name is no set's."""
-    megahertz = _of_set(_plain(name), channel)
+    """Return the nominal frequency, Hz, of a channel's antenna in a set of GSSI's.
+
+    It is None if the name is that of no set.
+    """
+    megahertz = _of_set(_model_name(name), channel)
     return None if megahertz is None else megahertz * 1e6
 
 
 def noted_frequency(name: str, maker: str, notes: list[str], channel: int = 0) -> float | None:
-    """Return what :func:`antenna_frequency` does, and note how it is known unless the name states it with a unit."""
+    """Return what :func:`antenna_frequency` does, and note how it is known.
+
+    There is no note where the name states it with a unit.
+    """
     frequency, source = _look_up(name, maker, channel)
     if not name.strip():
         notes.append("the header names no antenna: its frequency is unknown")
@@ -66,20 +127,23 @@ def noted_frequency(name: str, maker: str, notes: list[str], channel: int = 0) -
 
 
 def _look_up(name: str, maker: str, channel: int) -> tuple[float | None, str]:
-    """Return an antenna's frequency, Hz, and how it is known; nothing where the name states it with a unit."""
-    plain = _plain(name)
+    """Return an antenna's frequency, Hz, and how it is known.
+
+    The latter is empty where the name states it with a unit.
+    """
+    model = _model_name(name)
     megahertz: float | None = None
     source = "by the table of models"
     if maker == "GSSI":
-        megahertz = _of_set(plain, channel) or GSSI.get(plain)
+        megahertz = _of_set(model, channel) or GSSI.get(model)
     elif maker == "MALÅ":
-        megahertz = _mala(plain)
+        megahertz = _of_mala(model)
     if megahertz is None:
-        megahertz = _with_unit(plain)
+        megahertz = _with_unit(model)
         source = ""
     if megahertz is None and maker in ("MALÅ", "ImpulseRadar"):
         # The field is the frequency and the kind, such as "500_shielded_0.18".
-        leading = _LEADING.fullmatch(plain)
+        leading = _LEADING.fullmatch(model)
         megahertz = float(leading[1]) if leading else None
         source = "by the number that its name begins with"
     if megahertz is None or not _LOWEST <= megahertz <= _HIGHEST:
@@ -87,29 +151,32 @@ def _look_up(name: str, maker: str, channel: int) -> tuple[float | None, str]:
     return megahertz * 1e6, source
 
 
-def _plain(name: str) -> str:
-    """Take a serial number, which follows a number sign, and blanks at the ends away."""
+def _model_name(name: str) -> str:
+    """Return a name in capitals without the serial number, which follows a number sign."""
     return re.sub(r"\s*#.*", "", name, flags=re.DOTALL).strip().upper()
 
 
-def _of_set(plain: str, channel: int) -> float | None:
-    frequencies = GSSI_SETS.get(plain)
+def _of_set(model: str, channel: int) -> float | None:
+    """Return the frequency, MHz, of a channel's antenna in a set; None if the name is no set's."""
+    frequencies = GSSI_SETS.get(model)
     return frequencies[channel] if frequencies and channel < len(frequencies) else None
 
 
-def _mala(plain: str) -> float | None:
-    """Look the model up that is in a name, such as GX450 HDR (v.1); several tell none."""
-    models = {
-        letters + digits
-        for letters, digits in re.findall(r"(?<![A-Z])([A-Z]{2})[\s_-]?(\d+)(?![\d.])", plain)
-    }
+def _of_mala(model: str) -> float | None:
+    """Return the frequency, MHz, of the model in a name, such as GX450 HDR (v.1).
+
+    It is None if there are several, or none.
+    """
+    models = set()
+    for letters, digits in _MALA_MODEL.findall(model):
+        models.add(letters + digits)
     known = models & set(MALA)
     return MALA[known.pop()] if len(known) == 1 else None
 
 
-def _with_unit(plain: str) -> float | None:
-    """Return the frequency that the name states; several that differ state none."""
+def _with_unit(model: str) -> float | None:
+    """Return the frequency, MHz, that a name states; several that differ state none."""
     stated = set()
-    for number, unit in _WITH_UNIT.findall(plain):
+    for number, unit in _WITH_UNIT.findall(model):
         stated.add(float(number.replace(",", ".")) * (1e3 if unit == "G" else 1.0))
     return stated.pop() if len(stated) == 1 else None

@@ -1,4 +1,4 @@
-"""All channels of a recording as one run, and a recording as a run that is only looked at."""
+"""All channels of a recording as one run, and a recording as a run that is only viewed."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 import xarray as xr
 
 from flgpr.formats.gpr_files import GprSection, read_gpr
-from flgpr.formats.gpr_import import OCTAVE, ReasonedBand, gpr_run
+from flgpr.formats.gpr_import import OCTAVE, ReasonedBand, frequency_words, gpr_run
 from flgpr.store.store_layout import MAX_MEMORY
 
-_NYQUIST_SHARE = 0.9  # of half the sampling rate, up to which a recording is looked at
+_NYQUIST_SHARE = 0.9  # of half the sampling rate, up to which a recording is viewed
 _LOWEST = 1e6  # Hz
 
 
@@ -27,12 +27,12 @@ def channels_run(
     section : GprSection
         The line, of :func:`flgpr.formats.read_gpr`.
     channel_x : (channel,) sequence of float, optional
-        Where the antennas of each channel are across the way, m in the vehicle frame; the file does
-        not tell. By default all are put at x = 0, which ``import_notes`` say.
+        Where the antennas of each channel are across the line, m in the vehicle frame; the file
+        does not state it. By default all are put at x = 0, which ``import_notes`` say.
     **options
-        Those of :func:`flgpr.formats.gpr_run` but ``channel``. ``band`` is by default a quarter of the
-        lowest to twice the highest nominal frequency of the antennas, or all that is recorded where
-        one of these is unknown.
+        Those of :func:`flgpr.formats.gpr_run` but ``channel``. ``band`` is by default a quarter of
+        the lowest to twice the highest nominal frequency of the antennas, or all that is recorded
+        where one of these is unknown.
 
     Returns
     -------
@@ -43,30 +43,32 @@ def channels_run(
     ------
     ValueError
         If the channels have different time windows, so that they have no common tones, if
-        ``channel_x`` is not a place per channel, or for what :func:`flgpr.formats.gpr_run` refuses.
+        ``channel_x`` is not a number per channel, or for what :func:`flgpr.formats.gpr_run`
+        refuses.
     """
     count = section.traces.shape[1]
-    places = _places(channel_x, count)
-    options.setdefault("band", None)
-    if options["band"] is None:
+    offsets = _offsets(channel_x, count)
+    if options.get("band") is None:
         options["band"] = common_band(section)
     runs = [gpr_run(section, channel, **options) for channel in range(count)]
     tones = runs[0]["frequency"].values
     for channel, run in enumerate(runs):
         if not np.array_equal(run["frequency"].values, tones):
             raise ValueError(
-                f"{section.path}: channels of one run must have one time window, channel {channel} has another than "
-                f"channel 0: import them apart, with --channel 0 and --channel {channel}"
+                f"{section.path}: channels of one run must have one time window, channel {channel} "
+                "has another than channel 0: import them apart, with --channel 0 and --channel "
+                f"{channel}"
             )
-    for run, x in zip(runs, places, strict=True):
+    for run, x in zip(runs, offsets, strict=True):
         for name in ("tx_position", "rx_position"):
             run[name][:, 0] += x
     notes = _notes_of_all(runs)
     if count > 1:
-        notes.append(_words_of_channels(section))
+        notes.append(_note_of_channels(section))
         if channel_x is None:
             notes.append(
-                f"{count} channels put at one place: the file does not tell where their antennas are"
+                f"{count} channels put at one place: "
+                "the file does not tell where their antennas are"
             )
     merged = xr.concat(
         runs, dim="pair", data_vars="minimal", coords="minimal", compat="equals", join="exact"
@@ -78,36 +80,56 @@ def channels_run(
 
 
 def preview_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
-    """Return a recording as a run to be looked at, which is stored nowhere: all channels, all frequencies.
+    """Return a recording as a run to be viewed, of all channels and all frequencies.
 
-    Where the header tells no trace spacing, traces are put 1 m apart. ``import_notes`` tell this, and which channels
-    are left out because their time window is another one.
+    Where the header states no trace spacing, traces are put 1 m apart. Channels whose time window
+    is another one than the first's are left out.
+
+    Parameters
+    ----------
+    path : path
+        The recording.
+    max_memory : int
+        Bytes of memory to use.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run; ``import_notes`` state what was assumed and left out.
+
+    Raises
+    ------
+    ValueError
+        If the recording cannot be read or makes no run.
     """
     section = read_gpr(path, max_memory)
     step = None if section.distance is not None else 1.0
     band = ReasonedBand(*_widest_band(section), "all that is recorded")
     options: dict[str, Any] = {"step": step, "band": band}
-    more = [] if step is None else ["no trace spacing is known: traces are put 1 m apart"]
+    notes = []
+    if step is not None:
+        notes.append("no trace spacing is known: traces are put 1 m apart")
     try:
         run = channels_run(section, **options)
     except ValueError:
         if section.traces.shape[1] == 1:
             raise
         run = gpr_run(section, 0, **options)
-        more.append("channel 0 is shown alone: the others have another time window")
-    run.attrs["import_notes"] = [*run.attrs["import_notes"], *more]
+        notes.append("channel 0 is shown alone: the others have another time window")
+    run.attrs["import_notes"] = [*run.attrs["import_notes"], *notes]
     return run
 
 
-def _places(channel_x: Sequence[float] | None, count: int) -> list[float]:
+def _offsets(channel_x: Sequence[float] | None, count: int) -> list[float]:
+    """Return the x of each channel's antennas, m."""
     if channel_x is None:
         return [0.0] * count
-    places = [float(x) for x in channel_x]
-    if len(places) != count or not np.isfinite(places).all():
+    offsets = [float(x) for x in channel_x]
+    if len(offsets) != count or not np.isfinite(offsets).all():
         raise ValueError(
-            f"channel_x must give a finite x, m, for each of {count} channels, got {places}"
+            f"channel_x must give a finite x, m, for each of {count} channels, got {offsets}"
         )
-    return places
+    return offsets
 
 
 def common_band(section: GprSection) -> ReasonedBand:
@@ -134,11 +156,21 @@ def _widest_band(section: GprSection) -> tuple[float, float]:
 
 
 def _notes_of_all(runs: Sequence[xr.Dataset]) -> list[str]:
-    """Return every note once, in the order in which they come; those of single channels are replaced by one of all."""
-    notes = dict.fromkeys(note for run in runs for note in run.attrs["import_notes"])
-    return [note for note in notes if " of " not in note or not note.startswith("channel ")]
+    """Return every note once, in the order in which they come.
+
+    Those of single channels are left out: one of all channels stands for them.
+    """
+    notes: dict[str, None] = {}
+    for run in runs:
+        for note in run.attrs["import_notes"]:
+            is_of_one_channel = note.startswith("channel ") and " of " in note
+            if not is_of_one_channel:
+                notes[note] = None
+    return list(notes)
 
 
-def _words_of_channels(section: GprSection) -> str:
-    words = ["unknown" if one is None else f"{one / 1e6:g} MHz" for one in section.frequencies]
-    return f"all {len(words)} channels in one run, a pair each; antennas {', '.join(words)}"
+def _note_of_channels(section: GprSection) -> str:
+    """Return the note of all channels and their antennas."""
+    antennas = frequency_words(section.frequencies)
+    count = len(section.frequencies)
+    return f"all {count} channels in one run, a pair each; antennas {antennas}"

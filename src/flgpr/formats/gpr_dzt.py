@@ -1,13 +1,14 @@
-"""GSSI's DZT: the structure tagRFHeader of the SIR manuals, a header of 1024 bytes for every channel.
+"""GSSI's DZT: the structure tagRFHeader of the SIR manuals.
 
-Tags other than 0xnnFF stand in files that RADAN edited, such as the example data of GPRPy.
+Every channel has a header of 1024 bytes. Tags other than 0xnnFF stand in files that RADAN edited,
+such as the example data of GPRPy.
 """
 
 from __future__ import annotations
 
 import struct
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -19,182 +20,259 @@ from flgpr.formats.gpr_parts import (
     FloatArray,
     equal_steps,
     exact_floats,
-    find_beside,
+    find_companion,
     first_bytes,
-    measured_places,
+    measured_distance,
     read_records,
 )
 from flgpr.formats.gpr_positions import DzxContent, nmea_fixes, note_unread, read_dzx
 
 _HEADER = 1024  # bytes, of each channel
 _OLD_HEADER = 512  # bytes, of files older than that structure
+_MOST_CHANNELS = 4
 _MINI_XT = 14  # number of the system StructureScan Mini XT, whose antenna has no name (readgssi)
+_TYPES: dict[int, tuple[DTypeLike, float]] = {
+    8: ("u1", 128.0),
+    16: ("<u2", 32768.0),
+    32: ("<i4", 0.0),
+}
+"""Types of samples by their bits, and the count of no signal."""
+_RATES = (1e-3, 1e6)  # scans a second that are plausible
+_SPACINGS = (1e-3, 1e5)  # scans per metre that are plausible
+
+
+class _Head(NamedTuple):
+    """What the header of the first channel states."""
+
+    tag: int
+    start: int  # of the samples, in headers or bytes
+    samples: int
+    bits: int
+    per_second: float
+    per_metre: float
+    stated_channels: int
+
+    @property
+    def channels(self) -> int:
+        """How many channels are read."""
+        return self.stated_channels or 1
 
 
 def read_dzt(path: Path, limit: int) -> dict[str, Any]:
-    """Read a DZT: the entries of a :class:`flgpr.formats.gpr_files.GprSection`; what contradicts is a ValueError."""
-    raw = first_bytes(path, 4 * _HEADER)
+    """Read a DZT.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    limit : int
+        Bytes of memory to use.
+
+    Returns
+    -------
+    dict of str to Any
+        The entries of a :class:`flgpr.formats.gpr_files.GprSection`.
+
+    Raises
+    ------
+    ValueError
+        If the file contradicts itself.
+    """
+    raw = first_bytes(path, _MOST_CHANNELS * _HEADER)
     if len(raw) < _HEADER:
         raise ValueError(f"its header must have {_HEADER} bytes, the file has {len(raw)}")
-    tag, start, samples, bits = struct.unpack_from("<4H", raw, 0)
-    per_second, per_metre = struct.unpack_from("<2f", raw, 10)
-    told = struct.unpack_from("<H", raw, 52)[0]
-    channels = told or 1
-    types: dict[int, tuple[DTypeLike, float]] = {
-        8: ("u1", 128.0),
-        16: ("<u2", 32768.0),
-        32: ("<i4", 0.0),
-    }
-    if bits not in types or samples < 4 or not 1 <= channels <= 4:
-        raise ValueError(
-            f"it must have 8, 16 or 32 bits, 4 or more samples and 1 to 4 channels, got {bits}, {samples}, {channels} "
-            f"(its tag is {tag:#06x})"
-        )
     notes: list[str] = []
-    if not told:
-        notes.append("the header tells 0 channels: one is read")
-    if tag & 0xFF != 0xFF:
-        notes.append(f"its tag is {tag:#06x}, not 0xnnFF: so begin files that RADAN edited")
-    begin = _HEADER * (start if 0 < start < _HEADER else channels)
-    if start == _OLD_HEADER and begin >= path.stat().st_size:
+    head = _head_of(raw, notes)
+    channels = head.channels
+    samples = head.samples
+    begin = _HEADER * (head.start if 0 < head.start < _HEADER else channels)
+    if head.start == _OLD_HEADER and begin >= path.stat().st_size:
         begin = _OLD_HEADER
         notes.append(f"its header has {_OLD_HEADER} bytes, as old files have")
     delays = _delays(raw, begin, channels, samples, notes)
-    sample, offset = types[bits]
-    table = read_records(path, begin, np.dtype((sample, (channels, samples))), None, notes, limit)
+    sample, offset = _TYPES[head.bits]
+    record = np.dtype((sample, (channels, samples)))
+    table = read_records(path, begin, record, None, notes, limit)
     words = table[:, 0, :2].astype(np.int64)
     traces = exact_floats(table, notes)
     traces -= offset
     traces[..., :2] = traces[..., 2:3]
     notes.append(
-        "the first two samples of every trace are its number and marks: the third stands in their place"
+        "the first two samples of every trace are its number and marks: "
+        "the third stands in their place"
     )
     count = len(traces)
-    beside = read_dzx(find_beside(path, ".dzx"), count, notes)
-    distance = _distance(count, per_metre, beside, notes)
-    steady = bool(np.isfinite(per_second) and 1e-3 <= per_second <= 1e6)
-    if per_second != 0 and not steady:
-        notes.append(f"{per_second:g} scans a second in the header are no rate and are not used")
-    timed = distance is None and steady
-    if timed:
-        notes.append(f"the traces' clock is that of {per_second:g} scans a second, by the header")
-    fixes = nmea_fixes(find_beside(path, ".dzg"), count, notes, words[:, 0])
+    dzx = read_dzx(find_companion(path, ".dzx"), count, notes)
+    distance = _distance(count, head.per_metre, dzx, notes)
+    time = _time(count, head.per_second, distance is None, notes)
+    fixes = nmea_fixes(find_companion(path, ".dzg"), count, notes, words[:, 0])
     note_unread(path, (".dza", ".plt", ".tmf"), notes)
     return {
         "traces": traces,
         "delay": delays[0],
         "channel_delay": delays if (delays != delays[0]).any() else None,
         "distance": distance,
-        "time": np.arange(count) / per_second if timed else None,
+        "time": time,
         "fixes": fixes.table,
         "fix_time": fixes.time,
-        "marks": _marks(words[:, 1], beside, notes),
+        "marks": _marks(words[:, 1], dzx, notes),
         "frequencies": _frequencies(raw[: max(begin, _HEADER)], channels, notes),
         "history": tuple(notes),
     }
 
 
+def _head_of(raw: bytes, notes: list[str]) -> _Head:
+    """Return what the header of the first channel states."""
+    head = _Head(
+        *struct.unpack_from("<4H", raw, 0),
+        *struct.unpack_from("<2f", raw, 10),
+        *struct.unpack_from("<H", raw, 52),
+    )
+    if head.bits not in _TYPES or head.samples < 4 or not 1 <= head.channels <= _MOST_CHANNELS:
+        raise ValueError(
+            "it must have 8, 16 or 32 bits, 4 or more samples and 1 to 4 channels, "
+            f"got {head.bits}, {head.samples}, {head.channels} (its tag is {head.tag:#06x})"
+        )
+    if not head.stated_channels:
+        notes.append("the header tells 0 channels: one is read")
+    if head.tag & 0xFF != 0xFF:
+        notes.append(f"its tag is {head.tag:#06x}, not 0xnnFF: so begin files that RADAN edited")
+    return head
+
+
+def _time(
+    count: int, per_second: float, needed: bool, notes: list[str]
+) -> NDArray[np.float64] | None:
+    """Return the traces' clock (trace,), s, by the header's rate, where that is ``needed``."""
+    plausible = np.isfinite(per_second) and _RATES[0] <= per_second <= _RATES[1]
+    if per_second != 0 and not plausible:
+        notes.append(f"{per_second:g} scans a second in the header are no rate and are not used")
+    if not (needed and plausible):
+        return None
+    notes.append(f"the traces' clock is that of {per_second:g} scans a second, by the header")
+    return np.arange(count) / per_second
+
+
 def _delays(raw: bytes, begin: int, channels: int, samples: int, notes: list[str]) -> FloatArray:
-    """Return the delays (channel, sample), s, by each channel's own header; samples begin at the byte ``begin``."""
+    """Return the delays (channel, sample), s, by each channel's own header.
+
+    Samples begin at the byte ``begin``.
+    """
     delays = np.empty((channels, samples))
     for channel in range(channels):
         base = _HEADER * channel
-        own = None
-        if not channel or base + _HEADER <= min(begin, len(raw)):
-            own = _delay_of(raw, base, channel, samples)
-        if own is None and channel == 0:
+        delay = None
+        if channel == 0 or base + _HEADER <= min(begin, len(raw)):
+            delay = _delay_of(raw, base, channel, samples)
+        if delay is None and channel == 0:
             position, window = struct.unpack_from("<2f", raw, 22)
             raise ValueError(
                 f"range and position must be times in ns, got {window:g} and {position:g}"
             )
-        if own is None:
+        if delay is None:
             notes.append(
-                f"the header of channel {channel} tells no time window: it is taken as that of the first"
+                f"the header of channel {channel} tells no time window: "
+                "it is taken as that of the first"
             )
-        delays[channel] = delays[0] if own is None else own
+            delay = delays[0]
+        delays[channel] = delay
     if (delays[:, 0] == 0).any():
         notes.append("the header puts time zero at the first sample")
     for channel, delay in enumerate(delays):
         if (delay != delays[0]).any():
             window = (delay[1] - delay[0]) * samples / NANOSECOND
+            zero = -delay[0] / NANOSECOND
             notes.append(
-                f"channel {channel} has a header of its own: time window {window:.6g} ns, time zero "
-                f"{-delay[0] / NANOSECOND:.6g} ns after its start"
+                f"channel {channel} has a header of its own: time window {window:.6g} ns, "
+                f"time zero {zero:.6g} ns after its start"
             )
     return delays
 
 
 def _delay_of(raw: bytes, base: int, channel: int, samples: int) -> FloatArray | None:
-    """Return the delays (sample,), s, that a channel's header at a byte tells; None if it tells no time window."""
-    own_samples, own_bits = struct.unpack_from("<2H", raw, base + 4)
+    """Return the delays (sample,), s, that a channel's header at the byte ``base`` states.
+
+    It is None if that states no time window.
+    """
+    header_samples, header_bits = struct.unpack_from("<2H", raw, base + 4)
     first_bits = struct.unpack_from("<H", raw, 6)[0]
     position, window = struct.unpack_from("<2f", raw, base + 22)
-    if not (
-        INTERVALS[0] <= window * NANOSECOND / samples <= INTERVALS[1]
-        and abs(position) <= 100 * window
-    ):
+    interval = window * NANOSECOND / samples
+    if not INTERVALS[0] <= interval <= INTERVALS[1] or not abs(position) <= 100 * window:
         return None
-    if own_samples and (own_samples, own_bits) != (samples, first_bits):
+    if header_samples and (header_samples, header_bits) != (samples, first_bits):
         raise ValueError(
-            f"channel {channel} must have {samples} samples of {first_bits} bits as the first, got {own_samples} of "
-            f"{own_bits}"
+            f"channel {channel} must have {samples} samples of {first_bits} bits as the first, "
+            f"got {header_samples} of {header_bits}"
         )
-    return np.asarray(
-        position * NANOSECOND + np.arange(samples) * (window * NANOSECOND / samples),
-        dtype=np.float64,
-    )
+    return np.asarray(position * NANOSECOND + np.arange(samples) * interval, dtype=np.float64)
 
 
-def _distance(
-    count: int, per_metre: float, beside: DzxContent, notes: list[str]
-) -> FloatArray | None:  # fmt: skip
-    """Return the distance along the line (trace,), m: of the waypoints of the DZX, else by the wheel or its spacing."""
-    scans = np.unique(beside.distances[:, 0], return_index=True)[1]
-    if scans.size > 1 and np.ptp(beside.distances[scans, 1]) > 0:
-        known = beside.distances[scans]
-        notes.append(
-            f"{scans.size} distances of the DZX are used; the traces between them are put at equal steps"
-        )
-        outside = np.count_nonzero(
-            (np.arange(count) < known[0, 0]) | (np.arange(count) > known[-1, 0])
-        )
-        if outside:
-            notes.append(
-                f"{outside} traces lie before the first or behind the last of them, and go on at the mean step"
-            )
-        step = (known[-1, 1] - known[0, 1]) / (known[-1, 0] - known[0, 0])
-        trace = np.arange(count)
-        place = np.interp(trace, known[:, 0], known[:, 1])
-        place += step * (np.minimum(trace - known[0, 0], 0) + np.maximum(trace - known[-1, 0], 0))
-        return measured_places(place, None, "distances of the DZX", "the DZX", notes)
-    plausible = np.isfinite(per_metre) and 1e-3 <= abs(per_metre) <= 1e5
+def _distance(count: int, per_metre: float, dzx: DzxContent, notes: list[str]) -> FloatArray | None:
+    """Return the distance along the line (trace,), m.
+
+    It is that of the waypoints of the DZX, else by the wheel or by the DZX's spacing.
+    """
+    scans = np.unique(dzx.distances[:, 0], return_index=True)[1]
+    if scans.size > 1 and np.ptp(dzx.distances[scans, 1]) > 0:
+        distance = _between_waypoints(count, dzx.distances[scans], notes)
+        return measured_distance(distance, None, "distances of the DZX", "the DZX", notes)
+    plausible = np.isfinite(per_metre) and _SPACINGS[0] <= abs(per_metre) <= _SPACINGS[1]
     if per_metre != 0 and not plausible:
         notes.append(f"{per_metre:g} scans per metre in the header are no spacing and are not used")
     if plausible:
-        return equal_steps(
-            count, 1 / per_metre, f"{per_metre:g} scans per metre in the header", notes
-        )
-    if beside.spacing is not None and 1e-5 <= beside.spacing <= 1e3:
-        return equal_steps(count, beside.spacing, "unitsPerScan of the DZX", notes)
+        where = f"{per_metre:g} scans per metre in the header"
+        return equal_steps(count, 1 / per_metre, where, notes)
+    if dzx.spacing is not None and 1e-5 <= dzx.spacing <= 1e3:
+        return equal_steps(count, dzx.spacing, "unitsPerScan of the DZX", notes)
     return None
 
 
-def _marks(words: NDArray[np.int64], beside: DzxContent, notes: list[str]) -> tuple[int, ...]:
-    """Return the traces with a mark: where the second word differs from the usual one, and those of the DZX."""
+def _between_waypoints(count: int, waypoints: FloatArray, notes: list[str]) -> FloatArray:
+    """Return the distance (trace,), m, between waypoints (waypoint, 2) of scan and distance.
+
+    It goes on at the mean step before the first and behind the last.
+    """
+    notes.append(
+        f"{len(waypoints)} distances of the DZX are used; "
+        "the traces between them are put at equal steps"
+    )
+    trace = np.arange(count)
+    first, first_distance = waypoints[0]
+    last, last_distance = waypoints[-1]
+    outside = np.count_nonzero((trace < first) | (trace > last))
+    if outside:
+        notes.append(
+            f"{outside} traces lie before the first or behind the last of them, "
+            "and go on at the mean step"
+        )
+    step = (last_distance - first_distance) / (last - first)
+    distance = np.interp(trace, waypoints[:, 0], waypoints[:, 1])
+    distance += step * (np.minimum(trace - first, 0) + np.maximum(trace - last, 0))
+    return distance
+
+
+def _marks(words: NDArray[np.int64], dzx: DzxContent, notes: list[str]) -> tuple[int, ...]:
+    """Return the traces with a mark.
+
+    Their second word differs from the usual one, or the DZX marks them.
+    """
     values, which = np.unique(words, return_inverse=True)
-    marked = np.flatnonzero(words != values[np.bincount(which).argmax()])
+    usual = values[np.bincount(which).argmax()]
+    marked = np.flatnonzero(words != usual)
     if 2 * marked.size >= words.size:
         notes.append(
-            f"the mark words of {marked.size} of {words.size} traces differ from the rest: none is taken for a mark"
+            f"the mark words of {marked.size} of {words.size} traces differ from the rest: "
+            "none is taken for a mark"
         )
         marked = marked[:0]
-    if beside.marks:
-        notes.append(f"{len(beside.marks)} marks are those of the DZX")
-    return tuple(sorted({*marked.tolist(), *beside.marks}))
+    if dzx.marks:
+        notes.append(f"{len(dzx.marks)} marks are those of the DZX")
+    return tuple(sorted({*marked.tolist(), *dzx.marks}))
 
 
 def _frequencies(raw: bytes, channels: int, notes: list[str]) -> tuple[float | None, ...]:
-    """Return the nominal frequency of each channel's antenna, Hz, by its name in the channel's own header."""
+    """Return the nominal frequency of each channel's antenna, Hz, by its name in the header."""
     names = []
     for channel in range(channels):
         cell = raw[_HEADER * channel + 98 : _HEADER * channel + 112]
@@ -207,7 +285,10 @@ def _frequencies(raw: bytes, channels: int, notes: list[str]) -> tuple[float | N
 def _frequency_of(
     channel: int, names: list[str], is_mini_xt: bool, notes: list[str]
 ) -> float | None:
-    """Return the nominal frequency of a channel's antenna, Hz: by its name, the set it is of, or the system."""
+    """Return the nominal frequency of a channel's antenna, Hz.
+
+    It is known by its name, the set it is of, or the system.
+    """
     name = names[channel]
     if antenna_frequency(name, "GSSI", channel) is None:
         of_set = set_frequency(names[0], channel) if channel else None

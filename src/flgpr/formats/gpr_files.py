@@ -1,7 +1,8 @@
-"""Files of commercial ground-penetrating radars: one line of traces, with what its headers say of it.
+"""Files of commercial ground-penetrating radars: one line of traces, with what its headers say.
 
-A reader of a format takes a path and the most bytes to use, and returns the entries of a :class:`GprSection`. What it
-finds, leaves out, replaces or assumes it says in ``history``. Each maker's layout is told in the module of its reader.
+A reader of a format takes a path and the most bytes to use, and returns the entries of a
+:class:`GprSection`. What it leaves out, replaces or assumes it says in ``history``. Each maker's
+layout is described in the module of its reader.
 """
 
 from __future__ import annotations
@@ -42,28 +43,30 @@ class GprSection:
 
     path: Path
     format: str  #: what it was read as, in words
-    #: (trace, channel, sample) counts of the recorder, float; NaN where the recorder says that a trace is no data
+    #: (trace, channel, sample) counts of the recorder, float; NaN where the recorder says that a
+    #: trace is no data
     traces: NDArray[np.floating[Any]]
-    # : (sample,) two-way delay, s; zero where the header puts time zero, else at the first sample
+    #: (sample,) two-way delay, s; zero where the header puts time zero, else at the first sample
     delay: FloatArray
     #: (trace,) along the line, m; None if the header does not tell
     distance: FloatArray | None = None
     time: FloatArray | None = None  #: (trace,) s, on a clock of the recorder's own; None if unknown
-    #: (fix, 4) of a satellite receiver: trace (from 0), longitude, latitude (degrees, WGS 84), ellipsoidal height (m)
+    #: (fix, 4) of a satellite receiver: trace (from 0), longitude, latitude (degrees, WGS 84),
+    #: ellipsoidal height (m)
     fixes: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
     marks: tuple[int, ...] = ()  #: traces, from 0, at which the operator set a mark
-    frequencies: tuple[float | None, ...] = (
-        None,
-    )  #: nominal frequency of each channel's antenna, Hz
+    #: nominal frequency of each channel's antenna, Hz
+    frequencies: tuple[float | None, ...] = (None,)
     separation: float | None = None  #: between transmitter and receiver, m
     title: str = ""  #: what the header calls the line, else the file's name
-    history: tuple[str, ...] = ()  #: what was found and assumed on reading, in words
-    #: (channel, sample) two-way delay, s, where channels have headers that differ; ``delay`` is that of the first
+    history: tuple[str, ...] = ()  #: what was read and assumed, in words
+    #: (channel, sample) two-way delay, s, where channels have headers that differ; ``delay`` is
+    #: that of the first
     channel_delay: FloatArray | None = None
     #: (fix,) when the receiver was there, s of its first day, NaN where unknown
     fix_time: FloatArray = field(default_factory=lambda: np.empty(0))
     max_memory: int = MAX_MEMORY  #: bytes that a run made of it may take: what it was read with
-    # : what the file calls a survey whose antennas move apart, such as "CMP/WARR"; empty for a line
+    #: what the file calls a survey whose antennas move apart, such as "CMP/WARR"; empty for a line
     gather: str = ""
 
     def delay_of(self, channel: int) -> FloatArray:
@@ -72,42 +75,66 @@ class GprSection:
 
 
 def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
-    """Read a line of traces from a file of Sensors & Software, GSSI, MALÅ, ImpulseRadar or IDS, or from SEG-Y and SU.
+    """Read a line of traces of a commercial radar.
 
-    The ending, of any case, tells the format: ``.dt1``, ``.dzt``, ``.rd3``, ``.rd7``, ``.iprb``, ``.dt``, ``.sgy``,
-    ``.segy``, ``.su``, ``.ogpr``. Headers, positions and marks (``.hd``, ``.gps``, ``.gp2``, ``.dzg``, ``.dzx``,
-    ``.rad``, ``.iprh``, ``.cor``) lie beside it under the same name. A header that is missing is a FileNotFoundError;
-    one that contradicts the file's size, holds nonsense, or asks for more than ``max_memory`` bytes is a ValueError.
-    What is left out, replaced or assumed is counted in ``history``; damage in a file of positions or marks is told
-    there, too.
+    The ending, of any case, states the format: Sensors & Software (``.dt1``), GSSI (``.dzt``), MALÅ
+    (``.rd3``, ``.rd7``), ImpulseRadar (``.iprb``), IDS (``.dt``), SEG-Y (``.sgy``, ``.segy``),
+    Seismic Unix (``.su``) or OpenGPR (``.ogpr``). Headers, positions and marks (``.hd``, ``.gps``,
+    ``.gp2``, ``.dzg``, ``.dzx``, ``.rad``, ``.iprh``, ``.cor``) lie beside it under the same name.
+
+    Parameters
+    ----------
+    path : path
+        The recording.
+    max_memory : int
+        Bytes of memory to use.
+
+    Returns
+    -------
+    GprSection
+        The line. What is left out, replaced or assumed is counted in ``history``, as is damage in a
+        file of positions or marks.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a header is missing.
+    ValueError
+        If a header contradicts the file's size, holds nonsense, or asks for more memory.
     """
     path = existing(path)
     suffix = path.suffix.lower()
     if suffix in NOT_READ:
-        raise ValueError("{}: {} files cannot be read: {}".format(path, *NOT_READ[suffix]))
+        kind, advice = NOT_READ[suffix]
+        raise ValueError(f"{path}: {kind} files cannot be read: {advice}")
     if suffix in _HEADERS:
         raise ValueError(
             f"{path}: this is the header of a recording; give the {_HEADERS[suffix]} file beside it"
         )
     if suffix in _COMPANIONS:
         raise ValueError(
-            f"{path}: this lies beside a recording and is read with it; give the {_COMPANIONS[suffix]} file beside it"
+            f"{path}: this lies beside a recording and is read with it; "
+            f"give the {_COMPANIONS[suffix]} file beside it"
         )
     if suffix not in READERS:
         raise ValueError(f"{path}: the ending must be one of {', '.join(READERS)}, got {suffix!r}")
-    words, reader = READERS[suffix]
+    format_name, reader = READERS[suffix]
     try:
-        found = reader(path, max_memory)
+        entries = reader(path, max_memory)
     except MissingHeaderError:
         raise
     except Exception as error:
-        said = " ".join(str(error).split())[:240] or type(error).__name__
-        raise ValueError(f"{path}: cannot be read as {words}: {said}") from None
-    return GprSection(path, words, **{"title": path.stem, "max_memory": max_memory, **found})
+        words = " ".join(str(error).split())[:240] or type(error).__name__
+        raise ValueError(f"{path}: cannot be read as {format_name}: {words}") from None
+    defaults = {"title": path.stem, "max_memory": max_memory}
+    return GprSection(path, format_name, **(defaults | entries))
 
 
 def is_gpr(path: Path) -> bool:
-    """Tell by its ending whether a file is a recording of a ground-penetrating radar, or belongs to one."""
+    """Return whether the ending of a file is that of a commercial radar's recording.
+
+    Endings of files that lie beside a recording count, too.
+    """
     return path.suffix.lower() in {**READERS, **NOT_READ, **_HEADERS, **_COMPANIONS}
 
 

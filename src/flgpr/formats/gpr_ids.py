@@ -1,4 +1,7 @@
-"""IDS GeoRadar's DT, whose layout is not published: it is as the programs of others find it (RGPR, ``R/readIDS.R``)."""
+"""IDS GeoRadar's DT.
+
+Its layout is not published: it is as the programs of others find it (RGPR, ``R/readIDS.R``).
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flgpr.formats.gpr_parts import (
     INTERVALS,
@@ -22,25 +26,32 @@ _LARGEST_HEADER = 2**20  # bytes
 
 
 def read_ids(path: Path, limit: int) -> dict[str, Any]:
-    """Read a DT: the entries of a :class:`flgpr.formats.gpr_files.GprSection`; what contradicts is a ValueError."""
+    """Read a DT.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    limit : int
+        Bytes of memory to use.
+
+    Returns
+    -------
+    dict of str to Any
+        The entries of a :class:`flgpr.formats.gpr_files.GprSection`.
+
+    Raises
+    ------
+    ValueError
+        If the file contradicts itself.
+    """
     raw = first_bytes(path, _LARGEST_HEADER)
     size = int.from_bytes(raw[4:6], "little")
     if raw[:1] != b"V" or size < 256 or size % 2:
         raise ValueError(
             f"it must begin with V and the even length of its records, got {raw[:1]!r} and {size}"
         )
-    # Records of one length, each begins with its name: those of the header, then a trace each,
-    # whose name is R.
-    names = [raw[k : k + 1] for k in range(0, len(raw), size)]
-    if b"R" not in names:
-        raise ValueError(
-            f"it must hold a record R, the first trace, in its first {_LARGEST_HEADER} bytes, got none"
-        )
-    start = names.index(b"R") * size
-    header = {
-        raw[k : k + 3].split(b"\0")[0].strip(): raw[k + 4 : k + size]
-        for k in range(size, start, size)
-    }
+    header, start = _header_records(raw, size)
     if b"H" not in header:
         raise ValueError("it must hold a record H with the window and the step, got none")
     stated, samples = struct.unpack_from("<2i", header[b"H"], 12)
@@ -57,34 +68,56 @@ def read_ids(path: Path, limit: int) -> dict[str, Any]:
         [("mark", "u1", 4), ("samples", "<i2", samples), ("rest", "u1", size - 4 - 2 * samples)]
     )
     table = read_records(path, start, record, stated or None, notes, limit)
-    if (table["mark"][:, 0] != ord("R")).any():
-        bad = int(np.argmax(table["mark"][:, 0] != ord("R")))
-        raise ValueError(f"trace {bad} must begin with R, got byte {table['mark'][bad, 0]:#04x}")
-    signed = table["samples"]
-    bare = signed.view("<u2")
-    rough = [
-        np.abs(np.diff(one.astype(np.int32), axis=1)).mean() for one in (signed, bare)
-    ]  # a wrong sign leaps
-    notes.append(
-        f"counts taken as {'signed' if rough[0] <= rough[1] else 'unsigned'}, by their smaller leaps"
-    )
-    traces = exact_floats(signed if rough[0] <= rough[1] else bare, notes) - np.float32(offset)
+    letters = table["mark"][:, 0]
+    if (letters != ord("R")).any():
+        bad = int(np.argmax(letters != ord("R")))
+        raise ValueError(f"trace {bad} must begin with R, got byte {letters[bad]:#04x}")
+    traces = exact_floats(_with_sign(table["samples"], notes), notes) - np.float32(offset)
     lost = (table["mark"][:, 1] == 1) & (table["mark"][:, 2] == 6)
     traces[lost] = np.nan
     if lost.any():
         notes.append(f"{np.count_nonzero(lost)} traces without data, as their marks say")
     notes.append(ZERO_ASSUMED)
-    places = numbers_in(header.get(b"ATR", b""), [16, 16, 16, 5, 16, 16, 16, 5])
-    apart = float(np.hypot(places[4] - places[0], places[5] - places[1]))
-    megahertz = places[3] if np.isfinite(places[3]) else np.nan
+    antennas = numbers_in(header.get(b"ATR", b""), [16, 16, 16, 5, 16, 16, 16, 5])
+    megahertz = antennas[3]
+    separation = float(np.hypot(antennas[4] - antennas[0], antennas[5] - antennas[1]))
+    plausible_step = step if 0 < abs(step) < 1e3 else None
+    marked = np.flatnonzero(np.isin(table["mark"][:, 1], (8, 9)))
     return {
         "traces": traces[:, None],
         "delay": np.arange(samples) * (window / samples),
-        "distance": equal_steps(
-            len(traces), step if 0 < abs(step) < 1e3 else None, "the header's step", notes
-        ),
-        "marks": tuple(np.flatnonzero(np.isin(table["mark"][:, 1], (8, 9))).tolist()),
+        "distance": equal_steps(len(traces), plausible_step, "the header's step", notes),
+        "marks": tuple(marked.tolist()),
         "frequencies": (megahertz * 1e6 if 1 <= megahertz <= 1e5 else None,),
-        "separation": apart if 0 < apart <= 1e3 else None,
+        "separation": separation if 0 < separation <= 1e3 else None,
         "history": tuple(notes),
     }
+
+
+def _header_records(raw: bytes, size: int) -> tuple[dict[bytes, bytes], int]:
+    """Return the contents of the records of the header by their names, and where the traces begin.
+
+    All records have one length, and begin with their name; that of a trace is R.
+    """
+    letters = [raw[begin : begin + 1] for begin in range(0, len(raw), size)]
+    if b"R" not in letters:
+        raise ValueError(
+            "it must hold a record R, the first trace, "
+            f"in its first {_LARGEST_HEADER} bytes, got none"
+        )
+    start = letters.index(b"R") * size
+    records = {}
+    for begin in range(size, start, size):
+        name = raw[begin : begin + 3].split(b"\0")[0].strip()
+        records[name] = raw[begin + 4 : begin + size]
+    return records, start
+
+
+def _with_sign(samples: NDArray[Any], notes: list[str]) -> NDArray[Any]:
+    """Return counts (trace, sample) as signed or unsigned numbers: a wrong sign makes leaps."""
+    unsigned = samples.view("<u2")
+    leap_signed = np.abs(np.diff(samples.astype(np.int32), axis=1)).mean()
+    leap_unsigned = np.abs(np.diff(unsigned.astype(np.int32), axis=1)).mean()
+    is_signed = leap_signed <= leap_unsigned
+    notes.append(f"counts taken as {'signed' if is_signed else 'unsigned'}, by their smaller leaps")
+    return samples if is_signed else unsigned

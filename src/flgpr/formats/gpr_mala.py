@@ -1,4 +1,7 @@
-"""MALÅ's RD3 and RD7 with their text header RAD, and ImpulseRadar's IPRB with IPRH, which follows them."""
+"""MALÅ's RD3 and RD7 with their text header RAD, and ImpulseRadar's IPRB with IPRH.
+
+ImpulseRadar's layout follows MALÅ's.
+"""
 
 from __future__ import annotations
 
@@ -12,24 +15,46 @@ from flgpr.formats.gpr_parts import (
     INTERVALS,
     MOST_SAMPLES,
     ZERO_ASSUMED,
+    Header,
     equal_steps,
     exact_floats,
-    find_beside,
+    find_companion,
     read_header,
     read_records,
 )
 from flgpr.formats.gpr_positions import cor_fixes, note_unread
 
+_MICROSECOND = 1e-6
+
 
 def read_mala(path: Path, limit: int) -> dict[str, Any]:
-    """Read an RD3 or RD7: the entries of a :class:`flgpr.formats.gpr_files.GprSection`."""
+    """Read an RD3 or RD7.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    limit : int
+        Bytes of memory to use.
+
+    Returns
+    -------
+    dict of str to Any
+        The entries of a :class:`flgpr.formats.gpr_files.GprSection`.
+
+    Raises
+    ------
+    ValueError
+        If header and file contradict one another.
+    MissingHeaderError
+        If there is no header.
+    """
     notes: list[str] = []
     head = read_header(path, ".rad", ":", notes)
-    samples = int(head.needed("SAMPLES", 2, MOST_SAMPLES))
-    interval = 1e-6 / head.needed("FREQUENCY", 1e-6 / INTERVALS[1], 1e-6 / INTERVALS[0])
-    sample = "<i4" if path.suffix.lower() == ".rd7" else "<i2"
+    samples, interval = _sampling(head)
+    sample_type = "<i4" if path.suffix.lower() == ".rd7" else "<i2"
     stated = head.number("LAST TRACE", 0, 1e9, False)
-    table = read_records(path, 0, np.dtype((sample, samples)), stated, notes, limit)
+    table = read_records(path, 0, np.dtype((sample_type, samples)), stated, notes, limit)
     step = head.number("DISTANCE INTERVAL", -1e4, 1e4, False)
     if head.text("DISTANCE FLAG") == "0" and step:
         notes.append(
@@ -38,19 +63,21 @@ def read_mala(path: Path, limit: int) -> dict[str, Any]:
         step = None
     notes.append(ZERO_ASSUMED)
     seconds = head.number("TIME INTERVAL", 0, 1e6, False)
-    timed = bool(seconds) and head.text("TIME FLAG") == "1"
-    if timed:
+    time = None
+    if seconds and head.text("TIME FLAG") == "1":
+        time = np.arange(len(table)) * float(seconds)
         notes.append(
-            f"the traces' clock is that of a trace every {seconds:g} s, by TIME INTERVAL in the header"
+            f"the traces' clock is that of a trace every {seconds:g} s, "
+            "by TIME INTERVAL in the header"
         )
     frequency = noted_frequency(head.text("ANTENNAS", "ANTENNA"), "MALÅ", notes)
-    fixes = cor_fixes(find_beside(path, ".cor"), len(table), notes)
+    fixes = cor_fixes(find_companion(path, ".cor"), len(table), notes)
     note_unread(path, (".mrk", ".em", ".gps"), notes)
     return {
         "traces": exact_floats(table, notes)[:, None],
         "delay": np.arange(samples) * interval,
         "distance": equal_steps(len(table), step, "DISTANCE INTERVAL in the header", notes),
-        "time": np.arange(len(table)) * float(seconds or 0.0) if timed else None,
+        "time": time,
         "fixes": fixes.table,
         "fix_time": fixes.time,
         "frequencies": (frequency,),
@@ -61,23 +88,24 @@ def read_mala(path: Path, limit: int) -> dict[str, Any]:
 
 
 def read_impulse(path: Path, limit: int) -> dict[str, Any]:
-    """Read an IPRB: the entries of a :class:`flgpr.formats.gpr_files.GprSection`."""
+    """Read an IPRB; parameters, entries and errors are those of :func:`read_mala`."""
     notes: list[str] = []
     head = read_header(path, ".iprh", ":", notes)
-    samples = int(head.needed("SAMPLES", 2, MOST_SAMPLES))
-    interval = 1e-6 / head.needed("FREQUENCY", 1e-6 / INTERVALS[1], 1e-6 / INTERVALS[0])
+    samples, interval = _sampling(head)
     bits = head.number("DATA VERSION", 16, 32, False)
     if bits is None:
         notes.append("the header tells no DATA VERSION: samples are read as 16 bit")
     elif bits not in (16, 32):
         raise ValueError(f"{head.path.name}: DATA VERSION must be 16 or 32, got {bits:g}")
-    kind = np.dtype(("<i4" if bits == 32 else "<i2", samples))
-    table = read_records(path, 0, kind, head.number("LAST TRACE", 0, 1e9, False), notes, limit)
-    own, wheel = (
-        head.number(f"{name}DISTANCE INTERVAL", -1e4, 1e4, False) for name in ("USER ", "")
-    )
-    name = "USER DISTANCE INTERVAL" if own else "DISTANCE INTERVAL"
-    step = own or wheel
+    record = np.dtype(("<i4" if bits == 32 else "<i2", samples))
+    stated = head.number("LAST TRACE", 0, 1e9, False)
+    table = read_records(path, 0, record, stated, notes, limit)
+    name = "USER DISTANCE INTERVAL"
+    step = head.number(name, -1e4, 1e4, False)
+    wheel_step = head.number("DISTANCE INTERVAL", -1e4, 1e4, False)
+    if not step:
+        name = "DISTANCE INTERVAL"
+        step = wheel_step
     if head.text("TRIG SOURCE").lower().startswith("time") and step:
         notes.append(f"TRIG SOURCE is time: no wheel was used, and {name} ({step:g} m) is not")
         step = None
@@ -85,7 +113,7 @@ def read_impulse(path: Path, limit: int) -> dict[str, Any]:
     if zero is None:
         notes.append(ZERO_ASSUMED)
     frequency = noted_frequency(head.text("ANTENNA"), "ImpulseRadar", notes)
-    fixes = cor_fixes(find_beside(path, ".cor"), len(table), notes)
+    fixes = cor_fixes(find_companion(path, ".cor"), len(table), notes)
     note_unread(path, (".mrk", ".time", ".gps"), notes)
     return {
         "traces": exact_floats(table, notes)[:, None],
@@ -97,3 +125,11 @@ def read_impulse(path: Path, limit: int) -> dict[str, Any]:
         "separation": head.number("ANTENNA SEPARATION", 0, 1e3, False),
         "history": tuple(notes),
     }
+
+
+def _sampling(head: Header) -> tuple[int, float]:
+    """Return the samples of a trace, and their interval, s; the header has the rate in MHz."""
+    samples = int(head.needed("SAMPLES", 2, MOST_SAMPLES))
+    lowest = _MICROSECOND / INTERVALS[1]
+    highest = _MICROSECOND / INTERVALS[0]
+    return samples, _MICROSECOND / head.needed("FREQUENCY", lowest, highest)

@@ -1,4 +1,4 @@
-"""What the readers of commercial radars share: text headers, records of one length, and what is kept of measurements.
+"""What the readers of commercial radars share: text headers, records of one length, measurements.
 
 Every function that replaces, leaves out or assumes something says so in ``notes``, with a count.
 """
@@ -22,18 +22,40 @@ FOOT = 0.3048
 INTERVALS = (1e-13, 1e-6)
 """Shortest and longest time between samples that any such radar has, s."""
 MOST_SAMPLES = 2**20
+"""Most samples of a trace."""
 FARTHEST = 1e7
-"""Most samples of a trace, and the farthest along a line, m."""
+"""Farthest position along a line, m."""
 LARGEST_TEXT = 64 * 2**20
 DAY = 86_400.0
 ZERO_ASSUMED = "the header tells no time zero: it is put at the first sample"
+_LARGEST_COUNT = 1e30  # magnitude that no recorder reaches but a wrong byte order makes
 _LENGTHS = {
-    "m": 1.0, "metre": 1.0, "meter": 1.0, "mt": 1.0, "cm": 0.01, "centimetre": 0.01, "centimeter": 0.01, "mm": 1e-3,
-    "millimetre": 1e-3, "millimeter": 1e-3, "dm": 0.1, "km": 1e3, "ft": FOOT, "foot": FOOT, "feet": FOOT, "'": FOOT,
-    "in": 0.0254, "inch": 0.0254, "inche": 0.0254, '"': 0.0254, "yd": 0.9144, "yard": 0.9144,
-}  # fmt: skip
-_USUAL_JUMP = 20.0  # times the usual step that a step is told to be, and metres at least
-_LEAST_JUMP = 1.0
+    "m": 1.0,
+    "metre": 1.0,
+    "meter": 1.0,
+    "mt": 1.0,
+    "cm": 0.01,
+    "centimetre": 0.01,
+    "centimeter": 0.01,
+    "mm": 1e-3,
+    "millimetre": 1e-3,
+    "millimeter": 1e-3,
+    "dm": 0.1,
+    "km": 1e3,
+    "ft": FOOT,
+    "foot": FOOT,
+    "feet": FOOT,
+    "'": FOOT,
+    "in": 0.0254,
+    "inch": 0.0254,
+    "inche": 0.0254,
+    '"': 0.0254,
+    "yd": 0.9144,
+    "yard": 0.9144,
+}
+_FARTHEST_APART = 1000.0  # m, of two antennas in a gather
+_USUAL_JUMP = 20.0  # times the usual step, from which on a step is a jump that is noted
+_LEAST_JUMP = 1.0  # m, and at least this
 
 
 class MissingHeaderError(FileNotFoundError):
@@ -48,19 +70,40 @@ class Header:
     values: dict[str, str]
 
     def number(self, name: str, low: float, high: float, needed: bool = True) -> float | None:
-        """Return an entry's number; None where it is absent and not ``needed``. One out of bounds is a ValueError."""
-        text = self.values.get(name, "").split()
-        if not text:
+        """Return the number of an entry.
+
+        Parameters
+        ----------
+        name : str
+            The entry.
+        low, high : float
+            Its bounds.
+        needed : bool
+            Whether it must be there.
+
+        Returns
+        -------
+        float or None
+            The number; None where the entry is absent and not needed.
+
+        Raises
+        ------
+        ValueError
+            If it is missing and needed, or out of bounds.
+        """
+        words = self.values.get(name, "").split()
+        if not words:
             if needed:
                 raise ValueError(f"{self.path.name} must hold {name}, which it does not")
             return None
         try:
-            value = float(text[0].replace(",", "."))
+            value = float(words[0].replace(",", "."))
         except ValueError:
             value = np.nan
         if not low <= value <= high:
             raise ValueError(
-                f"{self.path.name}: {name} must be a number from {low:g} to {high:g}, got {text[0][:40]!r}"
+                f"{self.path.name}: {name} must be a number from {low:g} to {high:g}, "
+                f"got {words[0][:40]!r}"
             )
         return value
 
@@ -70,7 +113,10 @@ class Header:
 
     def text(self, *names: str) -> str:
         """Return the first of these entries that is not empty, else an empty text."""
-        return next((self.values[name] for name in names if self.values.get(name)), "")
+        for name in names:
+            if self.values.get(name):
+                return self.values[name]
+        return ""
 
 
 def first_bytes(path: Path, size: int, start: int = 0) -> bytes:
@@ -80,34 +126,54 @@ def first_bytes(path: Path, size: int, start: int = 0) -> bytes:
         return file.read(size)
 
 
-def find_beside(path: Path, suffix: str) -> Path | None:
-    """Return the file of the same name and another ending, in any case, if it is there."""
+def find_companion(path: Path, suffix: str) -> Path | None:
+    """Return the file of the same name and another ending, in any case, if there is one."""
     wanted = (path.stem + suffix).lower()
-    return next(
-        (
-            one
-            for one in sorted(path.parent.iterdir())
-            if one.name.lower() == wanted and one.is_file()
-        ),
-        None,
-    )
+    for other in sorted(path.parent.iterdir()):
+        if other.name.lower() == wanted and other.is_file():
+            return other
+    return None
 
 
 def read_header(path: Path, suffix: str, mark: str, notes: list[str]) -> Header:
-    """Read the text header beside a recording; no such file is a :class:`MissingHeaderError`."""
-    beside = find_beside(path, suffix)
-    if beside is None:
+    """Read the text header beside a recording.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    suffix : str
+        Ending of the header.
+    mark : str
+        What stands between the name and the value of an entry.
+    notes : list of str
+        Notes of the encoding are added to it.
+
+    Returns
+    -------
+    Header
+        The entries, their names in capitals.
+
+    Raises
+    ------
+    MissingHeaderError
+        If there is no such file.
+    """
+    companion = find_companion(path, suffix)
+    if companion is None:
         raise MissingHeaderError(
             f"{path}: its header {path.stem}{suffix} must lie beside it, it does not"
         )
-    pairs = (line.partition(mark) for line in text_beside(beside, notes).splitlines())
-    return Header(
-        beside, {name.strip().upper(): value.strip() for name, found, value in pairs if found}
-    )
+    values = {}
+    for line in read_companion(companion, notes).splitlines():
+        name, separator, value = line.partition(mark)
+        if separator:
+            values[name.strip().upper()] = value.strip()
+    return Header(companion, values)
 
 
-def text_beside(path: Path, notes: list[str]) -> str:
-    """Read a text file that lies beside a recording, in any of the encodings of :mod:`flgpr.store.text`."""
+def read_companion(path: Path, notes: list[str]) -> str:
+    """Read a text file that lies beside a recording, in an encoding of :mod:`flgpr.store.text`."""
     if path.stat().st_size > LARGEST_TEXT:
         raise ValueError(
             f"{path.name} must hold at most {LARGEST_TEXT} bytes, got {path.stat().st_size}"
@@ -117,24 +183,62 @@ def text_beside(path: Path, notes: list[str]) -> str:
 
 def length_unit(text: str) -> float | None:
     """Return how many metres a unit of length is; None if it is not known."""
-    plain = text.strip().lower().removesuffix("(s)").rstrip(".")
-    known = _LENGTHS.get(plain)
-    return known if known is not None else _LENGTHS.get(plain.rstrip("s"))
+    word = text.strip().lower().removesuffix("(s)").rstrip(".")
+    if word in _LENGTHS:
+        return _LENGTHS[word]
+    return _LENGTHS.get(word.rstrip("s"))
 
 
 def count_records(
-    path: Path, start: int, size: int, stated: float | None, notes: list[str], limit: int, grow: float, end: int = 0
-) -> int:  # fmt: skip
-    """Count the traces that the file's own size allows, ``end`` bytes before its end, before anything is read."""
-    room = path.stat().st_size - start - end
-    count, rest = divmod(max(room, 0), size)
+    path: Path,
+    start: int,
+    size: int,
+    stated: float | None,
+    notes: list[str],
+    limit: int,
+    growth: float,
+    end: int = 0,
+) -> int:
+    """Count the traces that the size of a file allows, before anything is read.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    start, end : int
+        Bytes before the first trace, and behind the last.
+    size : int
+        Bytes of a trace.
+    stated : float or None
+        Traces by the header; others than there are get a note.
+    notes : list of str
+        Notes are added to it.
+    limit : int
+        Bytes that all traces may take in memory.
+    growth : float
+        How many times as much they take in memory as in the file.
+
+    Returns
+    -------
+    int
+        Number of traces.
+
+    Raises
+    ------
+    ValueError
+        If there is no trace, or they take too much memory.
+    """
+    available = path.stat().st_size - start - end
+    count, rest = divmod(max(available, 0), size)
     if count < 1:
         raise ValueError(
-            f"it must hold at least one trace of {size} bytes after {start}, the file has {room + start}"
+            f"it must hold at least one trace of {size} bytes after {start}, "
+            f"the file has {available + start}"
         )
-    if count * size * grow > limit:
+    needed = count * size * growth
+    if needed > limit:
         raise ValueError(
-            f"it must fit into {limit / 1e9:.3g} GB, its traces take {count * size * grow / 1e9:.3g} GB"
+            f"it must fit into {limit / 1e9:.3g} GB, its traces take {needed / 1e9:.3g} GB"
         )
     if rest:
         notes.append(f"the last trace is cut off and left out ({rest} of {size} bytes)")
@@ -156,24 +260,46 @@ def read_records(
     limit: int,
     end: int = 0,
 ) -> NDArray[Any]:
-    """Read records of one length from ``start`` on to ``end`` bytes before the end of the file."""
-    narrow = kind.base.itemsize if kind.fields is None else kind["samples"].base.itemsize
-    count = count_records(
-        path, start, kind.itemsize, stated, notes, limit, 4 if narrow == 1 else 2, end
-    )
+    """Read records of one length.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    start, end : int
+        Bytes before the first record, and behind the last.
+    kind : dtype
+        Type of a record: samples, or fields with one called "samples".
+    stated : float or None
+        Traces by the header.
+    notes : list of str
+        Notes are added to it.
+    limit : int
+        Bytes that all traces may take in memory.
+
+    Returns
+    -------
+    (trace,) ndarray
+        The records; see :func:`count_records` for what is refused.
+    """
+    samples = kind if kind.fields is None else kind["samples"]
+    growth = 4 if samples.base.itemsize == 1 else 2
+    count = count_records(path, start, kind.itemsize, stated, notes, limit, growth, end)
     return np.fromfile(path, dtype=kind, count=count, offset=start)
 
 
 def exact_floats(samples: NDArray[Any], notes: list[str]) -> NDArray[np.floating[Any]]:
-    """Return samples (trace, ...) as floating point in which every count is exact; those that are none are told."""
-    wide = samples.dtype.itemsize > 4 or (
-        samples.dtype.itemsize == 4 and samples.dtype.kind in "iu"
-    )
+    """Return samples (trace, ...) as floating point in which every count is exact.
+
+    Traces with samples that are no numbers are counted in a note.
+    """
+    width = samples.dtype.itemsize
+    is_wide = width > 4 or (width == 4 and samples.dtype.kind in "iu")
     with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
-        real: NDArray[np.floating[Any]] = samples.astype(np.float64 if wide else np.float32)
+        real: NDArray[np.floating[Any]] = samples.astype(np.float64 if is_wide else np.float32)
     finite = np.isfinite(real)
     size = np.abs(real[finite]).max(initial=0.0)
-    if size > 1e30:
+    if size > _LARGEST_COUNT:
         raise ValueError(
             f"samples must be below 1e30 in magnitude, got {size:g}: is the byte order wrong?"
         )
@@ -190,101 +316,176 @@ def float64(values: NDArray[Any]) -> FloatArray:
 
 
 def equal_steps(count: int, step: float | None, where: str, notes: list[str]) -> FloatArray | None:
-    """Return places (trace,) at equal steps, m, as a header tells them; None if it tells none."""
+    """Return distances (trace,) in equal steps, m, as a header states them; None without any."""
     if not step or not np.isfinite(step):
         return None
-    back = ", counted towards smaller positions" if step < 0 else ""
-    notes.append(f"traces are put at equal steps of {abs(step):.6g} m, by {where}{back}")
+    direction = ", counted towards smaller positions" if step < 0 else ""
+    notes.append(f"traces are put at equal steps of {abs(step):.6g} m, by {where}{direction}")
     return np.arange(count, dtype=np.float64) * abs(step)
 
 
-def measured_places(
-    place: FloatArray, step: float | None, where: str, nominal: str, notes: list[str]
+def measured_distance(
+    distance: FloatArray, step: float | None, where: str, nominal: str, notes: list[str]
 ) -> FloatArray | None:
-    """Return the traces' own places (trace,), m, as they were measured; equal steps where the file tells none.
+    """Return the traces' distances along the line as they were measured.
 
-    A place that is no number is put between its neighbours. Places that all are the same tell nothing, so that the
-    header's nominal ``step`` stands in their place. Traces that stand still or go back stay where they were measured. A
-    line that only goes towards smaller places begins at 0. ``where`` and ``nominal`` say what holds places and step.
+    One that is no number is put between its neighbours. Distances that all are the same say
+    nothing, so that the header's nominal step stands in their stead. Traces that do not move or go
+    back stay where they were measured. A line that only goes towards smaller distances begins at 0.
+
+    Parameters
+    ----------
+    distance : (trace,) ndarray
+        Distances in the file, m.
+    step : float or None
+        Nominal step, m.
+    where, nominal : str
+        What holds the distances and the step, for the notes.
+    notes : list of str
+        Notes are added to it.
+
+    Returns
+    -------
+    (trace,) ndarray or None
+        Distances, m; None if the file holds neither distances nor a step.
     """
-    usable = np.isfinite(place) & (np.abs(np.nan_to_num(place)) < FARTHEST)
-    if place.size < 2 or np.count_nonzero(usable) < 2 or np.ptp(place[usable]) == 0:
-        if place.size > 1 and np.count_nonzero(usable) < place.size:
-            notes.append(
-                f"{np.count_nonzero(~usable)} of {place.size} {where} are no places and are not used"
-            )
-        return equal_steps(place.size, step, nominal, notes)
-    trace = np.arange(place.size)
-    filled = np.interp(trace, trace[usable], place[usable])
-    if not usable.all():
-        notes.append(
-            f"{np.count_nonzero(~usable)} of {place.size} {where} are no numbers: put between their neighbours"
-        )
-    apart = np.diff(filled)
-    if (apart <= 0).all():
+    count = distance.size
+    usable = np.isfinite(distance) & (np.abs(np.nan_to_num(distance)) < FARTHEST)
+    unusable = np.count_nonzero(~usable)
+    if count < 2 or count - unusable < 2 or np.ptp(distance[usable]) == 0:
+        if count > 1 and unusable:
+            notes.append(f"{unusable} of {count} {where} are no places and are not used")
+        return equal_steps(count, step, nominal, notes)
+    trace = np.arange(count)
+    filled = np.interp(trace, trace[usable], distance[usable])
+    if unusable:
+        notes.append(f"{unusable} of {count} {where} are no numbers: put between their neighbours")
+    steps = np.diff(filled)
+    if (steps <= 0).all():
         notes.append(f"{where} fall from trace to trace: places are counted from the first one on")
         filled = filled[0] - filled
-        apart = -apart
-    _note_motion(apart, where, notes)
+        steps = -steps
+    _note_motion(steps, where, notes)
     return np.asarray(filled, dtype=np.float64)
 
 
-def _note_motion(apart: FloatArray, where: str, notes: list[str]) -> None:
-    """Tell of traces that stand still, go back or jump; they stay as they are."""
-    still = np.count_nonzero(apart == 0)
-    back = np.count_nonzero(apart < 0)
-    if still or back:
+def _note_motion(steps: FloatArray, where: str, notes: list[str]) -> None:
+    """Add notes of traces that do not move, go back or jump; they stay as they are."""
+    unmoved = np.count_nonzero(steps == 0)
+    back = np.count_nonzero(steps < 0)
+    if unmoved or back:
         notes.append(
-            f"by {where} {still} traces stand where the one before was and {back} lie behind it: they are kept as "
-            "measured"
+            f"by {where} {unmoved} traces stand where the one before was and {back} lie behind it: "
+            "they are kept as measured"
         )
-    steps = np.abs(apart)
-    usual = float(np.median(steps[steps > 0]))
-    jumps = np.count_nonzero(steps > max(_USUAL_JUMP * usual, _LEAST_JUMP))
+    size = np.abs(steps)
+    usual = float(np.median(size[size > 0]))
+    jumps = np.count_nonzero(size > max(_USUAL_JUMP * usual, _LEAST_JUMP))
     if jumps:
         notes.append(
-            f"{where} jump {jumps} times, by up to {steps.max():.6g} m (usually {usual:.3g} m): kept as measured"
+            f"{where} jump {jumps} times, by up to {size.max():.6g} m (usually {usual:.3g} m): "
+            "kept as measured"
         )
+
+
+def gather_note(gather: str) -> str:
+    """Return the note of a survey whose antennas move apart."""
+    return f"its antennas move apart ({gather}): it is no line of one offset"
+
+
+def gather_of_separations(apart: FloatArray, unit: str, notes: list[str]) -> str:
+    """Return what to call a survey by the separations of its antennas.
+
+    Antennas that only move apart, or only together, make a gather. Separations that change
+    otherwise are noted.
+
+    Parameters
+    ----------
+    apart : (trace,) ndarray
+        Separation of the antennas.
+    unit : str
+        Its unit, after a blank; empty if it is not known.
+    notes : list of str
+        Notes are added to it.
+
+    Returns
+    -------
+    str
+        What the gather is; empty for a line of one offset.
+    """
+    low = float(apart.min())
+    high = float(apart.max())
+    if high - low <= max(0.01, 0.1 * float(apart.mean())):
+        return ""
+    steps = np.diff(apart)
+    one_direction = bool((steps >= 0).all() or (steps <= 0).all())
+    words = f"{low:g} to {high:g}{unit} apart"
+    if one_direction and high <= _FARTHEST_APART:
+        return f"antennas {words}"
+    notes.append(f"the trace headers put the antennas {words}, which is not used")
+    return ""
 
 
 def measured_clock(time: FloatArray, notes: list[str]) -> FloatArray | None:
-    """Return the traces' clock (trace,), s of the first day, if it never goes back; over midnight it goes on."""
-    if not np.isfinite(time).all():
-        notes.append(
-            f"the clock of {np.count_nonzero(~np.isfinite(time))} of {time.size} traces is no number: not used"
-        )
+    """Return the traces' clock, if it never goes back; over midnight it goes on.
+
+    Parameters
+    ----------
+    time : (trace,) ndarray
+        Times of the day, s.
+    notes : list of str
+        Notes are added to it.
+
+    Returns
+    -------
+    (trace,) ndarray or None
+        Seconds of the first day; None if the clock stands, goes back or is no number.
+    """
+    unknown = np.count_nonzero(~np.isfinite(time))
+    if unknown:
+        notes.append(f"the clock of {unknown} of {time.size} traces is no number: not used")
         return None
     if time.size < 2 or np.ptp(time) == 0:
         return None
     steps = np.diff(time)
-    midnights = np.count_nonzero(steps < -DAY / 2)
-    if midnights:
-        notes.append(f"the clock passes midnight {midnights} times: it is counted on")
-    # A leap of more than half a day ahead is one back over midnight: nobody records for so long between two traces.
-    days = np.cumsum(np.append(0, (steps < -DAY / 2).astype(int) - (steps > DAY / 2)))
+    over_midnight = steps < -DAY / 2
+    if over_midnight.any():
+        notes.append(
+            f"the clock passes midnight {np.count_nonzero(over_midnight)} times: it is counted on"
+        )
+    # A leap of more than half a day ahead is one back over midnight: nobody records for so long
+    # between two traces.
+    leaps = over_midnight.astype(int) - (steps > DAY / 2)
+    days = np.cumsum(np.append(0, leaps))
     rising = time + DAY * days
     back = np.diff(rising) < 0
     if back.any():
         notes.append(
-            f"the clock goes back {np.count_nonzero(back)} times, by up to {-np.diff(rising).min():.6g} s: not used"
+            f"the clock goes back {np.count_nonzero(back)} times, "
+            f"by up to {-np.diff(rising).min():.6g} s: not used"
         )
         return None
     return np.asarray(rising, dtype=np.float64)
 
 
 def numbers_in(text: bytes, widths: list[int]) -> list[float]:
-    """Return numbers written as text in fields of so many bytes, one after the other; NaN for what is none."""
-    found = []
+    """Return numbers written as text in fields of so many bytes; NaN for what is none."""
+    numbers = []
+    begin = 0
     for width in widths:
-        cell = text[:width].split(b"\0")[0]
-        text = text[width:]
+        cell = text[begin : begin + width].split(b"\0")[0]
+        begin += width
         try:
-            found.append(float(cell))
+            numbers.append(float(cell))
         except ValueError:
-            found.append(np.nan)
-    return found
+            numbers.append(np.nan)
+    return numbers
 
 
 def is_header_line(line: str) -> bool:
-    """Tell whether a line of a table names columns or is a comment: it is empty, begins so, or holds no digit."""
-    return not line.strip() or line.lstrip()[0] in "#;!%/" or not re.search(r"\d", line)
+    """Return whether a line of a table names columns or is a comment.
+
+    It is empty, begins with a mark of comments, or holds no digit.
+    """
+    content = line.strip()
+    return not content or content[0] in "#;!%/" or not re.search(r"\d", content)

@@ -1,13 +1,15 @@
 """Files that lie beside a recording: positions of a satellite receiver, marks and spacing.
 
-``.gps`` and ``.gp2`` are Sensors & Software's, ``.dzg`` and ``.dzx`` GSSI's, ``.cor`` MALÅ's and ImpulseRadar's. Their
-layouts are as files show them and as RGPR, readgssi, ridal and ImpDAR read them. What is found and not used is told in
-``notes``, with a count; nothing in such a file keeps the recording itself from being read.
+``.gps`` and ``.gp2`` are Sensors & Software's, ``.dzg`` and ``.dzx`` GSSI's, ``.cor`` MALÅ's and
+ImpulseRadar's. Their layouts are as files show them and as RGPR, readgssi, ridal and ImpDAR read
+them. What is in them and not used is counted in ``notes``; nothing in such a file keeps the
+recording itself from being read.
 """
 
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,30 +23,33 @@ from flgpr.formats.gpr_parts import (
     DAY,
     FOOT,
     FloatArray,
-    find_beside,
+    find_companion,
     is_header_line,
     length_unit,
-    text_beside,
+    read_companion,
 )
 
 NO_FIXES: FloatArray = np.empty((0, 4))
 _SENTENCE = re.compile(r"\$[A-Z]{2}(GGA|RMC),([^*\"\s]*)")
 _TRACE = re.compile(r"\s*Trace\s*#\s*(\d{1,9})", re.IGNORECASE)
 _SCAN = re.compile(r"\s*\$GSSIS,(\d{1,9})")
+_NOT_MEASURED = {"6": "dead reckoning", "7": "put in by hand", "8": "simulated"}
+"""Qualities of GGA (NMEA 0183) that are no measurement of a satellite receiver."""
 _ROW = re.compile(r"\s*\"?(\d{1,9})\"?\s*[,;\t]")
 _ANGLE = re.compile(r"([NSEW]?)([-+]?[\d.:]+)([NSEW]?)")
 _HEIGHT = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 _MOST_WAYPOINTS = 1_000_000
+_LARGEST_HEIGHT = 1e5  # m
 _AGREE = 0.05  # share by which two spacings of one file may differ
 
 
 class Fix(NamedTuple):
-    """A position of a satellite receiver, as a file tells it."""
+    """A position of a satellite receiver, as a file states it."""
 
     trace: float  #: from 0
     longitude: float  #: degrees, WGS 84
     latitude: float
-    height: float  #: over the ellipsoid, m; NaN if the file tells none
+    height: float  #: over the ellipsoid, m; NaN if the file states none
     time: float = np.nan  #: s of the day; NaN if unknown
 
 
@@ -52,41 +57,63 @@ class Fix(NamedTuple):
 class Fixes:
     """The positions that are used, in the order of their traces."""
 
-    table: FloatArray = field(
-        default_factory=lambda: NO_FIXES
-    )  #: (fix, 4): trace, longitude, latitude, height
-    time: FloatArray = field(
-        default_factory=lambda: np.empty(0)
-    )  #: (fix,) s of the first day, NaN where unknown
+    #: (fix, 4): trace, longitude, latitude, height
+    table: FloatArray = field(default_factory=lambda: NO_FIXES)
+    #: (fix,) s of the first day, NaN where unknown
+    time: FloatArray = field(default_factory=lambda: np.empty(0))
+
+
+class _SentenceLayout(NamedTuple):
+    """Where the cells of a sentence of NMEA 0183 are."""
+
+    latitude: int  # its letter, the longitude and that one's letter follow
+    quality: int
+    no_fix: str  # quality of a receiver that has no position
+    cells: int  # at least
+
+
+_GGA_QUALITY = 5
+_LAYOUTS = {
+    "GGA": _SentenceLayout(1, _GGA_QUALITY, "0", 11),
+    "RMC": _SentenceLayout(2, 1, "V", 6),
+}
 
 
 def nmea_fixes(
     path: Path | None, count: int, notes: list[str], numbers: NDArray[np.integer] | None = None
-) -> Fixes:  # fmt: skip
-    """Return the positions of NMEA sentences, each after a line that names its trace, or in a row that begins with it.
+) -> Fixes:
+    """Read the positions of a file of NMEA sentences beside a recording.
 
-    GGA is used; RMC, which has no height, where there is no GGA. ``numbers`` (trace,) are the traces' own numbers from
-    1 on, where a recording has them.
+    Each follows a line that names its trace, or stands in a row that begins with it. GGA is used;
+    RMC, which has no height, where there is no GGA.
+
+    Parameters
+    ----------
+    path : Path or None
+        The file; None if there is none.
+    count : int
+        Traces of the recording.
+    notes : list of str
+        Notes are added to it.
+    numbers : (trace,) ndarray of int, optional
+        The traces' own numbers from 1 on, where a recording has them.
+
+    Returns
+    -------
+    Fixes
+        The positions that are used.
     """
-    if path is None:
+    text = _companion_text(path, notes)
+    if path is None or text is None:
         return Fixes()
-    try:
-        text = text_beside(path, notes)
-    except ValueError as error:
-        notes.append(f"{path.name} was found and not understood: {error}")
-        return Fixes()
-    found: dict[str, list[Fix]] = {"GGA": [], "RMC": []}
+    fixes: dict[str, list[Fix]] = {"GGA": [], "RMC": []}
     sentences = 0
-    nowhere = 0
+    without_trace = 0
     unusable = 0
+    not_measured: Counter[str] = Counter()
     trace: int | None = None
     for line in text.splitlines():
-        named = _TRACE.match(line)
-        scan = _SCAN.match(line)
-        if named is not None:
-            trace = int(named[1]) - 1
-        elif scan is not None:
-            trace = int(scan[1])
+        trace = _trace_in(line, trace)
         sentence = _SENTENCE.search(line)
         if sentence is None:
             continue
@@ -94,42 +121,73 @@ def nmea_fixes(
         if row is not None:
             trace = int(row[1]) - 1
         sentences += 1
-        fix = _fix_of_sentence(sentence[1], sentence[2].split(","), trace)
+        kind = sentence[1]
+        cells = sentence[2].split(",")
+        fix = _fix_of_sentence(kind, cells, trace)
+        if fix is not None and kind == "GGA" and cells[_GGA_QUALITY] in _NOT_MEASURED:
+            not_measured[_NOT_MEASURED[cells[_GGA_QUALITY]]] += 1
         if fix is None:
             unusable += 1
         elif trace is None:
-            nowhere += 1
+            without_trace += 1
         else:
-            found[sentence[1]].append(fix)
+            fixes[kind].append(fix)
     if not sentences:
         notes.append(f"{path.name} was found and holds no position that is understood")
     if unusable:
         notes.append(
-            f"{unusable} of {sentences} sentences of {path.name} tell no position (the receiver had no fix)"
+            f"{unusable} of {sentences} sentences of {path.name} tell no position "
+            "(the receiver had no fix)"
         )
-    if nowhere:
-        notes.append(f"{nowhere} positions of {path.name} name no trace and are not used")
-    if found["RMC"] and not found["GGA"]:
+    for quality, number in not_measured.items():
+        notes.append(
+            f"{number} of {sentences} sentences of {path.name} are {quality}: they are used"
+        )
+    if without_trace:
+        notes.append(f"{without_trace} positions of {path.name} name no trace and are not used")
+    if fixes["RMC"] and not fixes["GGA"]:
         notes.append(f"{path.name} holds RMC sentences alone, which tell no height")
-    return settle_fixes(found["GGA"] or found["RMC"], count, notes, path.name, numbers)
+    return settle_fixes(fixes["GGA"] or fixes["RMC"], count, notes, path.name, numbers)
+
+
+def _companion_text(path: Path | None, notes: list[str]) -> str | None:
+    """Return the text of a file beside a recording; None if there is none or it is not a text."""
+    if path is None:
+        return None
+    try:
+        return read_companion(path, notes)
+    except ValueError as error:
+        notes.append(f"{path.name} was found and not understood: {error}")
+        return None
+
+
+def _trace_in(line: str, before: int | None) -> int | None:
+    """Return the trace, from 0, that a line names, else the one ``before``."""
+    by_number = _TRACE.match(line)
+    if by_number is not None:
+        return int(by_number[1]) - 1
+    by_scan = _SCAN.match(line)
+    return before if by_scan is None else int(by_scan[1])
 
 
 def _fix_of_sentence(kind: str, cells: Sequence[str], trace: int | None) -> Fix | None:
-    """Return the position of a GGA or RMC sentence (NMEA 0183); None if it tells none."""
-    lowest, quality, nothing = (1, 5, "0") if kind == "GGA" else (2, 1, "V")
-    if len(cells) < (11 if kind == "GGA" else 6) or cells[quality] in (nothing, ""):
+    """Return the position of a GGA or RMC sentence (NMEA 0183); None if it states none."""
+    layout = _LAYOUTS[kind]
+    if len(cells) < layout.cells or cells[layout.quality] in (layout.no_fix, ""):
         return None
+    north, north_letter, east, east_letter = cells[layout.latitude : layout.latitude + 4]
     try:
-        latitude = _nmea_degrees(cells[lowest])
-        longitude = _nmea_degrees(cells[lowest + 2])
+        latitude = _nmea_degrees(north)
+        longitude = _nmea_degrees(east)
         height = _gga_height(cells) if kind == "GGA" else np.nan
     except (ValueError, OverflowError):
         return None
-    latitude = -latitude if cells[lowest + 1] == "S" else latitude
-    longitude = -longitude if cells[lowest + 3] == "W" else longitude
-    return Fix(
-        np.nan if trace is None else trace, longitude, latitude, height, _clock_time(cells[0])
-    )
+    if north_letter == "S":
+        latitude = -latitude
+    if east_letter == "W":
+        longitude = -longitude
+    number = np.nan if trace is None else trace
+    return Fix(number, longitude, latitude, height, _clock_time(cells[0]))
 
 
 def _nmea_degrees(text: str) -> float:
@@ -139,7 +197,10 @@ def _nmea_degrees(text: str) -> float:
 
 
 def _gga_height(cells: Sequence[str]) -> float:
-    """Return the height over the ellipsoid: that over the sea and the geoid's, in the units that the cells name."""
+    """Return the height over the ellipsoid, m.
+
+    It is that over the sea and the geoid's, in the units that the cells name.
+    """
     if not cells[8]:
         return np.nan
     height = float(cells[8]) * (FOOT if cells[9].upper() == "F" else 1.0)
@@ -150,123 +211,152 @@ def _gga_height(cells: Sequence[str]) -> float:
 
 def _clock_time(text: str) -> float:
     """Return the second of the day of ``hhmmss.ss`` or ``hh:mm:ss``; NaN if it is none."""
-    found = re.fullmatch(r"(\d{1,2}):?(\d{2}):?(\d{2}(?:[.,]\d*)?)", text.strip())
-    if found is None:
+    match = re.fullmatch(r"(\d{1,2}):?(\d{2}):?(\d{2}(?:[.,]\d*)?)", text.strip())
+    if match is None:
         return np.nan
-    return 3600.0 * int(found[1]) + 60.0 * int(found[2]) + float(found[3].replace(",", "."))
+    hours, minutes, seconds = match.groups()
+    return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds.replace(",", "."))
 
 
 def cor_fixes(path: Path | None, count: int, notes: list[str]) -> Fixes:
-    """Return the positions of a ``.cor``: trace (from 1), date, time, latitude, N or S, longitude, E or W, height.
+    """Read the positions of a ``.cor``.
 
-    Columns are parted by tabs, blanks, semicolons or commas; decimals may have commas where commas do not part the
-    columns. Latitude and longitude may be ``deg:min:s``, and may carry their letter or a sign.
+    Its columns are trace (from 1), date, time, latitude, N or S, longitude, E or W, height. They
+    are parted by tabs, blanks, semicolons or commas; decimals may have commas where commas do not
+    part the columns. Latitude and longitude may be ``deg:min:s``, and may carry their letter or a
+    sign.
+
+    Parameters
+    ----------
+    path : Path or None
+        The file; None if there is none.
+    count : int
+        Traces of the recording.
+    notes : list of str
+        Notes are added to it.
+
+    Returns
+    -------
+    Fixes
+        The positions that are used.
     """
-    if path is None:
+    text = _companion_text(path, notes)
+    if path is None or text is None:
         return Fixes()
-    try:
-        lines = text_beside(path, notes).splitlines()
-    except ValueError as error:
-        notes.append(f"{path.name} was found and not understood: {error}")
-        return Fixes()
-    found: list[Fix] = []
+    fixes: list[Fix] = []
     strange = 0
-    for number, line in enumerate(lines):
-        names_columns = not found and is_header_line(line)
-        if not line.strip() or names_columns or (number == 0 and not line.strip()[0].isdigit()):
+    for number, line in enumerate(text.splitlines()):
+        content = line.strip()
+        names_columns = not fixes and is_header_line(line)
+        if not content or names_columns or (number == 0 and not content[0].isdigit()):
             continue
-        fix = _fix_of_row(_cor_cells(line))
+        fix = _fix_of_row(_cor_cells(content))
         if fix is None:
             strange += 1
         else:
-            found.append(fix)
+            fixes.append(fix)
     if strange:
         notes.append(
-            f"{strange} of {strange + len(found)} lines of {path.name} were not understood and are left out"
+            f"{strange} of {strange + len(fixes)} lines of {path.name} were not understood "
+            "and are left out"
         )
-    return settle_fixes(found, count, notes, path.name)
+    return settle_fixes(fixes, count, notes, path.name)
 
 
 def _cor_cells(line: str) -> list[str]:
     """Split a line of a ``.cor`` into cells with decimal points."""
-    cells = re.split(r"[;\t ]+", line.strip().strip(";"))
+    cells = re.split(r"[;\t ]+", line.strip(";"))
     if len(cells) >= 5:  # commas are decimal, or stand beside blanks
         return [cell.strip('",').replace(",", ".") for cell in cells]
-    return [cell.strip('" ') for cell in re.split(r"[,;\t]", line.strip())]
+    return [cell.strip('" ') for cell in re.split(r"[,;\t]", line)]
 
 
 def _fix_of_row(cells: Sequence[str]) -> Fix | None:
-    """Return the position that a row of a ``.cor`` tells; None if it is not understood."""
+    """Return the position that a row of a ``.cor`` states; None if it is not understood."""
     if len(cells) < 6 or not re.fullmatch(r"\d{1,9}(\.0*)?", cells[0]):
         return None
-    latitude, at = _angle_at(cells, 3, "NS")
-    longitude, at = _angle_at(cells, at, "EW")
+    latitude, position = _angle_at(cells, 3, "NS")
+    longitude, position = _angle_at(cells, position, "EW")
     if latitude is None or longitude is None:
         return None
-    height = _HEIGHT.match(cells[at]) if at < len(cells) else None
-    return Fix(
-        float(cells[0]) - 1,
-        longitude,
-        latitude,
-        float(height[0]) if height else np.nan,
-        _clock_time(cells[2]),
-    )
+    height = np.nan
+    if position < len(cells):
+        match = _HEIGHT.match(cells[position])
+        height = float(match[0]) if match else np.nan
+    return Fix(float(cells[0]) - 1, longitude, latitude, height, _clock_time(cells[2]))
 
 
-def _angle_at(cells: Sequence[str], at: int, letters: str) -> tuple[float | None, int]:
-    """Return an angle that begins at a cell, its letter before, within or after it, and the cell that follows."""
-    if at < len(cells) and cells[at].upper() in tuple(letters):
-        side = cells[at].upper()
-        at = at + 1
-    else:
-        side = ""
-    found = _ANGLE.fullmatch(cells[at].upper()) if at < len(cells) else None
-    if found is None:
-        return None, at
-    side = side or found[1] or found[3]
-    at += 1
-    if not side and at < len(cells) and cells[at].upper() in tuple(letters):
-        side = cells[at].upper()
-        at = at + 1
+def _angle_at(cells: Sequence[str], position: int, letters: str) -> tuple[float | None, int]:
+    """Return an angle that begins at a cell, and the position of the cell that follows.
+
+    Its letter is before, within or after it. The angle is None if the cell is none.
+    """
+    side = _letter_at(cells, position, letters)
+    if side:
+        position += 1
+    match = _ANGLE.fullmatch(cells[position].upper()) if position < len(cells) else None
+    if match is None:
+        return None, position
+    before, digits, behind = match.groups()
+    side = side or before or behind
+    position += 1
+    if not side:
+        side = _letter_at(cells, position, letters)
+        if side:
+            position += 1
     if side and side not in letters:
-        return None, at
+        return None, position
     try:
-        parts = [float(part) for part in found[2].split(":")]
+        sexagesimal = [float(number) for number in digits.split(":")]
     except ValueError:
-        return None, at
-    angle = sum(abs(part) / 60**power for power, part in enumerate(parts))
-    negative = found[2].startswith("-") or side == letters[1]
-    return (-angle if negative else angle), at
+        return None, position
+    angle = sum(abs(number) / 60**power for power, number in enumerate(sexagesimal))
+    is_negative = digits.startswith("-") or side == letters[1]
+    return (-angle if is_negative else angle), position
+
+
+def _letter_at(cells: Sequence[str], position: int, letters: str) -> str:
+    """Return the letter in a cell that is one of two; empty if it is another cell."""
+    if position >= len(cells):
+        return ""
+    letter = cells[position].upper()
+    return letter if letter in tuple(letters) else ""
 
 
 def settle_fixes(
-    found: Sequence[Fix], count: int, notes: list[str], name: str, numbers: NDArray[np.integer] | None = None
-) -> Fixes:  # fmt: skip
-    """Return the positions that lie on the Earth and on one of ``count`` traces, the first of each trace.
+    fixes: Sequence[Fix],
+    count: int,
+    notes: list[str],
+    name: str,
+    numbers: NDArray[np.integer] | None = None,
+) -> Fixes:
+    """Return the positions that lie on the Earth and on a trace, the first of each trace.
 
-    Where the trace numbers of a file begin anew, lines were merged: then a position belongs to the trace of its own
-    line, if ``numbers`` (trace,), the traces' own numbers from 1 on, begin anew as often. Otherwise those from there on
-    are left out.
+    Where the trace numbers of a file begin anew, lines were merged: then a position belongs to the
+    trace of its own line, if the traces' own numbers begin anew as often. Otherwise those from
+    there on are left out.
+
+    Parameters
+    ----------
+    fixes : sequence of Fix
+        The positions in the order of the file.
+    count : int
+        Traces of the recording.
+    notes : list of str
+        Notes are added to it.
+    name : str
+        What holds the positions.
+    numbers : (trace,) ndarray of int, optional
+        The traces' own numbers from 1 on.
+
+    Returns
+    -------
+    Fixes
+        The positions that are used.
     """
-    table = np.array(found, dtype=np.float64).reshape(-1, 5)
+    table = np.array(fixes, dtype=np.float64).reshape(-1, 5)
     table = _on_own_lines(table, notes, name, numbers)
-    nowhere = (table[:, 1] == 0) & (table[:, 2] == 0)
-    if nowhere.any():
-        notes.append(
-            f"{np.count_nonzero(nowhere)} of {len(found)} positions left out: 0 N 0 E, where no receiver was"
-        )
-    good = (
-        np.isfinite(table[:, :3]).all(axis=1)
-        & (np.abs(table[:, 1]) <= 180)
-        & (np.abs(table[:, 2]) <= 90)
-    )
-    good &= (table[:, 0] >= 0) & (table[:, 0] < count) & ~(np.abs(table[:, 3]) >= 1e5)
-    if not (good | nowhere).all():
-        lost = np.count_nonzero(~(good | nowhere))
-        notes.append(
-            f"{lost} of {len(found)} positions left out: no place on the Earth, or no trace"
-        )
-    table = table[good & ~nowhere]
+    table = table[_on_earth(table, count, len(fixes), notes)]
     table[:, 4] = _over_midnight(table[:, 4])
     back = np.diff(table[:, 4]) < 0
     if back.any():
@@ -274,67 +364,101 @@ def settle_fixes(
     first = np.unique(table[:, 0], return_index=True)[1]
     if first.size < len(table):
         notes.append(
-            f"{len(table) - first.size} positions are further ones of the same trace: its first is used"
+            f"{len(table) - first.size} positions are further ones of the same trace: "
+            "its first is used"
         )
     table = table[first]
-    flat = np.isnan(table[:, 3])
-    if flat.any():
+    unknown = np.isnan(table[:, 3])
+    if unknown.any():
         notes.append(
-            f"{np.count_nonzero(flat)} of {len(table)} positions tell no height: 0 m is taken"
+            f"{np.count_nonzero(unknown)} of {len(table)} positions tell no height: 0 m is taken"
         )
-        table[flat, 3] = 0.0
+        table[unknown, 3] = 0.0
     return Fixes(table[:, :4], table[:, 4])
+
+
+def _on_earth(table: FloatArray, count: int, total: int, notes: list[str]) -> NDArray[np.bool_]:
+    """Return which positions (fix, 5) lie on the Earth and on one of ``count`` traces.
+
+    0 N 0 E is what recorders write without a position. ``total`` positions are in the file.
+    """
+    trace, longitude, latitude, height = table[:, :4].T
+    at_zero = (longitude == 0) & (latitude == 0)
+    if at_zero.any():
+        notes.append(
+            f"{np.count_nonzero(at_zero)} of {total} positions left out: "
+            "0 N 0 E, where no receiver was"
+        )
+    usable = np.isfinite(table[:, :3]).all(axis=1)
+    usable &= (np.abs(longitude) <= 180) & (np.abs(latitude) <= 90)
+    usable &= (trace >= 0) & (trace < count)
+    usable &= ~(np.abs(height) >= _LARGEST_HEIGHT)  # an unknown height, NaN, is allowed
+    lost = np.count_nonzero(~(usable | at_zero))
+    if lost:
+        notes.append(f"{lost} of {total} positions left out: no place on the Earth, or no trace")
+    return usable & ~at_zero
 
 
 def _on_own_lines(
     table: FloatArray, notes: list[str], name: str, numbers: NDArray[np.integer] | None
-) -> FloatArray:  # fmt: skip
-    """Put the positions of merged lines on their own traces; leave those out whose line is not known."""
+) -> FloatArray:
+    """Return positions (fix, 5) of merged lines on their own traces.
+
+    Those whose line is not known are left out. ``numbers`` (trace,) are the traces' own.
+    """
     restarts = _restarts(table[:, 0])
     if not restarts.size:
         return table
-    starts = np.empty(0, int) if numbers is None else np.flatnonzero(np.diff(numbers) < 0) + 1
+    starts = np.empty(0, int)
+    if numbers is not None:
+        starts = np.flatnonzero(np.diff(numbers) < 0) + 1
     if numbers is None or starts.size != restarts.size:
         lost = len(table) - restarts[0]
         notes.append(
-            f"{lost} of {len(table)} positions of {name} left out: its trace numbers begin anew, as those of merged "
-            "lines, and the traces do not tell where"
+            f"{lost} of {len(table)} positions of {name} left out: its trace numbers begin anew, "
+            "as those of merged lines, and the traces do not tell where"
         )
         return table[: restarts[0]]
-    placed = table.copy()
+    settled = table.copy()
     line_of_fix = np.searchsorted(restarts, np.arange(len(table)), side="right")
     edges = [0, *starts.tolist(), len(numbers)]
-    for line in range(len(edges) - 1):
-        own = np.arange(edges[line], edges[line + 1])
-        mine = np.flatnonzero(line_of_fix == line)
-        match = np.searchsorted(numbers[own], table[mine, 0] + 1)
-        known = (match < own.size) & (
-            numbers[own][np.minimum(match, own.size - 1)] == table[mine, 0] + 1
-        )
-        placed[mine, 0] = np.where(known, own[np.minimum(match, own.size - 1)], np.nan)
+    lines = len(edges) - 1
+    for line in range(lines):
+        traces = np.arange(edges[line], edges[line + 1])
+        fixes = np.flatnonzero(line_of_fix == line)
+        wanted = table[fixes, 0] + 1
+        match = np.searchsorted(numbers[traces], wanted)
+        nearest = traces[np.minimum(match, traces.size - 1)]
+        is_there = (match < traces.size) & (numbers[nearest] == wanted)
+        settled[fixes, 0] = np.where(is_there, nearest, np.nan)
     notes.append(
-        f"{len(edges) - 1} lines were merged: the positions of {name} are put on the traces of their own line"
+        f"{lines} lines were merged: the positions of {name} are put on the traces of their own "
+        "line"
     )
-    return placed
+    return settled
 
 
 def _restarts(trace: FloatArray) -> NDArray[np.intp]:
-    """Return where trace numbers begin anew: they fall, and the next one does not go on from before the fall."""
+    """Return where trace numbers begin anew.
+
+    There they fall, and the next one does not go on from before the fall.
+    """
     falls = np.flatnonzero(np.diff(trace) < 0) + 1
     following = np.append(trace, -np.inf)
     return falls[following[falls + 1] < trace[falls - 1]]
 
 
 def _over_midnight(time: FloatArray) -> FloatArray:
-    """Count times of the day on where they pass midnight."""
+    """Return times of the day, s, counted on where they pass midnight."""
     known = np.flatnonzero(np.isfinite(time))
-    time[known] += DAY * np.cumsum(np.append(0, np.diff(time[known]) < -DAY / 2))[: known.size]
+    passes = np.append(0, np.diff(time[known]) < -DAY / 2)
+    time[known] += DAY * np.cumsum(passes)[: known.size]
     return time
 
 
 @dataclass(frozen=True)
 class DzxContent:
-    """What GSSI's XML beside a DZT tells."""
+    """What GSSI's XML beside a DZT states."""
 
     marks: tuple[int, ...] = ()  #: scans, from 0, that the operator marked
     spacing: float | None = None  #: of scans, m
@@ -342,15 +466,39 @@ class DzxContent:
     distances: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
 
 
+class _Waypoints(NamedTuple):
+    """What the waypoints of a DZX state."""
+
+    marks: tuple[int, ...]
+    distances: list[tuple[float, float]]  # scan, and m along the line
+    corners: list[tuple[float, float, float]]  # scan, x and y, m
+
+
 def read_dzx(path: Path | None, count: int, notes: list[str]) -> DzxContent:
-    """Return what a ``.dzx``, GSSI's XML, tells of ``count`` scans, as readgssi and RGPR read it."""
+    """Read a ``.dzx``, GSSI's XML, as readgssi and RGPR do.
+
+    Parameters
+    ----------
+    path : Path or None
+        The file; None if there is none.
+    count : int
+        Scans of the recording.
+    notes : list of str
+        Notes are added to it.
+
+    Returns
+    -------
+    DzxContent
+        What it states of the scans.
+    """
     if path is None:
         return DzxContent()
     try:
-        text = text_beside(path, notes)
+        text = read_companion(path, notes)
         if "<!DOCTYPE" in text or "<!ENTITY" in text:
             raise ValueError("it declares entities")
-        root = ElementTree.fromstring(re.sub(r"^\s*<\?xml[^>]*\?>", "", text))  # noqa: S314  # entities are refused
+        content = re.sub(r"^\s*<\?xml[^>]*\?>", "", text)
+        root = ElementTree.fromstring(content)  # noqa: S314  # entities are refused
     except (ValueError, ElementTree.ParseError) as error:
         notes.append(
             f"{path.name} was found and not understood: {' '.join(str(error).split())[:120]}"
@@ -360,9 +508,29 @@ def read_dzx(path: Path | None, count: int, notes: list[str]) -> DzxContent:
     scale = length_unit(unit or "m")
     if scale is None:
         notes.append(
-            f"{path.name} has lengths in {unit[:20]!r}, which is no unit that is known: they are not used"
+            f"{path.name} has lengths in {unit[:20]!r}, which is no unit that is known: "
+            "they are not used"
         )
+    waypoints = _read_waypoints(root, count, scale)
     spacing = _number(_text_of(root, "unitsPerScan"))
+    known = None
+    if scale is not None and np.isfinite(spacing) and spacing > 0:
+        known = spacing * scale
+    rows = waypoints.distances or _along(waypoints.corners)
+    table = np.array(rows, dtype=np.float64).reshape(-1, 2)
+    if known is not None and not waypoints.distances and len(table) > 1:
+        measured = np.ptp(table[:, 1]) / max(np.ptp(table[:, 0]), 1.0)
+        if abs(measured - known) > _AGREE * known:
+            notes.append(
+                f"{path.name} contradicts itself: its scans are {known:.4g} m apart by "
+                f"unitsPerScan and {measured:.4g} m by localCoords; neither is used"
+            )
+            return DzxContent(waypoints.marks)
+    return DzxContent(waypoints.marks, known, table)
+
+
+def _read_waypoints(root: ElementTree.Element, count: int, scale: float | None) -> _Waypoints:
+    """Return what the waypoints state of ``count`` scans; ``scale`` is their unit of length, m."""
     marks: set[int] = set()
     distances: list[tuple[float, float]] = []
     corners: list[tuple[float, float, float]] = []
@@ -372,44 +540,37 @@ def read_dzx(path: Path | None, count: int, notes: list[str]) -> DzxContent:
             continue
         if waypoint.get("mark", "").strip().lower() == "user" or "scanSampChanProp" in waypoint:
             marks.add(int(scan))
+        if scale is None:
+            continue
         distance = _number(waypoint.get("distance", ""))
-        if scale is not None and np.isfinite(distance):
+        if np.isfinite(distance):
             distances.append((scan, distance * scale))
-        local = [_number(part) for part in waypoint.get("localCoords", "").split(",")[:2]]
-        if scale is not None and len(local) == 2 and np.isfinite(local).all():
+        local = [_number(cell) for cell in waypoint.get("localCoords", "").split(",")[:2]]
+        if len(local) == 2 and np.isfinite(local).all():
             corners.append((scan, local[0] * scale, local[1] * scale))
-    known = spacing * scale if scale is not None and np.isfinite(spacing) and spacing > 0 else None
-    table = np.array(distances or _along(corners), dtype=np.float64).reshape(-1, 2)
-    if known is not None and not distances and len(table) > 1:
-        told = np.ptp(table[:, 1]) / max(np.ptp(table[:, 0]), 1.0)
-        if abs(told - known) > _AGREE * known:
-            notes.append(
-                f"{path.name} contradicts itself: its scans are {known:.4g} m apart by unitsPerScan and {told:.4g} m "
-                "by localCoords; neither is used"
-            )
-            return DzxContent(tuple(sorted(marks)))
-    return DzxContent(tuple(sorted(marks)), known, table)
+    return _Waypoints(tuple(sorted(marks)), distances, corners)
 
 
 def _along(corners: list[tuple[float, float, float]]) -> list[tuple[float, float]]:
-    """Return scan and distance along the way through places (scan, x, y) in the order of their scans."""
-    way: list[tuple[float, float]] = []
+    """Return scan and distance, m, along the line through points (scan, x, y) by their scans."""
+    rows: list[tuple[float, float]] = []
     distance = 0.0
     ordered = sorted(corners)
     for number, (scan, x, y) in enumerate(ordered):
         if number:
-            distance += float(np.hypot(x - ordered[number - 1][1], y - ordered[number - 1][2]))
-        way.append((scan, distance))
-    return way
+            _, last_x, last_y = ordered[number - 1]
+            distance += float(np.hypot(x - last_x, y - last_y))
+        rows.append((scan, distance))
+    return rows
 
 
 def _waypoints(root: ElementTree.Element) -> Iterator[dict[str, str]]:
-    """Go through the waypoints of all profiles and targets: the texts of their entries by name."""
-    seen = 0
+    """Yield the waypoints of all profiles and targets: the texts of their entries by name."""
+    count = 0
     for element in root.iter():
         if _name(element) in ("WayPt", "TargetWayPt"):
-            seen += 1
-            if seen > _MOST_WAYPOINTS:
+            count += 1
+            if count > _MOST_WAYPOINTS:
                 return
             yield {_name(entry): entry.text or "" for entry in element}
 
@@ -420,10 +581,12 @@ def _name(element: ElementTree.Element) -> str:
 
 
 def _text_of(root: ElementTree.Element, name: str) -> str:
+    """Return the text of the first element of a name; empty if there is none."""
     return next((element.text or "" for element in root.iter() if _name(element) == name), "")
 
 
 def _number(text: str) -> float:
+    """Return a number; NaN if it is none."""
     try:
         return float(text)
     except ValueError:
@@ -431,8 +594,8 @@ def _number(text: str) -> float:
 
 
 def note_unread(path: Path, suffixes: Sequence[str], notes: list[str]) -> None:
-    """Tell which files of the same name lie beside a recording and are not read."""
+    """Add notes of the files of the same name that lie beside a recording and are not read."""
     for suffix in suffixes:
-        beside = find_beside(path, suffix)
-        if beside is not None:
-            notes.append(f"{beside.name} lies beside it and is not read")
+        companion = find_companion(path, suffix)
+        if companion is not None:
+            notes.append(f"{companion.name} lies beside it and is not read")

@@ -20,7 +20,7 @@ from flgpr.model import LINE_STARTS
 from flgpr.store.tables import read_columns
 
 FloatArray = NDArray[np.float64]
-_CLOSE = 0.02  # of a line's length, that its ends may lie apart more or less than it measured
+_CLOSE = 0.02  # of a line's length, by which the distance of its ends may differ from it
 
 
 @dataclass(frozen=True)
@@ -34,24 +34,42 @@ class LineLayout:
 
 
 def read_line_ends(path: str | Path, names: Sequence[str]) -> FloatArray:
-    """Read where lines begin and end, (line, 4) m, from CSV in the order of ``names``.
+    """Read where lines begin and end from CSV.
 
-    Columns are ``line`` (the file's name), ``x_start_m``, ``y_start_m``, ``x_end_m`` and ``y_end_m``. A line that is
-    missing or stands there twice is a ValueError.
+    Columns are ``line`` (the file's name), ``x_start_m``, ``y_start_m``, ``x_end_m`` and
+    ``y_end_m``.
+
+    Parameters
+    ----------
+    path : path
+        The table.
+    names : sequence of str
+        Names of the lines' files.
+
+    Returns
+    -------
+    (line, 4) ndarray
+        x and y of start and end, m, in the order of ``names``.
+
+    Raises
+    ------
+    ValueError
+        If a column is missing, or a line is missing, not finite or there twice.
     """
     table = read_columns(Path(path), "line")
     columns = ["x_start_m", "y_start_m", "x_end_m", "y_end_m"]
     missing = [name for name in ("line", *columns) if name not in table.columns]
     if missing:
         raise ValueError(
-            f"{path}: must have the columns line, {', '.join(columns)}; missing: {', '.join(missing)}"
+            f"{path}: must have the columns line, {', '.join(columns)}; "
+            f"missing: {', '.join(missing)}"
         )
     rows = []
     for name in names:
-        own = table[table["line"] == name]
-        if len(own) != 1:
-            raise ValueError(f"{path}: must have one row for the line {name}, got {len(own)}")
-        rows.append(own[columns].to_numpy(dtype=np.float64)[0])
+        matching = table[table["line"] == name]
+        if len(matching) != 1:
+            raise ValueError(f"{path}: must have one row for the line {name}, got {len(matching)}")
+        rows.append(matching[columns].to_numpy(dtype=np.float64)[0])
     ends = np.array(rows)
     if not np.isfinite(ends).all():
         raise ValueError(f"{path}: places of lines must be finite")
@@ -59,10 +77,27 @@ def read_line_ends(path: str | Path, names: Sequence[str]) -> FloatArray:
 
 
 def place_by_marks(section: GprSection, spacing: float) -> GprSection:
-    """Put the traces of a line at distances by its marks, which stand every ``spacing`` m.
+    """Put the traces of a line at distances by its marks.
 
-    Traces between marks are at equal steps; those before the first and after the last go on at the steps beside them.
-    Fewer than two marks, or a spacing that is not positive, are a ValueError.
+    Traces between marks are at equal steps; those before the first and after the last go on at the
+    steps next to them.
+
+    Parameters
+    ----------
+    section : GprSection
+        The line.
+    spacing : float
+        Distance from mark to mark, m.
+
+    Returns
+    -------
+    GprSection
+        The line with these distances, and without its marks.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two marks, or the spacing is not positive.
     """
     marks = np.unique(np.asarray(section.marks, dtype=np.float64))
     if marks.size < 2:
@@ -83,7 +118,10 @@ def place_by_marks(section: GprSection, spacing: float) -> GprSection:
         note += ", in place of those that the file tells"
     outside = int(np.count_nonzero(before | after))
     if outside:
-        note += f"; {outside} traces before the first and after the last mark go on at the steps beside them"
+        note += (
+            f"; {outside} traces before the first and after the last mark go on at the steps "
+            "beside them"
+        )
     # The marks are used up: nothing of them is left to be kept.
     return replace(
         section, distance=distance - distance[0], marks=(), history=(*section.history, note)
@@ -128,22 +166,20 @@ def survey_run(
         options["band"] = ReasonedBand(lowest, highest, "common to all lines and their antennas")
     if anchor is None and layout.spacing is None and layout.ends is None and len(sections) > 1:
         raise ValueError(
-            "lines of a survey need an anchor, line-spacing or a table of lines, which tell where they lie"
+            "lines of a survey need an anchor, line-spacing or a table of lines, "
+            "which tell where they lie"
         )
     runs = [_line_run(section, anchor, options) for section in sections]
     for section, run in zip(sections, runs, strict=True):
-        for axis in ("frequency", "pair"):
-            same = run.sizes[axis] == runs[0].sizes[axis]
-            if axis == "frequency":
-                same = same and np.array_equal(run["frequency"].values, runs[0]["frequency"].values)
-            if not same:
-                raise ValueError(
-                    f"{section.path}: lines of a survey must have the same time window and channels, this one has "
-                    f"another {axis} than {sections[0].path.name}"
-                )
+        differing = _differing_axis(run, runs[0])
+        if differing is not None:
+            raise ValueError(
+                f"{section.path}: lines of a survey must have the same time window and channels, "
+                f"this one has another {differing} than {sections[0].path.name}"
+            )
     notes: list[str] = []
     if anchor is None:
-        notes += _lay_out(runs, [section.path.name for section in sections], layout)
+        notes += _place_lines(runs, [section.path.name for section in sections], layout)
     notes += _without_clocks(runs)
     starts = np.cumsum([0, *(run.sizes["scan"] for run in runs[:-1])]).tolist()
     for section, run in zip(sections, runs, strict=True):
@@ -160,8 +196,15 @@ def survey_run(
     return merged.assign_attrs(attrs)
 
 
+def _differing_axis(run: xr.Dataset, first: xr.Dataset) -> str | None:
+    """Return the axis in which a line differs from the first; None if both are alike."""
+    if not np.array_equal(run["frequency"].values, first["frequency"].values):
+        return "frequency"
+    return None if run.sizes["pair"] == first.sizes["pair"] else "pair"
+
+
 def _without_clocks(runs: list[xr.Dataset]) -> list[str]:
-    """Take times away where they do not go on from line to line; a note tells."""
+    """Take times away where they do not go on from line to line, and return a note of it."""
     time = np.concatenate([run["time"].values for run in runs])
     known = time[np.isfinite(time)]
     if not known.size or (np.diff(known) >= 0).all():
@@ -169,48 +212,62 @@ def _without_clocks(runs: list[xr.Dataset]) -> list[str]:
     for number, run in enumerate(runs):
         runs[number] = run.assign_coords(time=("scan", np.full(run.sizes["scan"], np.nan)))
     return [
-        f"the clocks of {len(runs)} lines do not go on from one to the next: {known.size} times are not kept"
+        f"the clocks of {len(runs)} lines do not go on from one to the next: "
+        f"{known.size} times are not kept"
     ]
 
 
 def _line_run(section: GprSection, anchor: Anchor | None, options: dict[str, Any]) -> xr.Dataset:
+    """Return one line as a run."""
     if section.traces.shape[1] == 1:
         options = {name: value for name, value in options.items() if name != "channel_x"}
         return gpr_run(section, 0, anchor=anchor, **options)
     return channels_run(section, anchor=anchor, **options)
 
 
-def _lay_out(runs: Sequence[xr.Dataset], names: Sequence[str], layout: LineLayout) -> list[str]:
-    """Move the poses of lines, each along +y from the origin, to where they lie."""
-    notes: list[str] = []
+def _place_lines(runs: Sequence[xr.Dataset], names: Sequence[str], layout: LineLayout) -> list[str]:
+    """Move the poses of lines, each along +y from the origin, to where they lie; return notes."""
     if layout.ends is not None:
-        for run, name, (x0, y0, x1, y1) in zip(runs, names, layout.ends, strict=True):
-            length = math.hypot(x1 - x0, y1 - y0)
-            measured = float(np.ptp(run["pose"].values[:, 1]))
-            if length == 0:
-                raise ValueError(
-                    f"{name}: a line must end elsewhere than it begins, got ({x0:g}, {y0:g}) m twice"
-                )
-            if abs(length - measured) > _CLOSE * length:
-                notes.append(
-                    f"{name}: its ends lie {length:.4g} m apart, its own distance is {measured:.4g} m, which is kept"
-                )
-            _move(run, x0, y0, math.atan2(x1 - x0, y1 - y0))
-        return notes
+        return _place_by_ends(runs, names, layout.ends)
     spacing = layout.spacing or 0.0
-    far = 0.0
+    end = 0.0  # of the line before, m along y
     for number, run in enumerate(runs):
-        back = layout.zigzag and number % 2 == 1
-        length = float(np.ptp(run["pose"].values[:, 1]))
-        _move(run, number * spacing, far if back else 0.0, math.pi if back else 0.0)
-        far = length if not back else 0.0
-    way = (
-        "every other line runs back from where the one before ended"
-        if layout.zigzag
-        else "all begin at y = 0"
-    )
-    notes.append(f"{len(runs)} lines are put {spacing:g} m apart along x as given; {way}")
+        runs_back = layout.zigzag and number % 2 == 1
+        length = _length_of(run)
+        if runs_back:
+            _move(run, number * spacing, end, math.pi)
+            end = 0.0
+        else:
+            _move(run, number * spacing, 0.0, 0.0)
+            end = length
+    manner = "all begin at y = 0"
+    if layout.zigzag:
+        manner = "every other line runs back from where the one before ended"
+    return [f"{len(runs)} lines are put {spacing:g} m apart along x as given; {manner}"]
+
+
+def _place_by_ends(runs: Sequence[xr.Dataset], names: Sequence[str], ends: FloatArray) -> list[str]:
+    """Move the poses of lines to their starts and ends (line, 4), m; return notes."""
+    notes: list[str] = []
+    for run, name, (x0, y0, x1, y1) in zip(runs, names, ends, strict=True):
+        length = math.hypot(x1 - x0, y1 - y0)
+        measured = _length_of(run)
+        if length == 0:
+            raise ValueError(
+                f"{name}: a line must end elsewhere than it begins, got ({x0:g}, {y0:g}) m twice"
+            )
+        if abs(length - measured) > _CLOSE * length:
+            notes.append(
+                f"{name}: its ends lie {length:.4g} m apart, its own distance is {measured:.4g} m, "
+                "which is kept"
+            )
+        _move(run, x0, y0, math.atan2(x1 - x0, y1 - y0))
     return notes
+
+
+def _length_of(run: xr.Dataset) -> float:
+    """Return the length of a line along +y, m."""
+    return float(np.ptp(run["pose"].values[:, 1]))
 
 
 def _move(run: xr.Dataset, x: float, y: float, heading: float) -> None:

@@ -1,14 +1,17 @@
-"""Results of gprMax, the open full-wave solver: its HDF5 files, and runs put together from those of a folder of decks.
+"""Results of gprMax, the open full-wave solver, and runs put together from a folder of decks.
 
-gprMax 3 ends its files in ``.out``, gprMax 4 in ``.h5``; the layout is the same: the root's attributes tell version,
-time step and number of steps, ``rxs/rx1`` and so on hold the fields ``Ex`` to ``Hz`` in time with ``Name`` and
-``Position`` as attributes, ``srcs/src1`` and so on ``Type`` and ``Position``.
+gprMax 3 ends its files in ``.out``, gprMax 4 in ``.h5``; both are HDF5 of one layout: the root's
+attributes state version, time step and number of steps, ``rxs/rx1`` and so on hold the fields
+``Ex`` to ``Hz`` in time with ``Name`` and ``Position`` as attributes, ``srcs/src1`` and so on
+``Type`` and ``Position``.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,14 +23,35 @@ from numpy.typing import ArrayLike, NDArray
 from flgpr.door import MOST_CHECKED, MOST_JSON, Folder, parse_json
 from flgpr.formats.arrays import LIMIT, open_arrays
 from flgpr.formats.child import parts_elsewhere
+from flgpr.model import SPEED_OF_LIGHT
 from flgpr.store.files import canonical_json
 
 FloatArray = NDArray[np.float64]
 FORMAT = "flgpr-gprmax-1"
 MANIFEST = "manifest.json"
 ENDINGS = (".h5", ".out")
-_MERGED = "this is a merged B-scan: give the scans' own results, or import it by a mapping that flgpr info drafts"
+_MERGED = (
+    "this is a merged B-scan: give the scans' own results, "
+    "or import it by a mapping that flgpr info drafts"
+)
 _FIELDS = ("Ex", "Ey", "Ez", "Hx", "Hy", "Hz", "Ix", "Iy", "Iz")
+_MOST_RECEIVERS = 8  # that are described in words
+_CELLS_PER_WAVELENGTH = 10  # below which gprMax disperses
+_DAMAGE = (TypeError, KeyError, OSError, RuntimeError, AttributeError, OverflowError)
+"""What h5py raises on a damaged file, besides ValueError."""
+_NEEDED = (
+    "title",
+    "polarization",
+    "tones",
+    "tx_position",
+    "rx_position",
+    "pose",
+    "time",
+    "waveform",
+    "grid",
+    "runs",
+)
+"""Entries of a manifest."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +89,22 @@ class GprmaxOutput:
     def current(
         self, waveform: str, centre: float, frequency: NDArray[np.float64]
     ) -> NDArray[np.complex128]:
-        """Fourier integral of a waveform of unit amplitude, at half steps as gprMax takes it."""
+        """Compute the Fourier integral of a waveform of unit amplitude.
+
+        Parameters
+        ----------
+        waveform : str
+            Its type, see :func:`pulse`.
+        centre : float
+            Its frequency, Hz.
+        frequency : (frequency,) ndarray
+            Where the integral is taken, Hz.
+
+        Returns
+        -------
+        (frequency,) ndarray of complex
+            The integral, A per Hz, of samples at half steps as gprMax takes them.
+        """
         start = 0.5 * self.time_step
         values = pulse(waveform, centre, start + self.time_step * np.arange(self.steps))
         return fourier(values, self.time_step, frequency, start)
@@ -73,52 +112,97 @@ class GprmaxOutput:
     def spectrum(
         self, receiver: str, component: str, frequency: NDArray[np.float64]
     ) -> NDArray[np.complex128]:
-        """Fourier integral ``∫E(t)·exp(-j2πft)dt`` of a receiver's electric field from time 0 on, V/m per Hz."""
+        """Compute the Fourier integral of a receiver's electric field.
+
+        Parameters
+        ----------
+        receiver : str
+            Name of the receiver.
+        component : str
+            Component of the field, such as "Ez".
+        frequency : (frequency,) ndarray
+            Where the integral is taken, Hz.
+
+        Returns
+        -------
+        (frequency,) ndarray of complex
+            ``∫E(t)·exp(-j2πft)dt`` from time 0 on, V/m per Hz.
+
+        Raises
+        ------
+        ValueError
+            If the file does not hold that field.
+        """
         if receiver not in self.receivers or component not in self.receivers[receiver].fields:
             raise ValueError(f"{self.path}: no {component} of a receiver named {receiver!r}")
         return fourier(self.receivers[receiver].fields[component], self.time_step, frequency)
 
 
 def is_gprmax(path: str | Path) -> bool:
-    """Tell whether an HDF5 file that is known to be sound comes from gprMax."""
-    with h5py.File(path, "r") as file:
+    """Return whether an HDF5 file that is known to be sound comes from gprMax."""
+    with _faults_of_result(Path(path)), h5py.File(path, "r") as file:
         return "gprMax" in file.attrs
 
 
 def read_gprmax(path: str | Path, limit: int = LIMIT) -> GprmaxOutput:
-    """Read a result file of gprMax 3 or 4, at most ``limit`` bytes; a damaged or other file is a ValueError."""
+    """Read a result file of gprMax 3 or 4.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    limit : int
+        Bytes that the file and each array may take.
+
+    Returns
+    -------
+    GprmaxOutput
+        The result.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged, too large or of another kind.
+    """
     path = Path(path)
-    open_arrays(path, limit)  # looks at the file in a child process first
-    try:
+    open_arrays(path, limit)  # reads the file in a child process first
+    with _faults_of_result(path):
         return _read(path)
-    except (TypeError, KeyError, OSError, RuntimeError, AttributeError, OverflowError) as error:
+
+
+@contextmanager
+def _faults_of_result(path: Path) -> Iterator[None]:
+    """Turn whatever h5py raises on a damaged result into one ValueError that names the file."""
+    try:
+        yield
+    except _DAMAGE as error:
         words = " ".join(str(error).split())[:200]
         raise ValueError(
             f"{path}: cannot be read as a result of gprMax: it is damaged ({words})"
         ) from None
-    except ValueError as error:
-        told = str(error)
-        raise ValueError(told if told.startswith(str(path)) else f"{path}: {told}") from None
+    except ValueError as error:  # of h5py, too: for numbers of a type that NumPy has not
+        words = " ".join(str(error).split())
+        raise ValueError(words if words.startswith(str(path)) else f"{path}: {words}") from None
 
 
 def _read(path: Path) -> GprmaxOutput:
+    """Read a result file that is known to be sound."""
     with h5py.File(path, "r") as file:
         if "gprMax" not in file.attrs:
             raise ValueError(
-                f"{path}: the root must have the attribute gprMax, got {', '.join(file.attrs) or 'none'}"
+                f"{path}: the root must have the attribute gprMax, "
+                f"got {', '.join(file.attrs) or 'none'}"
             )
         _refuse_parts_elsewhere(file)
         if merged_fields(file):
             raise ValueError(f"{path}: {_MERGED}")
-        told = {
-            name: _attribute(file, name, path)
-            for name in ("gprMax", "Iterations", "dx_dy_dz", "dt")
-        }
-        step = float(told["dt"])
-        steps = int(told["Iterations"])
-        if not (np.isfinite(step) and step > 0 and steps > 0):
+        version = _attribute(file, "gprMax", path)
+        steps = int(_attribute(file, "Iterations", path))
+        cell = _attribute(file, "dx_dy_dz", path)
+        time_step = float(_attribute(file, "dt", path))
+        if not (np.isfinite(time_step) and time_step > 0 and steps > 0):
             raise ValueError(
-                f"{path}: dt and Iterations must be greater than 0, got {step:g} s and {steps}"
+                f"{path}: dt and Iterations must be greater than 0, got {time_step:g} s and {steps}"
             )
         receivers = {}
         for group in _numbered(file, "rxs"):
@@ -127,52 +211,59 @@ def _read(path: Path) -> GprmaxOutput:
             if name in receivers:  # names are the model's author's, and may be the same
                 name = f"{name} ({group.name.rpartition('/')[2]})"
             receivers[name] = receiver
-        sources = [
-            (
-                _text(group.attrs.get("Type", "")),
-                np.asarray(_attribute(group, "Position", path), dtype=np.float64),
-            )
-            for group in _numbered(file, "srcs")
-        ]
+        sources = []
+        for group in _numbered(file, "srcs"):
+            position = np.asarray(_attribute(group, "Position", path), dtype=np.float64)
+            sources.append((_text(group.attrs.get("Type", "")), position))
         return GprmaxOutput(
-            path, _text(told["gprMax"]), _text(file.attrs.get("Title", "")), step, steps,
-            np.asarray(told["dx_dy_dz"], dtype=np.float64), receivers, sources, _excitation(file),
-        )  # fmt: skip
+            path,
+            _text(version),
+            _text(file.attrs.get("Title", "")),
+            time_step,
+            steps,
+            np.asarray(cell, dtype=np.float64),
+            receivers,
+            sources,
+            _excitation(file),
+        )
 
 
 def _refuse_parts_elsewhere(file: Any) -> None:
-    """Refuse a file that leads to others: groups are found by their names, and links would be followed."""
+    """Refuse a file that leads to others: groups are read by name, and links would be followed."""
     for name, reason in parts_elsewhere(file).items():
         raise ValueError(f"{file.filename}: {name} must lie in this file, {reason}")
 
 
 def _numbered(file: Any, name: str) -> list[Any]:
-    groups = file.get(name)
-    if not isinstance(groups, h5py.Group):
+    """Return the groups in a group in the order of their numbers."""
+    group = file.get(name)
+    if not isinstance(group, h5py.Group):
         return []
-    members = [groups[key] for key in sorted(groups, key=lambda key: (len(key), key))]
-    return [one for one in members if isinstance(one, h5py.Group)]
+    members = [group[key] for key in sorted(group, key=lambda key: (len(key), key))]
+    return [member for member in members if isinstance(member, h5py.Group)]
 
 
 def _attribute(item: Any, name: str, path: Path) -> Any:
+    """Return an attribute that must be there."""
     if name not in item.attrs:
         raise ValueError(
-            f"{path}: {item.name} must have the attribute {name}, got {', '.join(item.attrs) or 'none'}"
+            f"{path}: {item.name} must have the attribute {name}, "
+            f"got {', '.join(item.attrs) or 'none'}"
         )
     return item.attrs[name]
 
 
 def _text(value: Any) -> str:
+    """Return an attribute as text."""
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
 
 
 def _excitation(file: Any) -> Excitation | None:
+    """Return what drove the first source, where the file holds its current."""
     group = file.get("srcs/src1/excitation")
-    if (
-        not isinstance(group, h5py.Group)
-        or "samples" not in group
-        or group.attrs.get("Units") != "A"
-    ):
+    if not isinstance(group, h5py.Group) or "samples" not in group:
+        return None
+    if group.attrs.get("Units") != "A":
         return None
     samples = np.asarray(group["samples"][()], dtype=np.float64)
     length = group.attrs.get("SpatialScale", 1.0)
@@ -180,15 +271,18 @@ def _excitation(file: Any) -> Excitation | None:
 
 
 def _receiver(group: Any, steps: int, path: Path) -> GprmaxReceiver:
+    """Return what a receiver recorded."""
     fields = {}
     for name in _FIELDS:
-        if name in group:
-            values = np.asarray(group[name][()], dtype=np.float64)
-            if values.shape != (steps,):
-                raise ValueError(
-                    f"{path}: {group.name}/{name} must hold {steps} values, got the shape {values.shape}"
-                )
-            fields[name] = values
+        if name not in group:
+            continue
+        values = np.asarray(group[name][()], dtype=np.float64)
+        if values.shape != (steps,):
+            raise ValueError(
+                f"{path}: {group.name}/{name} must hold {steps} values, "
+                f"got the shape {values.shape}"
+            )
+        fields[name] = values
     position = np.asarray(_attribute(group, "Position", path), dtype=np.float64)
     return GprmaxReceiver(_text(group.attrs.get("Name", group.name)), position, fields)
 
@@ -199,14 +293,51 @@ def fourier(
     frequency: NDArray[np.float64],
     start: float = 0.0,
 ) -> NDArray[np.complex128]:
-    """Fourier integral of samples from ``start`` on: ``Σ values·exp(-j2πft)·Δt``."""
+    """Compute the Fourier integral of samples.
+
+    Parameters
+    ----------
+    values : (n,) ndarray
+        The samples.
+    time_step : float
+        Time from sample to sample, s.
+    frequency : (frequency,) ndarray
+        Where the integral is taken, Hz.
+    start : float
+        Time of the first sample, s.
+
+    Returns
+    -------
+    (frequency,) ndarray of complex
+        ``Σ values·exp(-j2πft)·Δt``.
+    """
     time = start + time_step * np.arange(values.size)
     out = [np.exp(-2j * np.pi * f * time) @ values for f in frequency]
     return np.asarray(out, dtype=np.complex128) * time_step
 
 
 def pulse(kind: str, frequency: float, time: ArrayLike) -> NDArray[np.float64]:
-    """Evaluate a waveform of unit amplitude as gprMax defines it."""
+    """Evaluate a waveform of unit amplitude as gprMax defines it.
+
+    Parameters
+    ----------
+    kind : {"gaussian", "gaussiandot", "gaussiandotnorm", "ricker"}
+        Type of the waveform.
+    frequency : float
+        Its frequency, Hz.
+    time : (n,) array_like
+        Times, s.
+
+    Returns
+    -------
+    (n,) ndarray
+        Its values.
+
+    Raises
+    ------
+    ValueError
+        If the type is unknown, or the frequency not positive.
+    """
     if not frequency > 0:
         raise ValueError(f"the waveform's frequency must be positive, got {frequency:g}")
     t = np.asarray(time, dtype=np.float64)
@@ -229,36 +360,59 @@ def pulse(kind: str, frequency: float, time: ArrayLike) -> NDArray[np.float64]:
 
 
 def merged_fields(file: Any) -> dict[str, tuple[int, int]]:
-    """Return the fields of a merged B-scan by their names in the file: their (step, trace) shapes; none if it is none.
+    """Return the (step, trace) shapes of the fields of a merged B-scan by their names in the file.
 
-    gprMax's tools/outputfiles_merge.py copies the root's attributes but those of the grid, and makes every receiver's
-    fields two-dimensional.
+    gprMax's tools/outputfiles_merge.py copies the root's attributes but those of the grid, and
+    makes every receiver's fields two-dimensional.
+
+    Parameters
+    ----------
+    file : h5py.File
+        A result of gprMax.
+
+    Returns
+    -------
+    dict of str to tuple of int
+        The shapes; none if it is no merged B-scan.
     """
-    found = {}
+    shapes = {}
     for group in _numbered(file, "rxs"):
         for name in _FIELDS:
             item = group.get(name)
             if isinstance(item, h5py.Dataset) and len(item.shape) == 2:
-                found[f"{group.name.lstrip('/')}/{name}"] = (int(item.shape[0]), int(item.shape[1]))
-    return found
+                steps, traces = item.shape
+                shapes[f"{group.name.lstrip('/')}/{name}"] = (int(steps), int(traces))
+    return shapes
 
 
 def explain_merged(path: Path) -> tuple[list[str], str]:
-    """Tell in lines what a merged B-scan holds, and draft the mapping that imports it; no lines if it is none."""
-    try:
-        with h5py.File(path, "r") as file:
-            _refuse_parts_elsewhere(file)
-            fields = merged_fields(file)
-            if not fields:
-                return [], ""
-            version = _text(file.attrs["gprMax"])
-            title = _text(file.attrs.get("Title", ""))
-            interval = float(np.asarray(file.attrs.get("dt", np.nan)))
-    except (TypeError, KeyError, OSError, RuntimeError, AttributeError, OverflowError) as error:
-        words = " ".join(str(error).split())[:200]
-        raise ValueError(
-            f"{path}: cannot be read as a result of gprMax: it is damaged ({words})"
-        ) from None
+    """Return in lines what a merged B-scan holds, and a draft of the mapping that imports it.
+
+    Parameters
+    ----------
+    path : Path
+        A result of gprMax.
+
+    Returns
+    -------
+    lines : list of str
+        What it holds; none if it is no merged B-scan.
+    mapping : str
+        The draft, TOML.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged.
+    """
+    with _faults_of_result(path), h5py.File(path, "r") as file:
+        _refuse_parts_elsewhere(file)
+        fields = merged_fields(file)
+        if not fields:
+            return [], ""
+        version = _text(file.attrs["gprMax"])
+        title = _text(file.attrs.get("Title", ""))
+        interval = float(np.asarray(file.attrs.get("dt", np.nan)))
     if not (np.isfinite(interval) and interval > 0):
         raise ValueError(f"{path}: dt must be greater than 0, got {interval:g} s")
     # The field of a source along the same axis is the strongest, mostly Ez.
@@ -267,11 +421,15 @@ def explain_merged(path: Path) -> tuple[list[str], str]:
     lines = [
         f"result of gprMax {version}: {title or 'no title'}",
         f"merged B-scan of {traces} traces x {steps} steps of {1e9 * interval:.4g} ns",
-        *(f"{name}: {shape[0]} x {shape[1]}" for name, shape in fields.items()),
-        "a merged file tells neither cells nor places: where the scans were is for the mapping to say",
     ]
-    mapping = [
-        f"# Draft for {path.name}. What ends in a question mark is a guess: check it and take the mark away.",
+    lines += [f"{name}: {shape[0]} x {shape[1]}" for name, shape in fields.items()]
+    lines.append(
+        "a merged file tells neither cells nor places: "
+        "where the scans were is for the mapping to say"
+    )
+    draft = [
+        f"# Draft for {path.name}. "
+        "What ends in a question mark is a guess: check it and take the mark away.",
         f"title = {json.dumps(title or path.stem)}",
         'polarization = ["HH?"]',
         "",
@@ -283,54 +441,69 @@ def explain_merged(path: Path) -> tuple[list[str], str]:
         f'dims = ["sample", "scan"]  # of {steps} x {traces}',
         "",
         "[samples]",
-        f"span = [0.0, {interval * (steps - 1):.9g}]  # of gprMax's own clock: the pulse leaves later",
+        f"span = [0.0, {interval * (steps - 1):.9g}]"
+        "  # of gprMax's own clock: the pulse leaves later",
         'unit = "s"',
         'meaning = "delay?"  # delay, range (one way) or path (there and back)',
         "band = []  # first and last frequency to keep",
         'band_unit = "GHz"',
         "",
         "[antenna_position]  # in the vehicle frame",
-        *(f'{axis} = "0?"' for axis in "xyz"),
+        'x = "0?"',
+        'y = "0?"',
+        'z = "0?"',
         'unit = "m"',
         "",
         "[pose]  # of every scan: of a file beside this one, or by flgpr import mapped --survey",
-        *(f'{axis} = "?"' for axis in "xyz"),
+        'x = "?"',
+        'y = "?"',
+        'z = "?"',
         'unit = "m?"',
         'heading = "0?"',
         'pitch = "0?"',
         'roll = "0?"',
         'angle_unit = "deg"',
     ]
-    return lines, "\n".join(mapping) + "\n"
+    return lines, "\n".join(draft) + "\n"
 
 
 def explain_gprmax(path: Path) -> list[str]:
-    """Tell what a result file holds, a line per fact."""
+    """Return what a result file holds, a line per fact.
+
+    Parameters
+    ----------
+    path : Path
+        A result of gprMax.
+
+    Returns
+    -------
+    list of str
+        The lines.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged.
+    """
     output = read_gprmax(path)
     nanoseconds = 1e9 * output.steps * output.time_step
-    highest = 299_792_458.0 / (10 * output.cell.max())
+    highest = SPEED_OF_LIGHT / (_CELLS_PER_WAVELENGTH * output.cell.max())
+    edges = " x ".join(f"{1000 * edge:g}" for edge in output.cell)
     lines = [
         f"result of gprMax {output.version}: {output.title or 'no title'}",
         f"{output.steps} time steps of {1e12 * output.time_step:.4g} ps, {nanoseconds:.4g} ns",
-        f"cells of {' x '.join(f'{1000 * c:g}' for c in output.cell)} mm, ten per wavelength in air up to "
-        f"{highest / 1e9:.3g} GHz",
-        *(
-            f"source {kind or 'of unknown type'} at {_place(position)}"
-            for kind, position in output.sources
-        ),
+        f"cells of {edges} mm, ten per wavelength in air up to {highest / 1e9:.3g} GHz",
     ]
-    for one in list(output.receivers.values())[:8]:
-        bad = sum(int(np.count_nonzero(~np.isfinite(v))) for v in one.fields.values())
+    for kind, position in output.sources:
+        lines.append(f"source {kind or 'of unknown type'} at {_coordinates(position)}")
+    receivers = list(output.receivers.values())
+    lines += [_receiver_line(receiver) for receiver in receivers[:_MOST_RECEIVERS]]
+    if len(receivers) > _MOST_RECEIVERS:
+        lines.append(f"and {len(receivers) - _MOST_RECEIVERS} more receivers")
+    manifest = path.with_name(MANIFEST)
+    if manifest.is_file():
         lines.append(
-            f"receiver {one.name} at {_place(one.position)}: {', '.join(one.fields)}"
-            + (f", {bad} values not finite" if bad else "")
-        )
-    if len(output.receivers) > 8:
-        lines.append(f"and {len(output.receivers) - 8} more receivers")
-    beside = path.with_name(MANIFEST)
-    if beside.is_file():
-        lines.append(
-            f"{beside.name} beside it: the folder is read by flgpr import gprmax {path.parent}"
+            f"{manifest.name} beside it: the folder is read by flgpr import gprmax {path.parent}"
         )
     else:
         lines.append(
@@ -339,12 +512,41 @@ def explain_gprmax(path: Path) -> list[str]:
     return lines
 
 
-def _place(position: NDArray[np.float64]) -> str:
-    return "(" + ", ".join(f"{v:.3f}" for v in position) + ") m"
+def _receiver_line(receiver: GprmaxReceiver) -> str:
+    """Return in words what a receiver recorded."""
+    bad = sum(int(np.count_nonzero(~np.isfinite(values))) for values in receiver.fields.values())
+    line = (
+        f"receiver {receiver.name} at {_coordinates(receiver.position)}: "
+        f"{', '.join(receiver.fields)}"
+    )
+    return line + (f", {bad} values not finite" if bad else "")
+
+
+def _coordinates(position: NDArray[np.float64]) -> str:
+    """Return a position in words."""
+    return "(" + ", ".join(f"{coordinate:.3f}" for coordinate in position) + ") m"
 
 
 def read_manifest_of_decks(folder: str | Path) -> dict[str, Any]:
-    """Read the manifest, as :class:`flgpr.simulate.Decks` describes it, of a folder of gprMax decks."""
+    """Read the manifest of a folder of gprMax decks.
+
+    Parameters
+    ----------
+    folder : path
+        The folder.
+
+    Returns
+    -------
+    dict of str to Any
+        The manifest, as :class:`flgpr.simulate.Decks` describes it.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such folder.
+    ValueError
+        If the manifest is missing, damaged or of another version.
+    """
     folder = Path(folder)
     if not folder.is_dir():
         raise FileNotFoundError(f"folder of gprMax results not found: {folder}")
@@ -358,7 +560,8 @@ def read_manifest_of_decks(folder: str | Path) -> dict[str, Any]:
             raise ValueError(f"missing: {', '.join(missing)}")
     except FileNotFoundError:
         raise ValueError(
-            f"{folder}: must hold the {MANIFEST} that flgpr simulate --engine gprmax wrote, it does not"
+            f"{folder}: must hold the {MANIFEST} that flgpr simulate --engine gprmax wrote, "
+            "it does not"
         ) from None
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(
@@ -367,25 +570,24 @@ def read_manifest_of_decks(folder: str | Path) -> dict[str, Any]:
     return manifest
 
 
-_NEEDED = (
-    "title",
-    "polarization",
-    "tones",
-    "tx_position",
-    "rx_position",
-    "pose",
-    "time",
-    "waveform",
-    "grid",
-    "runs",
-)
-
-
 class GprmaxRun:
     """The results of a folder of decks, ``manifest.json`` and all results, as the scans of a run.
 
-    A pair's field over the transmitter's current moment, V/m per A·m, its direct wave (from the run of air alone) taken
-    off unless ``keep_direct``, times j, so that a scatterer at path L gives ``exp(-j2πfL/c)`` as everywhere in flgpr.
+    A scan is a pair's field over the transmitter's current moment, V/m per A·m, its direct wave
+    (from the run of air alone) taken off unless ``keep_direct``, times j, so that a scatterer at
+    path L gives ``exp(-j2πfL/c)`` as everywhere in flgpr.
+
+    Parameters
+    ----------
+    folder : path
+        The folder.
+    keep_direct : bool
+        Whether the direct wave stays.
+
+    Raises
+    ------
+    ValueError
+        If the manifest is damaged, or results are missing.
     """
 
     def __init__(self, folder: str | Path, keep_direct: bool = False) -> None:
@@ -393,59 +595,77 @@ class GprmaxRun:
         self.keep_direct = keep_direct
         self.manifest = read_manifest_of_decks(folder)
         tones = self.manifest["tones"]
-        self.frequency = tones["start"] + tones["step"] * np.arange(
-            tones["count"], dtype=np.float64
-        )
-        wanted = {run["file"] for run in self.manifest["runs"]}
+        numbers = np.arange(tones["count"], dtype=np.float64)
+        self.frequency = tones["start"] + tones["step"] * numbers
+        needed = {run["file"] for run in self.manifest["runs"]}
         if not keep_direct:
-            wanted |= {run["free"] for run in self.manifest["runs"]}
-        self._wanted = sorted(wanted)
-        missing = [name for name in self._wanted if self._found(name) is None]
+            needed |= {run["free"] for run in self.manifest["runs"]}
+        self._needed = sorted(needed)
+        missing = [name for name in self._needed if self._result(name) is None]
         if missing:
             raise ValueError(
-                f"{folder}: {len(missing)} of {len(wanted)} results are missing, {missing[0]}{ENDINGS[0]} (or "
-                f"{ENDINGS[1]}) among them: run gprMax on {missing[0]}.in"
+                f"{folder}: {len(missing)} of {len(needed)} results are missing, "
+                f"{missing[0]}{ENDINGS[0]} (or {ENDINGS[1]}) among them: "
+                f"run gprMax on {missing[0]}.in"
             )
-        self._air: dict[
-            str, GprmaxOutput
-        ] = {}  # of the scan before, which is often that of the next
+        # Of the scan before, which is often that of the next.
+        self._air: dict[str, GprmaxOutput] = {}
 
     def __len__(self) -> int:
         return len(self.manifest["pose"])
 
     def scan(self, index: int) -> NDArray[np.complex64]:
-        """Put a scan together: (polarization, pair, frequency) of field over current moment, NaN where not finite."""
+        """Put a scan together.
+
+        Parameters
+        ----------
+        index : int
+            Its number, from 0.
+
+        Returns
+        -------
+        (polarization, pair, frequency) ndarray of complex
+            Field over current moment, NaN where not finite.
+
+        Raises
+        ------
+        ValueError
+            If a result is damaged or does not fit the manifest.
+        """
         labels = self.manifest["polarization"]
         pairs = len(self.manifest["tx_position"])
         signal = np.full((len(labels), pairs, self.frequency.size), np.nan, dtype=np.complex128)
         runs = [run for run in self.manifest["runs"] if run["scan"] == index]
-        self._air = {
-            name: air for name, air in self._air.items() if name in {run["free"] for run in runs}
-        }
+        free = {run["free"] for run in runs}
+        self._air = {name: air for name, air in self._air.items() if name in free}
         for run in runs:
-            scene = read_gprmax(self._found(run["file"]) or "")
+            scene = read_gprmax(self._result(run["file"]) or "")
             air = None if self.keep_direct else self._read_air(run["free"])
             self._check(scene)
             moment = self._moment(scene)
             for pair, receiver in zip(run["pairs"], run["receivers"], strict=True):
                 for row, label in enumerate(labels):
-                    if label[0] == run["transmit"]:
-                        field = self._field(scene, receiver[label[1]])
-                        if air is not None:
-                            field = field - self._field(air, receiver[label[1]])
-                        signal[row, pair] = 1j * field / moment
+                    if label[0] != run["transmit"]:
+                        continue
+                    field = self._field(scene, receiver[label[1]])
+                    if air is not None:
+                        field = field - self._field(air, receiver[label[1]])
+                    signal[row, pair] = 1j * field / moment
         return signal.astype(np.complex64)
 
     def digest(self) -> str:
-        """SHA-256 of the manifest and all results that the scans are made of."""
-        whole = hashlib.sha256(canonical_json(self.manifest))
-        for name in self._wanted:
+        """Return the SHA-256 of the manifest and all results that the scans are made of."""
+        digest = hashlib.sha256(canonical_json(self.manifest))
+        for name in self._needed:
             with Folder(self.folder).open(self._file(name) or name, MOST_CHECKED) as file:
-                whole.update(hashlib.file_digest(file, "sha256").digest())
-        return whole.hexdigest()
+                digest.update(hashlib.file_digest(file, "sha256").digest())
+        return digest.hexdigest()
 
-    def _found(self, name: str) -> Path | None:
-        """Find a result that the manifest names: a regular file in the folder; a link, or one outside, is refused."""
+    def _result(self, name: str) -> Path | None:
+        """Return a result that the manifest names.
+
+        It must be a regular file in the folder; a link, or one outside, is refused.
+        """
         file = self._file(name)
         if file is None:
             return None
@@ -453,35 +673,45 @@ class GprmaxRun:
         return self.folder / file
 
     def _file(self, name: str) -> str | None:
-        names = (f"{name}{end}" for end in ENDINGS)
-        return next((file for file in names if Folder(self.folder).has(file)), None)
+        """Return the name of the file of a result, with its ending."""
+        for ending in ENDINGS:
+            if Folder(self.folder).has(f"{name}{ending}"):
+                return f"{name}{ending}"
+        return None
 
     def _read_air(self, name: str) -> GprmaxOutput:
+        """Read the result of air alone, unless the scan before had the same."""
         if name not in self._air:
-            self._air[name] = read_gprmax(self._found(name) or "")
+            self._air[name] = read_gprmax(self._result(name) or "")
         return self._air[name]
 
     def _check(self, output: GprmaxOutput) -> None:
+        """Refuse a result whose cells or duration are not those of the manifest."""
         grid = self.manifest["grid"]
         if np.abs(output.cell - grid["cell"]).max() > 1e-6 * grid["cell"]:
             raise ValueError(
-                f"{output.path}: cells must be {grid['cell']:g} m as in the manifest, got {output.cell}"
+                f"{output.path}: cells must be {grid['cell']:g} m as in the manifest, "
+                f"got {output.cell}"
             )
-        if output.steps * output.time_step < 0.99 * grid["time_window"]:
+        duration = output.steps * output.time_step
+        if duration < 0.99 * grid["time_window"]:
             raise ValueError(
-                f"{output.path}: must last {grid['time_window']:g} s, got {output.steps * output.time_step:g} s"
+                f"{output.path}: must last {grid['time_window']:g} s, got {duration:g} s"
             )
 
-    def _field(self, output: GprmaxOutput, parts: list[Any]) -> NDArray[np.complex128]:
+    def _field(self, output: GprmaxOutput, terms: list[Any]) -> NDArray[np.complex128]:
+        """Return the weighted sum (frequency,) of components of the field at receivers."""
         total = np.zeros(self.frequency.size, dtype=np.complex128)
-        for name, component, weight in parts:
+        for name, component, weight in terms:
             total += weight * output.spectrum(name, f"E{component}", self.frequency)
         return total
 
     def _moment(self, output: GprmaxOutput) -> NDArray[np.complex128]:
-        """Spectrum of the whole dipole's current moment, A·m per Hz: current, at half steps, times a cell's edge."""
+        """Return the spectrum of the dipole's current moment, A·m per Hz.
+
+        It is the current, at half steps, times a cell's edge.
+        """
         waveform = self.manifest["waveform"]
-        current = output.current(
-            str(waveform["type"]), float(waveform["frequency"]), self.frequency
-        )
+        kind = str(waveform["type"])
+        current = output.current(kind, float(waveform["frequency"]), self.frequency)
         return current * float(output.cell[0])

@@ -15,8 +15,16 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.formats.arrays import LIMIT
-from flgpr.formats.mapping import Mapping, PathOffset, Quantity, Samples, factor, read_mapping
-from flgpr.formats.poses import read_poses, read_way
+from flgpr.formats.mapping import (
+    Mapping,
+    PathOffset,
+    Positions,
+    Quantity,
+    Samples,
+    factor,
+    read_mapping,
+)
+from flgpr.formats.poses import read_poses, read_track_table
 from flgpr.formats.sources import FloatArray, Sources, plausible
 from flgpr.model import SPEED_OF_LIGHT, check_frequency, make_run
 from flgpr.model.phase import lengthen
@@ -28,6 +36,9 @@ if TYPE_CHECKING:
 
 _ORDER = ("scan", "polarization", "pair", "frequency")
 _HIGHEST_FREQUENCY = 1e12
+_PATHS_OF = {"delay": 1.0, "range": 2.0, "path": 1.0}  # what makes an axis of samples two-way
+_LARGEST_MOTION = 1e-4  # m, of antennas in an array that keeps its form
+_UNEVEN = 0.01  # share of a step by which the steps of an axis may differ
 
 
 @dataclass(frozen=True)
@@ -37,9 +48,8 @@ class Imported:
     run: xr.Dataset
     #: the track the poses come from, on its own clock; None if the poses came otherwise
     track: pd.DataFrame | None = None
-    notes: list[str] = field(
-        default_factory=list
-    )  #: what was done to the data on the way, in words
+    #: what was done to the data in the import, in words
+    notes: list[str] = field(default_factory=list)
     #: the anchor that the fixes themselves made, if they were asked to
     anchor: Anchor | None = None
 
@@ -55,76 +65,119 @@ def import_mapped(
     anchor: Anchor | None = None,
     anchor_from_track: bool = False,
 ) -> Imported:
-    """Import measured data by a mapping, see ``docs/exchange.md``; what is missing, damaged or does not fit is named.
+    """Import measured data by a mapping, see ``docs/guide/import-mapping.md``.
 
-    ``data`` are data files in place of the mapping's entry ``files.data``. The mapping's file names are relative to
-    ``folder`` (by default that of the first data file), else to its own. ``limit`` is the largest array to read, bytes.
-    ``pose`` (scan, 6) or ``track``, of the reference point, stand in place of the mapping's, such as from
-    :func:`flgpr.formats.read_survey` or :func:`flgpr.formats.read_nmea`; time on that track is the
-    radar's plus ``clock_offset``, s. ``anchor`` takes positions by longitude and latitude to the
-    lane; with ``anchor_from_track`` they make their own (:func:`flgpr.geo.anchor_from_fixes`).
+    Parameters
+    ----------
+    mapping : path or Mapping
+        The mapping, or its file.
+    data : path or sequence of path, optional
+        Data files in place of the mapping's entry ``files.data``.
+    folder : path, optional
+        Where the files of the mapping are looked for first, by default the folder of the first data
+        file; after it in the mapping's own.
+    limit : int
+        Largest array to read, bytes.
+    pose : (scan, 6) array_like, optional
+        Poses of the reference point in place of the mapping's, m and rad, such as from
+        :func:`flgpr.formats.read_survey`.
+    track : pandas.DataFrame, optional
+        Track of the reference point in place of the mapping's, such as from
+        :func:`flgpr.formats.read_nmea`.
+    clock_offset : float
+        Time on that track is the radar's plus this, s.
+    anchor : Anchor, optional
+        Takes positions by longitude and latitude to the lane.
+    anchor_from_track : bool
+        Whether such positions make their own anchor (:func:`flgpr.geo.anchor_from_fixes`).
+
+    Returns
+    -------
+    Imported
+        The run, and what was done to have it.
+
+    Raises
+    ------
+    ValueError
+        If an entry or a file is damaged or does not fit; the error names both.
+    FileNotFoundError
+        If there is no file of a name.
     """
     table = mapping if isinstance(mapping, Mapping) else read_mapping(mapping)
-    given = [Path(data)] if isinstance(data, (str, Path)) else [Path(one) for one in data or ()]
-    homes = [Path(folder)] if folder is not None else [given[0].parent] if given else []
-    homes.append(Path() if isinstance(mapping, Mapping) else Path(mapping).parent)
-    files = _files(table, homes, given)
+    if isinstance(data, (str, Path)):
+        data_files = [Path(data)]
+    else:
+        data_files = [Path(path) for path in data or ()]
+    folders = []
+    if folder is not None:
+        folders.append(Path(folder))
+    elif data_files:
+        folders.append(data_files[0].parent)
+    folders.append(Path() if isinstance(mapping, Mapping) else Path(mapping).parent)
+    files = _files(table, folders, data_files)
     if pose is not None and track is not None:
         raise ValueError("pose and track both tell where the vehicle was: give one")
-    where = None if pose is None else np.asarray(pose, dtype=np.float64)
+    poses = None if pose is None else np.asarray(pose, dtype=np.float64)
     try:
-        importer = _Importer(table, files, limit, where, track, clock_offset, anchor)
+        importer = _Importer(table, files, limit, poses, track, clock_offset, anchor)
         importer.sources.anchor_from_track = anchor_from_track
         return importer.run()
     except ValueError as error:
-        named = any(str(path) in str(error) for paths in files.values() for path in paths)
-        if named or isinstance(mapping, Mapping):
+        names_a_file = any(str(path) in str(error) for paths in files.values() for path in paths)
+        if names_a_file or isinstance(mapping, Mapping):
             raise
         raise ValueError(f"{mapping}: {error}") from None
 
 
-def _files(mapping: Mapping, homes: list[Path], given: list[Path]) -> dict[str, list[Path]]:
+def _files(mapping: Mapping, folders: list[Path], data_files: list[Path]) -> dict[str, list[Path]]:
+    """Return the files of every name in a mapping; ``data_files`` are those of ``data``."""
     files: dict[str, list[Path]] = {}
     for name, entry in mapping.files.items():
-        if name == "data" and given:
+        if name == "data" and data_files:
             continue
-        paths: list[Path] = []
+        files[name] = []
         for pattern in [entry] if isinstance(entry, str) else entry:
-            plain = not any(mark in pattern for mark in "*?[")
-            tries = (
-                [home / pattern] if plain else sorted(home.glob(pattern), key=_counted)
-                for home in homes
-            )
-            hits = next((hit for hit in tries if any(path.is_file() for path in hit)), None)
-            if hits is None:
-                places = " or ".join(str(home) for home in dict.fromkeys(homes))
-                raise FileNotFoundError(f"files.{name}: no file in {places} is called {pattern}")
-            paths += hits
-        files[name] = paths
-    if given:
-        files["data"] = given
+            files[name] += _files_of(pattern, folders, name)
+    if data_files:
+        files["data"] = data_files
     if not files.get("data"):
         raise ValueError(
-            "files.data must name the data file, or it must be given beside the mapping; got neither"
+            "files.data must name the data file, or it must be given beside the mapping; "
+            "got neither"
         )
     return files
 
 
-def _counted(path: Path) -> list[tuple[int, str]]:
-    """Sort key by which scan_2 comes before scan_10."""
-    return [
-        (int(part), "") if part.isdecimal() else (-1, part)
-        for part in re.split(r"(\d+)", str(path))
-    ]
+def _files_of(pattern: str, folders: list[Path], name: str) -> list[Path]:
+    """Return the files of a pattern in the first folder that holds any."""
+    is_pattern = any(mark in pattern for mark in "*?[")
+    for folder in folders:
+        paths = [folder / pattern]
+        if is_pattern:
+            paths = sorted(folder.glob(pattern), key=_natural_order)
+        if any(path.is_file() for path in paths):
+            return paths
+    searched = " or ".join(str(folder) for folder in dict.fromkeys(folders))
+    raise FileNotFoundError(f"files.{name}: no file in {searched} is called {pattern}")
+
+
+def _natural_order(path: Path) -> list[tuple[int, str]]:
+    """Return a sort key by which scan_2 comes before scan_10."""
+    key = []
+    for token in re.split(r"(\d+)", str(path)):
+        key.append((int(token), "") if token.isdecimal() else (-1, token))
+    return key
 
 
 @dataclass
 class _Importer:
+    """Puts a run together from the files of a mapping, step by step."""
+
     mapping: Mapping
     files: dict[str, list[Path]]
     limit: int
-    given_pose: FloatArray | None
-    given_track: pd.DataFrame | None
+    poses: FloatArray | None  # in place of the mapping's
+    track: pd.DataFrame | None  # in place of the mapping's
     clock_offset: float
     anchor: Anchor | None
 
@@ -133,58 +186,67 @@ class _Importer:
         self.notes = self.sources.notes
 
     def run(self) -> Imported:
-        m = self.mapping
-        signal, shape = self._signal()
-        axis = m.frequency or m.samples
-        with self.sources.entry(
-            "frequency" if m.frequency else "samples", axis.file if axis else None
-        ):
+        """Read all entries and return the run."""
+        mapping = self.mapping
+        signal, sizes = self._signal()
+        axis = mapping.frequency or mapping.samples
+        axis_name = "frequency" if mapping.frequency else "samples"
+        with self.sources.entry(axis_name, axis.file if axis else None):
             signal, tones = self._tones(signal)
         order = np.argsort(tones, kind="stable")
         if (order != np.arange(tones.size)).any():
             signal = signal[..., order]
             tones = tones[order]
             self.notes.append("tones sorted by frequency")
-        tx, rx, origin = self._geometry(shape, signal.shape)
-        if m.path_offset is not None:
-            with self.sources.entry("path_offset", m.path_offset.file):
-                signal = lengthen(signal, tones, self._offset(m.path_offset, signal.shape))
+        tx, rx, origin = self._geometry(sizes, signal.shape)
+        if mapping.path_offset is not None:
+            with self.sources.entry("path_offset", mapping.path_offset.file):
+                signal = lengthen(signal, tones, self._offset(mapping.path_offset, signal.shape))
             self.notes.append("path offsets of the recorder undone")
-        time = None if m.time is None else self._time(m.time, signal.shape[0])
+        time = None
+        if mapping.time is not None:
+            time = self._time(mapping.time, signal.shape[0])
         pose, track = self._poses(time, origin, signal.shape[0])
         self._note_missing(signal)
-        attrs: dict[str, Any] = {"title": m.title, "source": m.source, "import_notes": self.notes}
-        with faults_of(self.files[m.signal.file][0]):
-            run = make_run(signal, tones, m.polarization, tx, rx, pose, time, attrs)
+        attrs: dict[str, Any] = {
+            "title": mapping.title,
+            "source": mapping.source,
+            "import_notes": self.notes,
+        }
+        with faults_of(self.files[mapping.signal.file][0]):
+            run = make_run(signal, tones, mapping.polarization, tx, rx, pose, time, attrs)
         return Imported(run, track, self.notes, self.sources.anchor)
 
     def _note_missing(self, signal: NDArray[Any]) -> None:
-        """Count the sweeps of a signal (scan, polarization, pair, tone) that are not whole."""
+        """Count the sweeps of a signal (scan, polarization, pair, tone) that are incomplete."""
         missing = int(np.count_nonzero(~np.isfinite(signal).all(axis=-1)))
         if missing:
             self.notes.append(
-                f"{missing} of {signal[..., 0].size} sweeps hold values that are no numbers, and count as missing"
+                f"{missing} of {signal[..., 0].size} sweeps hold values that are no numbers, "
+                "and count as missing"
             )
 
     def _signal(self) -> tuple[NDArray[Any], dict[str, int]]:
+        """Return the signal in a run's order, and the lengths of the axes that it has."""
         spec = self.mapping.signal
         with self.sources.entry("signal", spec.file):
-            parts = self.sources.arrays(spec.file, spec.variable, "signal")
+            blocks = self.sources.arrays(spec.file, spec.variable, "signal")
             if spec.imaginary is not None:
-                other = self.sources.arrays(spec.file, spec.imaginary, "signal.imaginary")
-                _same_shape(parts, other, "signal.imaginary")
-                parts = [a + 1j * b for a, b in zip(parts, other, strict=True)]
+                imaginary = self.sources.arrays(spec.file, spec.imaginary, "signal.imaginary")
+                _same_shape(blocks, imaginary, "signal.imaginary")
+                blocks = [a + 1j * b for a, b in zip(blocks, imaginary, strict=True)]
             if spec.interleaved:
-                parts = [_complex(part) for part in parts]
+                blocks = [_complex(block) for block in blocks]
             dims = list(spec.dims)
             if spec.shape is not None:
-                parts = [_shaped(part, spec.shape) for part in parts]
-            for part in parts:
-                if part.ndim != len(dims):
+                blocks = [_shaped(block, spec.shape) for block in blocks]
+            for block in blocks:
+                if block.ndim != len(dims):
                     raise ValueError(
-                        f"signal.dims must name the {part.ndim} axes of shape {part.shape}, got {dims}"
+                        f"signal.dims must name the {block.ndim} axes of shape {block.shape}, "
+                        f"got {dims}"
                     )
-            signal = self._joined(parts, dims)
+            signal = self._joined(blocks, dims)
             if self.mapping.join.startswith("new"):
                 dims = [self.mapping.join.split()[1], *dims]
             plausible(signal, "signal")
@@ -194,8 +256,8 @@ class _Importer:
         self, signal: NDArray[Any], dims: list[str]
     ) -> tuple[NDArray[Any], dict[str, int]]:
         """Bring the axes into a run's order; scan axes of a raster become one."""
-        single = tuple(k for k, name in enumerate(dims) if name == "single")
-        if any(signal.shape[k] != 1 for k in single):
+        single = tuple(axis for axis, name in enumerate(dims) if name == "single")
+        if any(signal.shape[axis] != 1 for axis in single):
             raise ValueError(
                 f"signal.dims: an axis called single must have length 1, got shape {signal.shape}"
             )
@@ -205,44 +267,49 @@ class _Importer:
             signal = signal.conj()
             self.notes.append("phases turned round (the recorder's convention is exp(+j2πfL/c))")
         names = ("scan", "polarization", "pair", "tx", "rx", "frequency")
-        order = [k for name in names for k, dim in enumerate(dims) if dim == name]
+        order: list[int] = []
+        for name in names:
+            order += [axis for axis, dim in enumerate(dims) if dim == name]
         signal = signal.transpose(order)
-        self.sources.grid = grid = signal.shape[: dims.count("scan")]
+        grid = signal.shape[: dims.count("scan")]
+        self.sources.grid = grid
         if len(grid) > 1:
             self.notes.append(
                 f"{' x '.join(map(str, grid))} positions made {math.prod(grid)} scans"
             )
             signal = signal.reshape(-1, *signal.shape[len(grid) :])
-        wanted = [name for name in names if name in dims]
-        shape = dict(zip(wanted, signal.shape, strict=True))
-        if "tx" in shape:
-            shape["pair"] = shape["tx"] * shape["rx"]
-        return signal.reshape([shape.get(name, 1) for name in _ORDER]), shape
+        known = [name for name in names if name in dims]
+        sizes = dict(zip(known, signal.shape, strict=True))
+        if "tx" in sizes:
+            sizes["pair"] = sizes["tx"] * sizes["rx"]
+        return signal.reshape([sizes.get(name, 1) for name in _ORDER]), sizes
 
-    def _joined(self, parts: list[NDArray[Any]], dims: list[str]) -> NDArray[Any]:
+    def _joined(self, blocks: list[NDArray[Any]], dims: list[str]) -> NDArray[Any]:
+        """Return the signals of several files as one array."""
         join = self.mapping.join
         if join.startswith("new"):
             if join.split()[1] in dims:
                 raise ValueError(
                     f"join = {join!r} makes that dimension, signal.dims must not hold it: {dims}"
                 )
-            _same_shape(parts[:1] * len(parts), parts, "signal")
-            return np.stack(parts)
-        if len(parts) == 1:
-            return parts[0]
+            _same_shape(blocks[:1] * len(blocks), blocks, "signal")
+            return np.stack(blocks)
+        if len(blocks) == 1:
+            return blocks[0]
         if join not in dims:
             raise ValueError(
-                f"join must be one of signal.dims {dims} to join {len(parts)} files, got {join!r}"
+                f"join must be one of signal.dims {dims} to join {len(blocks)} files, got {join!r}"
             )
         axis = dims.index(join)
-        shapes = {tuple(np.delete(part.shape, axis)) for part in parts}
+        shapes = {tuple(np.delete(block.shape, axis)) for block in blocks}
         if len(shapes) > 1:
             raise ValueError(
                 f"signal must have the same axes in all files but for {join}, got shapes {shapes}"
             )
-        return np.concatenate(parts, axis=axis)
+        return np.concatenate(blocks, axis=axis)
 
     def _time(self, spec: Quantity, scans: int) -> FloatArray:
+        """Return the radar's time of every scan (scan,), s."""
         time = self.sources.vector(spec, "time", "time", "scan", scans)
         if time.size != scans:
             with self.sources.entry("time", spec.file):
@@ -252,26 +319,13 @@ class _Importer:
         return time
 
     def _tones(self, signal: NDArray[Any]) -> tuple[NDArray[Any], FloatArray]:
-        m = self.mapping
+        """Return the signal over frequency, and its tones (frequency,), Hz."""
         count = signal.shape[-1]
-        if m.frequency is not None:
-            tones = self.sources.vector(m.frequency, "frequency", "frequency", count=count)
-            if tones.size != count:
-                raise ValueError(
-                    f"frequency must have {count} tones as the signal has, got {tones.size}"
-                )
-            check_frequency(np.sort(tones))
-            if tones.max() > _HIGHEST_FREQUENCY:
-                raise ValueError(
-                    f"frequency must be below {_HIGHEST_FREQUENCY:g} Hz, got {tones.max():g}: unit right?"
-                )
-            return signal, tones
-        spec: Samples = m.samples  # type: ignore[assignment]  # Mapping sees to it
+        if self.mapping.frequency is not None:
+            return signal, self._stated_tones(self.mapping.frequency, count)
+        spec: Samples = self.mapping.samples  # type: ignore[assignment]  # Mapping sees to it
         kind = "time" if spec.meaning == "delay" else "length"
-        axis = (
-            self.sources.vector(spec, kind, "samples", count=count)
-            * {"delay": 1.0, "range": 2.0, "path": 1.0}[spec.meaning]
-        )
+        axis = self.sources.vector(spec, kind, "samples", count=count) * _PATHS_OF[spec.meaning]
         delay = axis if spec.meaning == "delay" else axis / SPEED_OF_LIGHT
         scale = factor(spec.band_unit, "frequency", "samples.band_unit")
         band = (spec.band[0] * scale, spec.band[1] * scale)
@@ -280,54 +334,79 @@ class _Importer:
         )
         return impulse_to_frequency(signal, delay, band, spec.pad)
 
+    def _stated_tones(self, spec: Quantity, count: int) -> FloatArray:
+        """Return the tones that the files state, Hz."""
+        tones = self.sources.vector(spec, "frequency", "frequency", count=count)
+        if tones.size != count:
+            raise ValueError(
+                f"frequency must have {count} tones as the signal has, got {tones.size}"
+            )
+        check_frequency(np.sort(tones))
+        if tones.max() > _HIGHEST_FREQUENCY:
+            raise ValueError(
+                f"frequency must be below {_HIGHEST_FREQUENCY:g} Hz, got {tones.max():g}: "
+                "unit right?"
+            )
+        return tones
+
     def _geometry(
         self, sizes: dict[str, int], shape: tuple[int, ...]
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        m = self.mapping
+        """Return antenna positions (pair, 3) of transmitters and receivers, m, and an origin.
+
+        The origin (scan, 3) of the vehicle frame is that of positions in the lane frame, else None.
+        """
         pairs = shape[2]
-        if m.antenna_position is not None:
-            spec_tx = spec_rx = m.antenna_position
-            names = ("antenna_position", "antenna_position")
-        else:
-            # Mapping sees to it that both are there.
-            spec_tx = m.tx_position  # type: ignore[assignment]
-            spec_rx = m.rx_position  # type: ignore[assignment]
-            names = ("tx_position", "rx_position")
-        tx, rx = (
-            self.sources.points(spec, name, "scan" if spec.frame == "lane" else "pair")
-            for spec, name in ((spec_tx, names[0]), (spec_rx, names[1]))
-        )
-        if "lane" in (spec_tx.frame, spec_rx.frame):
+        (tx_name, tx_spec), (rx_name, rx_spec) = self._antenna_entries()
+        tx = self.sources.points(tx_spec, tx_name, "scan" if tx_spec.frame == "lane" else "pair")
+        rx = self.sources.points(rx_spec, rx_name, "scan" if rx_spec.frame == "lane" else "pair")
+        in_lane = "lane" in (tx_spec.frame, rx_spec.frame)
+        if in_lane and pairs == 1:
             # Positions per scan of a single antenna need no axis for it.
-            tx, rx = (part[:, None] if part.ndim == 2 and pairs == 1 else part for part in (tx, rx))
+            tx = tx[:, None] if tx.ndim == 2 else tx
+            rx = rx[:, None] if rx.ndim == 2 else rx
         if "tx" in sizes:
-            rows = tx.shape[-2], rx.shape[-2]
-            for name, count, side, spec in zip(
-                names, rows, ("tx", "rx"), (spec_tx, spec_rx), strict=True
-            ):
-                if count != sizes[side]:
-                    with self.sources.entry(name, spec.file):
-                        raise ValueError(
-                            f"{name} must give {sizes[side]} antennas as the signal has, got {count}"
-                        )
-            tx = np.repeat(tx, rows[1], axis=-2)
-            rx = np.concatenate([rx] * rows[0], axis=-2)
+            self._check_count(tx_name, tx_spec, tx.shape[-2], sizes["tx"])
+            self._check_count(rx_name, rx_spec, rx.shape[-2], sizes["rx"])
+            transmitters = tx.shape[-2]
+            tx = np.repeat(tx, rx.shape[-2], axis=-2)
+            rx = np.concatenate([rx] * transmitters, axis=-2)
         origin = None
-        if "lane" in (spec_tx.frame, spec_rx.frame):
-            with self.sources.entry(names[0], spec_tx.file):
+        if in_lane:
+            with self.sources.entry(tx_name, tx_spec.file):
                 tx, rx, origin = _rigid(tx, rx, shape[0])
-        for name, points, spec in zip(names, (tx, rx), (spec_tx, spec_rx), strict=True):
+        for name, points, spec in ((tx_name, tx, tx_spec), (rx_name, rx, rx_spec)):
             if points.shape != (pairs, 3):
                 with self.sources.entry(name, spec.file):
                     raise ValueError(
-                        f"{name} must give x, y, z of {pairs} pairs as the signal has, got {points.shape}"
+                        f"{name} must give x, y, z of {pairs} pairs as the signal has, "
+                        f"got {points.shape}"
                     )
         return tx, rx, origin
 
+    def _antenna_entries(self) -> tuple[tuple[str, Positions], tuple[str, Positions]]:
+        """Return names and tables of the positions of transmitters and of receivers."""
+        mapping = self.mapping
+        if mapping.antenna_position is not None:
+            both = ("antenna_position", mapping.antenna_position)
+            return both, both
+        # Mapping sees to it that both are there.
+        tx: Positions = mapping.tx_position  # type: ignore[assignment]
+        rx: Positions = mapping.rx_position  # type: ignore[assignment]
+        return ("tx_position", tx), ("rx_position", rx)
+
+    def _check_count(self, name: str, spec: Positions, count: int, wanted: int) -> None:
+        """Refuse positions that are not as many as the signal has antennas."""
+        if count != wanted:
+            with self.sources.entry(name, spec.file):
+                raise ValueError(
+                    f"{name} must give {wanted} antennas as the signal has, got {count}"
+                )
+
     def _offset(self, spec: PathOffset, shape: tuple[int, ...]) -> FloatArray:
-        values = self.sources.vector(spec, "length", "path_offset", spec.along) * (
-            2.0 if spec.meaning == "range" else 1.0
-        )
+        """Return the path, m, that the recorder subtracted, for (scan, polarization, pair)."""
+        scale = 2.0 if spec.meaning == "range" else 1.0
+        values = self.sources.vector(spec, "length", "path_offset", spec.along) * scale
         count = shape[0] if spec.along == "scan" else shape[2]
         if values.size not in (1, count) or not np.isfinite(values).all():
             raise ValueError(
@@ -338,36 +417,39 @@ class _Importer:
     def _poses(
         self, time: FloatArray | None, origin: FloatArray | None, scans: int
     ) -> tuple[FloatArray, pd.DataFrame | None]:
-        m = self.mapping
-        if self.given_pose is not None:
+        """Return the poses (scan, 6), and the track they come from, if they come from one."""
+        mapping = self.mapping
+        if self.poses is not None:
             self.notes.append("poses given beside the mapping")
-            return self.given_pose, None
-        if self.given_track is not None:
+            return self.poses, None
+        if self.track is not None:
             if time is None:
                 raise ValueError(
-                    "the mapping must have the table time, the radar's time of every scan, to use a track"
+                    "the mapping must have the table time, the radar's time of every scan, "
+                    "to use a track"
                 )
-            self.notes += self.given_track.attrs.get("notes", [])
+            self.notes += self.track.attrs.get("notes", [])
             self.notes.append(
-                f"poses from a track given beside the mapping, at {self.clock_offset:g} s + radar time"
+                "poses from a track given beside the mapping, "
+                f"at {self.clock_offset:g} s + radar time"
             )
-            return poses_at(self.given_track, time, self.clock_offset), self.given_track
-        if m.pose is not None:
-            return read_poses(self.sources, m.pose, scans, self.anchor), None
-        if m.track is not None and time is not None:
-            track = read_way(self.sources, m.track, self.anchor)
-            spec = m.track
+            return poses_at(self.track, time, self.clock_offset), self.track
+        if mapping.pose is not None:
+            return read_poses(self.sources, mapping.pose, scans, self.anchor), None
+        if mapping.track is not None and time is not None:
+            track = read_track_table(self.sources, mapping.track, self.anchor)
+            spec = mapping.track
             self.notes.append(
-                f"poses from the track at {spec.clock_offset:g} s + {spec.clock_rate:g} · radar time"
+                f"poses from the track at {spec.clock_offset:g} s "
+                f"+ {spec.clock_rate:g} · radar time"
             )
             with self.sources.entry("track", spec.time.file):
-                return poses_at(
-                    track, time, spec.clock_offset, spec.clock_rate, spec.max_gap
-                ), track
+                pose = poses_at(track, time, spec.clock_offset, spec.clock_rate, spec.max_gap)
+            return pose, track
         if origin is None:
             raise ValueError(
-                "where the vehicle was is missing: give pose, or track, or positions with frame = 'lane' in the "
-                "mapping, or poses beside it"
+                "where the vehicle was is missing: give pose, or track, or positions with "
+                "frame = 'lane' in the mapping, or poses beside it"
             )
         pose = np.zeros((scans, 6))
         pose[:, :3] = origin
@@ -375,6 +457,7 @@ class _Importer:
 
 
 def _same_shape(first: list[NDArray[Any]], second: list[NDArray[Any]], where: str) -> None:
+    """Refuse arrays whose shapes differ."""
     for a, b in zip(first, second, strict=True):
         if a.shape != b.shape:
             raise ValueError(
@@ -383,19 +466,18 @@ def _same_shape(first: list[NDArray[Any]], second: list[NDArray[Any]], where: st
 
 
 def _complex(values: NDArray[Any]) -> NDArray[Any]:
+    """Return complex numbers of real and imaginary parts that alternate along the last axis."""
     if np.iscomplexobj(values) or not values.ndim or values.shape[-1] % 2:
         raise ValueError(
             f"signal.interleaved asks for pairs of real numbers, got {values.dtype} {values.shape}"
         )
-    parts = values.astype(
-        np.float32 if values.dtype.itemsize <= 2 or values.dtype == np.float32 else np.float64
-    )
-    return np.ascontiguousarray(parts).view(
-        np.complex64 if parts.dtype == np.float32 else np.complex128
-    )
+    fits_single = values.dtype.itemsize <= 2 or values.dtype == np.float32
+    numbers = np.ascontiguousarray(values.astype(np.float32 if fits_single else np.float64))
+    return numbers.view(np.complex64 if fits_single else np.complex128)
 
 
 def _shaped(values: NDArray[Any], shape: list[int]) -> NDArray[Any]:
+    """Return values in another shape."""
     try:
         return values.reshape(shape)
     except ValueError:
@@ -405,19 +487,25 @@ def _shaped(values: NDArray[Any], shape: list[int]) -> NDArray[Any]:
 
 
 def _rigid(tx: FloatArray, rx: FloatArray, scans: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return positions in the vehicle frame of an array that keeps its form and heading.
+
+    ``tx`` and ``rx`` (scan, pair, 3) are in the lane frame. The origin (scan, 3) is the mean of the
+    transmitters.
+    """
     if tx.ndim != 3 or rx.ndim != 3 or len(tx) != scans or len(rx) != scans:
         raise ValueError(
-            f"positions in the lane frame must have the shape (scan, pair, 3) for {scans} scans, got {tx.shape} and "
-            f"{rx.shape}"
+            f"positions in the lane frame must have the shape (scan, pair, 3) for {scans} scans, "
+            f"got {tx.shape} and {rx.shape}"
         )
     origin = tx.mean(axis=1)
     tx = tx - origin[:, None]
     rx = rx - origin[:, None]
-    moved = max(float(np.abs(part - part[0]).max()) for part in (tx, rx))
-    if not moved <= 1e-4:
+    moved = max(float(np.abs(points - points[0]).max()) for points in (tx, rx))
+    if not moved <= _LARGEST_MOTION:
         raise ValueError(
-            f"positions in the lane frame must keep their form and heading from scan to scan within 0.1 mm, they move "
-            f"by {moved:g} m; give pose and positions in the vehicle frame instead"
+            "positions in the lane frame must keep their form and heading from scan to scan "
+            f"within 0.1 mm, they move by {moved:g} m; give pose and positions in the vehicle "
+            "frame instead"
         )
     return tx[0], rx[0], origin
 
@@ -425,11 +513,33 @@ def _rigid(tx: FloatArray, rx: FloatArray, scans: int) -> tuple[FloatArray, Floa
 def impulse_to_frequency(
     samples: ArrayLike, delay: ArrayLike, band: tuple[float, float], pad: int = 1
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """Take time-domain (impulse) data (..., delay) to tones: the spectrum (..., frequency), and the frequencies, Hz.
+    """Transform time-domain (impulse) data to tones.
 
-    A scatterer at the delay t gives ``exp(-j2πft)`` times the pulse's spectrum, since the axis keeps its start. Samples
-    are real or analytic; two-way delays, s, are uniform; ``band``, Hz, ends below the Nyquist frequency. Outside the
-    recorded time of ``1/Δf`` delays repeat; zeros make the record ``pad`` times as long and the tones denser.
+    A scatterer at the delay t gives ``exp(-j2πft)`` times the pulse's spectrum, since the axis
+    keeps its start. Outside the recorded time of ``1/Δf`` delays repeat.
+
+    Parameters
+    ----------
+    samples : (..., delay) array_like
+        Real or analytic signals.
+    delay : (delay,) array_like
+        Two-way delays in equal steps, s.
+    band : tuple of float
+        First and last frequency to keep, Hz; it ends below the Nyquist frequency.
+    pad : int
+        Zeros make the record so many times as long, and the tones denser.
+
+    Returns
+    -------
+    spectrum : (..., frequency) ndarray of complex
+        The spectrum.
+    frequency : (frequency,) ndarray
+        Its tones, Hz.
+
+    Raises
+    ------
+    ValueError
+        If the delays are uneven or do not fit the samples, or the band does not fit them.
     """
     values = np.asarray(samples)
     axis = np.asarray(delay, dtype=np.float64)
@@ -437,8 +547,9 @@ def impulse_to_frequency(
         raise ValueError(
             f"delay must have one value per sample, got {axis.shape} for samples {values.shape}"
         )
-    step = float(np.diff(axis).mean())
-    if not np.isfinite(axis).all() or step <= 0 or np.abs(np.diff(axis) - step).max() > 0.01 * step:
+    steps = np.diff(axis)
+    step = float(steps.mean())
+    if not np.isfinite(axis).all() or step <= 0 or np.abs(steps - step).max() > _UNEVEN * step:
         raise ValueError(
             "delay must increase in equal steps (within 1 %), got an uneven or falling axis"
         )
@@ -451,8 +562,9 @@ def impulse_to_frequency(
         raise ValueError(f"pad must be at least 1, got {pad}")
     count = axis.size * int(pad)
     frequency: NDArray[np.float64] = np.arange((count + 1) // 2) / (count * step)
-    keep = np.flatnonzero((frequency >= band[0]) & (frequency <= band[1]))
-    if not keep.size:
+    in_band = np.flatnonzero((frequency >= band[0]) & (frequency <= band[1]))
+    if not in_band.size:
         raise ValueError(f"band must hold a tone; tones are {frequency[1]:g} Hz apart, got {band}")
-    signal = np.fft.fft(values, count, axis=-1)[..., keep]
-    return signal * np.exp(-2j * np.pi * frequency[keep] * axis[0]), frequency[keep]
+    tones = frequency[in_band]
+    spectrum = np.fft.fft(values, count, axis=-1)[..., in_band]
+    return spectrum * np.exp(-2j * np.pi * tones * axis[0]), tones

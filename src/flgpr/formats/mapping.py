@@ -1,4 +1,7 @@
-"""The mapping: a small TOML that says which variable of a file is what, and in which unit. Nothing is guessed."""
+"""The mapping: a small TOML that states which variable of a file is what, and in which unit.
+
+Nothing is guessed.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,12 @@ from flgpr.model.units import UNITS
 from flgpr.store.files import existing
 
 DIMS = ("scan", "polarization", "pair", "tx", "rx", "frequency", "sample", "single")
+"""What an axis of the signal can be."""
 
 
 class _Table(BaseModel):
+    """A table of a mapping: unknown entries are an error."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
@@ -26,9 +32,8 @@ class Variable(_Table):
     file: str | None = None  #: where it lies; by default where its table says
     variable: str
     column: int | None = None  #: column of a two-dimensional variable, from 0
-    axis: Annotated[int, Field(ge=0)] | None = (
-        None  #: scan axis that its values run along, from 0, in a raster of scans
-    )
+    #: scan axis that its values run along, from 0, in a raster of scans
+    axis: Annotated[int, Field(ge=0)] | None = None
 
 
 Entry = float | str | Variable
@@ -62,13 +67,18 @@ class Quantity(_Table):
 
     @model_validator(mode="after")
     def _one_source(self) -> Quantity:
-        if sum(source is not None for source in (self.variable, self.values, self.span)) != 1:
+        sources = (self.variable, self.values, self.span)
+        if sum(source is not None for source in sources) != 1:
             raise ValueError("give one of: variable, values or span")
         return self
 
 
 class Positions(_Table):
-    """Positions: one variable (..., 3), or (..., 2) with z beside it, or an entry per axis, or values written here."""
+    """Positions of antennas or of the vehicle.
+
+    They are one variable (..., 3), or (..., 2) with z beside it, or an entry per axis, or values
+    written here.
+    """
 
     file: str = "data"
     variable: str | None = None  #: where they lie
@@ -78,19 +88,21 @@ class Positions(_Table):
     values: list[list[float]] | None = None  #: positions written here
     unit: str  #: unit of length
     index: Index | None = None  #: if the positions list antennas: which of them each pair uses
-    #: "vehicle": fixed to the vehicle. "lane": positions per scan in the lane frame of an array that keeps its form and
-    #: heading; poses follow from them
+    #: "vehicle": fixed to the vehicle. "lane": positions per scan in the lane frame of an array
+    #: that keeps its form and heading; poses follow from them
     frame: Literal["vehicle", "lane"] = "vehicle"
 
     @model_validator(mode="after")
     def _one_source(self) -> Positions:
         axes = [axis is not None for axis in (self.x, self.y, self.z)]
-        beside = axes == [False, False, True] and self.variable is not None
-        if sum((self.variable is not None, self.values is not None, all(axes))) != 1 or any(
-            axes
-        ) != (all(axes) or beside):
+        has_variable = self.variable is not None
+        forms = sum((has_variable, self.values is not None, all(axes)))
+        z_completes_variable = axes == [False, False, True] and has_variable
+        axes_have_a_use = any(axes) == (all(axes) or z_completes_variable)
+        if forms != 1 or not axes_have_a_use:
             raise ValueError(
-                "give one of: variable (with z, if it has x and y alone), values, or all of x, y and z"
+                "give one of: variable (with z, if it has x and y alone), values, "
+                "or all of x, y and z"
             )
         return self
 
@@ -102,30 +114,33 @@ class Signal(_Table):
     #: variable, imaginary: the array, and the one with its imaginary part if that is apart
     variable: str
     imaginary: str | None = None
-    #: what each of its axes is: scan (more than once for a raster, whose scans then follow in C order), polarization,
-    #: pair (or tx and rx), frequency (or sample for impulse data); "single" for an axis of length one that is nothing
+    #: what each of its axes is: scan (more than once for a raster, whose scans then follow in C
+    #: order), polarization, pair (or tx and rx), frequency (or sample for impulse data); "single"
+    #: for an axis of length one that is nothing
     dims: list[str]
     #: True where real and imaginary parts alternate along the variable's last axis
     interleaved: bool = False
-    #: shape that the values of a file, complex if they are interleaved, are brought to in C order; -1 is what is left
+    #: shape that the values of a file, complex if they are interleaved, are brought to in C order;
+    #: -1 is what is left
     shape: list[int] | None = None
     conjugate: bool = False  #: True where the recorder's phase is exp(+j2πfL/c)
 
     @model_validator(mode="after")
     def _known_dims(self) -> Signal:
         unknown = [name for name in self.dims if name not in DIMS]
-        plain = [name for name in self.dims if name not in ("single", "scan")]
-        if unknown or len(set(plain)) != len(plain):
+        not_repeatable = [name for name in self.dims if name not in ("single", "scan")]
+        if unknown or len(set(not_repeatable)) != len(not_repeatable):
             raise ValueError(
-                f"dims must be of {', '.join(DIMS)}, none but scan and single twice, got {self.dims}"
+                f"dims must be of {', '.join(DIMS)}, none but scan and single twice, "
+                f"got {self.dims}"
             )
         if self.interleaved and self.imaginary is not None:
             raise ValueError("give either imaginary or interleaved")
         if ("frequency" in self.dims) == ("sample" in self.dims):
             raise ValueError(f"dims must hold either frequency or sample, got {self.dims}")
-        if ("tx" in self.dims) != ("rx" in self.dims) or (
-            "tx" in self.dims and "pair" in self.dims
-        ):
+        one_of_two = ("tx" in self.dims) != ("rx" in self.dims)
+        pairs_twice = "tx" in self.dims and "pair" in self.dims
+        if one_of_two or pairs_twice:
             raise ValueError(f"dims must hold pair, or tx and rx together, got {self.dims}")
         return self
 
@@ -141,7 +156,7 @@ class Samples(Quantity):
 
 
 class PathOffset(Quantity):
-    """What was subtracted from every path by the recorder, such as the distance of a scene centre."""
+    """What the recorder subtracted from every path, such as the distance of a scene centre."""
 
     meaning: Literal["range", "path"]  #: one-way range (doubled) or total path
     along: Literal["scan", "pair"] = "pair"  #: what several values belong to
@@ -164,7 +179,7 @@ class Orientation(_Table):
     file: str = "data"
     #: quaternions (..., 4) x, y, z, w, or with ``euler`` angles (..., 3)
     variable: str | None = None
-    #: the quaternions' parts one by one
+    #: the quaternions' components one by one
     x: Entry | None = None
     y: Entry | None = None
     z: Entry | None = None
@@ -176,17 +191,19 @@ class Orientation(_Table):
 
     @model_validator(mode="after")
     def _one_source(self) -> Orientation:
-        parts = [part is not None for part in (self.x, self.y, self.z, self.w)]
-        if any(parts) != all(parts) or all(parts) == (self.variable is not None):
+        components = [entry is not None for entry in (self.x, self.y, self.z, self.w)]
+        has_variable = self.variable is not None
+        is_incomplete = any(components) != all(components)
+        if is_incomplete or all(components) == has_variable:
             raise ValueError("give either variable, or all of x, y, z and w")
-        if (self.euler is None) != (self.unit is None) or (
-            self.euler is not None and self.variable is None
-        ):
+        has_order = self.euler is not None
+        has_unit = self.unit is not None
+        if has_order != has_unit or (has_order and not has_variable):
             raise ValueError("Euler angles are told by variable, euler and unit together")
         return self
 
 
-class _Way(_Table):
+class _VehiclePlace(_Table):
     """Where the vehicle was: a place and an attitude, each in one of several forms."""
 
     #: in the lane frame; a variable (..., 6) holds heading, pitch, roll, too
@@ -199,28 +216,25 @@ class _Way(_Table):
     roll: Entry | None = None
     angle_unit: str | None = None
     orientation: Orientation | None = None  #: in place of heading, pitch and roll
-    axes: Axes = (
-        "x",
-        "y",
-        "z",
-    )  #: which axes of the file are the lane's x, y and z, for positions and orientation
+    #: which axes of the file are the lane's x, y and z, for positions and orientation
+    axes: Axes = ("x", "y", "z")
 
     @model_validator(mode="after")
-    def _whole_attitude(self) -> _Way:
+    def _complete_attitude(self) -> _VehiclePlace:
         missing = [name for name in ("heading", "pitch", "roll") if getattr(self, name) is None]
         if self.orientation is not None:
             if len(missing) < 3:
                 raise ValueError("give either orientation, or heading, pitch and roll")
             return self
-        columns = self.position is not None and self.position.variable is not None
-        if missing and not (columns and len(missing) == 3):
+        may_be_columns = self.position is not None and self.position.variable is not None
+        if missing and not (may_be_columns and len(missing) == 3):
             raise ValueError(f"{missing[0]} is missing")
         if self.angle_unit is None:
             raise ValueError("angle_unit is missing")
         return self
 
 
-class Poses(_Way):
+class Poses(_VehiclePlace):
     """Pose of every scan: position or geodetic, or x, y and z here; and an attitude."""
 
     file: str = "data"
@@ -230,31 +244,28 @@ class Poses(_Way):
     unit: str | None = None  #: of x, y, z
 
     @model_validator(mode="after")
-    def _whole_place(self) -> Poses:
-        place = {name: getattr(self, name) for name in ("x", "y", "z", "unit")}
-        if (self.position is not None) + (self.geodetic is not None) + any(
-            v is not None for v in place.values()
-        ) > 1:
+    def _one_place(self) -> Poses:
+        coordinates = ("x", "y", "z", "unit")
+        missing = [name for name in coordinates if getattr(self, name) is None]
+        has_coordinates = len(missing) < len(coordinates)
+        forms = (self.position is not None, self.geodetic is not None, has_coordinates)
+        if sum(forms) > 1:
             raise ValueError("give one of position, geodetic, or x, y, z and unit")
-        missing = [name for name, value in place.items() if value is None]
         if self.position is None and self.geodetic is None and missing:
             raise ValueError(f"{missing[0]} is missing")
         return self
 
 
-class TrackTable(_Way):
+class TrackTable(_VehiclePlace):
     """Positions on another clock than the radar's."""
 
     time: Quantity  #: time of each fix
-    #: clock_offset, clock_rate: time on the track's clock is ``clock_offset + clock_rate·(radar's time)``; see
-    #: :mod:`flgpr.calibrate`
+    #: clock_offset, clock_rate: time on the track's clock is
+    #: ``clock_offset + clock_rate·(radar's time)``; see :mod:`flgpr.calibrate`
     clock_offset: float
     clock_rate: float = 1.0
-    lever_arm: tuple[float, float, float] = (
-        0.0,
-        0.0,
-        0.0,
-    )  #: the positioning antenna in the vehicle frame, m
+    #: the positioning antenna in the vehicle frame, m
+    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     latency: float = 0.0  #: how late the time stamps are, s
     max_gap: Annotated[float, Field(gt=0)] = (
         1.0  #: longest gap between fixes to interpolate over, s
@@ -268,15 +279,15 @@ class TrackTable(_Way):
 
 
 class Mapping(_Table):
-    """A whole mapping."""
+    """A mapping: what the files of a measurement hold, and where the vehicle was."""
 
-    title: str  #: kept with the run
-    source: str = ""  #: kept with the run
-    #: name -> path relative to the mapping's folder; ``data`` is what the command line names, if it names files. A list
-    #: or a pattern is read file by file and joined
+    title: str  #: an attribute of the run
+    source: str = ""  #: an attribute of the run
+    #: name -> path relative to the mapping's folder; ``data`` is what the command line names, if it
+    #: names files. A list or a pattern is read file by file and joined
     files: dict[str, str | list[str]] = {}
-    #: dimension along which several files continue ("scan" or "pair"), or "new pair" and "new scan" where each file is
-    #: one of them
+    #: dimension along which several files continue ("scan" or "pair"), or "new pair" and "new scan"
+    #: where each file is one of them
     join: Literal["scan", "pair", "new scan", "new pair"] = "scan"
     polarization: list[str]  #: labels in the order of the data
     signal: Signal
@@ -292,59 +303,63 @@ class Mapping(_Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _checked(cls, entries: Any) -> Any:
-        """Refuse the question marks of a draft, all told at once."""
-        told = entries if isinstance(entries, dict) else {}
-        guesses = dict(
-            _guesses(
-                {
-                    name: one
-                    for name, one in told.items()
-                    if name not in ("title", "source", "files")
-                }
-            )
-        )
+    def _refuse_guesses(cls, entries: Any) -> Any:
+        """Refuse the question marks of a draft, all in one error."""
+        guesses: dict[str, str] = {}
+        if isinstance(entries, dict):
+            for name, entry in entries.items():
+                if name not in ("title", "source", "files"):
+                    guesses.update(_guesses(entry, str(name)))
         if guesses:
             (first, value), *others = guesses.items()
             more = f" (and so are {', '.join(name for name, _ in others)})" if others else ""
             raise ValueError(
-                f"{first} is still a guess, got {value!r}{more}: check it and take the question mark away"
+                f"{first} is still a guess, got {value!r}{more}: "
+                "check it and take the question mark away"
             )
         return entries
 
     @model_validator(mode="after")
-    def _whole(self) -> Mapping:
-        both = self.tx_position is not None and self.rx_position is not None
-        if (self.antenna_position is not None) == both or (self.tx_position is None) != (
-            self.rx_position is None
-        ):
+    def _consistent(self) -> Mapping:
+        """Refuse tables that contradict one another, or are missing."""
+        self._check_geometry()
+        self._check_axis()
+        positions = (self.antenna_position, self.tx_position)
+        in_lane = any(entry is not None and entry.frame == "lane" for entry in positions)
+        if sum((self.pose is not None, self.track is not None, in_lane)) > 1:
             raise ValueError(
-                "the geometry is missing or double: give antenna_position (one antenna sends and receives), or "
-                "tx_position and rx_position"
-            )
-        wanted, other = (
-            ("frequency", "samples")
-            if "frequency" in self.signal.dims
-            else ("samples", "frequency")
-        )
-        if getattr(self, wanted) is None or getattr(self, other) is not None:
-            raise ValueError(f"signal.dims asks for the table {wanted} and no table {other}")
-        lane = [
-            p is not None and p.frame == "lane" for p in (self.antenna_position, self.tx_position)
-        ]
-        if sum((self.pose is not None, self.track is not None, any(lane))) > 1:
-            raise ValueError(
-                "the vehicle's place is told twice: give one of pose, track, or positions with frame = 'lane'"
+                "the vehicle's place is told twice: give one of pose, track, "
+                "or positions with frame = 'lane'"
             )
         if self.track is not None and self.time is None:
             raise ValueError("track asks for the table time, the radar's time of every scan")
         return self
 
+    def _check_geometry(self) -> None:
+        """Refuse positions of antennas that are missing, or there twice."""
+        has_tx = self.tx_position is not None
+        has_rx = self.rx_position is not None
+        has_antenna = self.antenna_position is not None
+        if has_tx != has_rx or has_antenna == (has_tx and has_rx):
+            raise ValueError(
+                "the geometry is missing or double: give antenna_position (one antenna sends and "
+                "receives), or tx_position and rx_position"
+            )
 
-def _guesses(entries: Any, where: str = "") -> Iterator[tuple[str, str]]:
+    def _check_axis(self) -> None:
+        """Refuse a table of tones or samples that the axes of the signal do not ask for."""
+        wanted, other = "samples", "frequency"
+        if "frequency" in self.signal.dims:
+            wanted, other = other, wanted
+        if getattr(self, wanted) is None or getattr(self, other) is not None:
+            raise ValueError(f"signal.dims asks for the table {wanted} and no table {other}")
+
+
+def _guesses(entries: Any, where: str) -> Iterator[tuple[str, str]]:
+    """Yield the names and values of entries that end in a question mark."""
     if isinstance(entries, dict):
         for name, value in entries.items():
-            yield from _guesses(value, f"{where}.{name}" if where else str(name))
+            yield from _guesses(value, f"{where}.{name}")
     elif isinstance(entries, list):
         for value in entries:
             yield from _guesses(value, where)
@@ -353,7 +368,27 @@ def _guesses(entries: Any, where: str = "") -> Iterator[tuple[str, str]]:
 
 
 def factor(unit: str | None, kind: str, where: str) -> float:
-    """Look up what to multiply a unit by for SI units; an unknown one is an error."""
+    """Return what to multiply values by to have them in SI units.
+
+    Parameters
+    ----------
+    unit : str or None
+        The unit, such as "ns".
+    kind : str
+        Its kind, such as "time".
+    where : str
+        Name of the entry in an error.
+
+    Returns
+    -------
+    float
+        The factor.
+
+    Raises
+    ------
+    ValueError
+        If the unit is missing, or none of its kind.
+    """
     if unit is None:
         raise ValueError(f"{where} is missing")
     if unit not in UNITS[kind]:
@@ -362,10 +397,28 @@ def factor(unit: str | None, kind: str, where: str) -> float:
 
 
 def parse_mapping(text: str | bytes, name: str = "mapping") -> Mapping:
-    """Parse a mapping, TOML; an entry that is missing, unknown or against a rule is an error that names it."""
+    """Return the mapping that a TOML text holds.
+
+    Parameters
+    ----------
+    text : str or bytes
+        The text.
+    name : str
+        What to call it in an error.
+
+    Returns
+    -------
+    Mapping
+        The mapping.
+
+    Raises
+    ------
+    ValueError
+        If an entry is missing, unknown or against a rule; the error names it.
+    """
     return parse_entries(Mapping, text, name)
 
 
 def read_mapping(path: str | Path) -> Mapping:
-    """Read a mapping from a TOML file; what :func:`parse_mapping` refuses is a ValueError."""
+    """Read a mapping from a TOML file; see :func:`parse_mapping`."""
     return parse_mapping(read_named(existing(path, "mapping")), str(path))

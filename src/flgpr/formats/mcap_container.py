@@ -1,7 +1,8 @@
-"""The container of MCAP recordings: the records that can be read, in their order, and what is damaged.
+"""The container of MCAP recordings: the records that can be read, in their order, and the damage.
 
-The layout is that of https://mcap.dev/spec. A damaged chunk costs its own messages alone; the indexes behind it tell
-how many these are. What lies behind the place at which a file is cut off is lost.
+The layout is that of https://mcap.dev/spec. A damaged chunk costs its own messages alone; the
+indexes behind it state how many these are. What lies behind the point at which a file is cut off is
+lost.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 from flgpr.door import check_expansion, open_named
 from flgpr.store.extras import MissingExtraError, optional
@@ -29,15 +30,21 @@ _MAGIC = b"\x89MCAP0\r\n"
 _RECORD_HEAD = 9  # bytes: kind and length
 _FOOTER_BODY = struct.Struct("<QQI")  # where the summary and its offsets begin, and a checksum
 _INDEX_HEAD = struct.Struct("<HI")  # channel, and bytes of the entries
-_INDEX_ENTRY = 16  # bytes: time and place of a message
+_INDEX_ENTRY = 16  # bytes: time and offset of a message
 _CHANNEL_OF_MESSAGE = struct.Struct("<H")
 _WINDOW = 2**27  # largest window of zstd, bytes
-_Place = tuple[int, int, int]
-"""Kind of a record in a chunk, and where its content begins and stops."""
 
 
 class TooLargeError(ValueError):
     """A record or a chunk takes more memory than it may."""
+
+
+class _Span(NamedTuple):
+    """A record in a chunk: its kind, and where its content begins and stops."""
+
+    kind: int
+    begin: int
+    stop: int
 
 
 @dataclass
@@ -61,10 +68,15 @@ class _DamagedChunk:
 
 
 class McapContainer:
-    """The records of an MCAP file; ``damage`` tells what of them was left out on the last way through.
+    """The records of an MCAP file.
 
-    Records and chunks of more than ``limit`` bytes are a :class:`TooLargeError`; a file that does not begin as MCAP
-    is a ValueError.
+    Records and chunks of more than ``limit`` bytes are a :class:`TooLargeError`; a file that does
+    not begin as MCAP is a ValueError.
+
+    Attributes
+    ----------
+    damage : ContainerDamage
+        What was left out when the records were last read.
     """
 
     def __init__(self, path: Path, limit: int) -> None:
@@ -73,7 +85,7 @@ class McapContainer:
         self.damage = ContainerDamage()
 
     def records(self) -> Iterator[tuple[int, bytes]]:
-        """Go through schemas, channels and messages up to the end of the data: kind and content."""
+        """Yield kind and content of schemas, channels and messages up to the end of the data."""
         self.damage = ContainerDamage()
         with open_named(self.path) as file:
             end = file.seek(0, 2)
@@ -85,16 +97,16 @@ class McapContainer:
                 if kind == _MESSAGE_INDEX and damaged is not None and size <= self.limit:
                     self._count_lost(file.read(size), damaged)
                 elif kind == _CHUNK:
-                    data, places, damaged = self._chunk(self._content(file, size))
-                    for record, begin, stop in places:
-                        yield record, data[begin:stop]
+                    data, spans, damaged = self._chunk(self._content(file, size))
+                    for span in spans:
+                        yield span.kind, data[span.begin : span.stop]
                 elif kind in (SCHEMA, CHANNEL, MESSAGE):
                     yield kind, self._content(file, size)
                 else:
                     file.seek(size, 1)
 
     def summary(self) -> Iterator[tuple[int, bytes]]:
-        """Go through the schemas and channels that the summary behind the data repeats, if there is one."""
+        """Yield the schemas and channels that the summary behind the data repeats, if any."""
         with open_named(self.path) as file:
             end = file.seek(0, 2)
             file.seek(_summary_start(file, end))
@@ -107,7 +119,7 @@ class McapContainer:
                     file.seek(size, 1)
 
     def _heads_of_data(self, file: BinaryIO, end: int) -> Iterator[tuple[int, int]]:
-        """Go through the kinds and lengths of the records of the data, or to where they are cut off."""
+        """Yield the kinds and lengths of the records of the data, or to where they are cut off."""
         for kind, size in _record_heads(file, end):
             if kind == _DATA_END:
                 return
@@ -116,37 +128,41 @@ class McapContainer:
         self._note_reason(f"it is cut off after {end} bytes, before the end of its data")
 
     def _content(self, file: BinaryIO, size: int) -> bytes:
+        """Read the content of a record of a size that is checked first."""
         if size > self.limit:
             raise TooLargeError(
                 f"a record must have at most {self.limit / 1e9:g} GB, got {size / 1e9:.3g} GB"
             )
         return file.read(size)
 
-    def _chunk(self, content: bytes) -> tuple[bytes, list[_Place], _DamagedChunk | None]:
-        """Return what a chunk holds, where its records lie, and what is left to be counted of it if it is damaged."""
+    def _chunk(self, content: bytes) -> tuple[bytes, list[_Span], _DamagedChunk | None]:
+        """Return what a chunk holds, where its records lie, and what is to be counted if damaged.
+
+        A chunk that is not damaged has nothing to be counted: None.
+        """
         self.damage.chunks += 1
         data = b""
-        places: list[_Place] = []
+        spans: list[_Span] = []
         try:
             data = self._unpacked(content)
-            places, fault = _places_in(data)
+            spans, fault = _spans_in(data)
         except (MissingExtraError, TooLargeError):
             raise
         except Exception as error:  # whatever a library raises on what is damaged
             fault = " ".join(str(error).split())[:160] or type(error).__name__
         if not fault:
-            return data, places, None
+            return data, spans, None
         self._note_reason(fault)
         self.damage.damaged_chunks += 1
-        self.damage.uncounted_chunks += 1  # until an index tells
+        self.damage.uncounted_chunks += 1  # until an index states them
         read: Counter[int] = Counter()
-        for kind, begin, stop in places:
+        for kind, begin, stop in spans:
             if kind == MESSAGE and stop - begin >= _CHANNEL_OF_MESSAGE.size:
                 read[_CHANNEL_OF_MESSAGE.unpack_from(data, begin)[0]] += 1
-        return data, places, _DamagedChunk(read)
+        return data, spans, _DamagedChunk(read)
 
     def _count_lost(self, index: bytes, chunk: _DamagedChunk) -> None:
-        """Count the messages of a damaged chunk that an index tells, less those that were read of it."""
+        """Count the messages of a damaged chunk that an index states, less those that were read."""
         if len(index) < _INDEX_HEAD.size:
             return
         channel, size = _INDEX_HEAD.unpack_from(index)
@@ -158,10 +174,11 @@ class McapContainer:
         self.damage.messages[channel] += max(size // _INDEX_ENTRY - chunk.read[channel], 0)
 
     def _note_reason(self, reason: str) -> None:
+        """Remember the reason of the first damage."""
         self.damage.reason = self.damage.reason or reason
 
     def _unpacked(self, content: bytes) -> bytes:
-        """Return the records of a chunk as they were before they were packed; damage is an error of any kind."""
+        """Return the records of a chunk, unpacked; damage is an error of any kind."""
         stream = optional("mcap.data_stream", "bags").ReadDataStream(BytesIO(content))
         chunk = optional("mcap.records", "bags").Chunk.read(stream)
         size = chunk.uncompressed_size
@@ -196,23 +213,30 @@ def _decompressed(chunk: Any, size: int) -> bytes:
     )
 
 
-def _places_in(data: bytes) -> tuple[list[_Place], str]:
-    """Return where the records of a chunk lie, up to one that goes beyond its end, and what is wrong with that one."""
-    places: list[_Place] = []
-    at = 0
-    while at < len(data):
-        begin = at + _RECORD_HEAD
-        stop = begin + int.from_bytes(data[at + 1 : begin], "little")
+def _spans_in(data: bytes) -> tuple[list[_Span], str]:
+    """Return where the records of a chunk lie, and what is wrong with the first that does not fit.
+
+    Records behind one that goes beyond the end of the chunk are not looked for.
+    """
+    spans: list[_Span] = []
+    position = 0
+    while position < len(data):
+        kind = data[position]
+        begin = position + _RECORD_HEAD
+        stop = begin + int.from_bytes(data[position + 1 : begin], "little")
         if stop > len(data):
-            return places, "a record goes beyond the end of its chunk"
-        if data[at] in (SCHEMA, CHANNEL, MESSAGE):
-            places.append((data[at], begin, stop))
-        at = stop
-    return places, ""
+            return spans, "a record goes beyond the end of its chunk"
+        if kind in (SCHEMA, CHANNEL, MESSAGE):
+            spans.append(_Span(kind, begin, stop))
+        position = stop
+    return spans, ""
 
 
 def _record_heads(file: BinaryIO, end: int) -> Iterator[tuple[int, int]]:
-    """Go through the kinds and lengths of records up to one that is cut off; who asks goes past their content."""
+    """Yield the kinds and lengths of records up to one that is cut off.
+
+    The caller moves the file past the content of each.
+    """
     while True:
         head = file.read(_RECORD_HEAD)
         size = int.from_bytes(head[1:], "little")
@@ -222,17 +246,15 @@ def _record_heads(file: BinaryIO, end: int) -> Iterator[tuple[int, int]]:
 
 
 def _summary_start(file: BinaryIO, end: int) -> int:
-    """Return where the summary begins, as the footer tells; the file's end if there is none."""
+    """Return where the summary begins by the footer; the file's end if there is none."""
     length = _RECORD_HEAD + _FOOTER_BODY.size
     begin = end - len(_MAGIC) - length
     if begin < len(_MAGIC):
         return end
     file.seek(begin)
     footer = file.read(length)
-    if (
-        footer[0] != _FOOTER
-        or int.from_bytes(footer[1:_RECORD_HEAD], "little") != _FOOTER_BODY.size
-    ):
+    body_size = int.from_bytes(footer[1:_RECORD_HEAD], "little")
+    if footer[0] != _FOOTER or body_size != _FOOTER_BODY.size:
         return end
     start: int = _FOOTER_BODY.unpack_from(footer, _RECORD_HEAD)[0]
     return start if len(_MAGIC) <= start < begin else end

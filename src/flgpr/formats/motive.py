@@ -17,42 +17,62 @@ _HEAD = 20  # lines among which the columns must be named
 
 
 def is_motive(path: Path) -> bool:
-    """Whether a file begins as a take does."""
+    """Return whether a file begins as a take does."""
     with path.open("rb") as file:
-        return (
-            file.read(64).removeprefix(b"\xef\xbb\xbf").lstrip(b'"').startswith(b"Format Version")
-        )
+        head = file.read(64)
+    return head.removeprefix(b"\xef\xbb\xbf").lstrip(b'"').startswith(b"Format Version")
 
 
 def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], list[str]]:
-    """Read a take as named arrays, their units and what its header tells in words.
+    """Read a take as named arrays.
 
-    There are ``frame`` and ``time``, and for every rigid body, marker or bone ``NAME/position`` (frame, 3) and
-    ``NAME/rotation``: quaternions (frame, 4) x, y, z, w or Euler angles (frame, 3), deg, in the order that the header
-    names. Where the body was not seen they are NaN.
+    There are ``frame`` and ``time``, and for every rigid body, marker or bone ``NAME/position``
+    (frame, 3) and ``NAME/rotation``: quaternions (frame, 4) x, y, z, w or Euler angles (frame, 3),
+    deg, in the order that the header names. They are NaN where the body was not seen.
+
+    Parameters
+    ----------
+    path : Path
+        The take.
+
+    Returns
+    -------
+    arrays : dict of str to ndarray
+        The arrays by name.
+    units : dict of str to str
+        Their units.
+    about : list of str
+        What the header states, a line each.
+
+    Raises
+    ------
+    ValueError
+        If the header names no columns, or there are no frames or no positions.
     """
     import pandas as pd
 
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         head = list(csv.reader(islice(file, _HEAD)))
-    about = dict(zip(head[0][::2], head[0][1::2], strict=False))
-    start = next((k for k, row in enumerate(head) if row[:1] == ["Frame"] and len(row) > 2), None)
-    if start is None or start < 3:
-        raise ValueError(
-            "a take must name its columns, Frame, Time (Seconds), X, ..., in its first lines"
-        )
-    names = {row[1].strip(): row for row in head[1:start] if len(row) > 2}
-    if "Type" not in names or "Name" not in names:
+    properties = dict(zip(head[0][::2], head[0][1::2], strict=False))
+    start = _column_row(head)
+    labels = {row[1].strip(): row for row in head[1:start] if len(row) > 2}
+    if "Type" not in labels or "Name" not in labels:
         raise ValueError("a take must have lines of Type and Name over its columns")
-    unit = _UNITS.get(about.get("Length Units", "").strip().lower(), "")
-    spin = about.get("Rotation Type", "").strip()
-    columns = _columns(names["Type"], names["Name"], head[start - 1], head[start], spin.lower())
+    length_unit = _UNITS.get(properties.get("Length Units", "").strip().lower(), "")
+    rotation_type = properties.get("Rotation Type", "").strip()
+    columns = _columns(
+        labels["Type"], labels["Name"], head[start - 1], head[start], rotation_type.lower()
+    )
     with path.open("rb") as file, warnings.catch_warnings():
         warnings.simplefilter("error")  # of lines longer than the first, which it would shorten
         table = pd.read_csv(
-            file, header=None, skiprows=start + 1, names=list(map(str, range(len(head[start])))), index_col=False,
+            file,
+            header=None,
+            skiprows=start + 1,
+            names=list(map(str, range(len(head[start])))),
+            index_col=False,
             dtype=np.float64,
-        )  # fmt: skip
+        )
     values = table.to_numpy()
     if not len(values):
         raise ValueError("a take must hold frames, got none")
@@ -60,33 +80,54 @@ def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], li
     units = {"time": "s"}
     for name, order in columns.items():
         arrays[name] = values[:, order]
-        units[name] = unit if name.endswith("/position") else "deg" if len(order) == 3 else ""
-    rate = about.get("Export Frame Rate", "?")
-    told = (
-        f"{len(values)} frames at {rate} Hz, rotations as {spin or '?'}, lengths in {unit or '?'}"
+        if name.endswith("/position"):
+            units[name] = length_unit
+        else:
+            units[name] = "deg" if len(order) == 3 else ""
+    rate = properties.get("Export Frame Rate", "?")
+    about = (
+        f"{len(values)} frames at {rate} Hz, rotations as {rotation_type or '?'}, "
+        f"lengths in {length_unit or '?'}"
     )
-    return arrays, units, [told]
+    return arrays, units, [about]
+
+
+def _column_row(head: list[list[str]]) -> int:
+    """Return the number of the row that names the columns."""
+    for number, row in enumerate(head):
+        if row[:1] == ["Frame"] and len(row) > 2:
+            if number >= 3:
+                return number
+            break
+    raise ValueError(
+        "a take must name its columns, Frame, Time (Seconds), X, ..., in its first lines"
+    )
 
 
 def _columns(
     types: list[str], bodies: list[str], groups: list[str], axes: list[str], euler: str
 ) -> dict[str, list[int]]:
-    """Columns of every body's position and rotation, in the order x, y, z and w or of the Euler angles."""
-    found: dict[str, dict[str, int]] = {}
-    width = min(map(len, (types, bodies, groups, axes)))
+    """Return the columns of every body's position and rotation.
+
+    They are in the order x, y, z and w, or in that of the Euler angles.
+    """
+    columns_of: dict[str, dict[str, int]] = {}
+    width = min(len(row) for row in (types, bodies, groups, axes))
     for kind in _KINDS:  # a rigid body goes before a marker of its name
-        for k in range(2, width):
-            group = groups[k].strip().lower()
-            if types[k].strip() == kind and group in ("position", "rotation"):
-                found.setdefault(f"{bodies[k].strip()}/{group}", {}).setdefault(
-                    axes[k].strip().lower(), k
-                )
-    whole = {}
-    for name, order in found.items():
-        turned = "xyzw" if "w" in order else euler
-        wanted = turned if name.endswith("/rotation") else "xyz"
-        if wanted and all(axis in order for axis in wanted):
-            whole[name] = [order[axis] for axis in wanted]
-    if not whole:
+        for column in range(2, width):
+            group = groups[column].strip().lower()
+            if types[column].strip() != kind or group not in ("position", "rotation"):
+                continue
+            name = f"{bodies[column].strip()}/{group}"
+            axis = axes[column].strip().lower()
+            columns_of.setdefault(name, {}).setdefault(axis, column)
+    complete = {}
+    for name, column_of in columns_of.items():
+        order = "xyz"
+        if name.endswith("/rotation"):
+            order = "xyzw" if "w" in column_of else euler
+        if order and all(axis in column_of for axis in order):
+            complete[name] = [column_of[axis] for axis in order]
+    if not complete:
         raise ValueError("a take must hold positions of rigid bodies or markers, got none")
-    return whole
+    return complete

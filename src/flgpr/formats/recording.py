@@ -1,7 +1,8 @@
-"""Recordings of vehicles: MCAP files, with messages of ROS 2 (CDR) or JSON, as arrays stacked over the messages.
+"""Recordings of vehicles: MCAP files, with messages of ROS 2 (CDR) or JSON, as arrays.
 
-Whatever a file declares is checked against what it holds before memory is taken for it. What is damaged is left out and
-counted: a message, or a chunk with the messages in it (:mod:`flgpr.formats.mcap_container`).
+Arrays are stacked over the messages. Whatever a file declares is checked against what it holds
+before memory is taken for it. What is damaged is left out and counted: a message, or a chunk with
+the messages in it (:mod:`flgpr.formats.mcap_container`).
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +25,16 @@ from flgpr.store.extras import optional
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log and publish time in ns
 _LARGEST_JSON = 64 * 2**20  # bytes of a message; it takes many times that when it is read
 _DAMAGED = object()
-"""What stands for a message that cannot be read."""
+"""Content of a message that cannot be read."""
 _STAMPS = ({"sec", "nanosec"}, {"sec", "nsec"})
+_LOG_TIME = "@log_time"
+_PUBLISH_TIME = "@publish_time"
 _RECOVER = "mcap recover makes a file of what is there"
 
 
 @dataclass
 class _Series:
-    """Messages that are stacked: those of a topic, or a topic's transforms of one frame to another."""
+    """Messages that are stacked: of a topic, or a topic's transforms of one frame to another."""
 
     name: str
     kind: str
@@ -43,6 +46,19 @@ class _Series:
     known: bool = False  # whether one was read
     damaged: int = 0  # messages that cannot be read, of those looked at
     fault: str = ""
+
+    def all_fields(self) -> dict[str, Any]:
+        """Return the fields of a message, the recorder's two times before them."""
+        return {_LOG_TIME: np.float64(), _PUBLISH_TIME: np.float64(), **self.fields}
+
+
+class _Message(NamedTuple):
+    """A message, or one transform of it."""
+
+    series: str
+    content: Any  # _DAMAGED, or None where it is not needed
+    log_time: int  # ns
+    publish_time: int  # ns
 
 
 class _Declarations:
@@ -58,7 +74,7 @@ class _Declarations:
         self._stream = optional("mcap.data_stream", "bags").ReadDataStream
 
     def add(self, kind: int, content: bytes) -> None:
-        """Take a record of a schema or a channel; one that is damaged is counted."""
+        """Add a schema or a channel; a record that is damaged is counted."""
         reader = self._records.Schema if kind == SCHEMA else self._records.Channel
         try:
             declared = reader.read(self._stream(BytesIO(content)))
@@ -70,14 +86,22 @@ class _Declarations:
 
 
 class Recording:
-    """An MCAP file: ``arrays`` are (name, shape, type, unit) of all it holds, ``lines`` tell its topics.
+    """An MCAP file as arrays over its messages.
 
-    What is damaged is left out: a message, or a chunk and all in it. ``notes`` count them, messages
-    among those read so far. A file of which nothing can be read is a ValueError.
+    Every numeric field of a topic is an array over its messages, ``TOPIC/field.of.field``; a field
+    of numbers alone, such as a position or a quaternion, is one (message, n) besides. Stamps are
+    seconds; ``TOPIC@log_time`` and ``TOPIC@publish_time`` are the recorder's. Transforms are
+    ``TOPIC/FRAME>CHILD/...``.
 
-    Every numeric field of a topic is an array over its messages, ``TOPIC/field.of.field``; a field of numbers alone,
-    such as a position or a quaternion, is one (message, n) besides. Stamps are seconds; ``TOPIC@log_time`` and
-    ``TOPIC@publish_time`` are the recorder's. Transforms are ``TOPIC/FRAME>CHILD/...``.
+    What is damaged is left out: a message, or a chunk and all in it. A file of which nothing can be
+    read is a ValueError.
+
+    Attributes
+    ----------
+    arrays : list of tuple
+        Name, shape, type and unit of every array.
+    notes : list of str
+        Counts of what is damaged; of messages, among those read so far.
     """
 
     def __init__(self, path: Path, limit: int, notes: list[str] | None = None) -> None:
@@ -85,12 +109,12 @@ class Recording:
         self.limit = limit
         self._container = McapContainer(path, limit)
         self._series: dict[str, _Series] = {}
-        self._lost: dict[str, _Series] = {}  # topics of transforms, whose messages may be damaged
+        self._transforms: dict[str, _Series] = {}  # their topics, whose messages may be damaged
         self._columns: dict[str, NDArray[Any]] = {}
-        self._places: dict[str, tuple[str, str]] = {}
+        self._field_of: dict[str, tuple[str, str]] = {}  # series and field of an array
         self._declared = _Declarations()
         self._undeclared = 0  # messages of channels that nothing declares
-        self._short = 0  # messages without a whole head
+        self._short = 0  # messages whose head is cut off
         self.arrays: list[tuple[str, tuple[int, ...], str, str]] = []
         self.notes = [] if notes is None else notes
         self._count()
@@ -98,117 +122,113 @@ class Recording:
     @property
     def lines(self) -> list[str]:
         """What it holds, a line per topic."""
-        told = []
-        for one in self._series.values():
-            span = f" over {(one.last - one.first) / 1e9:.6g} s" if one.count > 1 else ""
-            tables = [
-                f"{name}."
-                for name, value in one.fields.items()
-                if f"{name}.x" in one.fields and np.ndim(value)
-            ]
-            shapes = ", ".join(
-                f"{name} {'x'.join(map(str, np.shape(value)))}".strip()
-                for name, value in one.fields.items()
-                if not name.startswith(tuple(tables))
-            )
-            what = shapes if one.known else one.fault
-            told.append(
-                f"{one.name}: {one.count} {one.kind or one.encoding}{span}; {what or 'no numbers'}"
-            )
-        return told or ["no messages"]
+        lines = [_line_of(series) for series in self._series.values()]
+        return lines or ["no messages"]
 
     def read(self, name: str) -> NDArray[Any]:
-        """Stack one field over all messages of its series; one that is missing or of another length is a ValueError."""
+        """Stack one field over all messages of its series.
+
+        A field that is missing in a message, or of another length, is a ValueError.
+        """
         if name not in self._columns:
-            self._columns = {}  # one series at a time is kept
-            self._stack(*self._places[name])
+            self._columns = {}  # only one series at a time, to bound the memory
+            self._stack(*self._field_of[name])
         return self._columns[name]
 
-    def _stack(self, series: str, wanted: str) -> None:
-        one = self._series[series]
-        fields = {"@log_time": np.float64(), "@publish_time": np.float64(), **one.fields}
-        size = one.count * sum(np.asarray(value).nbytes for value in fields.values())
+    def _stack(self, name: str, wanted: str) -> None:
+        """Stack the fields of a series; where all are too large, the ``wanted`` one alone."""
+        series = self._series[name]
+        fields = series.all_fields()
+        size = series.count * sum(np.asarray(value).nbytes for value in fields.values())
         if size > self.limit:
-            fields = {
-                name: value for name, value in fields.items() if name in (wanted, "@log_time")
-            }
-        columns = {
-            name: np.empty((one.count, *np.shape(value)), np.asarray(value).dtype)
-            for name, value in fields.items()
-        }
+            fields = {label: fields[label] for label in fields if label in (wanted, _LOG_TIME)}
+        columns = {}
+        for label, value in fields.items():
+            shape = (series.count, *np.shape(value))
+            columns[label] = np.empty(shape, np.asarray(value).dtype)
         row = 0
-        damaged = one.damaged
-        one.damaged = 0
-        for topic, told, log, publish in self._messages({series}):
-            if topic != series or told is _DAMAGED:
+        damaged_before = series.damaged
+        series.damaged = 0
+        for message in self._messages({name}):
+            if message.series != name or message.content is _DAMAGED:
                 continue
-            flat = _flat(told) | {
-                "@log_time": np.float64(log / 1e9),
-                "@publish_time": np.float64(publish / 1e9),
-            }
-            for name in list(columns):
-                value = flat.get(name)
-                if (
-                    value is not None
-                    and not isinstance(value, str)
-                    and np.shape(value) == columns[name].shape[1:]
-                ):
-                    columns[name][row] = value
-                elif name not in (wanted, "@log_time"):
-                    del columns[name]  # told when it is asked for
+            values = _flat(message.content)
+            values[_LOG_TIME] = np.float64(message.log_time / 1e9)
+            values[_PUBLISH_TIME] = np.float64(message.publish_time / 1e9)
+            for label in list(columns):
+                value = values.get(label)
+                shape = columns[label].shape[1:]
+                if _fits(value, shape):
+                    columns[label][row] = value
+                elif label not in (wanted, _LOG_TIME):
+                    del columns[label]  # an error when it is asked for
                 else:
                     got = "none" if value is None else f"shape {np.shape(value)}"
                     raise ValueError(
-                        f"{series}: {name} must have the shape {columns[name].shape[1:]} in all messages, got {got} in "
-                        f"message {row}"
+                        f"{name}: {label} must have the shape {shape} in all messages, "
+                        f"got {got} in message {row}"
                     )
             row += 1
         if not row:
-            raise ValueError(f"{series}: none of its {one.count} messages can be read: {one.fault}")
-        if one.damaged and one.damaged != damaged:
-            self._note_damage(one)
-        one.damaged = max(one.damaged, damaged)
+            raise ValueError(
+                f"{name}: none of its {series.count} messages can be read: {series.fault}"
+            )
+        if series.damaged and series.damaged != damaged_before:
+            self._note_damage(series)
+        series.damaged = max(series.damaged, damaged_before)
         # Messages are mostly in order, but several writers may share a file.
-        order = np.argsort(columns["@log_time"][:row], kind="stable")
-        self._columns = {
-            _joined(series, name): column[:row][order] for name, column in columns.items()
-        }
+        order = np.argsort(columns[_LOG_TIME][:row], kind="stable")
+        self._columns = {}
+        for label, column in columns.items():
+            self._columns[_array_name(name, label)] = column[:row][order]
 
-    def _note_damage(self, one: _Series) -> None:
+    def _note_damage(self, series: _Series) -> None:
+        """Add a note of the damaged messages of a series."""
         self.notes.append(
-            f"{one.name}: {one.damaged} of {one.count} messages are damaged and left out ({one.fault})"
+            f"{series.name}: {series.damaged} of {series.count} messages are damaged "
+            f"and left out ({series.fault})"
         )
 
     def _count(self) -> None:
-        for name, told, log, _ in self._messages(None):
-            one = self._series[name]
-            one.first, one.last = (
-                (min(one.first, log), max(one.last, log)) if one.count else (log, log)
-            )
-            if told is not None and told is not _DAMAGED and not one.known:
-                one.fields = {
-                    key: value for key, value in _flat(told).items() if not isinstance(value, str)
-                }
-                one.known = True
-            one.count += 1
+        """Go through the file once: count messages, and find the fields of every series."""
+        for message in self._messages(None):
+            series = self._series[message.series]
+            if series.count:
+                series.first = min(series.first, message.log_time)
+                series.last = max(series.last, message.log_time)
+            else:
+                series.first = message.log_time
+                series.last = message.log_time
+            can_be_read = message.content is not None and message.content is not _DAMAGED
+            if can_be_read and not series.known:
+                for label, value in _flat(message.content).items():
+                    if not isinstance(value, str):
+                        series.fields[label] = value
+                series.known = True
+            series.count += 1
         self._note_container()
-        for one in (*self._series.values(), *self._lost.values()):
-            if one.damaged:
-                self._note_damage(one)
-        for one in self._series.values():
-            for name, value in {
-                "@log_time": np.float64(),
-                "@publish_time": np.float64(),
-                **one.fields,
-            }.items():
-                values = np.asarray(value)
-                whole = _joined(one.name, name)
-                self._places[whole] = one.name, name
-                unit = "s" if name.startswith("@") or name.split(".")[-1] == "stamp" else ""
-                self.arrays.append((whole, (one.count, *values.shape), str(values.dtype), unit))
+        for series in (*self._series.values(), *self._transforms.values()):
+            if series.damaged:
+                self._note_damage(series)
+        for series in self._series.values():
+            self._list_arrays(series)
 
-    def _messages(self, wanted: set[str] | None) -> Iterator[tuple[str, Any, int, int]]:
-        """Go through all messages: series, what it says (None where that is not needed), log and publish time, ns."""
+    def _list_arrays(self, series: _Series) -> None:
+        """Add the arrays of a series to ``arrays``."""
+        for label, value in series.all_fields().items():
+            values = np.asarray(value)
+            name = _array_name(series.name, label)
+            is_time = label.startswith("@") or label.split(".")[-1] == "stamp"
+            shape = (series.count, *values.shape)
+            self._field_of[name] = (series.name, label)
+            self.arrays.append((name, shape, str(values.dtype), "s" if is_time else ""))
+
+    def _messages(self, wanted: set[str] | None) -> Iterator[_Message]:
+        """Yield all messages in the order of the file.
+
+        Those of the series ``wanted`` are decoded; if it is None, the first that can be read of
+        every series.
+        """
         self._declared = _Declarations()
         self._undeclared = 0
         self._short = 0
@@ -220,16 +240,14 @@ class Recording:
             else:
                 yield from self._message(content, wanted)
 
-    def _message(
-        self, record: bytes, wanted: set[str] | None
-    ) -> Iterator[tuple[str, Any, int, int]]:
-        """Give a message, or each transform that it holds."""
-        number, _, log, publish = _MESSAGE_HEAD.unpack_from(record)
+    def _message(self, record: bytes, wanted: set[str] | None) -> Iterator[_Message]:
+        """Yield a message, or each transform that it holds."""
+        number, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(record)
         channel = self._channel(number)
         if channel is None:
             self._undeclared += 1
             return
-        content = record[_MESSAGE_HEAD.size :]
+        data = record[_MESSAGE_HEAD.size :]
         schema = self._declared.schemas.get(channel.schema_id)
         decoders = self._declared.decoders
         if number not in decoders:
@@ -238,24 +256,31 @@ class Recording:
         topic = channel.topic
         if schema is None or decode is None or not schema.name.endswith("TFMessage"):
             series = self._series[topic]
-            asked = topic in wanted if wanted is not None else not series.known
-            said = _decoded(decode, content, series) if asked and decode is not None else None
-            yield topic, said, log, publish
+            is_wanted = not series.known if wanted is None else topic in wanted
+            content = None
+            if is_wanted and decode is not None:
+                content = _decoded(decode, data, series)
+            yield _Message(topic, content, log_time, publish_time)
             return
         if wanted is not None and not any(name.startswith(f"{topic}/") for name in wanted):
             return
-        lost = self._lost.setdefault(topic, _Series(topic, "transforms", "cdr"))
-        said = _decoded(decode, content, lost)
-        lost.count += 1
-        for transform in () if said is _DAMAGED else said.get("transforms", ()):
+        carrier = self._transforms.setdefault(topic, _Series(topic, "transforms", "cdr"))
+        content = _decoded(decode, data, carrier)
+        carrier.count += 1
+        if content is _DAMAGED:
+            return
+        for transform in content.get("transforms", ()):
             parent = str(transform["header"]["frame_id"])
             child = str(transform["child_frame_id"])
             name = f"{topic}/{parent}>{child}"
             self._series.setdefault(name, _Series(name, "transforms", "cdr"))
-            yield name, transform, log, publish
+            yield _Message(name, transform, log_time, publish_time)
 
     def _channel(self, number: int) -> Any:
-        """Return a channel as it was declared; by the summary where the chunk that declared it is damaged."""
+        """Return a channel as it was declared, or None.
+
+        The summary repeats it where the chunk that declared it is damaged.
+        """
         declared = self._declared
         if number not in declared.channels and not declared.with_summary:
             repeated = _Declarations()
@@ -267,7 +292,10 @@ class Recording:
         return declared.channels.get(number)
 
     def _note_container(self) -> None:
-        """Tell what of the file is damaged and left out; a file of which nothing is left is a ValueError."""
+        """Add notes of what of the file is damaged and left out.
+
+        A file of which nothing is left is a ValueError.
+        """
         damage = self._container.damage
         notes = []
         if damage.damaged_chunks:
@@ -293,103 +321,150 @@ class Recording:
         self.notes += notes
 
     def _lost_messages(self) -> str:
-        """Say how many messages the damaged chunks held, by topic, as far as their indexes tell."""
+        """Return in words how many messages the damaged chunks held, by topic.
+
+        Their indexes state it, as far as there are any.
+        """
         damage = self._container.damage
+        if damage.uncounted_chunks == damage.damaged_chunks:
+            return "with messages that no index counts"
         topics = []
         for number, count in damage.messages.items():
-            channel = self._channel(number) if count else None
-            if count:
-                topics.append(f"{count} of {channel.topic if channel else f'channel {number}'}")
+            if not count:
+                continue
+            channel = self._channel(number)
+            topics.append(f"{count} of {channel.topic if channel else f'channel {number}'}")
         words = f"with {sum(damage.messages.values())} messages"
         if topics:
             words += f": {', '.join(topics)}"
-        if damage.uncounted_chunks == damage.damaged_chunks:
-            return "with messages that no index counts"
         if damage.uncounted_chunks:
             words += f"; no index counts those of {damage.uncounted_chunks} chunks"
         return words
 
     def _decoder(self, channel: Any, schema: Any) -> Decoder | None:
-        """Give the decoder of a channel's messages, None where there is none; its topic is listed either way."""
-        name = channel.topic
+        """Return the decoder of a channel's messages, None where there is none.
+
+        The channel's topic is listed either way.
+        """
+        topic = channel.topic
         encoding = channel.message_encoding
-        one = self._series.setdefault(name, _Series(name, schema.name if schema else "", encoding))
+        kind = schema.name if schema else ""
+        series = self._series.setdefault(topic, _Series(topic, kind, encoding))
         if encoding == "json":
             return _from_json
         if encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
             try:
                 decoder = message_decoder(schema.name, schema.data.decode("utf-8"))
             except ValueError as error:
-                one.fault = f"not read: {' '.join(str(error).split())[:160]}"
+                series.fault = f"not read: {' '.join(str(error).split())[:160]}"
                 return None
             if schema.name.endswith("TFMessage"):
-                self._series.pop(name)
+                self._series.pop(topic)
             return decoder
-        layout = schema.encoding if schema is not None else "no"
-        one.fault = f"not read: {encoding or 'unknown'} messages with {layout or 'no'} definition"
+        definition = schema.encoding if schema is not None else "no"
+        series.fault = (
+            f"not read: {encoding or 'unknown'} messages with {definition or 'no'} definition"
+        )
         return None
 
 
-def _decoded(decode: Decoder, content: bytes, one: _Series) -> Any:
-    """Return what a message says; ``_DAMAGED`` for one that is damaged, which its series counts."""
+def _line_of(series: _Series) -> str:
+    """Return in words what a series holds."""
+    span = ""
+    if series.count > 1:
+        span = f" over {(series.last - series.first) / 1e9:.6g} s"
+    vectors = []  # fields of vectors, whose components are not listed
+    for name, value in series.fields.items():
+        if f"{name}.x" in series.fields and np.ndim(value):
+            vectors.append(f"{name}.")
+    shapes = []
+    for name, value in series.fields.items():
+        if not name.startswith(tuple(vectors)):
+            size = "x".join(map(str, np.shape(value)))
+            shapes.append(f"{name} {size}".strip())
+    content = ", ".join(shapes) if series.known else series.fault
+    kind = series.kind or series.encoding
+    return f"{series.name}: {series.count} {kind}{span}; {content or 'no numbers'}"
+
+
+def _decoded(decode: Decoder, data: bytes, series: _Series) -> Any:
+    """Return what a message holds; ``_DAMAGED`` for a damaged one, which its series counts."""
     try:
-        return decode(content)
+        return decode(data)
     except (ValueError, KeyError, IndexError, OverflowError, RecursionError) as error:
-        one.damaged += 1
-        one.fault = " ".join(str(error).split())[:120] or type(error).__name__
+        series.damaged += 1
+        series.fault = " ".join(str(error).split())[:120] or type(error).__name__
         return _DAMAGED
 
 
-def _joined(series: str, name: str) -> str:
-    return series + name if name.startswith("@") else f"{series}/{name}"
+def _fits(value: Any, shape: tuple[int, ...]) -> bool:
+    """Return whether a value of a message is there, is no text, and has a shape."""
+    if value is None or isinstance(value, str):
+        return False
+    return np.shape(value) == shape
+
+
+def _array_name(series: str, label: str) -> str:
+    """Return the name of the array of a field."""
+    return series + label if label.startswith("@") else f"{series}/{label}"
 
 
 def _from_json(data: bytes) -> Any:
+    """Return what a message in JSON holds."""
     if len(data) > _LARGEST_JSON:
         raise ValueError(f"a JSON message must have at most {_LARGEST_JSON} bytes, got {len(data)}")
     return json.loads(data, parse_int=float)
 
 
-def _flat(told: Any, path: str = "") -> dict[str, Any]:
-    """Numbers and texts of a message by their path; lists of like messages become arrays of their fields."""
-    if isinstance(told, dict):
-        if set(told) in _STAMPS and not any(
-            isinstance(part, (dict, list, str)) for part in told.values()
-        ):
-            first, second = (
-                told.values() if "sec" in list(told)[:1] else reversed(list(told.values()))
-            )
-            return {path: np.float64(float(first) + 1e-9 * float(second))}
-        found: dict[str, Any] = {}
-        for name, one in told.items():
-            found |= _flat(one, f"{path}.{name}" if path else str(name))
-        sides = [found.get(f"{path}.{name}") for name in told]
-        if (
-            path
-            and len(sides) > 1
-            and all(isinstance(side, (np.number, np.bool_)) for side in sides)
-        ):
-            found[path] = np.array(sides)
-        return found
-    if isinstance(told, np.ndarray):
-        return {path: told}
-    if isinstance(told, (list, tuple)):
-        if told and all(isinstance(one, dict) for one in told):
-            rows = [_flat(one) for one in told]
-            return {
-                f"{path}.{name}": np.stack([row[name] for row in rows])
-                for name, first in rows[0].items()
-                if not isinstance(first, str)
-                and all(name in row and np.shape(row[name]) == np.shape(first) for row in rows)
-                and not any(isinstance(row[name], str) for row in rows)
-            }
-        try:
-            values = np.array(told, dtype=np.float64)
-        except (ValueError, TypeError):
-            return {}
-        return {path: values}
-    if isinstance(told, str):
-        return {path: told}
-    if told is None:
+def _flat(content: Any, path: str = "") -> dict[str, Any]:
+    """Return the numbers and texts of a message by their path.
+
+    Lists of like messages become arrays of their fields.
+    """
+    if isinstance(content, dict):
+        return _flat_table(content, path)
+    if isinstance(content, np.ndarray):
+        return {path: content}
+    if isinstance(content, (list, tuple)):
+        return _flat_list(content, path)
+    if isinstance(content, str):
+        return {path: content}
+    if content is None:
         return {path: np.float64(np.nan)}
-    return {path: np.float64(told) if isinstance(told, (int, float)) else told}
+    return {path: np.float64(content) if isinstance(content, (int, float)) else content}
+
+
+def _flat_table(content: dict[str, Any], path: str) -> dict[str, Any]:
+    """Return the fields of a message by their path.
+
+    A stamp is a number of seconds; fields that all are numbers are a vector besides.
+    """
+    is_nested = any(isinstance(value, (dict, list, str)) for value in content.values())
+    if set(content) in _STAMPS and not is_nested:
+        values = list(content.values())
+        seconds, nanoseconds = values if "sec" in list(content)[:1] else reversed(values)
+        return {path: np.float64(float(seconds) + 1e-9 * float(nanoseconds))}
+    fields: dict[str, Any] = {}
+    for name, value in content.items():
+        fields |= _flat(value, f"{path}.{name}" if path else str(name))
+    components = [fields.get(f"{path}.{name}") for name in content]
+    all_numbers = all(isinstance(value, (np.number, np.bool_)) for value in components)
+    if path and len(components) > 1 and all_numbers:
+        fields[path] = np.array(components)
+    return fields
+
+
+def _flat_list(content: list[Any] | tuple[Any, ...], path: str) -> dict[str, Any]:
+    """Return a list of numbers as an array, one of like messages as arrays of their fields."""
+    if content and all(isinstance(item, dict) for item in content):
+        rows = [_flat(item) for item in content]
+        arrays = {}
+        for name, first in rows[0].items():
+            values = [row.get(name) for row in rows]
+            if all(_fits(value, np.shape(first)) for value in values):
+                arrays[f"{path}.{name}"] = np.stack(values)
+        return arrays
+    try:
+        return {path: np.array(content, dtype=np.float64)}
+    except (ValueError, TypeError):
+        return {}

@@ -25,7 +25,10 @@ FloatArray = NDArray[np.float64]
 
 @dataclass
 class Sources:
-    """The files of a mapping; what is wrong with a value is told with its file and its entry."""
+    """The files of a mapping.
+
+    Whatever is wrong with a value is a ValueError that names its file and its entry.
+    """
 
     files: dict[str, list[Path]]
     join: str  #: dimension along which several files continue
@@ -47,17 +50,16 @@ class Sources:
             if not re.search(rf"(^|: ){re.escape(where)}\b", words):
                 words = f"{where}: {words}"
             if paths and not any(str(path) in words for path in paths):
-                words = (
-                    f"{paths[0]}{f' and {len(paths) - 1} more' if len(paths) > 1 else ''}: {words}"
-                )
+                others = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+                words = f"{paths[0]}{others}: {words}"
             raise ValueError(words) from None
 
     def arrays(self, file: str, variable: str, where: str) -> list[NDArray[Any]]:
         """Read a variable of every file of that name."""
         if file not in self.files:
             raise ValueError(f"{where}: file must be one of {', '.join(self.files)}, got {file!r}")
-        found = []
-        held = 0
+        blocks = []
+        total = 0
         for path in self.files[file]:
             if path not in self._open:
                 self._open[path] = open_arrays(path, self.limit)
@@ -70,51 +72,69 @@ class Sources:
                 raise ValueError(
                     f"{where}: {path}: {variable} must hold numbers, got {values.dtype}"
                 )
-            held += values.nbytes
-            if held > self.limit:
+            total += values.nbytes
+            if total > self.limit:
                 raise ValueError(
-                    f"{where}: {variable} of {len(self.files[file])} files must hold at most {self.limit / 1e9:g} GB, "
-                    f"got more up to {path}"
+                    f"{where}: {variable} of {len(self.files[file])} files must hold at most "
+                    f"{self.limit / 1e9:g} GB, got more up to {path}"
                 )
-            found.append(values)
-        return found
+            blocks.append(values)
+        return blocks
 
-    def assembled(self, parts: list[NDArray[Any]], along: str, where: str) -> NDArray[Any]:
-        """Bring the values of several files together: those along the joined dimension follow one another.
+    def assembled(self, blocks: list[NDArray[Any]], along: str, where: str) -> NDArray[Any]:
+        """Return the values of several files as one array.
 
-        Fixes of a track ("fix") follow one another unless every file holds them all; the others must be the same in all
-        files.
+        Those along the joined dimension follow one another. Fixes of a track ("fix") follow one
+        another unless every file holds them all. All others must be the same in all files.
         """
+        first = blocks[0]
         same = all(
-            part.shape == parts[0].shape and np.array_equal(part, parts[0]) for part in parts[1:]
+            block.shape == first.shape and np.array_equal(block, first) for block in blocks[1:]
         )
-        if len(parts) > 1 and (along == self.join.split()[-1] or (along == "fix" and not same)):
+        joined = along == self.join.split()[-1]
+        if len(blocks) > 1 and (joined or (along == "fix" and not same)):
             with self.entry(where, None):
-                return np.concatenate([np.atleast_1d(part) for part in parts])
+                return np.concatenate([np.atleast_1d(block) for block in blocks])
         if not same:
-            raise ValueError(f"{where} must be the same in all {len(parts)} files, it is not")
-        return parts[0]
+            raise ValueError(f"{where} must be the same in all {len(blocks)} files, it is not")
+        return first
 
     def vector(
         self, spec: Quantity, kind: str, where: str, along: str = "", count: int | None = None
     ) -> FloatArray:
-        """Values of a quantity as a vector in SI units; ``count`` is how many a span stands for."""
+        """Return the values of a quantity in SI units.
+
+        Parameters
+        ----------
+        spec : Quantity
+            The entry.
+        kind : str
+            Kind of its unit, such as "time".
+        where : str
+            Name of the entry in an error.
+        along : str
+            Dimension of its values: "scan", "pair", "fix", or none.
+        count : int, optional
+            How many values a span stands for.
+
+        Returns
+        -------
+        (n,) ndarray
+            The values.
+        """
         scale = factor(spec.unit, kind, f"{where}.unit")
         with self.entry(where, spec.file if spec.variable is not None else None):
             if spec.span is not None:
                 if count is None:
                     raise ValueError(
-                        f"{where} must be a variable or values, its length follows from nothing else"
+                        f"{where} must be a variable or values, "
+                        "its length follows from nothing else"
                     )
                 values = np.linspace(*spec.span, count)
             elif spec.values is not None:
                 values = np.asarray(spec.values, dtype=np.float64)
             else:
-                parts = [
-                    _column(p, spec.column, where)
-                    for p in self.arrays(spec.file, str(spec.variable), where)
-                ]
-                values = real(self.assembled(parts, along, where), where)
+                values = self._column(spec.file, str(spec.variable), spec.column, along, where)
                 if len(self.grid) > 1 and along == "scan":
                     values = self._on_grid(values, None, where)
             values = np.atleast_1d(values).ravel() * scale
@@ -124,17 +144,32 @@ class Sources:
     def component(
         self, entry: Entry, file: str, where: str, count: int | None = None, along: str = "scan"
     ) -> FloatArray:
-        """Values of an entry: ``count`` of them, on the raster of scans where there is one, or as many as there are."""
+        """Return the values of an entry.
+
+        Parameters
+        ----------
+        entry : float, str or Variable
+            The entry.
+        file : str
+            Where its variable lies, unless the entry names a file.
+        where : str
+            Name of the entry in an error.
+        count : int, optional
+            How many values there must be; by default as many as there are.
+        along : str
+            Their dimension; "scan" is laid out on the raster of scans where there is one.
+
+        Returns
+        -------
+        (count,) ndarray
+            The values, in the unit of the file.
+        """
         spec = entry if isinstance(entry, Variable) else _number_or_variable(entry)
         if not isinstance(spec, Variable):
             return np.full(1 if count is None else count, spec)
         file = spec.file or file
         with self.entry(where, file):
-            parts = [
-                _column(part, spec.column, where)
-                for part in self.arrays(file, spec.variable, where)
-            ]
-            values = real(self.assembled(parts, along, where), where)
+            values = self._column(file, spec.variable, spec.column, along, where)
             plausible(values, where)
             if count is None:
                 return values.ravel()
@@ -148,25 +183,36 @@ class Sources:
                 raise ValueError(f"{where} must have {count} values, got shape {values.shape}")
         return values
 
+    def _column(
+        self, file: str, variable: str, column: int | None, along: str, where: str
+    ) -> FloatArray:
+        """Return a variable, or one column of it, over all files of a name."""
+        blocks = []
+        for values in self.arrays(file, variable, where):
+            blocks.append(_take_column(values, column, where))
+        return real(self.assembled(blocks, along, where), where)
+
     def _on_grid(self, values: FloatArray, axis: int | None, where: str) -> FloatArray:
-        """Lay values out over the raster: one per scan, on the grid or flat, or a vector along one of its axes."""
+        """Lay values out over the raster of scans.
+
+        They are one per scan, on the grid or flat, or a vector along one of its axes.
+        """
         grid = self.grid
-        fits = [k for k, size in enumerate(grid) if values.shape == (size,)]
+        axes = [number for number, size in enumerate(grid) if values.shape == (size,)]
         if axis is not None:
-            if axis not in fits:
+            if axis not in axes:
                 raise ValueError(
                     f"{where}.axis must be a scan axis of {grid} as long as the values, got {axis}"
                 )
-            fits = [axis]
-        if len(fits) > 1:
+            axes = [axis]
+        if len(axes) > 1:
             raise ValueError(
-                f"{where} fits scan axes {fits} of {grid}: say which by axis = {fits[0]} or so"
+                f"{where} fits scan axes {axes} of {grid}: say which by axis = {axes[0]} or so"
             )
-        if fits:
-            return np.broadcast_to(
-                np.expand_dims(values, [k for k in range(len(grid)) if k != fits[0]]), grid
-            ).ravel()
-        if values.ndim > 1 and values.shape != tuple(n for n in grid if n > 1):
+        if axes:
+            other_axes = [number for number in range(len(grid)) if number != axes[0]]
+            return np.broadcast_to(np.expand_dims(values, other_axes), grid).ravel()
+        if values.ndim > 1 and values.shape != tuple(size for size in grid if size > 1):
             raise ValueError(
                 f"{where} must have the shape {grid} of the scan axes, got {values.shape}"
             )
@@ -175,18 +221,38 @@ class Sources:
     def points(
         self, spec: Positions, where: str, along: str, count: int | None = None
     ) -> FloatArray:
-        """Positions (..., 3) in m; with ``count`` one per scan or fix, (count, 3) or with angles (count, 6)."""
+        """Return positions.
+
+        Parameters
+        ----------
+        spec : Positions
+            The entry.
+        where : str
+            Its name in an error.
+        along : str
+            Dimension of the positions: "scan", "pair" or "fix".
+        count : int, optional
+            How many there must be, one per scan or fix.
+
+        Returns
+        -------
+        (..., 3) ndarray
+            Positions, m; with ``count`` (count, 3), or with angles in the unit of the file
+            (count, 6).
+        """
         scale = factor(spec.unit, "length", f"{where}.unit")
+        widths = (3,) if count is None else (3, 6)
         with self.entry(where, None if spec.values is not None else spec.file):
             points = self._triples(spec, where, along, count)
-            if points.ndim < 2 or points.shape[-1] not in ((3,) if count is None else (3, 6)):
+            if points.ndim < 2 or points.shape[-1] not in widths:
                 raise ValueError(
                     f"{where} must have x, y and z along its last axis, got shape {points.shape}"
                 )
             if count is not None:
                 if points.ndim > 2 and along == "scan" and points.shape[:-1] != self.grid:
                     raise ValueError(
-                        f"{where} must have the shape {self.grid} of the scan axes, got {points.shape}"
+                        f"{where} must have the shape {self.grid} of the scan axes, "
+                        f"got {points.shape}"
                     )
                 points = points.reshape(-1, points.shape[-1])
                 if len(points) != count:
@@ -194,27 +260,27 @@ class Sources:
             points = np.concatenate([points[..., :3] * scale, points[..., 3:]], axis=-1)
             plausible(points, where)
             if spec.index is not None:
-                points = points[..., self._index(spec.index, points.shape[-2], f"{where}.index"), :]
+                rows = self._index(spec.index, points.shape[-2], f"{where}.index")
+                points = points[..., rows, :]
         return points
 
     def _triples(self, spec: Positions, where: str, along: str, count: int | None) -> FloatArray:
-        """Bring the forms that positions are written in to one with x, y, z along the last axis."""
+        """Return positions of any form that a mapping has, with x, y, z along the last axis."""
         if spec.values is not None:
             return np.asarray(spec.values, dtype=np.float64)
         if spec.variable is None:
-            sides = [
-                self.component(entry, spec.file, f"{where}.{name}", count, along)
-                for name, entry in zip("xyz", (spec.x, spec.y, spec.z), strict=True)
-                if entry is not None
-            ]
+            sides = []
+            for name, entry in zip("xyz", (spec.x, spec.y, spec.z), strict=True):
+                if entry is not None:
+                    side = self.component(entry, spec.file, f"{where}.{name}", count, along)
+                    sides.append(side)
             try:
                 return np.stack(np.broadcast_arrays(*sides), axis=-1)
             except ValueError:
                 sizes = ", ".join(str(side.size) for side in sides)
                 raise ValueError(f"{where} must have as many x as y and z, got {sizes}") from None
-        points = real(
-            self.assembled(self.arrays(spec.file, spec.variable, where), along, where), where
-        )
+        blocks = self.arrays(spec.file, spec.variable, where)
+        points = real(self.assembled(blocks, along, where), where)
         if points.ndim == 2 and points.shape[0] == 3 and points.shape[1] not in (2, 3, 6):
             points = points.T  # a column per position, as is the custom in MATLAB
         if spec.z is None:
@@ -227,46 +293,41 @@ class Sources:
         return np.concatenate([points, height.reshape(*points.shape[:-1], 1)], axis=-1)
 
     def _index(self, spec: Index, count: int, where: str) -> NDArray[np.int64]:
+        """Return which of so many antennas each pair uses, from 0."""
         with self.entry(where, spec.file):
-            parts = self.arrays(spec.file, spec.variable, where)
-            values = real(
-                self.assembled([_column(p, spec.column, where) for p in parts], "pair", where),
-                where,
-            ).ravel()
+            values = self._column(spec.file, spec.variable, spec.column, "pair", where).ravel()
             rows = values - spec.first
-            if (
-                not np.isfinite(rows).all()
-                or (rows != np.round(rows)).any()
-                or rows.min() < 0
-                or rows.max() >= count
-            ):
+            are_whole = np.isfinite(rows).all() and not (rows != np.round(rows)).any()
+            if not are_whole or rows.min() < 0 or rows.max() >= count:
                 raise ValueError(
-                    f"{where} must hold whole numbers from {spec.first} to {count - 1 + spec.first}, got "
-                    f"{values.min():g} to {values.max():g}"
+                    f"{where} must hold whole numbers from {spec.first} to "
+                    f"{count - 1 + spec.first}, got {values.min():g} to {values.max():g}"
                 )
         return rows.astype(np.int64)
 
 
 def _number_or_variable(entry: float | str) -> float | Variable:
-    """Take a text that is a number, which a checked draft may hold, as one."""
+    """Return a number, also of a text that is one, as a checked draft may hold; else a variable."""
     try:
         return float(entry)
     except ValueError:
         return Variable(variable=str(entry))
 
 
-def _column(values: NDArray[Any], column: int | None, where: str) -> NDArray[Any]:
+def _take_column(values: NDArray[Any], column: int | None, where: str) -> NDArray[Any]:
+    """Return a column of a table, or with None all values without axes of length one."""
     if column is None:
         return np.atleast_1d(values.squeeze())
     if values.ndim != 2 or not 0 <= column < values.shape[1]:
         raise ValueError(
-            f"{where}.column must be a column of the variable, got {column} for shape {values.shape}"
+            f"{where}.column must be a column of the variable, "
+            f"got {column} for shape {values.shape}"
         )
     return values[:, column]
 
 
 def real(values: NDArray[Any], where: str) -> FloatArray:
-    """Take numbers that must be real as float64."""
+    """Return numbers as float64; complex ones are a ValueError."""
     if np.iscomplexobj(values):
         raise ValueError(f"{where} must be real numbers, got {values.dtype}")
     return np.asarray(values, dtype=np.float64)
@@ -278,6 +339,6 @@ def plausible(values: NDArray[Any], where: str) -> None:
     largest = float(size.max(initial=0.0))
     if largest > _LARGEST or 0 < largest < _SMALLEST:
         raise ValueError(
-            f"{where} must lie between {_SMALLEST:g} and {_LARGEST:g} in magnitude, got up to {largest:g}: is the byte "
-            "order wrong?"
+            f"{where} must lie between {_SMALLEST:g} and {_LARGEST:g} in magnitude, "
+            f"got up to {largest:g}: is the byte order wrong?"
         )

@@ -1,8 +1,9 @@
-"""Touchstone files as their library reads them without a loss: in the order of frequency, and as text of any encoding.
+"""Touchstone files as their library reads them without a loss.
 
-In a file of two ports of version 1, lines of five numbers behind the sweep are noise parameters, and begin where the
-frequency falls (Touchstone File Format Specification, version 1.1). scikit-rf takes any tone below the one before for
-that, so that a sweep from high to low would come as its first tone alone.
+In a file of two ports of version 1, lines of five numbers behind the sweep are noise parameters,
+and begin where the frequency falls (Touchstone File Format Specification, version 1.1). scikit-rf
+takes any tone below the one before for that, so that a sweep from high to low would come as its
+first tone alone. Therefore the tones are put in the order of frequency before.
 """
 
 from __future__ import annotations
@@ -25,41 +26,46 @@ class TouchstoneText(io.StringIO):
     def __init__(self, text: str, path: Path, tones: int) -> None:
         super().__init__(text)
         self.name = str(path)
-        self.tones = tones  #: how many tones it holds; 0 if that is not told
+        self.tones = tones  #: how many tones it holds; 0 if the file does not state it
 
 
 def touchstone_text(path: Path, notes: list[str]) -> TouchstoneText:
-    """Return a file's text with its tones in the order of frequency; ``notes`` tell of changes and of what is not read.
+    """Return a file's text, of any encoding, with its tones in the order of frequency.
 
-    Numbers that make no whole number of tones are a ValueError.
+    Parameters
+    ----------
+    path : Path
+        The file.
+    notes : list of str
+        Changes, and what is not read, are added to it.
+
+    Returns
+    -------
+    TouchstoneText
+        The text as scikit-rf takes it.
+
+    Raises
+    ------
+    ValueError
+        If the numbers make no whole number of tones, or the ending names no number of ports.
     """
     text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
-    head, rows = _parts(text)
-    keywords = {
-        name.lower(): value
-        for name, value in re.findall(r"^\s*\[(.*?)\][ \t]*(\S*)", text, re.MULTILINE)
-    }
+    keywords = {}
+    for name, value in re.findall(r"^\s*\[(.*?)\][ \t]*(\S*)", text, re.MULTILINE):
+        keywords[name.lower()] = value
     if keywords:  # of version 2, which marks where noise begins
         stated = keywords.get("number of frequencies", "")
-        noise = _noise_lines(text)
-        if noise:
-            notes.append(f"{noise} lines of noise parameters are not read")
+        _note_noise(_noise_lines(text), notes)
         return TouchstoneText(text, path, int(stated) if stated.isdecimal() else 0)
+    head, rows = _head_and_rows(text)
     ports = _ports_of(path)
-    size = 1 + 2 * ports**2
     noise = 0
     while ports == 2 and len(rows) > 1 and len(rows[-1]) == _NOISE:
         rows.pop()
         noise += 1
-    numbers = [number for row in rows for number in row]
-    if len(numbers) % size or not numbers:
-        raise ValueError(
-            f"its numbers must be {size} for every tone of {ports} ports, got {len(numbers)}"
-        )
-    tones = [numbers[at : at + size] for at in range(0, len(numbers), size)]
+    tones = _tones_in(rows, ports)
     ordered = sorted(tones, key=lambda tone: float(tone[0]))
-    if noise:
-        notes.append(f"{noise} lines of noise parameters are not read")
+    _note_noise(noise, notes)
     if ordered != tones:
         notes.append(f"its {len(tones)} tones do not rise: they are put in the order of frequency")
     elif not noise:
@@ -68,28 +74,47 @@ def touchstone_text(path: Path, notes: list[str]) -> TouchstoneText:
     return TouchstoneText("\n".join([*head, *body]) + "\n", path, len(tones))
 
 
-def _parts(text: str) -> tuple[list[str], list[list[str]]]:
-    """Part the lines of comments, options and keywords from the rows of numbers."""
+def _note_noise(lines: int, notes: list[str]) -> None:
+    """Add a note of the lines of noise parameters, if there are any."""
+    if lines:
+        notes.append(f"{lines} lines of noise parameters are not read")
+
+
+def _head_and_rows(text: str) -> tuple[list[str], list[list[str]]]:
+    """Separate the lines of comments, options and keywords from the rows of numbers."""
     head = []
     rows = []
     for line in text.splitlines():
-        plain = line.partition("!")[0].strip()
-        if not plain or plain[0] in "#[":
+        content = line.partition("!")[0].strip()
+        if not content or content[0] in "#[":
             head.append(line)
         else:
-            rows.append(plain.split())
+            rows.append(content.split())
     return head, rows
 
 
+def _tones_in(rows: list[list[str]], ports: int) -> list[list[str]]:
+    """Return the numbers of every tone, which may go over several rows."""
+    size = 1 + 2 * ports**2  # the frequency, and two numbers for each parameter
+    numbers = [number for row in rows for number in row]
+    if len(numbers) % size or not numbers:
+        raise ValueError(
+            f"its numbers must be {size} for every tone of {ports} ports, got {len(numbers)}"
+        )
+    return [numbers[begin : begin + size] for begin in range(0, len(numbers), size)]
+
+
 def _noise_lines(text: str) -> int:
-    """Count the lines of noise parameters of version 2, which stand behind the keyword Noise Data."""
-    _, keyword, behind = text.lower().partition("[noise data]")
-    lines = behind.partition("[end]")[0].splitlines() if keyword else []
+    """Count the lines of noise parameters of version 2, behind the keyword Noise Data."""
+    _, keyword, rest = text.lower().partition("[noise data]")
+    if not keyword:
+        return 0
+    lines = rest.partition("[end]")[0].splitlines()
     return sum(bool(line.partition("!")[0].strip()) for line in lines)
 
 
 def _ports_of(path: Path) -> int:
-    """Return the number of ports that the ending tells."""
+    """Return the number of ports that the ending states."""
     ending = _PORTS.fullmatch(path.suffix)
     if ending is None or not 1 <= int(ending[1]) <= 999:
         raise ValueError(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,13 @@ from flgpr.model.track import TRACK_COLUMNS, bridged, course, make_track
 from flgpr.store.extras import optional
 from flgpr.store.files import existing, faults_of
 from flgpr.store.store_layout import MAX_MEMORY
-from flgpr.store.tables import read_text_table
 from flgpr.store.text import decode_text
+from flgpr.store.text_tables import read_text_table
 
+FloatArray = NDArray[np.float64]
 _DAY = 86400.0
+_ANGLES = ("heading", "pitch", "roll")
+_LEAST_BASELINE = 1e-3  # m, between the marks on an array, for a heading to follow from them
 FIXED = (4,)
 """GGA quality of a fixed carrier-phase solution."""
 
@@ -36,125 +40,168 @@ def read_track(
     axes: Sequence[str] | None = None,
     max_gap: float = 1.0,
 ) -> pd.DataFrame:
-    """Read a track from CSV with the columns ``time_s``, ``x_m``, ``y_m``, ``z_m`` in the lane frame.
+    """Read a track in the lane frame from CSV, or from a take of OptiTrack Motive.
 
-    Angles are in ``heading_deg`` or ``heading_rad``, ``pitch_deg`` and ``roll_deg`` or the same
-    with rad. With ``heading`` "column" all three must be there; with "course" the heading is the
-    direction of the way, and pitch and roll are zero where there are no such columns. What an
-    import writes beside a run (``time``, ``x``, ...) is read, too, and a take of OptiTrack Motive:
-    of the rigid body ``body`` (the only one, if it is None), with ``axes``, which of Motive's axes
-    are the lane's x, y and z, such as ``("x", "-z", "y")`` where Motive has y up; the body's own
-    axes must have been made along them, with the vehicle along +y of the lane.
+    A CSV has the columns ``time_s``, ``x_m``, ``y_m``, ``z_m``, and angles in ``heading_deg`` or
+    ``heading_rad``, ``pitch_deg`` and ``roll_deg`` or the same with rad; or those of the table that
+    an import writes beside a run (``time``, ``x``, ...). In a take the body's own axes must have
+    been made along the lane's, with the vehicle along +y.
 
-    Fixes that are not finite are left out and counted in ``attrs["notes"]``. A missing column, a stretch of more than
-    ``max_gap`` s without a finite fix between others that are left out, or a time that does not increase is a
-    ValueError.
+    Parameters
+    ----------
+    path : path
+        The file.
+    heading : {"column", "course"}
+        With "column" all three angles must be there; with "course" the heading is the direction of
+        travel, and pitch and roll are zero where there are no such columns.
+    body : str, optional
+        The rigid body of a take; the only one, if it is None.
+    axes : (3,) sequence of str, optional
+        Which of Motive's axes are the lane's x, y and z, such as ``("x", "-z", "y")`` where Motive
+        has y up.
+    max_gap : float
+        Longest stretch without a finite fix, s, between others.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The track (:func:`flgpr.model.track.make_track`). Fixes that are not finite are left out and
+        counted in ``attrs["notes"]``.
+
+    Raises
+    ------
+    ValueError
+        If a column is missing, a gap is longer than ``max_gap``, or a time does not increase.
     """
     if heading not in ("column", "course"):
         raise ValueError(f"heading must be 'column' or 'course', got {heading!r}")
-    take = is_motive(existing(path, "track"))
-    if not take and (body is not None or axes is not None):
+    is_take = is_motive(existing(path, "track"))
+    if not is_take and (body is not None or axes is not None):
         raise ValueError(f"{path}: body and axes are of takes of OptiTrack Motive, this is none")
     reading: list[str] = []
     with faults_of(path):
-        time, pose = (
-            _take(Path(path), body, axes)
-            if take
-            else _fixes(read_text_table(Path(path), reading), heading, reading)
-        )
-        keep, notes = bridged(time, pose, max_gap)
+        if is_take:
+            time, pose = _poses_of_take(Path(path), body, axes)
+        else:
+            columns = read_text_table(Path(path), reading)
+            time, pose = _poses_of_table(columns, heading, reading)
+        finite, notes = bridged(time, pose, max_gap)
         if heading == "course":
-            pose[keep, 3] = course(pose[keep, :3])
-        track = make_track(time[keep], pose[keep, :3], *pose[keep, 3:].T)
+            pose[finite, 3] = course(pose[finite, :3])
+        track = make_track(time[finite], pose[finite, :3], *pose[finite, 3:].T)
     track.attrs["notes"] = [*reading, *notes]
     return track
 
 
-def _fixes(
+def _poses_of_table(
     columns: Mapping[str, NDArray[Any]], heading: str, notes: list[str]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Take times and poses (fix, 6) of a table; a heading along the way is left zero."""
+) -> tuple[FloatArray, FloatArray]:
+    """Return times and poses (fix, 6) of a table; a heading by the course is left zero."""
     names = [column.name for column in TRACK_COLUMNS]
     if set(names) <= set(columns):
-        time, *parts = (_needed(columns, name) for name in names)
-        return time, np.stack(parts, axis=1)
+        time, *components = (_needed(columns, name) for name in names)
+        return time, np.stack(components, axis=1)
     time = _needed(columns, "time_s")
-    place = [_needed(columns, f"{axis}_m") for axis in "xyz"]
-    if heading == "course":
-        angles = [0.0 * time, *(_angle(columns, name, 0.0 * time) for name in ("pitch", "roll"))]
-        flat = [name for name in ("pitch", "roll") if not _has_angle(columns, name)]
-        if flat:
-            notes.append(f"no column tells {' and '.join(flat)}: 0 is taken")
-    else:
-        angles = [_angle(columns, name) for name in ("heading", "pitch", "roll")]
-    return time, np.stack([*place, *angles], axis=1)
+    position = [_needed(columns, f"{axis}_m") for axis in "xyz"]
+    if heading == "column":
+        angles = [_angle(columns, name) for name in _ANGLES]
+        return time, np.stack([*position, *angles], axis=1)
+    level = 0.0 * time
+    pitch = _angle(columns, "pitch", level)
+    roll = _angle(columns, "roll", level)
+    missing = [name for name in ("pitch", "roll") if not _has_angle(columns, name)]
+    if missing:
+        notes.append(f"no column tells {' and '.join(missing)}: 0 is taken")
+    return time, np.stack([*position, level, pitch, roll], axis=1)
 
 
-def _take(
+def _poses_of_take(
     path: Path, body: str | None, axes: Sequence[str] | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[FloatArray, FloatArray]:
+    """Return times and poses (frame, 6) of a rigid body of a take."""
     opened = open_arrays(path)
-    known = [name.removesuffix("/rotation") for name in opened.arrays if name.endswith("/rotation")]
-    bodies = [name for name in known if f"{name}/position" in opened.arrays]
-    if (body is None and len(bodies) != 1) or (body is not None and body not in bodies):
+    bodies = []
+    for array in opened.arrays:
+        name = array.removesuffix("/rotation")
+        if name != array and f"{name}/position" in opened.arrays:
+            bodies.append(name)
+    is_known = len(bodies) == 1 if body is None else body in bodies
+    if not is_known:
         raise ValueError(f"body must be one of {', '.join(bodies) or 'none'}, got {body!r}")
     if axes is None:
         raise ValueError(
-            "axes must say which of Motive's axes are the lane's x, y and z, such as x,-z,y where Motive has y up"
+            "axes must say which of Motive's axes are the lane's x, y and z, "
+            "such as x,-z,y where Motive has y up"
         )
     name = body or bodies[0]
-    place = opened.read(f"{name}/position")
-    turn = opened.read(f"{name}/rotation")
-    if turn.shape[1] != 4:
+    position = opened.read(f"{name}/position")
+    quaternions = opened.read(f"{name}/rotation")
+    if quaternions.shape[1] != 4:
         raise ValueError(
-            "a take with Euler angles needs a mapping that tells their order: export quaternions instead"
+            "a take with Euler angles needs a mapping that tells their order: "
+            "export quaternions instead"
         )
-    scale = factor(opened.arrays[f"{name}/position"].unit, "length", "the header's Length Units")
-    pose = np.concatenate(
-        [scale * place @ axes_matrix(axes).T, attitude_of(turn, axes, axes)], axis=1
-    )
+    unit = opened.arrays[f"{name}/position"].unit
+    scale = factor(unit, "length", "the header's Length Units")
+    in_lane = scale * position @ axes_matrix(axes).T
+    pose = np.concatenate([in_lane, attitude_of(quaternions, axes, axes)], axis=1)
     return opened.read("time"), pose
 
 
 def read_survey(path: str | Path) -> NDArray[np.float64]:
-    """Read the poses (scan, 6) of stop-and-go scans from points surveyed in the lane, one CSV line per scan in order.
+    """Read the poses of stop-and-go scans from surveyed points, one CSV line per scan in order.
 
-    Columns are either ``x_m``, ``y_m``, ``z_m`` of the array's reference point and ``heading_deg``, ``pitch_deg``,
-    ``roll_deg`` (or rad), or the places of two marks on the array, ``left_x_m`` ... ``right_z_m``: then the reference
-    point is midway, heading and roll follow from the line between them, and the pitch must be given. Poses are in m and
-    rad.
+    Columns are either ``x_m``, ``y_m``, ``z_m`` of the array's reference point and ``heading_deg``,
+    ``pitch_deg``, ``roll_deg`` (or rad), or the positions of two marks on the array, ``left_x_m``
+    ... ``right_z_m``: then the reference point is midway, heading and roll follow from the line
+    between them, and the pitch must be given. Positions are in the lane.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    (scan, 6) ndarray
+        Poses, m and rad.
+
+    Raises
+    ------
+    ValueError
+        If a column is missing, a value is not finite, or the marks coincide.
     """
-    columns = _columns(path)
     with faults_of(path):
+        columns = read_text_table(existing(path))
         if "left_x_m" in columns:
-            left, right = (
-                np.stack([_needed(columns, f"{side}_{axis}_m") for axis in "xyz"], axis=1)
-                for side in ("left", "right")
-            )
-            apart = right - left
-            level = np.hypot(apart[:, 0], apart[:, 1])
-            if not (level > 1e-3).all():
-                raise ValueError(
-                    f"left and right marks must lie apart, they coincide at scan {int(level.argmin())}"
-                )
-            pitch = _angle(columns, "pitch")
-            # Rx(pitch)·Ry(roll) takes the line to the right mark to (cos r, sin p·sin r, -cos p·sin
-            # r).
-            roll = -np.arcsin(
-                np.clip(apart[:, 2] / (np.linalg.norm(apart, axis=1) * np.cos(pitch)), -1, 1)
-            )
-            aside = np.arctan2(np.sin(pitch) * np.sin(roll), np.cos(roll))
-            heading = np.angle(np.exp(1j * (aside - np.arctan2(apart[:, 1], apart[:, 0]))))
-            pose = np.column_stack([(left + right) / 2, heading, pitch, roll])
+            pose = _poses_by_marks(columns)
         else:
-            place = [_needed(columns, f"{axis}_m") for axis in "xyz"]
-            pose = np.column_stack(
-                [*place, *(_angle(columns, name) for name in ("heading", "pitch", "roll"))]
-            )
+            position = [_needed(columns, f"{axis}_m") for axis in "xyz"]
+            angles = [_angle(columns, name) for name in _ANGLES]
+            pose = np.column_stack([*position, *angles])
         bad = ~np.isfinite(pose).all(axis=1)
         if bad.any():
             raise ValueError(f"poses must be finite, got other values for scan {int(bad.argmax())}")
     return pose
+
+
+def _poses_by_marks(columns: Mapping[str, NDArray[Any]]) -> FloatArray:
+    """Return the poses (scan, 6) of an array with a surveyed mark on its left and on its right."""
+    left = np.stack([_needed(columns, f"left_{axis}_m") for axis in "xyz"], axis=1)
+    right = np.stack([_needed(columns, f"right_{axis}_m") for axis in "xyz"], axis=1)
+    apart = right - left
+    level = np.hypot(apart[:, 0], apart[:, 1])
+    if not (level > _LEAST_BASELINE).all():
+        raise ValueError(
+            f"left and right marks must lie apart, they coincide at scan {int(level.argmin())}"
+        )
+    pitch = _angle(columns, "pitch")
+    # Rx(pitch)·Ry(roll) takes the line to the right mark to (cos r, sin p·sin r, -cos p·sin r).
+    sine = apart[:, 2] / (np.linalg.norm(apart, axis=1) * np.cos(pitch))
+    roll = -np.arcsin(np.clip(sine, -1, 1))
+    aside = np.arctan2(np.sin(pitch) * np.sin(roll), np.cos(roll))
+    heading = np.angle(np.exp(1j * (aside - np.arctan2(apart[:, 1], apart[:, 0]))))
+    return np.column_stack([(left + right) / 2, heading, pitch, roll])
 
 
 def read_nmea(
@@ -162,61 +209,76 @@ def read_nmea(
 ) -> pd.DataFrame:
     """Read a track of a satellite receiver's antenna from NMEA 0183 sentences.
 
-    Positions are from GGA of the given qualities, headings from HDT (dual antenna) where there are any, else from the
-    way. Time is in seconds of the day (UTC), continued over midnight. Pitch and roll are zero: NMEA has no standard
-    sentence for them. ``height`` is the antenna's over the ground, m, needed where the anchor has no heights. For lever
-    arm and latency see :func:`flgpr.model.track.reference_track`. A damaged sentence or fewer than two fixes is a
-    ValueError.
+    Positions are from GGA, headings from HDT (dual antenna) where there are any, else from the
+    course. Time is in seconds of the day (UTC), continued over midnight. Pitch and roll are zero:
+    NMEA has no standard sentence for them. For lever arm and latency see
+    :func:`flgpr.model.track.reference_track`.
+
+    Parameters
+    ----------
+    path : path
+        The log.
+    anchor : Anchor
+        Takes longitude and latitude to the lane.
+    quality : tuple of int
+        Qualities of the GGA fixes to use.
+    height : float, optional
+        Height of the antenna over the ground, m, needed where the anchor has no heights.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The track (:func:`flgpr.model.track.make_track`); fixes not used are counted in
+        ``attrs["notes"]``.
+
+    Raises
+    ------
+    ValueError
+        If a sentence is damaged, there are fewer than two fixes, or a height is needed.
     """
     path = existing(path)
-    nmea = optional("pynmeagps", "gnss")
+    library = optional("pynmeagps", "gnss")
     if height is None and not anchor.heights_known:
         raise ValueError("height must be given, the anchor's points have none")
     fixes: list[tuple[float, float, float, float]] = []
     headings: list[tuple[float, float]] = []
-    seen: dict[int, int] = {}
+    qualities: Counter[int] = Counter()
     now = -math.inf
     notes: list[str] = []
-    for number, line in enumerate(
-        decode_text(read_named(path, MAX_MEMORY), path.name, notes).splitlines()
-    ):
-        if not line.strip():
-            continue
+    text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
+    for number, line in _filled_lines(text):
         try:
-            message = nmea.NMEAReader.parse(line.strip().encode("latin-1", "replace") + b"\r\n")
+            message = library.NMEAReader.parse(_sentence(line))
             if message.msgID == "GGA":
-                seen[message.quality] = seen.get(message.quality, 0) + 1
+                qualities[message.quality] += 1
                 if message.quality in quality:
-                    now = _later(message.time, now)
-                    fixes.append(
-                        (now, message.lon, message.lat, float(message.alt) + float(message.sep))
-                    )
+                    now = _continued_time(message.time, now)
+                    fixes.append((now, *_place_of(message)))
             elif message.msgID == "HDT" and math.isfinite(now):
                 headings.append((now, math.radians(float(message.headingT))))
         except Exception as error:
-            words = " ".join(str(error).split())[:120]
-            raise ValueError(
-                f"{path}: line {number + 1} is no valid NMEA sentence: {words}"
-            ) from None
+            raise _damaged_sentence(path, number, error) from None
     if len(fixes) < 2:
         raise ValueError(
-            f"{path}: two fixes of quality {quality} or more are needed, got {len(fixes)} (all: {seen})"
+            f"{path}: two fixes of quality {quality} or more are needed, "
+            f"got {len(fixes)} (all: {dict(qualities)})"
         )
     table = np.array(fixes)
-    keep = np.append(True, np.diff(table[:, 0]) > 0)
-    time = table[keep, 0]
-    place = anchor.from_geodetic(table[keep, 1:])
+    is_later = np.append(True, np.diff(table[:, 0]) > 0)
+    time = table[is_later, 0]
+    position = anchor.from_geodetic(table[is_later, 1:])
     if height is not None:
-        place[:, 2] = height
-    track = make_track(time, place, _headings(time, place, headings, anchor.azimuth))
-    unused = sum(seen.values()) - len(fixes)
+        position[:, 2] = height
+    track = make_track(time, position, _headings(time, position, headings, anchor.azimuth))
+    total = sum(qualities.values())
+    unused = total - len(fixes)
     if unused:
-        counts = ", ".join(f"{count} of {one}" for one, count in sorted(seen.items()))
+        counts = ", ".join(f"{count} of {kind}" for kind, count in sorted(qualities.items()))
         notes.append(
-            f"{unused} of {sum(seen.values())} fixes are not of quality {quality} and not used ({counts})"
+            f"{unused} of {total} fixes are not of quality {quality} and not used ({counts})"
         )
-    if not keep.all():
-        notes.append(f"{np.count_nonzero(~keep)} fixes whose time does not go on are not used")
+    if not is_later.all():
+        notes.append(f"{np.count_nonzero(~is_later)} fixes whose time does not go on are not used")
     if not headings:
         notes.append("no sentence tells a heading: it is the direction of the way")
     notes.append("pitch and roll are taken as 0: NMEA tells none")
@@ -225,44 +287,75 @@ def read_nmea(
 
 
 def nmea_places(path: str | Path, quality: tuple[int, ...] = FIXED) -> NDArray[np.float64]:
-    """Read the places (fix, 3) of an NMEA log: longitude, latitude (degrees) and ellipsoidal height (m) of its GGA.
+    """Read the positions of an NMEA log's GGA sentences.
 
-    ``quality`` is as for :func:`read_nmea`; a damaged sentence is a ValueError.
+    Parameters
+    ----------
+    path : path
+        The log.
+    quality : tuple of int
+        Qualities of the GGA fixes to use.
+
+    Returns
+    -------
+    (fix, 3) ndarray
+        Longitude, latitude (degrees) and ellipsoidal height (m).
+
+    Raises
+    ------
+    ValueError
+        If a sentence is damaged.
     """
     path = existing(path)
-    nmea = optional("pynmeagps", "gnss")
+    library = optional("pynmeagps", "gnss")
     places: list[tuple[float, float, float]] = []
-    for number, line in enumerate(
-        decode_text(read_named(path, MAX_MEMORY), path.name).splitlines()
-    ):
-        if not line.strip():
-            continue
+    text = decode_text(read_named(path, MAX_MEMORY), path.name)
+    for number, line in _filled_lines(text):
         try:
-            message = nmea.NMEAReader.parse(line.strip().encode("latin-1", "replace") + b"\r\n")
+            message = library.NMEAReader.parse(_sentence(line))
             if message.msgID == "GGA" and message.quality in quality:
-                places.append((message.lon, message.lat, float(message.alt) + float(message.sep)))
+                places.append(_place_of(message))
         except Exception as error:
-            words = " ".join(str(error).split())[:120]
-            raise ValueError(
-                f"{path}: line {number + 1} is no valid NMEA sentence: {words}"
-            ) from None
+            raise _damaged_sentence(path, number, error) from None
     return np.array(places, dtype=np.float64).reshape(-1, 3)
 
 
+def _filled_lines(text: str) -> Iterator[tuple[int, str]]:
+    """Yield number, from 1, and content of the lines that are not empty."""
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.strip():
+            yield number, line.strip()
+
+
+def _sentence(line: str) -> bytes:
+    """Return a line as the library takes it."""
+    return line.encode("latin-1", "replace") + b"\r\n"
+
+
+def _place_of(message: Any) -> tuple[float, float, float]:
+    """Return longitude, latitude, degrees, and ellipsoidal height, m, of a GGA sentence."""
+    return message.lon, message.lat, float(message.alt) + float(message.sep)
+
+
+def _damaged_sentence(path: Path, number: int, error: Exception) -> ValueError:
+    """Return the error for a line that the library refuses."""
+    words = " ".join(str(error).split())[:120]
+    return ValueError(f"{path}: line {number} is no valid NMEA sentence: {words}")
+
+
 def _headings(
-    time: NDArray[np.float64],
-    place: NDArray[np.float64],
-    headings: list[tuple[float, float]],
-    azimuth: float,
-) -> NDArray[np.float64]:
+    time: FloatArray, position: FloatArray, headings: list[tuple[float, float]], azimuth: float
+) -> FloatArray:
+    """Return headings (fix,), rad, in the lane: of the sentences, or of the course if none."""
     if not headings:
-        return course(place)
+        return course(position)
     stamp, angle = np.array(headings).T
-    found = np.interp(time, stamp, np.unwrap(angle)) - azimuth
-    return np.asarray(np.angle(np.exp(1j * found)), dtype=np.float64)
+    in_lane = np.interp(time, stamp, np.unwrap(angle)) - azimuth
+    return np.asarray(np.angle(np.exp(1j * in_lane)), dtype=np.float64)
 
 
-def _later(clock: Any, last: float) -> float:
+def _continued_time(clock: Any, last: float) -> float:
+    """Return a time of the day, s, continued over midnight from the ``last`` one."""
     now = clock.hour * 3600 + clock.minute * 60 + clock.second + clock.microsecond * 1e-6
     if math.isfinite(last):
         now += _DAY * math.floor(last / _DAY)
@@ -271,12 +364,8 @@ def _later(clock: Any, last: float) -> float:
     return float(now)
 
 
-def _columns(path: str | Path) -> dict[str, NDArray[Any]]:
-    with faults_of(path):
-        return read_text_table(existing(path))
-
-
-def _needed(columns: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.float64]:
+def _needed(columns: Mapping[str, NDArray[Any]], name: str) -> FloatArray:
+    """Return a column of real numbers that must be there."""
     if name not in columns or np.iscomplexobj(columns[name]):
         known = ", ".join(key for key in columns if key != "table") or "no header line"
         raise ValueError(f"the column {name} is missing; got {known}")
@@ -284,12 +373,14 @@ def _needed(columns: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.float6
 
 
 def _has_angle(columns: Mapping[str, NDArray[Any]], name: str) -> bool:
+    """Return whether there is a column of an angle."""
     return f"{name}_rad" in columns or f"{name}_deg" in columns
 
 
 def _angle(
-    columns: Mapping[str, NDArray[Any]], name: str, default: NDArray[np.float64] | None = None
-) -> NDArray[np.float64]:
+    columns: Mapping[str, NDArray[Any]], name: str, default: FloatArray | None = None
+) -> FloatArray:
+    """Return an angle, rad, or ``default`` where there is no column of it."""
     if f"{name}_rad" in columns:
         return _needed(columns, f"{name}_rad")
     if f"{name}_deg" in columns:

@@ -21,14 +21,15 @@ _ONE_TONE = 20e-9  # s, to which a section of a single tone goes down; assumed
 class View:
     """What to image.
 
-    Each of ``x``, ``y``, ``z`` (lane frame, m) is a pair of limits or one value; two pairs are a plane, three a volume.
-    What is not told follows from the run: the ground ahead of antennas that stand above it, else the section below the
-    line, down to the end of the record; ``z`` alone bounds that section or sets the height of that ground. ``scans``
-    are the first and the last that are summed, default all; ``spacing`` (m) is by default a quarter of the wavelength,
-    or what gives 300 000 pixels. ``permittivity`` is that of all between antennas and pixels, 1 by default; for
-    antennas that are coupled to the ground it must be told. ``half_space`` is that of ground below z = 0, at whose
-    surface paths are refracted.
-    Antennas farther than ``reach`` (m) from a pixel, level with the ground, do not help to image it.
+    Each of ``x``, ``y``, ``z`` (lane frame, m) is a pair of limits or one value; two pairs are a
+    plane, three a volume. What is not told follows from the run: the ground ahead of antennas that
+    stand above it, else the section below the line, down to the end of the record; ``z`` alone
+    bounds that section or sets the height of that ground. ``scans`` are the first and the last that
+    are summed, default all; ``spacing`` (m) is by default a quarter of the wavelength, or what
+    gives 300 000 pixels. ``permittivity`` is that of all between antennas and pixels, 1 by default;
+    for antennas that are coupled to the ground it must be told. ``half_space`` is that of ground
+    below z = 0, at whose surface paths are refracted. Antennas farther than ``reach`` (m) from a
+    pixel, level with the ground, do not help to image it.
     """
 
     x: Extent | None = None

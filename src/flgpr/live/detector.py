@@ -27,7 +27,7 @@ from flgpr.chain.engine import Arrays
 from flgpr.chain.images import imager_of
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
 from flgpr.chain.recipe import RANKS, Recipe, course_lane
-from flgpr.chain.recipe_for_run import alias_faults, check_channels
+from flgpr.chain.recipe_fit import alias_faults, check_channels
 from flgpr.chain.stages import FeatureStage, MapStage, Setup, Stage, make_stage
 from flgpr.chain.steps import CleanedScan, Steps, check_confidence
 from flgpr.clutter import CausalBackground

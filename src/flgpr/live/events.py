@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.append_log import write_all
-from flgpr.chain.evidence import decibels
+from flgpr.chain.look_samples import decibels
 from flgpr.door import open_own
 from flgpr.live.event_rate import BURST, Event, EventRate
 from flgpr.live.updates import LiveAlarm, LiveUpdate

@@ -21,7 +21,7 @@ from flgpr.execution.simulated_lane import simulate_to_store
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.faults import describe_fault
 from flgpr.simulate import Scene, draw_world
-from flgpr.store import laid_over, lane_text, open_run, read_table, sample_lane, write_whole
+from flgpr.store import lane_text, merge_tables, open_run, read_table, sample_lane, write_whole
 from flgpr.store.files import existing, faults_of
 
 GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-1")
@@ -37,9 +37,10 @@ BODY = "body "
 class LaneRow(Table):
     """Lanes of one design: what they are for, how many at which sites, what lies in them, what differs from the rest.
 
-    ``targets`` are sort, depth of the top (m) and number; ``surface`` and ``errors`` change entries of the scene's
-    surface and of the sensor's errors, ``sensor`` entries of the sensor. A lane that is there already has a ``run``
-    store, its ``truth`` and its borders x_min, x_max, y_min, y_max (m) instead; "sample" is the packaged full-wave one.
+    ``targets`` are sort, depth of the top (m) and number; ``surface`` and ``errors`` change entries
+    of the scene's surface and of the sensor's errors, ``sensor`` entries of the sensor. A lane that
+    is there already has a ``run`` store, its ``truth`` and its borders x_min, x_max, y_min, y_max
+    (m) instead; "sample" is the packaged full-wave one.
     """
 
     part: Literal["train", "validate", "test"]
@@ -80,7 +81,8 @@ class SplitRow(Table):
 class TierRow(Table):
     """Sites at which all lanes of the ground are laid out, under names that every tier has.
 
-    ``surface`` changes entries of the scene's surface, by design of the lanes, after those of the design itself.
+    ``surface`` changes entries of the scene's surface, by design of the lanes, after those of the
+    design itself.
     """
 
     title: str
@@ -121,7 +123,8 @@ class Description(Table):
             strange = sorted(set(row.surface) - set(self.lanes))
             if strange:
                 raise ValueError(
-                    f"surface of the tier {name} must name designs of lanes, got {', '.join(strange)}"
+                    f"surface of the tier {name} must name designs of lanes, got "
+                    f"{', '.join(strange)}"
                 )
         if ALL_TIERS in self.tiers:
             raise ValueError(
@@ -332,8 +335,8 @@ def sample_files() -> tuple[Path, Path]:
 def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground:
     """Read a packaged description, or one of your own from a file, or its text; one not valid is a ValueError.
 
-    The quick form has the sites of the table ``quick``, of each tier if there are tiers, and the lanes and splits that
-    it names, some of them its own, with its entries laid over theirs.
+    The quick form has the sites of the table ``quick``, of each tier if there are tiers, and the
+    lanes and splits that it names, some of them its own, with its entries laid over theirs.
     """
     name = GROUNDS[0] if source is None else str(source)
     if isinstance(source, str) and name not in GROUNDS:
@@ -377,4 +380,4 @@ def _quick_form(data: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
         row["surface"] = {
             design: entries for design, entries in surface.items() if design in data["lanes"]
         }
-    return laid_over(data, over)
+    return merge_tables(data, over)

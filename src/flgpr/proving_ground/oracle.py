@@ -104,12 +104,14 @@ def run_oracle(
         needed = _needed(part)
         if not needed:
             raise ValueError(
-                f"sites must have test lanes without targets, whose false alarms count, got none in {home}"
+                "sites must have test lanes without targets, whose false alarms count, got none "
+                f"in {home}"
             )
         missing = [name for name in needed if not (home / "lanes" / f"{name}.zarr").is_dir()]
         if missing:
             raise ValueError(
-                f"lanes must be made by `flgpr benchmark run` first, not there: {', '.join(missing)}"
+                "lanes must be made by `flgpr benchmark run` first, not there: "
+                f"{', '.join(missing)}"
             )
     truth = open_truth(home / "lanes" / SEALED, passphrase(tiers[0]))[0]
     return pd.concat(

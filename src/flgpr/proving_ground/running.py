@@ -115,8 +115,8 @@ def make_lanes(
 ) -> None:
     """Simulate the lanes that are not there yet, of all tiers or of some.
 
-    The truth of all test lanes is sealed, that of the others lies beside. Fingerprints are taken of all lanes that are
-    there, those of other tiers too.
+    The truth of all test lanes is sealed, that of the others lies beside. Fingerprints are taken of
+    all lanes that are there, those of other tiers too.
     """
     seal_tested(ground, home)
     chosen = ground.chosen_tiers() if tiers is None else tiers
@@ -308,8 +308,8 @@ def run_entry(ground: Ground, entry: Entry, home: Path, folder: Path, how: RunOp
 def submitted(ground: Ground, home: Path) -> dict[str, pd.DataFrame]:
     """Read the alarm lists SPLIT.csv of a folder; each must name the lanes of its split in the column ``lane``.
 
-    A list may hold alarms in lanes of every tier. For one tier of a ground its own alarms are given, and no list that
-    names none of its lanes.
+    A list may hold alarms in lanes of every tier. For one tier of a ground its own alarms are
+    given, and no list that names none of its lanes.
     """
     tables = {
         path.stem: read_table_in(home, path.name, "alarms") for path in sorted(home.glob("*.csv"))
@@ -317,12 +317,14 @@ def submitted(ground: Ground, home: Path) -> dict[str, pd.DataFrame]:
     for split, table in tables.items():
         if split not in ground.table.splits:
             raise ValueError(
-                f"alarm lists must be named after splits, {', '.join(ground.table.splits)}, got {split}.csv"
+                f"alarm lists must be named after splits, {', '.join(ground.table.splits)}, got "
+                f"{split}.csv"
             )
         wanted = {lane.name for lane in replace(ground, tier="").tested(split)}
         if "lane" not in table.columns or not set(table["lane"]) <= wanted:
             raise ValueError(
-                f"{split}.csv must name the lanes of {split} in the column lane: {', '.join(sorted(wanted))}"
+                f"{split}.csv must name the lanes of {split} in the column lane: "
+                f"{', '.join(sorted(wanted))}"
             )
     if not ground.tier:
         return tables
@@ -402,7 +404,8 @@ def run_benchmark(
             submitted(chosen, entry.alarms)
     if Folder(folder).has(MARK) and read_ground(folder) != chosen:
         raise ValueError(
-            f"output must be a folder of {chosen.title} as it is now, got one of another ground: {folder}"
+            f"output must be a folder of {chosen.title} as it is now, got one of another ground: "
+            f"{folder}"
         )
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "ground.toml", chosen.text)

@@ -242,7 +242,7 @@ def _part_of(matched: Match, lanes: Sequence[str]) -> Match:
 def _points(
     ground: Ground, group: str, matched: Match, level: Any, rows: Any, reference: Match | None
 ) -> Iterator[dict[str, Any]]:
-    curve = level.beside(roc_of(matched, rows), rows)
+    curve = level.add_chance_column(roc_of(matched, rows), rows)
     fars = ground.table.fars
     for allowed, (_, row) in zip(
         fars, curve.iloc[operating_row(curve, np.array(fars))].iterrows(), strict=True
@@ -286,7 +286,8 @@ def of_tier(table: pd.DataFrame, ground: Ground) -> pd.DataFrame:
 def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str:
     """Write the table of all mines at the FAR of comparison, in words and figures."""
     lines = [
-        f"{ground.title}: Pd of mines at {ground.table.far:g} false alarms per m², 95 % interval, chance"
+        f"{ground.title}: Pd of mines at {ground.table.far:g} false alarms per m², 95 % interval, "
+        "chance"
     ]
     for tier in ground.chosen_tiers():
         own = of_tier(scores, tier)
@@ -316,7 +317,8 @@ def _tier_lines(ground: Ground, scores: pd.DataFrame) -> list[str]:
 def pd_in_words(one: Mapping[Any, Any]) -> str:
     """Say a Pd with its interval, counts and chance."""
     return (
-        f"{one['pd']:.2f} ({one['pd_low']:.2f} to {one['pd_high']:.2f}), {one['n_detected']:.0f} of "
+        f"{one['pd']:.2f} ({one['pd_low']:.2f} to {one['pd_high']:.2f}), {one['n_detected']:.0f} "
+        "of "
         f"{one['n_targets']:.0f}, {one['n_false']:.0f} false, chance {one['chance']:.2f}"
     )
 
@@ -332,7 +334,8 @@ def paired_in_words(one: Mapping[Any, Any], before: str = "") -> str:
 def write_table(folders: Sequence[str | Path], output: str | Path) -> str:
     """Score what is not scored yet, write ``scores.csv``, ``costs.csv`` and ``index.html``, and give the table as text.
 
-    The first file is the same, to the digit, for the same alarms; the second is what this machine took.
+    The first file is the same, to the digit, for the same alarms; the second is what this machine
+    took.
     """
     homes = [Path(folder) for folder in folders]
     to = Path(output)
@@ -439,8 +442,8 @@ def listing(
 ) -> list[str]:
     """Tell in lines what enters, which lanes there are and how they are split; with a folder whether they are alike.
 
-    Lanes are the same bits, alike (the rms of the echoes of every polarization within 1e-4), or other lanes than those
-    whose fingerprints come with the package.
+    Lanes are the same bits, alike (the rms of the echoes of every polarization within 1e-4), or
+    other lanes than those whose fingerprints come with the package.
     """
     chosen = load_ground(quick, None if ground is None else Path(ground))
     lines = [f"{chosen.title}, seen by {chosen.table.sensor}", "", "entries:"]

@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import flgpr
+from flgpr.model.figure_text import show_dollar_signs
 
 _PACKAGE = "flgpr.report"
 
@@ -53,7 +54,11 @@ def _environment(package: str) -> Environment:
 
 
 def figure_png(figure: Figure, dpi: float = 110) -> bytes:
-    """Return a figure as PNG, the same bytes for equal figures; dpi in dots per inch."""
+    """Return a figure as PNG, the same bytes for equal figures; dpi in dots per inch.
+
+    Text is shown as it is: dollar signs in names do not make formulas.
+    """
+    show_dollar_signs(figure)
     stream = BytesIO()
     figure.dpi = dpi
     # savefig would draw a figure with a layout twice. The metadata would hold the library's

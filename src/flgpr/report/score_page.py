@@ -214,7 +214,7 @@ def report_html(
         values |= _score_values(scored, worst, alarm_patches or {}, target_patches or {})
         values["roadside"] = _roadside_shares(scored[0], values.get("notes", {}))
         values["bands"] = bands or {}
-        values["provenance"] = {**scored[0].told_rules(), **(notes or {})}
+        values["provenance"] = {**scored[0].rules_summary(), **(notes or {})}
         values["in_words"] = in_words
         alarms = scored[0].labels
     values |= _alarm_values(alarms)

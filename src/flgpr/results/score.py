@@ -157,8 +157,8 @@ def roc_json(scored: Sequence[Score], notes: Mapping[str, Any]) -> str:
 
     An infinite threshold and all that is unknown are null.
     """
-    detections = {entry.name: entry.told() for entry in scored}
-    return _roc_json(scored[0].told_rules(), notes, detections)
+    detections = {entry.name: entry.summary() for entry in scored}
+    return _roc_json(scored[0].rules_summary(), notes, detections)
 
 
 def blind_roc_json(blind: BlindScore, notes: Mapping[str, Any]) -> str:
@@ -389,7 +389,7 @@ def _curve(scored: Score, chosen: NDArray[np.bool_]) -> dict[str, Any]:
     roc_curve = roc_of(
         scored.matched, subset, area=rules.area, frame_area=rules.frame_area, level=rules.level
     )
-    curve = scored.chance.beside(roc_curve, subset)
+    curve = scored.chance.add_chance_column(roc_curve, subset)
     return {
         "n_targets": int(curve.iloc[-1]["n_targets"]),
         "pd_mean": pd_mean(curve) if len(chosen) else None,

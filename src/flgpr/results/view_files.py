@@ -19,7 +19,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.detection import MAIN, Detection
-from flgpr.chain.evidence import Evidence, decibels
+from flgpr.chain.evidence import Evidence
+from flgpr.chain.look_samples import decibels
 from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.model import Lane
 from flgpr.results.description import left_out_scans

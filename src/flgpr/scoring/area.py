@@ -17,13 +17,31 @@ _TURN = 2 * math.pi
 
 
 def union_area(centre: ArrayLike, radius: float, lane: Lane) -> float:
-    """Compute the area, m², of the part of a lane that equal discs (centres (disc, 2) and radius in m) cover.
+    """Compute the area of the part of a lane that equal discs cover.
 
     The border of the covered region consists of circle arcs that no other disc covers and of
     stretches of the lane's border inside a disc. Both are found in closed form as complements and
     unions of intervals (angles on a circle, lengths on a border), and Green's theorem, A = ½∮(x dy
-    - y dx), sums them. Nothing is sampled. A radius that is not positive, or centres of another
-    shape, are a ValueError.
+    - y dx), sums them. Nothing is sampled.
+
+    Parameters
+    ----------
+    centre : (disc, 2) array_like
+        Centres of the discs, m; there may be none.
+    radius : float
+        Radius of the discs, m.
+    lane : Lane
+        The lane.
+
+    Returns
+    -------
+    float
+        The covered area, m².
+
+    Raises
+    ------
+    ValueError
+        If the radius is not positive, or the centres are not finite or of another shape.
 
     Examples
     --------
@@ -32,14 +50,14 @@ def union_area(centre: ArrayLike, radius: float, lane: Lane) -> float:
     >>> from flgpr.model import Lane
     >>> from flgpr.scoring import union_area
     >>> lane = Lane(-2.0, 2.0, 0.0, 60.0)
-    >>> [round(union_area(centre, 1.0, lane), 3) for centre in ([[0, 10]], [[0, 10], [0, 11]], [[2, 30]])]
-    [3.142, 5.055, 1.571]
+    >>> round(union_area([[0, 10], [0, 11]], 1.0, lane), 3)
+    5.055
+    >>> round(union_area([[2, 30]], 1.0, lane), 3)
+    1.571
     """
-    points = (
-        np.asarray(centre, dtype=np.float64).reshape(-1, 2)
-        if np.size(centre) == 0
-        else np.asarray(centre, float)
-    )
+    points = np.asarray(centre, dtype=np.float64)
+    if points.size == 0:
+        points = points.reshape(-1, 2)
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
         raise ValueError(
             f"centre must be finite positions of shape (disc, 2), got shape {points.shape}"
@@ -59,56 +77,64 @@ def union_area(centre: ArrayLike, radius: float, lane: Lane) -> float:
 def _arc_sum(points: FloatArray, radius: float, half: FloatArray) -> float:
     """Sum Green's integral over the arcs that lie in the lane and in no other disc."""
     circle, start, end = _hidden_angles(points, radius, half)
-    wrap = start < 0
-    over = end > _TURN
-    pieces = [
+    before_zero = start < 0
+    past_turn = end > _TURN
+    every_circle = np.arange(len(points))
+    zeros = np.zeros(len(points))
+    turns = np.full(len(points), _TURN)
+    # An interval across the angle 0 is cut in two. Empty intervals at 0 and at a full turn close
+    # the gap before the first hidden interval of a circle and after its last.
+    intervals = [
         (circle, np.maximum(start, 0), np.minimum(end, _TURN)),
-        (circle[wrap], start[wrap] + _TURN, np.full(wrap.sum(), _TURN)),
-        (circle[over], np.zeros(over.sum()), end[over] - _TURN),
-        # Empty intervals at 0 and at a full turn close the gap before the first and after the last
-        # hidden one.
-        (np.arange(len(points)), np.zeros(len(points)), np.zeros(len(points))),
-        (np.arange(len(points)), np.full(len(points), _TURN), np.full(len(points), _TURN)),
+        (circle[before_zero], start[before_zero] + _TURN, np.full(before_zero.sum(), _TURN)),
+        (circle[past_turn], np.zeros(past_turn.sum()), end[past_turn] - _TURN),
+        (every_circle, zeros, zeros),
+        (every_circle, turns, turns),
     ]
-    circles, starts, ends = zip(*pieces, strict=True)
-    which, first, last = _gaps(
+    circles, starts, ends = zip(*intervals, strict=True)
+    visible, first, last = _gaps(
         np.concatenate(circles), np.concatenate(starts), np.concatenate(ends)
     )
-    x, y = points[which].T
-    turned = (
+    x, y = points[visible].T
+    arcs = (
         radius * (last - first)
         + x * (np.sin(last) - np.sin(first))
         - y * (np.cos(last) - np.cos(first))
     )
-    return float(0.5 * radius * turned.sum())
+    return float(0.5 * radius * arcs.sum())
 
 
 def _hidden_angles(points: FloatArray, radius: float, half: FloatArray) -> Intervals:
-    """Find per circle the angles inside another disc or outside the lane; the middles lie in [0, 2π)."""
+    """Find the intervals of angles of each circle that lie in another disc or outside the lane.
+
+    Their middles lie in [0, 2π).
+    """
     pairs = cKDTree(points).query_pairs(2 * radius, output_type="ndarray")
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     step = points[pairs[:, 1]] - points[pairs[:, 0]]
     middle = [np.arctan2(step[:, 1], step[:, 0])]
     width = [np.arccos(np.clip(np.hypot(*step.T) / (2 * radius), 0, 1))]
     circle = [pairs[:, 0]]
-    for axis, sign, angle in (
+    # The four borders of the lane: axis, side, and the angle of their outward normal.
+    borders = (
         (0, 1, 0.0),
         (1, 1, math.pi / 2),
         (0, -1, math.pi),
         (1, -1, 3 * math.pi / 2),
-    ):
+    )
+    for axis, sign, angle in borders:
         reach = (half[axis] - sign * points[:, axis]) / radius
         cut = np.flatnonzero(reach < 1)
         circle.append(cut)
         middle.append(np.full(len(cut), angle))
         width.append(np.arccos(np.clip(reach[cut], -1, 1)))
     centre = np.mod(np.concatenate(middle), _TURN)
-    spread = np.concatenate(width)
-    return np.concatenate(circle), centre - spread, centre + spread
+    half_width = np.concatenate(width)
+    return np.concatenate(circle), centre - half_width, centre + half_width
 
 
 def _gaps(group: IntArray, start: FloatArray, end: FloatArray) -> Intervals:
-    """Find what no interval covers, group by group, between a group's first start and its last end."""
+    """Find what no interval of a group covers between the group's first start and last end."""
     order = np.lexsort((start, group))
     group = group[order]
     start = start[order]
@@ -116,8 +142,8 @@ def _gaps(group: IntArray, start: FloatArray, end: FloatArray) -> Intervals:
     # The running maximum of each group by ranks, which those of another group cannot reach.
     ends, rank = np.unique(end, return_inverse=True)
     reach = ends[np.maximum.accumulate(group * len(end) + rank) - group * len(end)]
-    open_ = np.flatnonzero((group[1:] == group[:-1]) & (start[1:] > reach[:-1]))
-    return group[open_], reach[open_], start[open_ + 1]
+    before_gap = np.flatnonzero((group[1:] == group[:-1]) & (start[1:] > reach[:-1]))
+    return group[before_gap], reach[before_gap], start[before_gap + 1]
 
 
 def _border_sum(points: FloatArray, radius: float, half: FloatArray) -> float:
@@ -126,9 +152,9 @@ def _border_sum(points: FloatArray, radius: float, half: FloatArray) -> float:
     for axis in (0, 1):
         for sign in (-1, 1):
             off = sign * half[axis] - points[:, axis]
-            near = np.abs(off) < radius
-            chord = np.sqrt(radius**2 - off[near] ** 2)
-            along = points[near, 1 - axis]
+            is_cut = np.abs(off) < radius
+            chord = np.sqrt(radius**2 - off[is_cut] ** 2)
+            along = points[is_cut, 1 - axis]
             low = np.maximum(along - chord, -half[1 - axis])
             high = np.minimum(along + chord, half[1 - axis])
             total += 0.5 * half[axis] * _union_length(low[high > low], high[high > low])
@@ -136,7 +162,7 @@ def _border_sum(points: FloatArray, radius: float, half: FloatArray) -> float:
 
 
 def _union_length(low: FloatArray, high: FloatArray) -> float:
-    """Measure the union of intervals."""
+    """Compute the length of the union of intervals."""
     if len(low) == 0:
         return 0.0
     group = np.zeros(len(low), dtype=np.int64)

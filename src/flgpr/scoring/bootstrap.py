@@ -1,4 +1,4 @@
-"""Uncertainty of a whole curve: resampling of targets, lanes and stretches of lane; scores of what is drawn anew."""
+"""Uncertainty of a curve by resampling of targets, lanes and stretches of lane."""
 
 from __future__ import annotations
 
@@ -24,10 +24,11 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Design:
-    """What is drawn anew: clusters of targets, lanes, and blocks of lane.
+    """What is resampled: clusters of targets, lanes, and blocks of lane.
 
-    The factors may cross (the same mine in two passes), so each is drawn by itself with replacement and a target or
-    false alarm weighs the product of its factors' weights (pigeonhole bootstrap, Owen 2007).
+    The factors may cross (the same mine in two passes). Each is therefore drawn by itself with
+    replacement, and a target or false alarm has the product of its factors' weights (pigeonhole
+    bootstrap, Owen 2007).
     """
 
     lanes: int  #: number of lanes; they are drawn only if there are several
@@ -38,26 +39,26 @@ class Design:
     block_lane: IntArray  #: (block,) lane of every block
     #: (block,) area of every block outside the halos, m², in proportion to ``area``
     block_area: FloatArray
-    block_y: tuple[
-        tuple[int, float, float], ...
-    ]  #: first block, start (m) and length (m) of the blocks of each lane
+    #: first block, start (m) and length (m) of the blocks of each lane
+    block_y: tuple[tuple[int, float, float], ...]
     area: float  #: area that the FAR of the whole list refers to, m²
 
     def draw(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draw weights of the targets and of the blocks; some target always has weight."""
         while True:
-            lane = _counts(rng, self.lanes) if self.lanes > 1 else np.ones(1)
-            target = _counts(rng, self.clusters)[self.target_cluster] * lane[self.target_lane]
-            block = _counts(rng, len(self.block_lane)) * lane[self.block_lane]
+            lane = _draw_counts(rng, self.lanes) if self.lanes > 1 else np.ones(1)
+            cluster = _draw_counts(rng, self.clusters)
+            target = cluster[self.target_cluster] * lane[self.target_lane]
+            block = _draw_counts(rng, len(self.block_lane)) * lane[self.block_lane]
             if target.any() and (block * self.block_area).sum() > 0:
                 return target, block
 
 
 @dataclass(frozen=True)
 class Scores:
-    """What a detector's alarms amount to: scores of the targets, false alarms in falling order."""
+    """Alarms of a detector as resampling needs them: scores of targets, and false alarms."""
 
-    # : (target,) confidence of each chosen target's best alarm, -inf where there is none
+    #: (target,) confidence of each chosen target's best alarm, -inf where there is none
     target: FloatArray
     false: FloatArray  #: (false,) confidences of the false alarms, falling
     block: IntArray  #: (false,) block each of them lies in
@@ -66,20 +67,23 @@ class Scores:
     def pd_at(
         self, far: FloatArray, target: FloatArray, block: FloatArray, area: float
     ) -> FloatArray:
-        """Read weighted Pd at allowed false alarm rates."""
+        """Return the weighted Pd at allowed false alarm rates."""
         rate = np.cumsum(block[self.block]) / area
         first = np.searchsorted(rate, far, side="right")
         barrier = np.append(self.false, -np.inf)[first]
         order = np.argsort(-self.target)
-        gained = np.append(0.0, np.cumsum(target[order]))
-        return gained[np.searchsorted(-self.target[order], -barrier, side="left")] / target.sum()
+        found_weight = np.append(0.0, np.cumsum(target[order]))
+        n_found = np.searchsorted(-self.target[order], -barrier, side="left")
+        return found_weight[n_found] / target.sum()
 
     def shares(self, far_max: float, block: FloatArray, area: float) -> FloatArray:
-        """Compute what each target adds to PD_mean: 1 - FAR/far_max at which it is found, at least 0."""
+        """Compute what each target adds to PD_mean: 1 - FAR/far_max at which it is found.
+
+        It is at least 0, and 0 for a target that is not found.
+        """
         rate = np.append(0.0, np.cumsum(block[self.block])) / area
-        return np.where(
-            np.isneginf(self.target), 0.0, np.maximum(0.0, 1 - rate[self.above] / far_max)
-        )
+        share = np.maximum(0.0, 1 - rate[self.above] / far_max)
+        return np.where(np.isneginf(self.target), 0.0, share)
 
 
 def band(
@@ -95,12 +99,13 @@ def band(
     block: float = 10.0,
     cluster: str | None = None,
 ) -> pd.DataFrame:
-    """Compute a simultaneous confidence band of Pd over FAR by bootstrap, clustered by target and lane.
+    """Compute a simultaneous confidence band of Pd over FAR by bootstrap.
 
-    The band is Pd ± c·s: s is the standard deviation of the resampled curves, not less than the
-    binomial one with two successes and two failures added (resampling sees no spread where all
-    targets are found), and c the level's quantile of the largest standardised deviation over the
-    whole grid, not less than the normal one. See the docs for its measured coverage.
+    Targets are drawn in clusters, lanes and blocks of lane beside them. The band is Pd ± c·s: s is
+    the standard deviation of the resampled curves, not less than the binomial one with two
+    successes and two failures added (resampling sees no spread where all targets are found), and c
+    the level's quantile of the largest standardised deviation over the whole grid, not less than
+    the normal one. See the docs for its measured coverage.
 
     Parameters
     ----------
@@ -122,10 +127,14 @@ def band(
     -------
     DataFrame
         ``far``, ``pd``, ``pd_low``, ``pd_high``.
+
+    Raises
+    ------
+    ValueError
+        If an option is not valid or there is no target.
     """
-    grid = (
-        np.linspace(0, 0.1, 51) if far is None else np.atleast_1d(np.asarray(far, dtype=np.float64))
-    )
+    rates = np.linspace(0, 0.1, 51) if far is None else far
+    grid = np.atleast_1d(np.asarray(rates, dtype=np.float64))
     if grid.ndim != 1 or not (grid >= 0).all():
         raise ValueError(f"far must be rates of at least 0, got {grid}")
     if not 0 < level < 1:
@@ -134,16 +143,21 @@ def band(
         matched, subset, block=block, cluster=cluster, area=area, frame_area=frame_area
     )
     scores = make_scores(matched, design, subset)
-    ones = np.ones(len(scores.target)), np.ones(len(design.block_lane))
-    centre = scores.pd_at(grid, *ones, design.area)
+    once = np.ones(len(scores.target))
+    every_block = np.ones(len(design.block_lane))
+    centre = scores.pd_at(grid, once, every_block, design.area)
     curves = np.array([scores.pd_at(grid, *weights) for weights in _draws(design, draws, seed)])
+
     n = design.clusters
     shrunk = (centre * n + 2) / (n + 4)
-    spread = np.maximum(curves.std(axis=0, ddof=1), np.sqrt(shrunk * (1 - shrunk) / (n + 4)))
+    binomial = np.sqrt(shrunk * (1 - shrunk) / (n + 4))
+    spread = np.maximum(curves.std(axis=0, ddof=1), binomial)
+    largest_deviation = (np.abs(curves - centre) / spread).max(axis=1)
     factor = max(
-        float(np.quantile((np.abs(curves - centre) / spread).max(axis=1), level)),
+        float(np.quantile(largest_deviation, level)),
         float(special.ndtri((1 + level) / 2)),
     )
+
     # Pd rises with FAR, so a bound that dips or juts may be drawn level without losing a curve that
     # was inside.
     low = np.maximum.accumulate(np.clip(centre - factor * spread, 0, 1))
@@ -173,27 +187,43 @@ def pd_mean_interval(
     block: float = 10.0,
     cluster: str | None = None,
 ) -> tuple[float, float]:
-    """Bound PD_mean by the percentiles of resampled curves, expanded for few mines (Hesterberg 2015): low, high.
+    """Compute an interval of PD_mean by the bootstrap, expanded for few mines (Hesterberg 2015).
 
-    The average goes up to ``far_max``, per m²; the other parameters are those of :func:`band`.
+    Parameters
+    ----------
+    far_max : float
+        End of the averaging, per m².
+    matched, subset, area, frame_area, level, draws, seed, block, cluster
+        As for :func:`band`.
+
+    Returns
+    -------
+    low, high : float
+        Bounds of PD_mean.
+
+    Raises
+    ------
+    ValueError
+        If an option is not valid or there is no target.
     """
     design = make_design(
         matched, subset, block=block, cluster=cluster, area=area, frame_area=frame_area
     )
     scores = make_scores(matched, design, subset)
-    means = [
-        (target * scores.shares(far_max, weight, drawn)).sum() / target.sum()
-        for target, weight, drawn in _draws(design, draws, seed)
-    ]
+    means = []
+    for target, weight, drawn_area in _draws(design, draws, seed):
+        shares = scores.shares(far_max, weight, drawn_area)
+        means.append((target * shares).sum() / target.sum())
     low, high = np.quantile(means, tails(level, design.clusters))
     return float(low), float(high)
 
 
 def tails(level: float, clusters: int) -> tuple[float, float]:
-    """Compute the probabilities whose percentiles bound a mean of so many mines; 0 and 1 for a single one.
+    """Compute the probabilities whose percentiles bound a mean of so many mines.
 
-    Resampling n mines sees a spread too small by sqrt(1 - 1/n) and tails too thin by Student's t against the normal
-    distribution; percentiles further out make up for both.
+    Resampling n mines sees a spread too small by sqrt(1 - 1/n) and tails too thin by Student's t
+    against the normal distribution; percentiles further out make up for both (Hesterberg 2015).
+    They are 0 and 1 for a single mine.
     """
     if not 0 < level < 1:
         raise ValueError(f"level must lie between 0 and 1, got {level}")
@@ -212,7 +242,7 @@ def make_design(
     area: AreaRule = "union",
     frame_area: float | None = None,
 ) -> Design:
-    """Lay out what is drawn; see :func:`band`."""
+    """Divide targets and lanes into what is resampled; the parameters are those of :func:`band`."""
     if not (math.isfinite(block) and block > 0):
         raise ValueError(f"block must be a positive length, got {block} m")
     if cluster is not None and cluster not in matched.truth.columns:
@@ -223,33 +253,48 @@ def make_design(
     total = far_area(matched, area, frame_area)
     names = matched.truth.loc[chosen, cluster] if cluster is not None else np.arange(chosen.sum())
     codes, unique = pd.factorize(np.asarray(names))
-    if (codes < 0).any():
+    unnamed = int((codes < 0).sum())
+    if unnamed:
         raise ValueError(
-            f"cluster must name a mine in every row, got {int((codes < 0).sum())} rows without {cluster}"
+            f"cluster must name a mine in every row, got {unnamed} rows without {cluster}"
         )
-    points = matched.truth[["x", "y"]].to_numpy()
-    layout: list[tuple[int, float, float]] = []
-    areas: list[float] = []
-    lane_of: list[int] = []
+    block_y: list[tuple[int, float, float]] = []
+    block_area: list[float] = []
+    block_lane: list[int] = []
     for number, lane in enumerate(matched.lanes.values()):
-        pieces = max(1, round((lane.y_max - lane.y_min) / block))
-        edges = np.linspace(lane.y_min, lane.y_max, pieces + 1)
-        layout.append((len(areas), lane.y_min, (lane.y_max - lane.y_min) / pieces))
-        own = points[matched.target_lane == number]
-        for low, high in pairwise(edges):
-            piece = Lane(lane.x_min, lane.x_max, float(low), float(high))
-            near = own[(own[:, 1] > low - matched.halo) & (own[:, 1] < high + matched.halo)]
-            areas.append(piece.area - union_area(near, matched.halo, piece))
-            lane_of.append(number)
-    open_ = np.maximum(areas, 0.0)
+        length = lane.y_max - lane.y_min
+        blocks = max(1, round(length / block))
+        block_y.append((len(block_area), lane.y_min, length / blocks))
+        block_area += _open_areas(matched, number, lane, blocks)
+        block_lane += [number] * blocks
+    open_area = np.maximum(block_area, 0.0)
     return Design(
-        len(matched.lanes), len(unique), codes.astype(np.int64), matched.target_lane[chosen],
-        np.array(lane_of), open_ * (total / open_.sum()), tuple(layout), total,
-    )  # fmt: skip
+        lanes=len(matched.lanes),
+        clusters=len(unique),
+        target_cluster=codes.astype(np.int64),
+        target_lane=matched.target_lane[chosen],
+        block_lane=np.array(block_lane),
+        block_area=open_area * (total / open_area.sum()),
+        block_y=tuple(block_y),
+        area=total,
+    )
+
+
+def _open_areas(matched: Match, number: int, lane: Lane, blocks: int) -> list[float]:
+    """Compute the area outside the halos, m², of each of the equal blocks of a lane."""
+    points = matched.truth[["x", "y"]].to_numpy()
+    targets = points[matched.target_lane == number]
+    edges = np.linspace(lane.y_min, lane.y_max, blocks + 1)
+    areas = []
+    for low, high in pairwise(edges):
+        block = Lane(lane.x_min, lane.x_max, float(low), float(high))
+        in_reach = (targets[:, 1] > low - matched.halo) & (targets[:, 1] < high + matched.halo)
+        areas.append(block.area - union_area(targets[in_reach], matched.halo, block))
+    return areas
 
 
 def make_scores(matched: Match, design: Design, subset: Subset = None) -> Scores:
-    """Take from matched alarms what resampling needs."""
+    """Return the scores of matched alarms that resampling needs."""
     chosen = select_targets(matched.truth, subset)
     target = matched.best(chosen)[1][chosen]
     row = np.flatnonzero(matched.false)
@@ -258,19 +303,21 @@ def make_scores(matched: Match, design: Design, subset: Subset = None) -> Scores
     lane = matched.alarm_lane[row]
     y = matched.alarms["y"].to_numpy()[row]
     first, start, length = (np.array(column)[lane] for column in zip(*design.block_y, strict=True))
-    block = np.minimum(
-        first + np.floor((y - start) / length).astype(np.int64), _last_block(design, lane)
-    )
+    block = first + np.floor((y - start) / length).astype(np.int64)
+    # A false alarm at the far border of its lane belongs to the last block.
+    block = np.minimum(block, _last_block(design, lane))
     above = np.searchsorted(-false, -target, side="right")
     return Scores(target, false, block.astype(np.int64), above.astype(np.int64))
 
 
 def _last_block(design: Design, lane: IntArray) -> IntArray:
+    """Return the last block of each of the lanes."""
     ends = [first for first, _, _ in design.block_y[1:]] + [len(design.block_lane)]
     return np.asarray(np.array(ends)[lane] - 1, dtype=np.int64)
 
 
 def _draws(design: Design, draws: int, seed: int) -> Iterator[tuple[FloatArray, FloatArray, float]]:
+    """Yield weights of targets and of blocks, and the area of the drawn blocks, m²."""
     if draws < 2:
         raise ValueError(f"draws must be at least 2, got {draws}")
     rng = np.random.default_rng(seed)
@@ -279,24 +326,34 @@ def _draws(design: Design, draws: int, seed: int) -> Iterator[tuple[FloatArray, 
         yield target, block, float((block * design.block_area).sum())
 
 
-def _counts(rng: np.random.Generator, units: int) -> Any:
+def _draw_counts(rng: np.random.Generator, units: int) -> Any:
+    """Draw as many units as there are, with replacement, and count how often each is drawn."""
     return np.bincount(rng.integers(units, size=units), minlength=units).astype(np.float64)
 
 
 @dataclass(frozen=True)
 class Draw:
-    """Lanes, targets and stretches of lane drawn anew: how often each counts."""
+    """A resampling of lanes, targets and stretches of lane: how often each counts."""
 
-    target: FloatArray  #: (target,)
-    # : (alarm,) as often as the target that it hits or the stretch of lane that it stands on
+    target: FloatArray  #: (target,) weight of each target
+    #: (alarm,) weight of the target that an alarm hits, or of the stretch of lane that it stands on
     alarm: FloatArray
-    area: float  #: that the false alarms stand on, m²
+    area: float  #: area that false alarms can stand on, m²
 
 
 class Rescorer:
-    """Pd of some targets and its mean as functions of all alarms' confidences; -inf is never declared.
+    """Pd of some targets and its mean as functions of the confidences of all alarms.
 
-    ``reference`` are the alarms, with any confidences; ``area`` is the rule of FAR's area where nothing is drawn.
+    Parameters
+    ----------
+    reference : Match
+        The alarms and targets, with any confidences.
+    subset : optional
+        Targets to score, see :func:`flgpr.scoring.select_targets`.
+    far_max : float
+        End of the averaging of Pd, per m².
+    area : {"union", "paper"}
+        Rule of the FAR's area where nothing is resampled, see :func:`flgpr.scoring.roc`.
     """
 
     def __init__(
@@ -316,30 +373,35 @@ class Rescorer:
         self._far_max = far_max
 
     def __call__(self, confidence: FloatArray, draw: Draw | None = None) -> float:
-        """Give the mean of Pd up to ``far_max``, that of :func:`flgpr.scoring.pd_mean` of the curve."""
+        """Compute the mean of Pd up to ``far_max``, as :func:`flgpr.scoring.pd_mean` of the curve.
+
+        An alarm with the confidence -inf is never declared.
+        """
         scores, target, weight, area = self._scores(confidence, draw)
         return float(scores.shares(self._far_max, weight, area) @ target / target.sum())
 
     def pd_at(
         self, confidence: FloatArray, far: FloatArray, draw: Draw | None = None
     ) -> FloatArray:
-        """Give Pd at allowed false alarm rates, per m²; NaN in a draw without any of the targets."""
+        """Compute Pd at allowed false alarm rates, per m²; NaN in a draw without any target."""
         scores, target, weight, area = self._scores(confidence, draw)
-        return (
-            scores.pd_at(far, target, weight, area) if target.any() else np.full(len(far), np.nan)
-        )
+        if not target.any():
+            return np.full(len(far), np.nan)
+        return scores.pd_at(far, target, weight, area)
 
     def _scores(
         self, confidence: FloatArray, draw: Draw | None
     ) -> tuple[Scores, FloatArray, FloatArray, float]:
-        """Scores with every false alarm a block of its own, the weights of targets and false alarms, and the area."""
+        """Return scores, weights of targets and of false alarms, and the area, m².
+
+        In the scores every false alarm is a block of its own.
+        """
         best = np.full(len(self._targets), -np.inf)
         np.maximum.at(best, self._pair, confidence[self._alarm])
         row = self._false[np.argsort(-confidence[self._false], kind="stable")]
         false = confidence[row]
-        scores = Scores(
-            best, false, np.arange(row.size), np.searchsorted(-false, -best, side="right")
-        )
+        above = np.searchsorted(-false, -best, side="right")
+        scores = Scores(best, false, np.arange(row.size), above)
         if draw is None:
             return scores, np.ones(best.size), np.ones(row.size), self.area
         return scores, draw.target[self._targets], draw.alarm[row], draw.area

@@ -1,4 +1,8 @@
-"""ROC without a lane: of peaks in boxes (Cosgrove et al. 2004, Sec. IV-B), of examples (flsar2004, par. 45 and 52)."""
+"""ROC without alarms: of peaks in boxes and of examples.
+
+Peaks in boxes are those of Cosgrove et al. 2004, Sec. IV-B; examples those of flsar2004, par. 45
+and 52.
+"""
 
 from __future__ import annotations
 
@@ -27,12 +31,12 @@ def box_roc(
     clearance: float = 0.0,
     level: float = 0.95,
 ) -> pd.DataFrame:
-    """Compute the ROC of a detector image from its peaks in boxes (Cosgrove et al. 2004, Sec. IV-B).
+    """Compute the ROC of a detector image from its peaks in boxes.
 
-    H1 is the peak in the box around every target of the subset, H0 the peak in every box of a
-    tiling of the lane that keeps off all known targets. Its FAR is the fraction of H0 boxes at or
-    above the threshold over the area of a box. It saturates at one per box and is no count of
-    alarms.
+    It is that of Cosgrove et al. 2004, Sec. IV-B. H1 is the peak in the box around every target of
+    the subset, H0 the peak in every box of a tiling of the lane that keeps off all known targets.
+    Its FAR is the fraction of H0 boxes at or above the threshold over the area of a box. It
+    saturates at one per box and is no count of alarms.
 
     Parameters
     ----------
@@ -53,15 +57,21 @@ def box_roc(
     DataFrame
         As of :func:`flgpr.scoring.roc`; ``n_targets`` is the number of H1 peaks, ``n_false`` that
         of H0 boxes at or above the threshold, ``area`` that of all H0 boxes.
+
+    Raises
+    ------
+    ValueError
+        If the truth, the lane, the image or a size is not valid, or no H0 box was imaged.
     """
     truth = check_truth(truth)
-    one = as_lane(lane)
-    at = positions(truth)
-    check_place(at, one, "truth")
+    scored_lane = as_lane(lane)
+    targets = positions(truth)
+    check_place(targets, scored_lane, "truth")
     chosen = select_targets(truth, subset)
-    peaks = box_peaks(image, x, y, at[chosen], box).ravel()
-    clutter = box_peaks(image, x, y, offset_boxes(at, one, box, clearance), box).ravel()
-    return peak_roc(peaks, clutter, box**2, level)
+    clutter_boxes = offset_boxes(targets, scored_lane, box, clearance)
+    target_peaks = box_peaks(image, x, y, targets[chosen], box).ravel()
+    clutter_peaks = box_peaks(image, x, y, clutter_boxes, box).ravel()
+    return peak_roc(target_peaks, clutter_peaks, box**2, level)
 
 
 def peak_roc(
@@ -69,8 +79,24 @@ def peak_roc(
 ) -> pd.DataFrame:
     """Compute the ROC of peaks under H1 and H0, e.g. pooled over lanes; see :func:`box_roc`.
 
-    Peaks that are NaN, of boxes that were not imaged, are left out; at least one must be left under
-    H0. The area of a box is in m².
+    Parameters
+    ----------
+    target_peaks, clutter_peaks : (peak,) array_like
+        Peaks under H1 and H0; NaN, of a box that was not imaged, is left out.
+    box_area : float
+        Area of a box, m².
+    level : float
+        Level of the Clopper-Pearson intervals, row by row.
+
+    Returns
+    -------
+    DataFrame
+        As of :func:`box_roc`; ``attrs["n_not_imaged"]`` counts the target boxes left out.
+
+    Raises
+    ------
+    ValueError
+        If the area or the level is not valid, or no peak is left under H0.
 
     Examples
     --------
@@ -88,36 +114,51 @@ def peak_roc(
     """
     if not (math.isfinite(box_area) and box_area > 0):
         raise ValueError(f"box_area must be positive, got {box_area}")
-    at, off = (
-        np.asarray(peaks, dtype=np.float64).ravel() for peaks in (target_peaks, clutter_peaks)
-    )
-    unseen = int(np.isnan(at).sum())
-    at = at[~np.isnan(at)]
-    off = off[~np.isnan(off)]
-    if len(off) == 0:
+    h1 = np.asarray(target_peaks, dtype=np.float64).ravel()
+    h0 = np.asarray(clutter_peaks, dtype=np.float64).ravel()
+    not_imaged = int(np.isnan(h1).sum())
+    h1 = h1[~np.isnan(h1)]
+    h0 = h0[~np.isnan(h0)]
+    if len(h0) == 0:
         raise ValueError("clutter_peaks must hold at least one imaged box, got none")
-    thresholds = np.append(np.inf, np.unique(np.concatenate([at, off]))[::-1])
-    n_false = count_at(thresholds, off)
+    thresholds = np.append(np.inf, np.unique(np.concatenate([h1, h0]))[::-1])
+    n_detected = count_at(thresholds, h1)
+    n_false = count_at(thresholds, h0)
     attrs = {
         **describe("box"),
         "box_area": float(box_area),
-        "n_boxes": len(off),
-        "n_not_imaged": unseen,
+        "n_boxes": len(h0),
+        "n_not_imaged": not_imaged,
     }
-    curve = make_curve(
-        thresholds, count_at(thresholds, at), n_false, len(at), len(off) * box_area, attrs, level
-    )
-    low, high = clopper_pearson(n_false, len(off), level)
+    curve = make_curve(thresholds, n_detected, n_false, len(h1), len(h0) * box_area, attrs, level)
+    low, high = clopper_pearson(n_false, len(h0), level)
     return curve.assign(far_low=low / box_area, far_high=high / box_area)
 
 
 def box_peaks(
     image: ArrayLike, x: ArrayLike, y: ArrayLike, centre: ArrayLike, box: float = 1.0
 ) -> FloatArray:
-    """Find the peak of an image in boxes, as (look, box); NaN for a box without an imaged pixel.
+    """Find the peak of an image in boxes.
 
-    A box of side ``box`` about a ``centre`` (box, 2), m, holds the pixel centres from its lower border up to below its
-    upper. Image and axes are as for :func:`box_roc`.
+    Parameters
+    ----------
+    image, x, y
+        Image and axes, as for :func:`box_roc`.
+    centre : (box, 2) array_like
+        Centres of the boxes, m.
+    box : float
+        Side of the boxes, m. A box holds the pixel centres from its lower border up to below its
+        upper one.
+
+    Returns
+    -------
+    (look, box) ndarray
+        Highest value in each box; NaN for a box without an imaged pixel.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit, an axis does not rise, or the side is not positive.
     """
     values = np.asarray(image, dtype=np.float64)
     across = np.asarray(x, dtype=np.float64)
@@ -133,8 +174,10 @@ def box_peaks(
     values = values.reshape(-1, along.size, across.size)
     known = np.where(np.isnan(values), -np.inf, values)
     points = np.asarray(centre, dtype=np.float64).reshape(-1, 2)
-    left, right = (np.searchsorted(across, points[:, 0] + half) for half in (-box / 2, box / 2))
-    low, high = (np.searchsorted(along, points[:, 1] + half) for half in (-box / 2, box / 2))
+    left = np.searchsorted(across, points[:, 0] - box / 2)
+    right = np.searchsorted(across, points[:, 0] + box / 2)
+    low = np.searchsorted(along, points[:, 1] - box / 2)
+    high = np.searchsorted(along, points[:, 1] + box / 2)
     peaks = np.full((len(known), len(points)), -np.inf)
     for number in range(len(points)):
         patch = known[:, low[number] : high[number], left[number] : right[number]]
@@ -146,21 +189,37 @@ def box_peaks(
 def offset_boxes(
     targets: ArrayLike, lane: LaneLike, box: float = 1.0, clearance: float = 0.0
 ) -> FloatArray:
-    """Tile a lane with boxes from its lower left corner and keep those off the boxes of all targets.
+    """Tile a lane with boxes that keep off the boxes of all targets.
 
-    Targets (target, 2), the side of a box and the clearance to a target's box are in m, and so are the centres (box, 2)
-    it gives; only boxes wholly inside the lane are made.
+    Parameters
+    ----------
+    targets : (target, 2) array_like
+        Positions of the targets, m.
+    lane
+        The lane; the tiling begins at its lower left corner and stays inside.
+    box, clearance : float
+        Side of the boxes, and gap to the box of any target, m.
+
+    Returns
+    -------
+    (box, 2) ndarray
+        Centres of the boxes, m.
+
+    Raises
+    ------
+    ValueError
+        If the lane or a size is not valid.
     """
-    one = as_lane(lane)
+    tiled = as_lane(lane)
     if not (math.isfinite(box) and box > 0 and clearance >= 0):
         raise ValueError(
             f"box must be positive and clearance not negative, got {box} m and {clearance} m"
         )
-    columns = int((one.x_max - one.x_min) / box + 1e-9)
-    rows = int((one.y_max - one.y_min) / box + 1e-9)
-    x, y = np.meshgrid(
-        one.x_min + box * (np.arange(columns) + 0.5), one.y_min + box * (np.arange(rows) + 0.5)
-    )
+    columns = int((tiled.x_max - tiled.x_min) / box + 1e-9)
+    rows = int((tiled.y_max - tiled.y_min) / box + 1e-9)
+    across = tiled.x_min + box * (np.arange(columns) + 0.5)
+    along = tiled.y_min + box * (np.arange(rows) + 0.5)
+    x, y = np.meshgrid(across, along)
     centres = np.stack([x.ravel(), y.ravel()], axis=1)
     points = np.asarray(targets, dtype=np.float64).reshape(-1, 2)
     apart = np.abs(centres[:, None, :] - points[None, :, :]).max(axis=-1, initial=0.0)
@@ -221,37 +280,38 @@ def example_roc(
     4        1.0  1.000  0.02
     """
     scores = np.asarray(score, dtype=np.float64)
-    mine = np.asarray(is_target)
-    if scores.ndim != 1 or mine.shape != scores.shape:
+    labels = np.asarray(is_target)
+    if scores.ndim != 1 or labels.shape != scores.shape:
         raise ValueError(
-            f"score and is_target must be of one length, got shapes {scores.shape} and {mine.shape}"
+            "score and is_target must be of one length, "
+            f"got shapes {scores.shape} and {labels.shape}"
         )
-    if not np.isin(mine, (0, 1)).all():
-        raise ValueError(f"is_target must hold truth values, got {np.unique(mine)[:4]}")
+    if not np.isin(labels, (0, 1)).all():
+        raise ValueError(f"is_target must hold truth values, got {np.unique(labels)[:4]}")
     if not np.isfinite(scores).all():
         raise ValueError(
             f"score must be finite, got {int((~np.isfinite(scores)).sum())} values that are not"
         )
-    mine = mine.astype(bool)
-    found = int(mine.sum())
-    total = found if n_targets is None else int(n_targets)
-    if total < found:
-        raise ValueError(f"n_targets must be at least the {found} target examples, got {n_targets}")
-    if repeats < 1 or (len(scores) - found) % repeats:
+    is_target_example = labels.astype(bool)
+    n_prescreened = int(is_target_example.sum())
+    n_clutter = len(scores) - n_prescreened
+    total = n_prescreened if n_targets is None else int(n_targets)
+    if total < n_prescreened:
         raise ValueError(
-            f"repeats must divide the {len(scores) - found} clutter examples, got {repeats}"
+            f"n_targets must be at least the {n_prescreened} target examples, got {n_targets}"
         )
+    if repeats < 1 or n_clutter % repeats:
+        raise ValueError(f"repeats must divide the {n_clutter} clutter examples, got {repeats}")
     if not (math.isfinite(area) and area > 0):
         raise ValueError(f"area must be positive, got {area}")
     thresholds = np.append(np.inf, np.unique(scores)[::-1])
-    n_false = count_at(thresholds, scores[~mine])
+    n_detected = count_at(thresholds, scores[is_target_example])
+    n_false = count_at(thresholds, scores[~is_target_example])
     attrs = {
         **describe("examples"),
         "n_examples": len(scores),
-        "n_prescreened": found,
+        "n_prescreened": n_prescreened,
         "repeats": int(repeats),
     }
     counted = n_false if repeats == 1 else n_false / repeats
-    return make_curve(
-        thresholds, count_at(thresholds, scores[mine]), counted, total, area, attrs, level
-    )
+    return make_curve(thresholds, n_detected, counted, total, area, attrs, level)

@@ -29,10 +29,10 @@ def pd_table(
     level: float = 0.95,
     chance: Chance | None = None,
 ) -> pd.DataFrame:
-    """Tabulate Pd by properties of the targets, all at the one threshold that keeps the FAR of the whole list.
+    """Tabulate Pd by properties of the targets at an allowed false alarm rate.
 
-    The groups add up to the whole: an alarm in the halos of two targets finds both, whichever
-    groups they belong to.
+    All groups have one threshold, at which the whole list keeps the allowed FAR. The groups add up
+    to the whole: an alarm in the halos of two targets finds both, whichever groups they belong to.
 
     Parameters
     ----------
@@ -56,11 +56,17 @@ def pd_table(
         One row per combination that occurs: the columns of ``by``, ``n_targets``, ``n_detected``,
         ``pd``, ``pd_low``, ``pd_high`` and, with a chance level, ``chance``, the Pd it gives;
         ``attrs`` hold ``threshold`` and ``far``, the one reached.
+
+    Raises
+    ------
+    ValueError
+        If ``by`` names a column that truth does not have, or an option is not valid.
     """
     curve = roc_of(matched, area=area, frame_area=frame_area, level=level)
     row = int(operating_row(curve, far))
     threshold = float(curve["threshold"].iloc[row])
-    table = matched.truth.assign(found=matched.best()[1] >= threshold)
+    _, best_confidence, _ = matched.best()
+    table = matched.truth.assign(found=best_confidence >= threshold)
     names = [name for name in by if name in table.columns or name != "soil"]
     missing = [name for name in names if name not in table.columns]
     if missing:
@@ -72,14 +78,13 @@ def pd_table(
     low, high = clopper_pearson(result["n_detected"], result["n_targets"], level)
     result = result.assign(pd=result["n_detected"] / result["n_targets"], pd_low=low, pd_high=high)
     if chance is not None:
-        moved = table.assign(
-            clear=(~np.isnan(chance.best)).sum(axis=1),
-            struck=(chance.best >= threshold).sum(axis=1),
+        counted = table.assign(
+            clear_halos=(~np.isnan(chance.best)).sum(axis=1),
+            struck_halos=(chance.best >= threshold).sum(axis=1),
         )
-        sums = moved.groupby(names, sort=True, dropna=False, observed=True)[
-            ["clear", "struck"]
-        ].sum()
-        result["chance"] = (sums["struck"] / sums["clear"]).to_numpy()
+        by_group = counted.groupby(names, sort=True, dropna=False, observed=True)
+        sums = by_group[["clear_halos", "struck_halos"]].sum()
+        result["chance"] = (sums["struck_halos"] / sums["clear_halos"]).to_numpy()
     result.attrs = {
         "threshold": threshold,
         "far": float(curve["far"].iloc[row]),
@@ -89,15 +94,20 @@ def pd_table(
 
 
 def depth_classes(depth: pd.Series[Any], edges: Sequence[float] = DEPTH_EDGES) -> pd.Series[Any]:
-    """Sort depths (m) into classes in the order of depth; one on an edge belongs to the deeper, unknown to none."""
+    """Return the class of each depth, in the order of depth.
+
+    Depths and edges are in m. A depth on an edge belongs to the deeper class, an unknown one to
+    none.
+    """
     borders = np.asarray(edges, dtype=np.float64)
     if borders.ndim != 1 or len(borders) < 1 or (np.diff(borders) <= 0).any():
         raise ValueError(f"depth_edges must rise strictly, got {list(edges)}")
-    inner = [f"{a * 100:g} to {b * 100:g} cm" for a, b in pairwise(borders)]
+    inner = [f"{upper * 100:g} to {lower * 100:g} cm" for upper, lower in pairwise(borders)]
     names = [f"under {borders[0] * 100:g} cm", *inner, f"{borders[-1] * 100:g} cm and deeper"]
     # Categories keep the classes in the order of depth, not of the alphabet.
-    place = np.where(depth.isna(), -1, np.searchsorted(borders, depth.to_numpy(), side="right"))
-    classes = pd.Categorical.from_codes(place, pd.Index(names), ordered=True)
+    codes = np.searchsorted(borders, depth.to_numpy(), side="right")
+    codes = np.where(depth.isna(), -1, codes)
+    classes = pd.Categorical.from_codes(codes, pd.Index(names), ordered=True)
     return pd.Series(classes.remove_unused_categories(), index=depth.index)
 
 
@@ -110,7 +120,9 @@ def decision_curves(
     combine: Literal["max", "mean"] = "max",
     **options: Any,
 ) -> dict[float, pd.DataFrame]:
-    """Compute the ROC of what is known while the vehicle can still stop: only scans at least so far away count.
+    """Compute the ROC of what is known while the vehicle can still stop.
+
+    Only scans at least the decision distance away from an alarm count.
 
     Parameters
     ----------
@@ -131,57 +143,78 @@ def decision_curves(
     -------
     dict of float to DataFrame
         The curve at each decision distance; ``attrs["decision_distance"]`` names it.
+
+    Raises
+    ------
+    ValueError
+        If ``ahead`` is missing or not finite, or a table or an option is not valid.
     """
     one_of("combine", combine, ("max", "mean"))
     table = check_alarms(sightings.drop(columns="alarm_id", errors="ignore"))
-    if (
-        "ahead" not in table.columns
-        or not np.isfinite(pd.to_numeric(table["ahead"], errors="coerce")).all()
-    ):
+    if "ahead" not in table.columns or not _all_finite(table["ahead"]):
         raise ValueError(
-            "sightings must have the column ahead, finite, m: the distance from the radar in that scan"
+            "sightings must have the column ahead, finite, m: "
+            "the distance from the radar in that scan"
         )
     if "alarm_id" in sightings.columns:
-        # A row without a name is an alarm of its own; its number cannot be taken for a name, which
-        # is text.
-        table["alarm_id"] = [
-            row if missing else str(name)
-            for row, (name, missing) in enumerate(
-                zip(sightings["alarm_id"], sightings["alarm_id"].isna(), strict=True)
-            )
-        ]
+        table["alarm_id"] = _names_of_alarms(sightings["alarm_id"])
     keys = [name for name in ("lane", "alarm_id") if name in table.columns]
     curves = {}
     for distance in distances:
-        seen = table[table["ahead"] >= distance].reset_index(drop=True)
+        rows = table[table["ahead"] >= distance].reset_index(drop=True)
         if "alarm_id" in keys:
-            groups = seen.groupby(keys, sort=False, dropna=False)["confidence"]
-            joined = groups.transform(combine)
+            groups = rows.groupby(keys, sort=False, dropna=False)["confidence"]
+            combined = groups.transform(combine)
             strongest = groups.idxmax()
-            seen = seen.assign(confidence=joined).loc[strongest].reset_index(drop=True)
-        curve = roc(seen, truth, lane, **options)
+            rows = rows.assign(confidence=combined).loc[strongest].reset_index(drop=True)
+        curve = roc(rows, truth, lane, **options)
         curve.attrs["decision_distance"] = float(distance)
         curves[float(distance)] = curve
     return curves
 
 
+def _all_finite(column: pd.Series[Any]) -> bool:
+    """Return whether all cells of a column are finite numbers."""
+    return bool(np.isfinite(pd.to_numeric(column, errors="coerce")).all())
+
+
+def _names_of_alarms(column: pd.Series[Any]) -> list[Any]:
+    """Return the name of each row's alarm.
+
+    A row without a name is an alarm of its own. Its number cannot be taken for a name, which is
+    text.
+    """
+    names: list[Any] = []
+    for row, (name, is_missing) in enumerate(zip(column, column.isna(), strict=True)):
+        names.append(row if is_missing else str(name))
+    return names
+
+
 def decision_table(
     curves: Mapping[float, pd.DataFrame], far: float = 0.01, far_max: float = 0.1
 ) -> pd.DataFrame:
-    """Summarise what :func:`decision_curves` gives at the allowed ``far``, per m²: one row per distance.
+    """Summarise curves of :func:`decision_curves` at an allowed false alarm rate.
 
-    Its columns are ``distance`` (m), ``threshold``, ``pd``, ``pd_low``, ``pd_high``, ``far``, the one reached,
-    ``n_detected``, ``n_targets`` and ``pd_mean``, averaged up to ``far_max``.
+    Parameters
+    ----------
+    curves : mapping of float to DataFrame
+        Curves by decision distance, m.
+    far : float
+        Allowed false alarm rate, per m².
+    far_max : float
+        End of the averaging of PD_mean, per m².
+
+    Returns
+    -------
+    DataFrame
+        One row per distance: ``distance`` (m), ``threshold``, ``pd``, ``pd_low``, ``pd_high``,
+        ``far``, the one reached, ``n_detected``, ``n_targets`` and ``pd_mean``.
     """
+    columns = ["threshold", "pd", "pd_low", "pd_high", "far", "n_detected", "n_targets"]
     rows = []
     for distance, curve in curves.items():
         point = curve.iloc[int(operating_row(curve, far))]
-        columns = ("threshold", "pd", "pd_low", "pd_high", "far", "n_detected", "n_targets")
-        rows.append(
-            {
-                "distance": distance,
-                **point[list(columns)].to_dict(),
-                "pd_mean": pd_mean(curve, far_max),
-            }
-        )
+        row = {"distance": distance, **point[columns].to_dict()}
+        row["pd_mean"] = pd_mean(curve, far_max)
+        rows.append(row)
     return pd.DataFrame(rows).astype({"n_detected": int, "n_targets": int})

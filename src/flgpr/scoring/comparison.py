@@ -1,4 +1,4 @@
-"""Two detectors or more on the same lanes, and two analysts who judged the same alarms."""
+"""Comparison of two or more detectors on the same lanes, and of two analysts on the same alarms."""
 
 from __future__ import annotations
 
@@ -10,10 +10,17 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import scipy  # whose parts load when they are used
-from numpy.typing import ArrayLike
+import scipy  # its subpackages are imported when they are used
+from numpy.typing import ArrayLike, NDArray
 
-from flgpr.scoring.bootstrap import make_design, make_scores, pd_mean_interval, tails
+from flgpr.scoring.bootstrap import (
+    Design,
+    Scores,
+    make_design,
+    make_scores,
+    pd_mean_interval,
+    tails,
+)
 from flgpr.scoring.chance_level import chance
 from flgpr.scoring.curve import clopper_pearson, operating_row, pd_mean_by_chance
 from flgpr.scoring.lane_roc import AreaRule, assign, roc_of
@@ -22,7 +29,7 @@ from flgpr.scoring.matching import Match, Subset, select_targets
 
 _ENUMERATED = 20  # signs; a million sums
 _FLIPS = 100_000
-_POINT = (
+_POINT_COLUMNS = (
     "far",
     "far_low",
     "far_high",
@@ -36,6 +43,18 @@ _POINT = (
 )
 
 
+_MEAN_ENTRIES = (
+    "pd_mean_a",
+    "chance_a",
+    "pd_mean_b",
+    "chance_b",
+    "difference",
+    "low",
+    "high",
+    "p_value",
+)
+
+
 @dataclass(frozen=True)
 class Comparison:
     """Paired comparison of two detectors A and B."""
@@ -44,13 +63,13 @@ class Comparison:
     pd_mean_a: float
     pd_mean_b: float
     difference: float  #: A less B
-    #: low, high: bootstrap interval of the difference; targets, lanes and stretches of lane drawn alike for both
+    #: low, high: bootstrap interval of the difference; targets, lanes and stretches of lane are
+    #: drawn alike for both
     low: float
     high: float
-    #: two-sided p of the sign-flip test on what each mine adds to PD_mean; the false alarms are taken as given
+    #: two-sided p of the sign-flip test on what each mine adds to PD_mean, for these false alarms
     p_value: float
-    # : whether all signs were tried; otherwise 100,000 random ones, with the p that stays valid
-    # then
+    #: whether all signs were tried; otherwise 100,000 random ones, with the p that stays valid then
     enumerated: bool
     far: float  #: operating point of the test on detections, per m²
     #: only_a, only_b: mines found there by one alone, or in more passes than by the other
@@ -58,24 +77,26 @@ class Comparison:
     only_b: int
     p_detections: float  #: two-sided p of the exact binomial test on these (McNemar)
     n_targets: int  #: number of targets
-    #: chance_a, chance_b: PD_mean that each one's false alarms give by chance, see :func:`flgpr.scoring.chance`
+    #: chance_a, chance_b: PD_mean that the false alarms of each give by chance, see
+    #: :func:`flgpr.scoring.chance`
     chance_a: float
     chance_b: float
 
 
 @dataclass(frozen=True)
 class SideBySide:
-    """Two detectors or more on the same targets."""
+    """Two or more detectors on the same targets."""
 
-    #: one row per ``detector`` and ``far_allowed``, per m²: ``far``, ``pd`` with their exact intervals, counts, and the
-    #: Pd that ``chance`` gives
+    #: one row per ``detector`` and ``far_allowed``, per m²: ``far``, ``pd`` with their exact
+    #: intervals, counts, and the Pd that ``chance`` gives
     points: pd.DataFrame
-    #: one row per pair, ``first`` and ``second``, and ``far_allowed``: ``difference`` of their Pd (first less second)
-    #: with ``low`` and ``high`` by :func:`paired_interval`, the targets that one alone finds, ``only_first`` and
-    #: ``only_second``, and ``p`` of McNemar's exact test
+    #: one row per pair, ``first`` and ``second``, and ``far_allowed``: ``difference`` of their Pd
+    #: (first less second) with ``low`` and ``high`` by :func:`paired_interval`, the targets that
+    #: one alone finds, ``only_first`` and ``only_second``, and ``p`` of McNemar's exact test
     pairs: pd.DataFrame
-    #: one row per pair: ``pd_mean_a`` of the first with ``low_a`` and ``high_a``, ``pd_mean_b``, their chance,
-    #: ``difference`` with interval and ``p_value``, see :class:`Comparison`; None where only points are told
+    #: one row per pair: ``pd_mean_a`` of the first with ``low_a`` and ``high_a``, ``pd_mean_b``,
+    #: their chance, ``difference`` with interval and ``p_value``, see :class:`Comparison`; None
+    #: where only operating points were asked for
     means: pd.DataFrame | None
 
 
@@ -106,53 +127,98 @@ def compare(
         Operating point for the comparison of detections, per m².
     subset, area, frame_area, level, draws, seed, block, cluster
         As for :func:`flgpr.scoring.band`.
+
+    Returns
+    -------
+    Comparison
+        PD_mean of both, their difference with its interval, and two tests.
+
+    Raises
+    ------
+    ValueError
+        If the two are not matched to the same truth, lanes and halo, or an option is not valid.
     """
     _check_pair(first, second)
     design = make_design(
         first, subset, block=block, cluster=cluster, area=area, frame_area=frame_area
     )
-    a = make_scores(first, design, subset)
-    b = make_scores(second, design, subset)
-    ones = np.ones(len(design.block_lane))
-    share_a = a.shares(far_max, ones, design.area)
-    share_b = b.shares(far_max, ones, design.area)
-    rng = np.random.default_rng(seed)
-    gaps = np.empty(draws)
-    for number in range(draws):
-        target, weight = design.draw(rng)
-        drawn = float((weight * design.block_area).sum())
-        gap = a.shares(far_max, weight, drawn) - b.shares(far_max, weight, drawn)
-        gaps[number] = (target * gap).sum() / target.sum()
-    low, high = np.quantile(gaps, tails(level, design.clusters))
+    scores_a = make_scores(first, design, subset)
+    scores_b = make_scores(second, design, subset)
+    every_block = np.ones(len(design.block_lane))
+    share_a = scores_a.shares(far_max, every_block, design.area)
+    share_b = scores_b.shares(far_max, every_block, design.area)
+
+    differences = _resampled_differences(scores_a, scores_b, design, far_max, draws, seed)
+    low, high = np.quantile(differences, tails(level, design.clusters))
     by_mine = np.bincount(design.target_cluster, weights=share_a - share_b)
     p_value, enumerated = sign_flip_test(by_mine, seed)
-    found_a, found_b = (~np.isneginf(s.target) & (s.above / design.area <= far) for s in (a, b))
+
     # Looks at one mine are no independent trials: a mine counts once, for the detector that finds
     # it more often.
+    found_a = _is_found(scores_a, far, design.area)
+    found_b = _is_found(scores_b, far, design.area)
     lead = np.bincount(design.target_cluster, weights=found_a.astype(float) - found_b.astype(float))
     only_a = int((lead > 0).sum())
     only_b = int((lead < 0).sum())
+
+    by_chance = []
+    for matched in (first, second):
+        curve = roc_of(matched, subset, area=area, frame_area=frame_area)
+        with_chance = chance(matched, seed=seed).add_chance_column(curve, subset)
+        by_chance.append(pd_mean_by_chance(with_chance, far_max))
     return Comparison(
-        float(share_a.mean()), float(share_b.mean()), float((share_a - share_b).mean()), float(low), float(high),
-        p_value, enumerated, far, only_a, only_b, mcnemar_test(only_a, only_b),
-        int(select_targets(first.truth, subset).sum()),
-        *(_pd_mean_by_chance(one, subset, far_max, seed, area=area, frame_area=frame_area) for one in (first, second)),
-    )  # fmt: skip
-
-
-def _pd_mean_by_chance(
-    matched: Match, subset: Subset, far_max: float, seed: int, **area: Any
-) -> float:
-    return pd_mean_by_chance(
-        chance(matched, seed=seed).beside(roc_of(matched, subset, **area), subset), far_max
+        pd_mean_a=float(share_a.mean()),
+        pd_mean_b=float(share_b.mean()),
+        difference=float((share_a - share_b).mean()),
+        low=float(low),
+        high=float(high),
+        p_value=p_value,
+        enumerated=enumerated,
+        far=far,
+        only_a=only_a,
+        only_b=only_b,
+        p_detections=mcnemar_test(only_a, only_b),
+        n_targets=int(select_targets(first.truth, subset).sum()),
+        chance_a=by_chance[0],
+        chance_b=by_chance[1],
     )
 
 
-def sign_flip_test(differences: ArrayLike, seed: int = 0) -> tuple[float, bool]:
-    """Test whether paired differences, one per mine, are symmetric about zero, by flipping their signs.
+def _resampled_differences(
+    scores_a: Scores, scores_b: Scores, design: Design, far_max: float, draws: int, seed: int
+) -> NDArray[np.float64]:
+    """Return the difference of the PD_mean of two detectors in each resampling (draw,)."""
+    rng = np.random.default_rng(seed)
+    differences = np.empty(draws)
+    for number in range(draws):
+        target, block = design.draw(rng)
+        area = float((block * design.block_area).sum())
+        gain = scores_a.shares(far_max, block, area) - scores_b.shares(far_max, block, area)
+        differences[number] = (target * gain).sum() / target.sum()
+    return differences
 
-    It gives the two-sided p and whether all signs were tried; for more than 20 differences that are
-    not zero, signs are drawn with the seed.
+
+def _is_found(scores: Scores, far: float, area: float) -> NDArray[np.bool_]:
+    """Return whether each target is found at an allowed false alarm rate, per m²."""
+    return ~np.isneginf(scores.target) & (scores.above / area <= far)
+
+
+def sign_flip_test(differences: ArrayLike, seed: int = 0) -> tuple[float, bool]:
+    """Test whether paired differences are symmetric about zero, by flipping their signs.
+
+    Parameters
+    ----------
+    differences : (mine,) array_like
+        One difference per mine.
+    seed : int
+        Seed that draws signs where there are more than 20 differences other than zero.
+
+    Returns
+    -------
+    p_value : float
+        Two-sided p.
+    enumerated : bool
+        Whether all signs were tried.
 
     Examples
     --------
@@ -179,7 +245,17 @@ def sign_flip_test(differences: ArrayLike, seed: int = 0) -> tuple[float, bool]:
 
 
 def mcnemar_test(only_a: int, only_b: int) -> float:
-    """Test whether two detectors find equally many targets, on those one alone finds (McNemar, exact; two-sided p).
+    """Test whether two detectors find equally many targets (McNemar's exact test).
+
+    Parameters
+    ----------
+    only_a, only_b : int
+        Targets that one detector alone finds.
+
+    Returns
+    -------
+    float
+        Two-sided p.
 
     Examples
     --------
@@ -190,16 +266,37 @@ def mcnemar_test(only_a: int, only_b: int) -> float:
     0.065
     """
     total = only_a + only_b
-    return float(scipy.stats.binomtest(only_a, total).pvalue) if total else 1.0
+    if not total:
+        return 1.0
+    return float(scipy.stats.binomtest(only_a, total).pvalue)
 
 
 def paired_interval(
     only_a: int, only_b: int, n_targets: int, level: float = 0.95
 ) -> tuple[float, float]:
-    """Compute an interval of the difference of two detectors' Pd on the same targets, by Tango's score test.
+    """Compute an interval of the difference of two detectors' Pd on the same targets.
 
-    It is that of Tango (1998, Statistics in Medicine 17, 891), which holds for few targets, too,
-    and does not shrink to a point where both find the same.
+    It inverts the score test of Tango (1998, Statistics in Medicine 17, 891). It holds for few
+    targets, too, and does not shrink to a point where both find the same.
+
+    Parameters
+    ----------
+    only_a, only_b : int
+        Targets that one detector alone finds.
+    n_targets : int
+        Number of targets.
+    level : float
+        Level of the interval.
+
+    Returns
+    -------
+    low, high : float
+        Bounds of Pd of A less Pd of B.
+
+    Raises
+    ------
+    ValueError
+        If the counts are negative or exceed the number of targets.
 
     Examples
     --------
@@ -210,10 +307,13 @@ def paired_interval(
     """
     if not 0 < n_targets >= only_a + only_b or min(only_a, only_b) < 0:
         raise ValueError(
-            f"only_a and only_b must be counts among n_targets, got {only_a}, {only_b} of {n_targets}"
+            "only_a and only_b must be counts among n_targets, "
+            f"got {only_a}, {only_b} of {n_targets}"
         )
     z = float(scipy.stats.norm.ppf((1 + level) / 2))
-    return _lower_end(only_a, only_b, n_targets, z), -_lower_end(only_b, only_a, n_targets, z)
+    low = _lower_end(only_a, only_b, n_targets, z)
+    high = -_lower_end(only_b, only_a, n_targets, z)
+    return low, high
 
 
 def side_by_side(
@@ -222,101 +322,134 @@ def side_by_side(
     rules: Rules | None = None,
     means: bool = True,
 ) -> SideBySide:
-    """Set detectors side by side, two or more, at allowed FARs, per m².
+    """Compare two or more detectors at allowed false alarm rates.
 
-    The matches go by the detectors' names and must share truth, lanes and halo. Without ``means`` nothing is told but
-    operating points. Intervals and chance are as ``rules`` say.
+    Parameters
+    ----------
+    matches : mapping of str to Match
+        Alarms by the detectors' names, matched to the same truth, lanes and halo.
+    fars : sequence of float
+        Allowed false alarm rates, per m².
+    rules : Rules, optional
+        Area, intervals and chance.
+    means : bool
+        Compare PD_mean, too, which takes a bootstrap; otherwise operating points only.
+
+    Returns
+    -------
+    SideBySide
+        Operating points, and the pairs of detectors.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two detectors, no targets, or the matches do not fit together.
     """
     rules = rules or Rules()
     if len(matches) < 2:
         raise ValueError(f"matches must be two or more to be compared, got {len(matches)}")
-    if not all(len(one.truth) for one in matches.values()):
+    if not all(len(matched.truth) for matched in matches.values()):
         raise ValueError(
             "truth must have at least one target for detectors to be compared, got none"
         )
-    how: dict[str, Any] = {"area": rules.area, "level": rules.level}
-    options: dict[str, Any] = {"far_max": rules.far_max, "draws": rules.draws, "seed": rules.seed}
     points = []
-    pairs = []
-    mean = []
-    spread = {}
-    for name, one in matches.items():
-        curve = chance(one, rules.shifts, rules.seed).beside(roc_of(one, **how))
-        rows = curve.iloc[operating_row(curve, np.array(fars))].reset_index(drop=True)[list(_POINT)]
-        rows.insert(0, "far_allowed", list(fars))
-        rows.insert(0, "detector", name)
-        points.append(rows)
+    intervals = {}
+    for name, matched in matches.items():
+        points.append(_points(name, matched, fars, rules))
         if means:
-            spread[name] = pd_mean_interval(one, **how, **options)
+            intervals[name] = pd_mean_interval(matched, **_mean_options(rules))
+    pairs = []
+    pairs_of_means = []
     for (name, first), (other, second) in itertools.combinations(matches.items(), 2):
         _check_pair(first, second)
-        who = {"first": name, "second": other}
-        pairs += [who | row for row in _paired_points(first, second, fars, rules)]
+        names = {"first": name, "second": other}
+        for row in _paired_points(first, second, fars, rules):
+            pairs.append(names | row)
         if means:
-            found = compare(first, second, **how, **options)
-            told = (
-                "pd_mean_a",
-                "chance_a",
-                "pd_mean_b",
-                "chance_b",
-                "difference",
-                "low",
-                "high",
-                "p_value",
-            )
-            ends = {
-                f"{end}_{which}": float(value)
-                for which, one in (("a", name), ("b", other))
-                for end, value in zip(("low", "high"), spread[one], strict=True)
-            }
-            mean.append(who | {key: getattr(found, key) for key in told} | ends)
+            compared = compare(first, second, **_mean_options(rules))
+            row = {entry: getattr(compared, entry) for entry in _MEAN_ENTRIES}
+            row["low_a"], row["high_a"] = intervals[name]
+            row["low_b"], row["high_b"] = intervals[other]
+            pairs_of_means.append(names | row)
     table = pd.concat(points, ignore_index=True)
     table.attrs = {}
-    return SideBySide(table, pd.DataFrame(pairs), pd.DataFrame(mean) if means else None)
+    return SideBySide(table, pd.DataFrame(pairs), pd.DataFrame(pairs_of_means) if means else None)
+
+
+def _mean_options(rules: Rules) -> dict[str, Any]:
+    """Return the rules that intervals of PD_mean need."""
+    return {
+        "area": rules.area,
+        "level": rules.level,
+        "far_max": rules.far_max,
+        "draws": rules.draws,
+        "seed": rules.seed,
+    }
+
+
+def _points(name: str, matched: Match, fars: Sequence[float], rules: Rules) -> pd.DataFrame:
+    """Return the rows of a detector's curve at allowed false alarm rates."""
+    curve = roc_of(matched, area=rules.area, level=rules.level)
+    curve = chance(matched, rules.shifts, rules.seed).add_chance_column(curve)
+    rows = curve.iloc[operating_row(curve, np.array(fars))].reset_index(drop=True)
+    rows = rows[list(_POINT_COLUMNS)]
+    rows.insert(0, "far_allowed", list(fars))
+    rows.insert(0, "detector", name)
+    return rows
 
 
 def _paired_points(
     first: Match, second: Match, fars: Sequence[float], rules: Rules
 ) -> list[dict[str, Any]]:
-    """Tell at each FAR how many targets one detector alone finds, and what that says."""
-    a, b = (assign(one, rules.area)["far"].to_numpy() for one in (first, second))
+    """Compare the targets that two detectors find at each allowed false alarm rate."""
+    far_first = assign(first, rules.area)["far"].to_numpy()
+    far_second = assign(second, rules.area)["far"].to_numpy()
+    n_targets = len(far_first)
     rows = []
     for far in fars:
-        only = int(((a <= far) & (b > far)).sum()), int(((b <= far) & (a > far)).sum())
-        low, high = paired_interval(*only, len(a), rules.level)
+        only_first = int(((far_first <= far) & (far_second > far)).sum())
+        only_second = int(((far_second <= far) & (far_first > far)).sum())
+        low, high = paired_interval(only_first, only_second, n_targets, rules.level)
         row = {
             "far_allowed": far,
-            "difference": (only[0] - only[1]) / len(a),
+            "difference": (only_first - only_second) / n_targets,
             "low": low,
             "high": high,
+            "only_first": only_first,
+            "only_second": only_second,
+            "p": mcnemar_test(only_first, only_second),
         }
-        rows.append(row | {"only_first": only[0], "only_second": only[1], "p": mcnemar_test(*only)})
+        rows.append(row)
     return rows
 
 
 def _lower_end(more: int, less: int, n: int, z: float) -> float:
-    """Find the least difference of two shares that counts of ``more`` and ``less`` among n leave possible."""
+    """Find the lower bound of the difference of two shares (Tango 1998).
 
-    def excess(gap: float) -> float:
-        b = (2 * n - more + less) * gap - more - less
-        share = (math.sqrt(max(0.0, b * b + 8 * n * less * gap * (1 - gap))) - b) / (
-            4 * n
-        )  # of those counted as less
-        return more - less - n * gap - z * math.sqrt(max(0.0, n * (2 * share + gap * (1 - gap))))
+    ``more`` and ``less`` are the counts in which alone the two differ, among n.
+    """
 
-    found = (more - less) / n
-    start = (
-        found - 1e-10
-    )  # at the difference itself the test statistic is zero over zero if nothing differs
-    return (
-        float(scipy.optimize.brentq(excess, -1.0, start))
-        if start > -1 and excess(start) < 0
-        else found
-    )
+    def excess(difference: float) -> float:
+        """Return how far the score statistic of a difference exceeds its quantile z."""
+        b = (2 * n - more + less) * difference - more - less
+        discriminant = b * b + 8 * n * less * difference * (1 - difference)
+        # Share of those counted in ``less``, most likely under this difference.
+        share = (math.sqrt(max(0.0, discriminant)) - b) / (4 * n)
+        variance = n * (2 * share + difference * (1 - difference))
+        return more - less - n * difference - z * math.sqrt(max(0.0, variance))
+
+    estimate = (more - less) / n
+    # At the estimate itself the statistic is zero over zero if nothing differs.
+    start = estimate - 1e-10
+    if start > -1 and excess(start) < 0:
+        return float(scipy.optimize.brentq(excess, -1.0, start))
+    return estimate
 
 
 def _check_pair(first: Match, second: Match) -> None:
-    same_truth = first.truth[["target_id", "x", "y"]].equals(second.truth[["target_id", "x", "y"]])
+    """Refuse two matches of other truths, lanes or halos."""
+    columns = ["target_id", "x", "y"]
+    same_truth = first.truth[columns].equals(second.truth[columns])
     same_truth = same_truth and np.array_equal(first.target_lane, second.target_lane)
     if not same_truth or first.lanes != second.lanes or first.halo != second.halo:
         raise ValueError(
@@ -326,7 +459,7 @@ def _check_pair(first: Match, second: Match) -> None:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Agreement of two analysts, and Cohen's kappa: what of it chance does not explain."""
+    """Agreement of two analysts, and Cohen's kappa, the agreement that chance does not explain."""
 
     table: pd.DataFrame  #: counts: verdicts of the first (rows) by those of the second (columns)
     n: int  #: alarms that both judged
@@ -337,7 +470,8 @@ class Agreement:
     share_high: float
     #: share that analysts with these shares of verdicts would judge alike by chance
     expected: float
-    #: kappa, kappa_low, kappa_high: NaN where both gave one and the same verdict throughout: chance explains all of it
+    #: kappa, kappa_low, kappa_high: NaN where both gave one and the same verdict throughout,
+    #: because chance explains all of it
     kappa: float
     kappa_low: float
     kappa_high: float
@@ -349,33 +483,62 @@ def agreement(
     """Compare verdicts of two analysts on the same alarms, in the same order.
 
     Kappa is that of Cohen 1960, Eq. 1 ("A coefficient of agreement for nominal scales", Educ.
-    Psychol. Meas. 20); its interval is the exact one of the agreement with the chance agreement
+    Psychol. Meas. 20). Its interval is the exact one of the agreement with the chance agreement
     taken as given, as there: it covers at least as often as the level says, also where all verdicts
-    agree. Verdicts that are no category are a ValueError.
+    agree.
+
+    Parameters
+    ----------
+    first, second : (alarm,) sequence of str
+        Verdicts of the two analysts.
+    categories : sequence of str
+        All verdicts that there are.
+    level : float
+        Level of the intervals.
+
+    Returns
+    -------
+    Agreement
+        Counts, share and kappa.
+
+    Raises
+    ------
+    ValueError
+        If there are no verdicts, their numbers differ, or one is no category.
 
     Examples
     --------
     Of ten alarms, half mines to both, they judge eight alike.
 
     >>> from flgpr.scoring import agreement
-    >>> told = agreement([*"mmmmmccccc"], [*"mmmmcmcccc"], ["m", "c"])
-    >>> told.agreed, round(told.kappa, 2), round(told.kappa_low, 2), round(told.kappa_high, 2)
-    (8, 0.6, -0.11, 0.95)
+    >>> judged = agreement([*"mmmmmccccc"], [*"mmmmcmcccc"], ["m", "c"])
+    >>> judged.agreed, round(judged.kappa, 2)
+    (8, 0.6)
+    >>> round(judged.kappa_low, 2), round(judged.kappa_high, 2)
+    (-0.11, 0.95)
     """
     if len(first) != len(second) or not len(first):
         raise ValueError(
             f"verdicts must be of the same alarms, at least one, got {len(first)} and {len(second)}"
         )
-    strange = sorted({str(one) for one in [*first, *second] if one not in categories})
+    verdicts = {*first, *second}
+    strange = sorted(str(verdict) for verdict in verdicts if verdict not in categories)
     if strange:
         raise ValueError(f"verdicts must be {', '.join(categories)}, got {', '.join(strange)}")
     names = pd.Index(categories)
     counts = np.zeros((len(names), len(names)), dtype=np.int64)
-    np.add.at(counts, (names.get_indexer(pd.Index(first)), names.get_indexer(pd.Index(second))), 1)
+    row = names.get_indexer(pd.Index(first))
+    column = names.get_indexer(pd.Index(second))
+    np.add.at(counts, (row, column), 1)
     n = int(counts.sum())
     agreed = int(np.trace(counts))
     expected = float((counts.sum(axis=0) * counts.sum(axis=1)).sum() / n**2)
-    low, high = (float(one) for one in clopper_pearson(agreed, n, level))
-    shares = agreed / n, low, high
-    kappas = [(one - expected) / (1 - expected) if expected < 1 else np.nan for one in shares]
+    low, high = clopper_pearson(agreed, n, level)
+    shares = (agreed / n, float(low), float(high))
+    kappas = [_kappa(share, expected) for share in shares]
     return Agreement(pd.DataFrame(counts, names, names), n, agreed, *shares, expected, *kappas)
+
+
+def _kappa(share: float, expected: float) -> float:
+    """Return Cohen's kappa of a share of agreement, given that expected by chance."""
+    return (share - expected) / (1 - expected) if expected < 1 else math.nan

@@ -1,4 +1,4 @@
-"""The ROC table: one type for all conventions, each named in it; exact intervals of its rates."""
+"""The ROC table of all conventions, which it names, and the exact intervals of its rates."""
 
 from __future__ import annotations
 
@@ -21,10 +21,24 @@ FloatArray = NDArray[np.float64]
 def clopper_pearson(
     successes: ArrayLike, trials: ArrayLike, level: float = 0.95
 ) -> tuple[FloatArray, FloatArray]:
-    """Bound a probability by the exact binomial interval (Clopper & Pearson 1934), equal tails: low, high.
+    """Compute the exact binomial interval of a probability (Clopper & Pearson 1934), equal tails.
 
-    Successes and trials are broadcast against one another; the bounds cover at least as often as
-    the level says and are 0 and 1 without any trial.
+    Parameters
+    ----------
+    successes, trials : array_like
+        Counts, broadcast against one another.
+    level : float
+        Level, which the interval covers at least.
+
+    Returns
+    -------
+    low, high : ndarray
+        Bounds of the probability, 0 and 1 without any trial.
+
+    Raises
+    ------
+    ValueError
+        If there are more successes than trials, or the level is not between 0 and 1.
 
     Examples
     --------
@@ -51,10 +65,26 @@ def clopper_pearson(
 def poisson_interval(
     count: ArrayLike, exposure: ArrayLike = 1.0, level: float = 0.95
 ) -> tuple[FloatArray, FloatArray]:
-    """Bound a rate by the exact Poisson interval (Garwood 1936), equal tails: low, high.
+    """Compute the exact Poisson interval of a rate (Garwood 1936), equal tails.
 
-    Events (a mean of repeated counts need not be whole) are counted over an exposure, e.g. an area
-    in m²; the bounds are per unit of it and cover at least as often as the level says.
+    Parameters
+    ----------
+    count : array_like
+        Numbers of events; a mean of repeated counts need not be whole.
+    exposure : array_like
+        What the events are counted over, e.g. an area, m².
+    level : float
+        Level, which the interval covers at least.
+
+    Returns
+    -------
+    low, high : ndarray
+        Bounds of the rate, per unit of exposure.
+
+    Raises
+    ------
+    ValueError
+        If a count is negative, an exposure is not positive, or the level is not between 0 and 1.
 
     Examples
     --------
@@ -67,35 +97,39 @@ def poisson_interval(
     """
     tail = _tail(level)
     counts = np.asarray(count, dtype=np.float64)
-    over = np.asarray(exposure, dtype=np.float64)
+    exposures = np.asarray(exposure, dtype=np.float64)
     if (counts < 0).any():
         raise ValueError(f"count must not be negative, got {counts.min():g}")
-    if not (over > 0).all():
-        raise ValueError(f"exposure must be positive, got {over.min():g}")
+    if not (exposures > 0).all():
+        raise ValueError(f"exposure must be positive, got {exposures.min():g}")
     # A curve of many rows holds the same count again and again: invert each once.
-    n, back = np.unique(counts, return_inverse=True)
-    low = _gamma_quantile(n, tail)
-    high = _gamma_quantile(n + 1, 1 - tail)
-    return low[back].reshape(counts.shape) / over, high[back].reshape(counts.shape) / over
+    n, inverse = np.unique(counts, return_inverse=True)
+    low = _gamma_quantile(n, tail)[inverse].reshape(counts.shape)
+    high = _gamma_quantile(n + 1, 1 - tail)[inverse].reshape(counts.shape)
+    return low / exposures, high / exposures
 
 
 def _gamma_quantile(shape: FloatArray, probability: float) -> FloatArray:
     """Invert the regularised incomplete gamma function for rising shapes; 0 for the shape 0."""
     if len(shape) <= 4 * _NODES or shape[0] < _SMOOTH:
-        few = shape[: max(4 * _NODES, int(np.searchsorted(shape, _SMOOTH)))]
-        exact = np.where(few > 0, special.gammaincinv(np.where(few > 0, few, 1), probability), 0.0)
-        rest = shape[len(few) :]
-        return exact if len(rest) == 0 else np.append(exact, _gamma_quantile(rest, probability))
+        small = shape[: max(4 * _NODES, int(np.searchsorted(shape, _SMOOTH)))]
+        is_positive = small > 0
+        inverse = special.gammaincinv(np.where(is_positive, small, 1), probability)
+        exact = np.where(is_positive, inverse, 0.0)
+        rest = shape[len(small) :]
+        if len(rest) == 0:
+            return exact
+        return np.append(exact, _gamma_quantile(rest, probability))
     # The standardised quantile varies slowly with the shape: a spline through nodes agrees to 1e-12
     # and takes no time.
     nodes = np.geomspace(shape[0], shape[-1], _NODES)
-    standard = CubicSpline(
-        np.log(nodes), (special.gammaincinv(nodes, probability) - nodes) / np.sqrt(nodes)
-    )
-    return shape + np.sqrt(shape) * standard(np.log(shape))
+    standardised = (special.gammaincinv(nodes, probability) - nodes) / np.sqrt(nodes)
+    spline = CubicSpline(np.log(nodes), standardised)
+    return shape + np.sqrt(shape) * spline(np.log(shape))
 
 
 def _tail(level: float) -> float:
+    """Return the probability of one tail of a two-sided interval."""
     if not 0 < level < 1:
         raise ValueError(f"level must lie between 0 and 1, got {level}")
     return (1 - level) / 2
@@ -108,7 +142,7 @@ class Convention:
     name: str  #: its name, found in ``curve.attrs["convention"]``
     source: str  #: the paper it follows
     far: str  #: what its FAR is
-    # : whether FAR is a number of alarms over an area; then curves convert by exchanging the area
+    #: whether FAR is a number of alarms over an area; then curves convert by exchanging the area
     counts: bool
 
 
@@ -139,8 +173,18 @@ CONVENTIONS = {
     )
 }
 CURVE_COLUMNS = (
-    "threshold", "pd", "far", "n_detected", "n_false", "pd_low", "pd_high", "far_low", "far_high", "n_targets", "area",
-)  # fmt: skip
+    "threshold",
+    "pd",
+    "far",
+    "n_detected",
+    "n_false",
+    "pd_low",
+    "pd_high",
+    "far_low",
+    "far_high",
+    "n_targets",
+    "area",
+)
 
 
 def count_at(thresholds: FloatArray, scores: FloatArray) -> NDArray[np.int64]:
@@ -158,19 +202,33 @@ def make_curve(
     attrs: Mapping[Any, Any],
     level: float = 0.95,
 ) -> pd.DataFrame:
-    """Assemble a ROC table of false alarms over an area, m²; thresholds fall from +inf; without targets Pd is NaN."""
+    """Return a ROC table of false alarms over an area, m².
+
+    The thresholds fall from +inf. Without targets Pd is NaN.
+    """
     if not (math.isfinite(area) and area > 0):
         raise ValueError(
             f"area must be positive, got {area:g} m²: the halos leave no room for false alarms"
         )
     pd_low, pd_high = clopper_pearson(n_detected, n_targets, level)
     far_low, far_high = poisson_interval(n_false, area, level)
-    found = n_detected / n_targets if n_targets else np.full(len(thresholds), np.nan)
-    columns = (
-        thresholds, found, n_false / area, n_detected, n_false, pd_low, pd_high, far_low, far_high,
-        np.full(len(thresholds), n_targets), np.full(len(thresholds), float(area)),
-    )  # fmt: skip
-    curve = pd.DataFrame(dict(zip(CURVE_COLUMNS, columns, strict=True)))
+    rows = len(thresholds)
+    curve = pd.DataFrame(
+        {
+            "threshold": thresholds,
+            "pd": n_detected / n_targets if n_targets else np.full(rows, np.nan),
+            "far": n_false / area,
+            "n_detected": n_detected,
+            "n_false": n_false,
+            "pd_low": pd_low,
+            "pd_high": pd_high,
+            "far_low": far_low,
+            "far_high": far_high,
+            "n_targets": np.full(rows, n_targets),
+            "area": np.full(rows, float(area)),
+        },
+        columns=list(CURVE_COLUMNS),
+    )
     curve.attrs = {
         **dict(attrs),
         "n_targets": int(n_targets),
@@ -181,7 +239,24 @@ def make_curve(
 
 
 def pd_at(curve: pd.DataFrame, far: Any) -> Any:
-    """Read Pd off a curve: the highest that is reached without exceeding a FAR or several, per m².
+    """Return the highest Pd of a curve that is reached without exceeding a false alarm rate.
+
+    Parameters
+    ----------
+    curve : DataFrame
+        ROC table.
+    far : float or (point,) array_like
+        Allowed false alarm rates, per m².
+
+    Returns
+    -------
+    float or (point,) ndarray
+        Pd at each rate.
+
+    Raises
+    ------
+    ValueError
+        If a rate is negative.
 
     Examples
     --------
@@ -191,12 +266,30 @@ def pd_at(curve: pd.DataFrame, far: Any) -> Any:
     array([0.33333333, 0.33333333, 1.        ])
     """
     row = operating_row(curve, far)
-    found = curve["pd"].to_numpy()[row]
-    return float(found) if np.ndim(found) == 0 else found
+    detected = curve["pd"].to_numpy()[row]
+    return float(detected) if np.ndim(detected) == 0 else detected
 
 
 def operating_row(curve: pd.DataFrame, far: Any) -> Any:
-    """Find the row of a curve at an allowed FAR, per m², or several: the lowest threshold that does not exceed it."""
+    """Find the row of a curve with the lowest threshold that does not exceed a false alarm rate.
+
+    Parameters
+    ----------
+    curve : DataFrame
+        ROC table.
+    far : float or (point,) array_like
+        Allowed false alarm rates, per m².
+
+    Returns
+    -------
+    int or (point,) ndarray of int
+        Row number for each rate.
+
+    Raises
+    ------
+    ValueError
+        If a rate is negative.
+    """
     allowed = np.asarray(far, dtype=np.float64)
     if not (allowed >= 0).all():
         raise ValueError(f"far must not be negative, got {far}")
@@ -204,9 +297,10 @@ def operating_row(curve: pd.DataFrame, far: Any) -> Any:
 
 
 def pd_mean(curve: pd.DataFrame, far_max: float = 0.1) -> float:
-    """Average Pd over FAR from 0 to ``far_max`` (Wang et al. 2007, Sec. II-F); NaN for a curve without targets.
+    """Compute PD_mean, the average of Pd over FAR from 0 to ``far_max``.
 
-    Between operating points the curve is a staircase, the Pd that a threshold does reach.
+    It is that of Wang et al. 2007, Sec. II-F. Between operating points the curve is a staircase,
+    the Pd that a threshold does reach.
 
     Parameters
     ----------
@@ -214,6 +308,16 @@ def pd_mean(curve: pd.DataFrame, far_max: float = 0.1) -> float:
         ROC table.
     far_max : float
         End of the averaging, per m². A curve that ends before it keeps its last Pd.
+
+    Returns
+    -------
+    float
+        PD_mean; NaN for a curve without targets.
+
+    Raises
+    ------
+    ValueError
+        If ``far_max`` is not positive.
 
     Examples
     --------
@@ -224,33 +328,50 @@ def pd_mean(curve: pd.DataFrame, far_max: float = 0.1) -> float:
     """
     if not (math.isfinite(far_max) and far_max > 0):
         raise ValueError(f"far_max must be positive, got {far_max}")
-    found = curve["pd"].to_numpy()
+    detected = curve["pd"].to_numpy()
     far = curve["far"].to_numpy()
-    if np.isnan(found).any():
+    if np.isnan(detected).any():
         return math.nan
     edges = np.minimum(np.append(far, np.inf), far_max)
-    return float((found * np.diff(edges)).sum() / far_max)
+    return float((detected * np.diff(edges)).sum() / far_max)
 
 
 def pd_mean_by_chance(curve: pd.DataFrame, far_max: float) -> float:
-    """Average the column ``chance`` of a curve as :func:`pd_mean` does Pd."""
+    """Compute the average of the column ``chance`` of a curve, as :func:`pd_mean` does for Pd."""
     return pd_mean(curve.assign(pd=curve["chance"]), far_max)
 
 
 def with_area(
     curve: pd.DataFrame, area: float, convention: Literal["lane", "frames", "examples"]
 ) -> pd.DataFrame:
-    """Express the FAR of a curve over another area, m², which is that of another convention.
+    """Return a curve whose FAR refers to the area of another convention.
 
-    Either convention must count false alarms over an area: a fraction of boxes holds no such count, so that the
-    conversion has no meaning and is a ValueError.
+    Parameters
+    ----------
+    curve : DataFrame
+        ROC table.
+    area : float
+        Area of the other convention, m².
+    convention : {"lane", "frames", "examples"}
+        The other convention.
+
+    Returns
+    -------
+    DataFrame
+        ROC table of the same counts.
+
+    Raises
+    ------
+    ValueError
+        If one of the conventions does not count false alarms over an area. A fraction of boxes
+        holds no such count, so that the conversion has no meaning.
     """
     old = str(curve.attrs.get("convention", "unknown"))
     for name in (old, convention):
         if name not in CONVENTIONS or not CONVENTIONS[name].counts:
             raise ValueError(
-                f"convention must count false alarms over an area to be converted, got {old!r} to {convention!r}: "
-                "a fraction of boxes is no number of alarms"
+                "convention must count false alarms over an area to be converted, "
+                f"got {old!r} to {convention!r}: a fraction of boxes is no number of alarms"
             )
     return make_curve(
         curve["threshold"].to_numpy(),
@@ -264,6 +385,6 @@ def with_area(
 
 
 def describe(convention: str) -> dict[str, Any]:
-    """Describe a convention in words that go with the table, in its ``attrs``."""
-    known = CONVENTIONS[convention]
-    return {"convention": known.name, "source": known.source, "far_is": known.far}
+    """Return the entries of a table's ``attrs`` that describe a convention."""
+    chosen = CONVENTIONS[convention]
+    return {"convention": chosen.name, "source": chosen.source, "far_is": chosen.far}

@@ -1,4 +1,7 @@
-"""Scoring frame by frame: every frame counts its detection area, the same ground again in each (Fuse et al. 2018)."""
+"""Scoring frame by frame (Fuse et al. 2018).
+
+Every frame counts its detection area, the same ground again in each.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +18,16 @@ from flgpr.scoring.lane_score import Rules, Score, score
 
 GAP = 5.0
 """Ground between frames on the unrolled lane, m: no halo bridges it."""
-_BLOCK = 10  # frames whose false alarms are drawn together, since neighbours see the same clutter
+_FRAMES_PER_BLOCK = 10  # drawn together in the bootstrap: neighbours see the same clutter
 
 
 @dataclass(frozen=True)
 class UnrolledFrames:
-    """Frames one behind the other on a lane of their own, so that the rules for lanes count each of them."""
+    """Frames one behind the other on a lane of their own, where the rules for lanes count each."""
 
     alarms: pd.DataFrame  #: x, y (m, unrolled), confidence; ``frame`` and the rest as given
-    #: one row for every frame that sees a target: the truth's columns, ``target_id`` with the frame's number, ``mine``
-    #: the target's own, ``inside`` whether it lies in the detection area
+    #: one row for every frame that sees a target: the truth's columns, ``target_id`` with the
+    #: frame's number, ``mine`` the target's own, ``inside`` whether it lies in the detection area
     looks: pd.DataFrame
     lane: Lane  #: the unrolled lane
     slot: float  #: length that a frame has of it, m
@@ -38,7 +41,7 @@ def unroll_frames(
     area: Lane,
     halo: float,
 ) -> UnrolledFrames:
-    """Give every frame's detection area a place of its own on an unrolled lane.
+    """Lay the detection areas of all frames one behind the other on an unrolled lane.
 
     Parameters
     ----------
@@ -53,6 +56,11 @@ def unroll_frames(
     halo : float
         Radius of the halo, m, at most half of ``GAP``: targets so far outside the area are kept,
         since an alarm beside one of them is not false.
+
+    Returns
+    -------
+    UnrolledFrames
+        Alarms and looks at targets on the unrolled lane.
 
     Raises
     ------
@@ -77,19 +85,22 @@ def unroll_frames(
     unrolled = alarms.assign(
         x=alarms["across"], y=alarms["ahead"].to_numpy(dtype=np.float64) + offset
     )
-    near = Lane(area.x_min - halo, area.x_max + halo, area.y_min - halo, area.y_max + halo)
+    in_reach = Lane(area.x_min - halo, area.x_max + halo, area.y_min - halo, area.y_max + halo)
     looks = []
     for frame in sorted(poses):
-        across, ahead = lane_to_scan(
-            ground_points(truth), np.asarray(poses[frame], dtype=np.float64)
-        )[:, :2].T
-        table = truth.assign(x=across, y=ahead + start[frame], inside=area.contains(across, ahead))
-        table = table.assign(
-            mine=truth["target_id"], target_id=truth["target_id"].astype(str) + f"-{frame}"
+        pose = np.asarray(poses[frame], dtype=np.float64)
+        across, ahead = lane_to_scan(ground_points(truth), pose)[:, :2].T
+        table = truth.assign(
+            x=across,
+            y=ahead + start[frame],
+            inside=area.contains(across, ahead),
+            mine=truth["target_id"],
+            target_id=truth["target_id"].astype(str) + f"-{frame}",
         )
-        looks.append(table[near.contains(across, ahead)])
-    strip = Lane(area.x_min, area.x_max, 0.0, slot * len(poses))
-    return UnrolledFrames(unrolled, pd.concat(looks, ignore_index=True), strip, slot, len(poses))
+        looks.append(table[in_reach.contains(across, ahead)])
+    unrolled_lane = Lane(area.x_min, area.x_max, 0.0, slot * len(poses))
+    all_looks = pd.concat(looks, ignore_index=True)
+    return UnrolledFrames(unrolled, all_looks, unrolled_lane, slot, len(poses))
 
 
 def score_frames(
@@ -102,12 +113,14 @@ def score_frames(
     name: str = "main",
     title: str = "",
 ) -> Score:
-    """Score alarms that were raised frame by frame, every frame counting its area (Fuse et al. 2018, Sec. 4, Fig. 9).
+    """Score alarms that were raised frame by frame, every frame counting its area.
 
-    A target counts once in every frame whose detection area holds it. An alarm in the halo of a target outside the area
-    is neither detection nor false. In the bootstrap all looks at a target are drawn together, and so are the false
-    alarms of ten frames; exact intervals take looks as independent, which they are not. The rest is as for
-    :func:`unroll_frames` and :func:`flgpr.scoring.score`, whose ``rules`` say what the halo is.
+    It is the score of Fuse et al. 2018, Sec. 4, Fig. 9. A target counts once in every frame whose
+    detection area holds it. An alarm in the halo of a
+    target outside the area is neither detection nor false. In the bootstrap all looks at a target
+    are drawn together, and so are the false alarms of ten frames; exact intervals take looks as
+    independent, which they are not. The rest is as for :func:`unroll_frames` and
+    :func:`flgpr.scoring.score`, whose ``rules`` say what the halo is.
 
     Examples
     --------
@@ -117,9 +130,12 @@ def score_frames(
     >>> from flgpr.model import Lane
     >>> from flgpr.scoring import Rules, score_frames
     >>> poses = {0: [0, 0, 3, 0, 0, 0], 1: [0, 2, 3, 0, 0, 0]}
-    >>> alarms = pd.DataFrame({"frame": [0, 1], "across": [-4.0, 1.1], "ahead": [7.0, 6.0], "confidence": [2.0, 3.0]})
-    >>> truth = pd.DataFrame({"target_id": ["a"], "x": [1.0], "y": [8.0], "kind": "metal", "depth": 0.05})
-    >>> scored = score_frames(alarms, poses, truth, Lane(-7.0, 7.0, 5.0, 10.0), Rules(halo=0.5, draws=100))
+    >>> alarms = pd.DataFrame({"frame": [0, 1], "across": [-4.0, 1.1], "ahead": [7.0, 6.0]})
+    >>> alarms = alarms.assign(confidence=[2.0, 3.0])
+    >>> truth = pd.DataFrame({"target_id": ["a"], "x": [1.0], "y": [8.0], "kind": "metal"})
+    >>> area = Lane(-7.0, 7.0, 5.0, 10.0)
+    >>> rules = Rules(halo=0.5, draws=100)
+    >>> scored = score_frames(alarms, poses, truth.assign(depth=0.05), area, rules)
     >>> scored.curve[["n_detected", "n_targets", "n_false", "area"]].iloc[-1].tolist()
     [1.0, 2.0, 1.0, 140.0]
     """
@@ -127,20 +143,24 @@ def score_frames(
     radius = rules.halo / 2 if rules.halo_as == "diameter" else rules.halo
     unrolled = unroll_frames(alarms, poses, truth, area, radius)
     inside = unrolled.looks["inside"].to_numpy(dtype=bool)
-    outside = _within(unrolled.alarms, unrolled.looks[~inside], radius)
-    neither = outside & ~_within(unrolled.alarms, unrolled.looks[inside], radius)
+    near_outside = _is_within(unrolled.alarms, unrolled.looks[~inside], radius)
+    near_inside = _is_within(unrolled.alarms, unrolled.looks[inside], radius)
+    is_ignored = near_outside & ~near_inside
     total = accumulated_area(unrolled.frames, (area.x_min, area.x_max), (area.y_min, area.y_max))
     by_frames = replace(
-        rules, area="frames", frame_area=total, block=_BLOCK * unrolled.slot, cluster="mine"
+        rules,
+        area="frames",
+        frame_area=total,
+        block=_FRAMES_PER_BLOCK * unrolled.slot,
+        cluster="mine",
     )
-    counted = unrolled.alarms[~neither].reset_index(drop=True)
+    counted = unrolled.alarms[~is_ignored].reset_index(drop=True)
     looks = unrolled.looks[inside].drop(columns="inside").reset_index(drop=True)
     return score(counted, looks, unrolled.lane, by_frames, name=name, title=title)
 
 
-def _within(alarms: pd.DataFrame, looks: pd.DataFrame, radius: float) -> NDArray[np.bool_]:
-    """Tell which alarms lie in the halo of one of the looks."""
-    away = np.hypot(
-        *(alarms[[axis]].to_numpy(dtype=np.float64) - looks[axis].to_numpy() for axis in ("x", "y"))
-    )
-    return np.asarray((away <= radius).any(axis=1))
+def _is_within(alarms: pd.DataFrame, looks: pd.DataFrame, radius: float) -> NDArray[np.bool_]:
+    """Return whether each alarm lies in the halo of one of the looks."""
+    x = alarms[["x"]].to_numpy(dtype=np.float64) - looks["x"].to_numpy()
+    y = alarms[["y"]].to_numpy(dtype=np.float64) - looks["y"].to_numpy()
+    return np.asarray((np.hypot(x, y) <= radius).any(axis=1))

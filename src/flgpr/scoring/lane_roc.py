@@ -1,4 +1,7 @@
-"""ROC of an alarm list against a lane's truth, by the six rules of Wang et al. 2007, and who found what."""
+"""ROC of an alarm list against a lane's truth, by the six rules of Wang et al. 2007.
+
+Tables also say which alarm found which target.
+"""
 
 from __future__ import annotations
 
@@ -89,9 +92,10 @@ def roc(
     >>> import pandas as pd
     >>> from flgpr.model import Lane
     >>> from flgpr.scoring import roc
-    >>> alarms = pd.DataFrame({"x": [0.2, 1.0, -1.1], "y": [10.3, 44.0, 30.1], "confidence": [3, 2, 1]})
-    >>> truth = pd.DataFrame({"target_id": ["a", "b"], "x": [0.0, -1.0], "y": [10.0, 30.0], "kind": "metal"})
-    >>> truth["depth"] = 0.05
+    >>> alarms = pd.DataFrame({"x": [0.2, 1.0, -1.1], "y": [10.3, 44.0, 30.1]})
+    >>> alarms["confidence"] = [3, 2, 1]
+    >>> truth = pd.DataFrame({"target_id": ["a", "b"], "x": [0.0, -1.0], "y": [10.0, 30.0]})
+    >>> truth = truth.assign(kind="metal", depth=0.05)
     >>> curve = roc(alarms, truth, Lane(-2.0, 2.0, 0.0, 60.0), halo=1.0)
     >>> curve[["threshold", "pd", "far", "n_detected", "n_false"]].round(4)
        threshold   pd     far  n_detected  n_false
@@ -120,10 +124,29 @@ def roc_of(
     shared: Literal["drop", "count"] = "drop",
     level: float = 0.95,
 ) -> pd.DataFrame:
-    """Compute the ROC of alarms that are matched already; the rest is as for :func:`roc`."""
+    """Compute the ROC of alarms that are matched already.
+
+    Parameters
+    ----------
+    matched : Match
+        Alarms and targets, see :func:`flgpr.scoring.match`.
+    subset, area, frame_area, shared, level
+        As for :func:`roc`.
+
+    Returns
+    -------
+    DataFrame
+        As of :func:`roc`.
+
+    Raises
+    ------
+    ValueError
+        If an option is not valid, or the area is not positive.
+    """
     one_of("shared", shared, ("drop", "count"))
     chosen = select_targets(matched.truth, subset)
-    scores = matched.best(chosen, shared)[1][chosen]
+    _, best_confidence, _ = matched.best(chosen, shared)
+    scores = best_confidence[chosen]
     thresholds = np.append(np.inf, np.unique(matched.confidence)[::-1])
     attrs = {
         **describe("frames" if area == "frames" else "lane"),
@@ -132,7 +155,7 @@ def roc_of(
         "lanes": list(matched.lanes),
         "n_alarms": len(matched.alarms),
         "n_known_targets": len(matched.truth),
-        "subset": _in_words(subset),
+        "subset": _describe_subset(subset),
         "shared": shared,
         "refraction": "none" if matched.refraction is None else str(matched.refraction),
     }
@@ -148,14 +171,30 @@ def roc_of(
 
 
 def far_area(matched: Match, area: AreaRule, frame_area: float | None = None) -> float:
-    """Compute the area, m², that a FAR refers to, by the rule "union", "paper" or "frames", see :func:`roc`.
+    """Compute the area that a FAR refers to.
 
-    A ``frame_area`` that is missing or superfluous, or an area that is not positive, is a ValueError.
+    Parameters
+    ----------
+    matched : Match
+        Alarms and targets, see :func:`flgpr.scoring.match`.
+    area, frame_area
+        Rule of the area, and the area of all frames, m², as for :func:`roc`.
+
+    Returns
+    -------
+    float
+        The area, m².
+
+    Raises
+    ------
+    ValueError
+        If ``frame_area`` is missing or superfluous, or the area is not positive.
     """
     one_of("area", area, ("union", "paper", "frames"))
     if (area == "frames") != (frame_area is not None):
         raise ValueError(
-            f'frame_area must be given with area="frames" and only then, got {frame_area} with {area!r}'
+            'frame_area must be given with area="frames" and only then, '
+            f"got {frame_area} with {area!r}"
         )
     if frame_area is not None:
         total = float(frame_area)
@@ -165,8 +204,8 @@ def far_area(matched: Match, area: AreaRule, frame_area: float | None = None) ->
     # Rounding leaves a trace of area where halos cover the lane to the last point.
     if not total > 1e-9 * lanes:
         raise ValueError(
-            f"area must be positive, got {total:g} m² by the rule {area!r}: {len(matched.truth)} halos of radius "
-            f"{matched.halo:g} m in {lanes:g} m² of lane"
+            f"area must be positive, got {total:g} m² by the rule {area!r}: "
+            f"{len(matched.truth)} halos of radius {matched.halo:g} m in {lanes:g} m² of lane"
         )
     return total
 
@@ -176,29 +215,50 @@ def accumulated_area(
     x_span: tuple[float, float] = (-7.0, 7.0),
     y_span: tuple[float, float] = (5.0, 10.0),
 ) -> float:
-    """Compute the area, m², of all frames, the same ground counted again in each (Fuse et al. 2018, Fig. 9).
+    """Compute the area of all frames, the same ground counted again in each.
 
-    The spans are the cross-range and down-track extent of the detection area of one frame, m; the paper's by default.
+    It is the area of the FAR of Fuse et al. 2018, Fig. 9.
+
+    Parameters
+    ----------
+    frames : int
+        Number of frames.
+    x_span, y_span : tuple of float
+        Cross-range and down-track extent of the detection area of one frame, m; the paper's by
+        default.
+
+    Returns
+    -------
+    float
+        The area, m².
+
+    Raises
+    ------
+    ValueError
+        If there is no frame, or an extent is not positive.
     """
     width = x_span[1] - x_span[0]
     length = y_span[1] - y_span[0]
     if frames < 1 or width <= 0 or length <= 0:
         raise ValueError(
-            f"frames and extents must be positive, got {frames} frames of {width:g} m by {length:g} m"
+            "frames and extents must be positive, "
+            f"got {frames} frames of {width:g} m by {length:g} m"
         )
     return frames * width * length
 
 
-def _in_words(subset: Subset) -> str:
+def _describe_subset(subset: Subset) -> str:
+    """Return a short description of a subset of targets."""
     if subset is None:
         return "all targets"
     if isinstance(subset, str):
         return subset
     if isinstance(subset, Mapping):
-        return ", ".join(
-            f"{name}={_in_words(value) if callable(value) else value}"
-            for name, value in subset.items()
-        )
+        conditions = []
+        for name, value in subset.items():
+            text = _describe_subset(value) if callable(value) else value
+            conditions.append(f"{name}={text}")
+        return ", ".join(conditions)
     if callable(subset):
         return str(getattr(subset, "__name__", "predicate"))
     return "chosen targets"
@@ -207,7 +267,7 @@ def _in_words(subset: Subset) -> str:
 def assign(
     matched: Match, area: AreaRule = "union", frame_area: float | None = None
 ) -> pd.DataFrame:
-    """Tell for every target which alarm is its best one and what it costs to find it.
+    """Return the best alarm of every target, and the false alarm rate at which it is found.
 
     Parameters
     ----------
@@ -226,37 +286,47 @@ def assign(
         same per m² (inf for none): the FAR at which the target is found.
     """
     alarm, confidence, distance = matched.best()
-    found = alarm >= 0
+    is_detected = alarm >= 0
     total = far_area(matched, area, frame_area)
     n_false = count_at(confidence, matched.confidence[matched.false])
-    above = count_at(np.nextafter(confidence, np.inf), matched.confidence)
+    n_above = count_at(np.nextafter(confidence, np.inf), matched.confidence)
     return matched.truth.assign(
-        detected=found,
+        detected=is_detected,
         alarm=alarm,
         confidence=confidence,
         distance=distance,
-        rank=np.where(found, above + 1, 0),
+        rank=np.where(is_detected, n_above + 1, 0),
         n_false=n_false,
-        far=np.where(found, n_false / total, np.inf),
+        far=np.where(is_detected, n_false / total, np.inf),
     )
 
 
 def label_alarms(matched: Match) -> pd.DataFrame:
-    """Tell for every alarm of a match what it counts as.
+    """Return the alarm table of a match with what every alarm counts as.
 
-    The alarm table gets ``label``, one of "detection" (the best alarm of a target), "ignored" (in a halo, but another
-    alarm is better), "false" and "outside" (in no halo and outside the lane); ``target``, row of the nearest target
-    within a halo (-1 for none); ``distance`` to it, m (NaN for none).
+    Parameters
+    ----------
+    matched : Match
+        Alarms and targets, see :func:`flgpr.scoring.match`.
+
+    Returns
+    -------
+    DataFrame
+        The alarm table with ``label``: "detection" (the best alarm of a target), "ignored" (in a
+        halo, but another alarm is better), "false", or "outside" (in no halo and outside the lane);
+        ``target``, row of the nearest target within a halo (-1 for none); and ``distance`` to it, m
+        (NaN for none).
     """
-    best = matched.best()[0]
-    label = np.where(
-        matched.in_halo, "ignored", np.where(matched.false, "false", "outside")
-    ).astype(object)
+    best, _, _ = matched.best()
+    outside_halos = np.where(matched.false, "false", "outside")
+    label = np.where(matched.in_halo, "ignored", outside_halos).astype(object)
     label[best[best >= 0]] = "detection"
+
     target = np.full(len(label), -1)
     distance = np.full(len(label), np.nan)
     order = np.lexsort((matched.pair_target, matched.pair_distance, matched.pair_alarm))
-    first = order[np.unique(matched.pair_alarm[order], return_index=True)[1]]
-    target[matched.pair_alarm[first]] = matched.pair_target[first]
-    distance[matched.pair_alarm[first]] = matched.pair_distance[first]
+    _, first = np.unique(matched.pair_alarm[order], return_index=True)
+    nearest = order[first]
+    target[matched.pair_alarm[nearest]] = matched.pair_target[nearest]
+    distance[matched.pair_alarm[nearest]] = matched.pair_distance[nearest]
     return matched.alarms.assign(label=label, target=target, distance=distance)

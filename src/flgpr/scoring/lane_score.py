@@ -1,4 +1,4 @@
-"""One alarm list, scored: everything that the files and the page of a score tell."""
+"""The score of one alarm list: all that the files and the page of a score show."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from flgpr.scoring.matching import LaneLike, Match, match
 from flgpr.scoring.places import Refraction, SurveyShare, survey_share
 
 COUNTS = ("n_alarms", "n_targets", "n_known_targets", "area")
-_COUNTED = ("n_targets", "area")  # the same in all rows of a curve
+_SAME_IN_ALL_ROWS = ("n_targets", "area")
 _FEW_HALOS = 20
-_FIRST_POINTS = (0.005, 0.01, 0.02, 0.05, 0.1)
+_COMMON_RATES = (0.005, 0.01, 0.02, 0.05, 0.1)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """By which rules an alarm list is scored, and how sure its figures are said to be."""
+    """Scoring rules and confidence level."""
 
     #: halo, halo_as, area, frame_area, refraction, survey_error: as for :func:`flgpr.scoring.roc`
     halo: float = 1.0
@@ -36,7 +36,7 @@ class Rules:
     frame_area: float | None = None
     refraction: Refraction | None = None
     survey_error: float | None = None
-    # : operating point at which targets count as found or missed and Pd is broken down, per m²
+    #: operating point at which targets count as found or missed and Pd is broken down, per m²
     far: float = 0.05
     far_max: float = 0.1  #: end of the FAR axis and of the averaging of PD_mean, per m²
     level: float = 0.95  #: level of all intervals and bands
@@ -51,30 +51,33 @@ class Rules:
 
 @dataclass(frozen=True)
 class Score:
-    """One alarm list, scored."""
+    """The score of one alarm list."""
 
     #: name, title: what was scored, for a machine and in words; the main list of a lane is ``main``
     name: str
     title: str
-    rules: Rules  #: how
+    rules: Rules  #: scoring rules
     matched: Match = field(repr=False)  #: alarms and targets
-    #: ROC with its counts and exact intervals, see :func:`flgpr.scoring.roc`, and the Pd that ``chance`` gives
+    #: ROC with its counts and exact intervals, see :func:`flgpr.scoring.roc`, and the Pd that
+    #: ``chance`` gives
     curve: pd.DataFrame = field(repr=False)
     # : operating point, per m²: that of the rules, or one false alarm where the lane cannot tell
     # less
     far: float
-    #: one row per target as :func:`flgpr.scoring.assign` gives it, its best alarm's offset ``dx``, ``dy``, m, and
-    #: whether it is ``found`` at the operating point
+    #: one row per target as :func:`flgpr.scoring.assign` gives it, its best alarm's offset ``dx``,
+    #: ``dy``, m, and whether it is ``found`` at the operating point
     outcomes: pd.DataFrame = field(repr=False)
-    labels: pd.DataFrame = field(
-        repr=False
-    )  #: one row per alarm as :func:`flgpr.scoring.label_alarms` gives it
+    #: one row per alarm as :func:`flgpr.scoring.label_alarms` gives it
+    labels: pd.DataFrame = field(repr=False)
     chance: Chance = field(repr=False)  #: what alarms that know nothing of the targets find
     survey: SurveyShare | None  #: what the error of the survey takes of the halo, if it is known
 
     @cached_property
     def pd_mean(self) -> dict[str, float] | None:
-        """PD_mean, ``value``, ``low`` and ``high`` by bootstrap, ``chance`` and ``far_max``; None without targets."""
+        """PD_mean with its bootstrap interval and chance level; None without targets.
+
+        The entries are ``value``, ``low``, ``high``, ``chance`` and ``far_max``, per m².
+        """
         if not len(self.matched.truth):
             return None
         far_max = self.rules.far_max
@@ -85,64 +88,79 @@ class Score:
 
     @property
     def _bootstrap(self) -> dict[str, Any]:
-        return {
-            name: getattr(self.rules, name)
-            for name in ("area", "frame_area", "level", "draws", "seed", "block", "cluster")
-        }
+        """The rules that the bootstrap takes."""
+        names = ("area", "frame_area", "level", "draws", "seed", "block", "cluster")
+        return {name: getattr(self.rules, name) for name in names}
 
     @property
     def too_small(self) -> bool:
-        """Whether the lane is too small for the operating point of the rules: it allows less than one false alarm."""
+        """Whether the operating point of the rules allows less than one false alarm on the lane."""
         return self.far > self.rules.far
 
     @property
     def few_halos(self) -> float | None:
-        """How many halos the ground of the FAR has room for, if so few that moved targets tell chance but roughly."""
-        room = float(self.curve.attrs["area"]) / (math.pi * self.matched.halo**2)
-        return room if room < _FEW_HALOS else None
+        """Number of halos that the area of the FAR has room for, if it is small; else None.
+
+        With few, the chance level by moved targets is a rough one.
+        """
+        halos = float(self.curve.attrs["area"]) / (math.pi * self.matched.halo**2)
+        return halos if halos < _FEW_HALOS else None
 
     @property
     def point(self) -> dict[str, Any]:
-        """The curve's row at the operating point, and ``random``, the Pd of alarms strewn at random at its FAR."""
+        """The curve's row at the operating point.
+
+        Its entry ``random`` is the Pd of alarms strewn at random at the same FAR.
+        """
         row = self.curve.iloc[[int(operating_row(self.curve, self.far))]]
-        told = {str(name): values[0] for name, values in row.to_dict("list").items()}
-        return told | {"random": float(random_pd(told["far"], self.matched.halo))}
+        entries = {str(name): values[0] for name, values in row.to_dict("list").items()}
+        return entries | {"random": float(random_pd(entries["far"], self.matched.halo))}
 
     def in_words(self) -> str:
-        """Say in a sentence what is found at the operating point, and what chance gives there."""
+        """Return a sentence on what is found at the operating point and what chance finds there."""
         point = self.point
         if not point["n_targets"]:
             last = self.curve.iloc[-1]
             return f"no targets, {last['n_false']:.0f} false alarms on {last['area']:.2f} m²"
-        where = f"{self.far:g} false alarms per m²"
+        allowed = f"{self.far:g} false alarms per m²"
         if self.too_small:
-            small = f"{point['area']:.2f} m² are too small for {self.rules.far:g}"
-            where = f"one false alarm ({self.far:.2g} per m²; {small})"
+            reason = f"{point['area']:.2f} m² are too small for {self.rules.far:g}"
+            allowed = f"one false alarm ({self.far:.2g} per m²; {reason})"
         by_chance = "not known" if math.isnan(point["chance"]) else f"{point['chance']:.2f}"
         if self.few_halos is not None:
             by_chance += f" (strewn at random {point['random']:.2f})"
         return (
-            f"{point['n_detected']:.0f} of {point['n_targets']:.0f} targets found at {where}: Pd {point['pd']:.2f}, "
-            f"{100 * self.rules.level:g} % interval {point['pd_low']:.2f} to {point['pd_high']:.2f}, chance {by_chance}"
+            f"{point['n_detected']:.0f} of {point['n_targets']:.0f} targets found at {allowed}: "
+            f"Pd {point['pd']:.2f}, {100 * self.rules.level:g} % interval "
+            f"{point['pd_low']:.2f} to {point['pd_high']:.2f}, chance {by_chance}"
         )
 
     def kinds(self) -> dict[str, pd.DataFrame]:
         """Compute the curve of each kind of target, and the Pd that chance gives for it."""
         kinds = self.matched.truth["kind"].astype(str)
-        return {name: self._curve_of((kinds == name).to_numpy()) for name in sorted(kinds.unique())}
+        curves = {}
+        for name in sorted(kinds.unique()):
+            curves[name] = self._curve_of((kinds == name).to_numpy())
+        return curves
 
     def _curve_of(self, rows: NDArray[np.bool_]) -> pd.DataFrame:
-        options = {
-            "area": self.rules.area,
-            "frame_area": self.rules.frame_area,
-            "level": self.rules.level,
-        }
-        return self.chance.beside(roc_of(self.matched, rows, **options), rows)  # type: ignore[arg-type]
+        """Compute the curve of some targets, with its chance level."""
+        curve = roc_of(
+            self.matched,
+            rows,
+            area=self.rules.area,
+            frame_area=self.rules.frame_area,
+            level=self.rules.level,
+        )
+        return self.chance.add_chance_column(curve, rows)
 
     def bands(
         self, by: Literal["kind", "depth"] | None = None
     ) -> dict[str, tuple[pd.DataFrame, pd.DataFrame]]:
-        """Compute curve and simultaneous band of all targets, or of each group of them; none without targets."""
+        """Compute curve and simultaneous band of all targets, or of each group of them.
+
+        Without targets there are none.
+        """
         truth = self.matched.truth
         if not len(truth):
             return {}
@@ -155,69 +173,83 @@ class Score:
         else:
             groups = depth_classes(truth["depth"], DEPTH_EDGES)
             names = list(groups.cat.categories)
-        chosen = {str(name): (groups == name).to_numpy() for name in names}
-        return {
-            name: (self._curve_of(rows), band(self.matched, rows, grid, **self._bootstrap))
-            for name, rows in chosen.items()
-        }
+        bands = {}
+        for name in names:
+            rows = (groups == name).to_numpy()
+            band_of_rows = band(self.matched, rows, grid, **self._bootstrap)
+            bands[str(name)] = (self._curve_of(rows), band_of_rows)
+        return bands
 
     def operating_points(self, curve: pd.DataFrame | None = None) -> pd.DataFrame:
-        """Read the curve, or another of this score, at common false alarm rates, ``far_allowed``, and at ``far``."""
+        """Return the rows of a curve at common false alarm rates and at the operating point.
+
+        The curve is that of all targets by default; ``far_allowed`` is each row's rate, per m².
+        """
         curve = self.curve if curve is None else curve
         far_max = self.rules.far_max
-        allowed = sorted({*(far for far in _FIRST_POINTS if far <= far_max), far_max, self.far})
+        common = [far for far in _COMMON_RATES if far <= far_max]
+        allowed = sorted({*common, far_max, self.far})
         return curve.iloc[operating_row(curve, allowed)].assign(far_allowed=allowed)
 
     def breakdown(self) -> pd.DataFrame:
         """Tabulate Pd by kind, depth and soil, see :func:`flgpr.scoring.pd_table`."""
-        options: dict[str, Any] = {"area": self.rules.area, "frame_area": self.rules.frame_area}
         return pd_table(
-            self.matched, self.far, level=self.rules.level, chance=self.chance, **options
+            self.matched,
+            self.far,
+            area=self.rules.area,
+            frame_area=self.rules.frame_area,
+            level=self.rules.level,
+            chance=self.chance,
         )
 
     def missed(self) -> pd.DataFrame:
-        """Take the outcomes of the targets that are not found at the operating point, the hardest first."""
+        """Return the outcomes of targets not found at the operating point, the hardest first."""
         missed = self.outcomes[~self.outcomes["found"]]
         return missed.sort_values("far", ascending=False, kind="stable")
 
     def worst_false_alarms(self, most: int) -> pd.DataFrame:
-        """Take the labels of the most confident false alarms, and ``found_above``, the targets found above each."""
+        """Return the labels of the most confident false alarms.
+
+        The column ``found_above`` counts the targets that are found above each.
+        """
         false = self.labels[self.labels["label"] == "false"]
         worst = false.sort_values("confidence", ascending=False, kind="stable").head(most)
         thresholds = self.curve["threshold"].to_numpy()
-        found = self.curve["n_detected"].to_numpy()
+        n_detected = self.curve["n_detected"].to_numpy()
         row = [int((thresholds > confidence).sum()) - 1 for confidence in worst["confidence"]]
-        return worst.assign(found_above=found[row])
+        return worst.assign(found_above=n_detected[row])
 
-    def told_rules(self) -> dict[str, Any]:
-        """Tell the convention and all choices, the same for all lists of a lane."""
-        convention = {
-            str(name): value for name, value in self.curve.attrs.items() if name not in COUNTS
-        }
-        seed = {"seed": self.rules.seed}
-        draws: dict[str, Any] = {
-            "bootstrap": {"draws": self.rules.draws} | seed, "chance": {"shifts": self.rules.shifts} | seed,
-        }  # fmt: skip
-        survey = {} if self.survey is None else {"survey_error": asdict(self.survey)}
-        return convention | {"far": self.rules.far} | draws | survey
+    def rules_summary(self) -> dict[str, Any]:
+        """Return the convention and all choices, which are the same for all lists of a lane."""
+        summary: dict[str, Any] = {}
+        for name, value in self.curve.attrs.items():
+            if name not in COUNTS:
+                summary[str(name)] = value
+        summary["far"] = self.rules.far
+        summary["bootstrap"] = {"draws": self.rules.draws, "seed": self.rules.seed}
+        summary["chance"] = {"shifts": self.rules.shifts, "seed": self.rules.seed}
+        if self.survey is not None:
+            summary["survey_error"] = asdict(self.survey)
+        return summary
 
-    def told(self) -> dict[str, Any]:
-        """Tell counts, operating point, PD_mean, the points of the curve, kinds, and what became of each target."""
+    def summary(self) -> dict[str, Any]:
+        """Return counts, operating point, PD_mean, curve, kinds and outcomes as nested entries."""
         return {
             "title": self.title,
             **{name: self.curve.attrs[name] for name in COUNTS},
             "n_false": self.curve["n_false"].iloc[-1],
             "operating_point": {"far_asked": self.rules.far, "far_allowed": self.far, **self.point},
             "pd_mean": self.pd_mean,
-            "points": self.curve.drop(columns=list(_COUNTED)).to_dict("records"),
-            "kinds": {name: self._told_kind(curve) for name, curve in self.kinds().items()},
+            "points": self.curve.drop(columns=list(_SAME_IN_ALL_ROWS)).to_dict("records"),
+            "kinds": {name: self._kind_summary(curve) for name, curve in self.kinds().items()},
             "targets": self.outcomes.to_dict("records"),
         }
 
-    def _told_kind(self, curve: pd.DataFrame) -> dict[str, Any]:
+    def _kind_summary(self, curve: pd.DataFrame) -> dict[str, Any]:
+        """Return targets, PD_mean and operating points of the curve of one kind of target."""
         far_max = self.rules.far_max
         mean = {"value": pd_mean(curve, far_max), "chance": pd_mean_by_chance(curve, far_max)}
-        points = self.operating_points(curve).drop(columns=["threshold", *_COUNTED])
+        points = self.operating_points(curve).drop(columns=["threshold", *_SAME_IN_ALL_ROWS])
         return {
             "n_targets": curve.attrs["n_targets"],
             "pd_mean": mean,
@@ -236,8 +268,24 @@ def score(
 ) -> Score:
     """Score an alarm list by the halo rules of Wang et al. 2007.
 
-    Tables and lane are as for :func:`flgpr.scoring.roc`; name and title say what the list is
-    called.
+    Parameters
+    ----------
+    alarms, truth, lane
+        Tables and lane, as for :func:`flgpr.scoring.roc`.
+    rules : Rules, optional
+        Scoring rules and confidence level.
+    name, title : str
+        What the list is called, for a machine and in words.
+
+    Returns
+    -------
+    Score
+        The score.
+
+    Raises
+    ------
+    ValueError
+        If a table, the lane or a rule is not valid.
 
     Examples
     --------
@@ -245,13 +293,13 @@ def score(
     >>> from flgpr.model import Lane
     >>> from flgpr.scoring import Rules, score
     >>> alarms = pd.DataFrame({"x": [0.2, 1.0], "y": [10.3, 44.0], "confidence": [3, 2]})
-    >>> truth = pd.DataFrame({"target_id": ["a", "b"], "x": [0.0, -1.0], "y": [10.0, 30.0], "kind": "metal"})
-    >>> truth["depth"] = 0.05
+    >>> truth = pd.DataFrame({"target_id": ["a", "b"], "x": [0.0, -1.0], "y": [10.0, 30.0]})
+    >>> truth = truth.assign(kind="metal", depth=0.05)
     >>> scored = score(alarms, truth, Lane(-2.0, 2.0, 0.0, 60.0), Rules(halo=0.5, draws=100))
     >>> scored.outcomes["detected"].tolist(), scored.labels["label"].tolist()
     ([True, False], ['detection', 'false'])
-    >>> scored.in_words()
-    '1 of 2 targets found at 0.05 false alarms per m²: Pd 0.50, 95 % interval 0.01 to 0.99, chance 0.00'
+    >>> scored.in_words().split(": ")[1]
+    'Pd 0.50, 95 % interval 0.01 to 0.99, chance 0.00'
     """
     rules = rules or Rules()
     if not (math.isfinite(rules.far) and rules.far > 0):
@@ -261,18 +309,30 @@ def score(
     )
     survey = None if rules.survey_error is None else survey_share(rules.survey_error, matched.halo)
     level = chance(matched, rules.shifts, rules.seed)
-    curve = level.beside(
-        roc_of(matched, area=rules.area, frame_area=rules.frame_area, level=rules.level)
-    )
+    curve = roc_of(matched, area=rules.area, frame_area=rules.frame_area, level=rules.level)
+    curve = level.add_chance_column(curve)
     far = max(rules.far, 1 / curve.attrs["area"])
+    return Score(
+        name=name,
+        title=title,
+        rules=rules,
+        matched=matched,
+        curve=curve,
+        far=far,
+        outcomes=_outcomes(matched, rules, far),
+        labels=label_alarms(matched),
+        chance=level,
+        survey=survey,
+    )
+
+
+def _outcomes(matched: Match, rules: Rules, far: float) -> pd.DataFrame:
+    """Return the best alarm of every target, its offset, and whether it is found at ``far``."""
     outcomes = assign(matched, rules.area, rules.frame_area)
     best = outcomes["alarm"].to_numpy(dtype=int)
     for axis in ("x", "y"):
-        place = np.append(matched.alarms[axis].to_numpy(dtype=float), np.nan)[
-            best
-        ]  # -1, no alarm, takes the NaN
-        outcomes["d" + axis] = place - outcomes[axis]
+        # The NaN at the end is what a target without an alarm, -1, takes.
+        positions = np.append(matched.alarms[axis].to_numpy(dtype=float), np.nan)
+        outcomes["d" + axis] = positions[best] - outcomes[axis]
     outcomes["found"] = outcomes["far"] <= far
-    return Score(
-        name, title, rules, matched, curve, far, outcomes, label_alarms(matched), level, survey
-    )
+    return outcomes

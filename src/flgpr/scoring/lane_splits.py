@@ -1,4 +1,4 @@
-"""Splits into training and testing, grouped so that the looks at one mine never stand on both sides."""
+"""Splits into training and test sets that keep all looks at one mine together."""
 
 from __future__ import annotations
 
@@ -57,14 +57,14 @@ def splits(
         If a column is missing, an option is unknown, or there is only one group.
     """
     one_of("by", by, ("example", "target", "lane", "site"))
-    mine = _mines(examples)
+    target = _target_names(examples)
     rows = np.arange(len(examples))
     if by == "example":
         group = rows
     elif by == "target":
-        group = _target_groups(examples, mine, folds)
+        group = _target_groups(examples, target, folds)
     else:
-        group = pd.factorize(_named(examples, by), sort=True)[0]
+        group, _ = pd.factorize(_complete_column(examples, by), sort=True)
     if folds is not None and by != "target":
         raise ValueError(f'folds must be left out unless by="target", got {folds} with {by!r}')
     if len(np.unique(group)) < 2:
@@ -75,31 +75,30 @@ def splits(
     for value in np.unique(group):
         test = rows[group == value]
         train = rows[group != value]
-        tested = set(mine[test]) - {""}
+        tested = set(target[test]) - {""}
         if by in ("lane", "site"):
-            train = train[~np.isin(mine[train], list(tested))] if tested else train
-        name = (
-            str(examples[by].iloc[test[0]])
-            if by in ("lane", "site")
-            else ", ".join(sorted(tested)) or str(value)
-        )
-        result.append(
-            Split(f"leave-one-{by}-out", name, train, test, bool(tested & set(mine[train])))
-        )
+            if tested:
+                train = train[~np.isin(target[train], list(tested))]
+            held_out = str(examples[by].iloc[test[0]])
+        else:
+            held_out = ", ".join(sorted(tested)) or str(value)
+        straddles = bool(tested & set(target[train]))
+        result.append(Split(f"leave-one-{by}-out", held_out, train, test, straddles))
     return result
 
 
-def _named(examples: pd.DataFrame, column: str) -> NDArray[Any]:
+def _complete_column(examples: pd.DataFrame, column: str) -> NDArray[Any]:
+    """Return a column as text, which must have a name in every row."""
     if column not in examples.columns:
         raise ValueError(f"examples must have the column {column} to split by it")
-    if examples[column].isna().any():
-        raise ValueError(
-            f"examples.{column} must be named in every row, got {int(examples[column].isna().sum())} gaps"
-        )
+    gaps = int(examples[column].isna().sum())
+    if gaps:
+        raise ValueError(f"examples.{column} must be named in every row, got {gaps} gaps")
     return examples[column].astype(str).to_numpy(dtype=object)
 
 
-def _mines(examples: pd.DataFrame) -> NDArray[Any]:
+def _target_names(examples: pd.DataFrame) -> NDArray[Any]:
+    """Return the mine that each example shows, empty for clutter."""
     if "target" not in examples.columns:
         raise ValueError(
             f"examples must have the column target; got {', '.join(map(str, examples.columns))}"
@@ -108,24 +107,21 @@ def _mines(examples: pd.DataFrame) -> NDArray[Any]:
 
 
 def _target_groups(
-    examples: pd.DataFrame, mine: NDArray[Any], folds: int | None
+    examples: pd.DataFrame, target: NDArray[Any], folds: int | None
 ) -> NDArray[np.int64]:
-    """Give every example the number of its group: mines one by one or dealt to folds, clutter dealt in turn."""
-    is_mine = mine != ""
-    names = list(dict.fromkeys(mine[is_mine]))
+    """Return the group of every example: mines in turn, clutter dealt to the groups in turn."""
+    is_mine = target != ""
+    names = list(dict.fromkeys(target[is_mine]))
     count = len(names) if folds is None else folds
     if folds is not None and not 2 <= folds <= max(len(names), 2):
         raise ValueError(
             f"folds must lie between 2 and the number of mines ({len(names)}), got {folds}"
         )
-    group = np.zeros(len(mine), dtype=np.int64)
-    place = {name: number % count for number, name in enumerate(names)}
-    group[is_mine] = [place[name] for name in mine[is_mine]]
-    clutter = (
-        examples["clutter"]
-        if "clutter" in examples.columns
-        else pd.Series(np.arange(len(mine)).astype(str))
-    )
-    stretches = pd.factorize(clutter.astype(str).to_numpy()[~is_mine])[0]
+    group = np.zeros(len(target), dtype=np.int64)
+    group_of_mine = {name: number % count for number, name in enumerate(names)}
+    group[is_mine] = [group_of_mine[name] for name in target[is_mine]]
+    each_alone = pd.Series(np.arange(len(target)).astype(str))
+    clutter = examples["clutter"] if "clutter" in examples.columns else each_alone
+    stretches, _ = pd.factorize(clutter.astype(str).to_numpy()[~is_mine])
     group[~is_mine] = stretches % max(count, 1)
     return group

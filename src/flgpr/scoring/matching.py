@@ -1,4 +1,4 @@
-"""Which alarm belongs to which target and which are false (Wang et al. 2007, rules 1 to 5), if the tables fit."""
+"""Matching of alarms to targets (Wang et al. 2007, rules 1 to 5), and checks that tables fit."""
 
 from __future__ import annotations
 
@@ -21,18 +21,30 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 Subset = Sequence[Any] | BoolArray | Mapping[str, Any] | Callable[[pd.DataFrame], Any] | str | None
-# m; a table whose every point lies farther than this outside the lane belongs to another lane or
-# frame
 MARGIN = 10.0
+"""Distance outside the lane beyond which no table lies as a whole, unless it is of another, m."""
 _BORDERS = {"x_min", "x_max", "y_min", "y_max"}
 _ENOUGH = 5  # points from which a table's shape says that its axes are swapped
 
 
 def as_lanes(lane: LaneLike) -> dict[str, Lane]:
-    """Take one lane or several, by name; a single nameless lane has the name "".
+    """Return the scored lanes by name; a single nameless lane has the name "".
 
-    A lane comes in any form :func:`flgpr.model.as_lane` takes; several as a mapping of names to lanes, or as a table
-    with one lane per row named in the column ``lane``. No lane, a missing border or a repeated name is a ValueError.
+    Parameters
+    ----------
+    lane : Lane, mapping, Series or DataFrame
+        One lane in any form of :func:`flgpr.model.as_lane`; or several, as a mapping of names to
+        lanes, or as a table with one lane per row, named in the column ``lane``.
+
+    Returns
+    -------
+    dict of str to Lane
+        The lanes.
+
+    Raises
+    ------
+    ValueError
+        If there is no lane, a border is missing or a name is repeated.
     """
     if isinstance(lane, pd.DataFrame):
         if len(lane) == 0:
@@ -51,41 +63,46 @@ def as_lanes(lane: LaneLike) -> dict[str, Lane]:
 
 
 def lane_of_rows(table: pd.DataFrame, lanes: Mapping[str, Lane], name: str) -> NDArray[np.int64]:
-    """Tell in which of the lanes, by position, each row lies; ``name`` is what errors call the table."""
+    """Return the number of the lane in which each row of a table lies.
+
+    Errors call the table ``name``.
+    """
     known = list(lanes)
     if "lane" not in table.columns:
         if len(known) > 1:
             raise ValueError(
-                f"{name} must have the column lane, for there are {len(known)} lanes: {', '.join(known)}"
+                f"{name} must have the column lane, for there are {len(known)} lanes: "
+                f"{', '.join(known)}"
             )
         return np.zeros(len(table), dtype=np.int64)
-    named = table["lane"].fillna("").astype(str)
+    lane_names = table["lane"].fillna("").astype(str)
     if known == [""]:
-        several = sorted(set(named))
-        if len(several) > 1:
+        distinct = sorted(set(lane_names))
+        if len(distinct) > 1:
             raise ValueError(
-                f"lane must be given by name, for {name} holds several lanes: {', '.join(several)}"
+                f"lane must be given by name, for {name} holds several lanes: {', '.join(distinct)}"
             )
         return np.zeros(len(table), dtype=np.int64)
     if len(known) == 1:
-        named = named.where(named != "", known[0])
-    strange = sorted(set(named) - set(known))
+        lane_names = lane_names.where(lane_names != "", known[0])
+    strange = sorted(set(lane_names) - set(known))
     if strange:
         raise ValueError(f"{name}.lane must be one of {', '.join(known)}; got {strange[0]!r}")
-    return np.asarray(
-        named.map({lane: number for number, lane in enumerate(known)}), dtype=np.int64
-    )
+    numbers = {lane: number for number, lane in enumerate(known)}
+    return np.asarray(lane_names.map(numbers), dtype=np.int64)
 
 
 def positions(table: pd.DataFrame) -> FloatArray:
-    """Take the positions x, y, m, of a checked table's rows (row, 2)."""
+    """Return the positions x, y, m, of a checked table's rows (row, 2)."""
     return np.stack([table["x"].to_numpy(), table["y"].to_numpy()], axis=-1)
 
 
 def check_place(points: FloatArray, lane: Lane, name: str) -> None:
-    """Refuse a table's points (row, 2) that cannot lie in this lane: another place or coordinate system, swapped axes.
+    """Refuse points (row, 2) of a table that cannot lie in this lane.
 
-    Single points outside the lane are fine (Wang et al. 2007, rule 4); a table that lies outside as a whole is not.
+    They may belong to another lane or coordinate system, or have swapped axes. Single points
+    outside the lane are fine (Wang et al. 2007, rule 4); a table that lies outside as a whole is
+    not.
     """
     if len(points) == 0:
         return
@@ -94,20 +111,20 @@ def check_place(points: FloatArray, lane: Lane, name: str) -> None:
     extent = f"x {x.min():g}..{x.max():g}, y {y.min():g}..{y.max():g}"
     if _swapped(x, y, lane, known=name == "truth"):
         raise ValueError(
-            f"{name} must have x across and y along the lane ({borders}), got {extent}: are the axes swapped?"
+            f"{name} must have x across and y along the lane ({borders}), got {extent}: "
+            "are the axes swapped?"
         )
-    away = np.hypot(
-        np.maximum(np.maximum(lane.x_min - x, x - lane.x_max), 0),
-        np.maximum(np.maximum(lane.y_min - y, y - lane.y_max), 0),
-    )
-    if away.min() > MARGIN:
+    beyond_x = np.maximum(np.maximum(lane.x_min - x, x - lane.x_max), 0)
+    beyond_y = np.maximum(np.maximum(lane.y_min - y, y - lane.y_max), 0)
+    if np.hypot(beyond_x, beyond_y).min() > MARGIN:
         raise ValueError(
-            f"{name} must lie in or near the lane ({borders}), got {extent}, all more than {MARGIN:g} m outside: "
-            f"{_likely_cause(x, y)}"
+            f"{name} must lie in or near the lane ({borders}), got {extent}, "
+            f"all more than {MARGIN:g} m outside: {_likely_cause(x, y)}"
         )
 
 
-def _swapped(x: NDArray[np.float64], y: NDArray[np.float64], lane: Lane, known: bool) -> bool:
+def _swapped(x: FloatArray, y: FloatArray, lane: Lane, known: bool) -> bool:
+    """Return whether the axes of points are likely swapped; ``known`` are surveyed targets."""
     across = lane.x_max - lane.x_min
     along = lane.y_max - lane.y_min
     if along < 2 * across:
@@ -119,16 +136,19 @@ def _swapped(x: NDArray[np.float64], y: NDArray[np.float64], lane: Lane, known: 
     if known:
         # Nobody surveys a lane's targets more than its width beside it; alarms may well lie there.
         return bool((np.maximum(lane.x_min - x, x - lane.x_max) > across).mean() > 0.5)
-    spread = len(x) >= _ENOUGH and np.ptp(x) > 2 * across and np.ptp(y) <= across
-    return bool(spread)
+    if len(x) < _ENOUGH:
+        return False
+    return bool(np.ptp(x) > 2 * across and np.ptp(y) <= across)
 
 
-def _likely_cause(x: NDArray[np.float64], y: NDArray[np.float64]) -> str:
+def _likely_cause(x: FloatArray, y: FloatArray) -> str:
+    """Return a question that points to why a table lies outside the lane."""
     if max(np.abs(x).max(), np.abs(y).max()) > 1e4:
         return (
             "are these map coordinates (UTM, or millimetres)? Lane coordinates in metres are needed"
         )
-    if np.abs(x).max() <= 180 and np.abs(y).max() <= 90 and np.ptp(x) < 0.1 and np.ptp(y) < 0.1:
+    may_be_degrees = np.abs(x).max() <= 180 and np.abs(y).max() <= 90
+    if may_be_degrees and np.ptp(x) < 0.1 and np.ptp(y) < 0.1:
         return "are these degrees of longitude and latitude? Lane coordinates in metres are needed"
     return "is it the right lane?"
 
@@ -137,7 +157,8 @@ def _likely_cause(x: NDArray[np.float64], y: NDArray[np.float64]) -> str:
 class Match:
     """Alarms matched to targets; every score is a view of it."""
 
-    #: alarms, truth: the checked tables, rows numbered from 0; targets where they are expected in the image
+    #: alarms, truth: the checked tables, rows numbered from 0; targets where they are expected in
+    #: the image
     alarms: pd.DataFrame
     truth: pd.DataFrame
     lanes: dict[str, Lane]  #: the scored lanes by name
@@ -145,7 +166,8 @@ class Match:
     #: alarm_lane, target_lane: (alarm,), (target,) position of each row's lane in ``lanes``
     alarm_lane: IntArray
     target_lane: IntArray
-    #: pair_alarm, pair_target: (pair,) rows of every alarm and target that are within a halo of one another
+    #: pair_alarm, pair_target: (pair,) rows of every alarm and target that are within a halo of one
+    #: another
     pair_alarm: IntArray
     pair_target: IntArray
     pair_distance: FloatArray  #: (pair,) their distance, m
@@ -159,53 +181,71 @@ class Match:
         return self.alarms["confidence"].to_numpy()
 
     def lane_areas(self, area: Literal["union", "paper"] = "union") -> FloatArray:
-        """Compute the area, m², that false alarms can stand on, lane by lane.
+        """Compute the area of each lane that false alarms can stand on.
 
-        It is the lane less the exact union of the halos clipped to it, or less N·π·r² (Wang et al. 2007, rule 6), which
-        can be negative.
+        Parameters
+        ----------
+        area : {"union", "paper"}
+            Lane less the exact union of the halos clipped to it; or lane less N·π·r² (Wang et al.
+            2007, rule 6), which can be negative.
+
+        Returns
+        -------
+        (lane,) ndarray
+            Areas, m².
         """
         points = positions(self.truth)
         areas = []
         for number, lane in enumerate(self.lanes.values()):
-            own = points[self.target_lane == number]
-            halos = (
-                union_area(own, self.halo, lane)
-                if area == "union"
-                else len(own) * math.pi * self.halo**2
-            )
+            targets = points[self.target_lane == number]
+            discs = len(targets) * math.pi * self.halo**2
+            halos = union_area(targets, self.halo, lane) if area == "union" else discs
             areas.append(lane.area - halos)
         return np.array(areas)
 
     def best(
         self, chosen: BoolArray | None = None, shared: Literal["drop", "count"] = "drop"
     ) -> tuple[Any, ...]:
-        """Find each target's best alarm (rule 2): highest confidence, then the nearest, then the first in the table.
+        """Find each target's best alarm (Wang et al. 2007, rule 2).
 
-        An alarm in the halo of a chosen and of another target is disregarded (rule 5), or with ``shared="count"``
-        counts for the chosen one; with the assignment "nearest" it is in the halo of its nearest target only. Gives
-        row (-1 for none), confidence (-inf) and distance (m; NaN).
+        It has the highest confidence, then the least distance, then the first row in the table. An
+        alarm in the halo of a chosen and of another target is disregarded (rule 5), or with
+        ``shared="count"`` counts for the chosen one. With the assignment "nearest" it is in the
+        halo of its nearest target only.
+
+        Parameters
+        ----------
+        chosen : (target,) ndarray of bool, optional
+            Targets to score; all by default.
+        shared : {"drop", "count"}
+            What becomes of an alarm that two targets share, of which one is not chosen.
+
+        Returns
+        -------
+        alarm, confidence, distance : (target,) ndarray
+            Row of the alarm (-1 for none), its confidence (-inf) and its distance, m (NaN).
         """
         targets = len(self.truth)
-        keep = (
-            np.ones(len(self.pair_alarm), dtype=bool)
-            if chosen is None
-            else chosen[self.pair_target]
-        )
-        if chosen is not None and shared == "drop":
-            elsewhere = np.zeros(len(self.alarms), dtype=bool)
-            elsewhere[self.pair_alarm[~keep]] = True
-            keep &= ~elsewhere[self.pair_alarm]
-        row = self.pair_alarm[keep]
-        target = self.pair_target[keep]
-        away = self.pair_distance[keep]
-        order = np.lexsort((row, away, -self.confidence[row], target))
-        first = order[np.unique(target[order], return_index=True)[1]]
+        if chosen is None:
+            counts = np.ones(len(self.pair_alarm), dtype=bool)
+        else:
+            counts = chosen[self.pair_target]
+            if shared == "drop":
+                in_other_halo = np.zeros(len(self.alarms), dtype=bool)
+                in_other_halo[self.pair_alarm[~counts]] = True
+                counts &= ~in_other_halo[self.pair_alarm]
+        row = self.pair_alarm[counts]
+        target = self.pair_target[counts]
+        pair_distance = self.pair_distance[counts]
+        order = np.lexsort((row, pair_distance, -self.confidence[row], target))
+        _, first = np.unique(target[order], return_index=True)
+        best = order[first]
         alarm = np.full(targets, -1, dtype=np.int64)
         distance = np.full(targets, np.nan)
         confidence = np.full(targets, -np.inf)
-        alarm[target[first]] = row[first]
-        distance[target[first]] = away[first]
-        confidence[target[first]] = self.confidence[row[first]]
+        alarm[target[best]] = row[best]
+        distance[target[best]] = pair_distance[best]
+        confidence[target[best]] = self.confidence[row[best]]
         return alarm, confidence, distance
 
 
@@ -239,6 +279,11 @@ def match(
         Move buried targets to where focusing on the surface shows them. Off by default, as in the
         papers.
 
+    Returns
+    -------
+    Match
+        Alarms and targets, and which lie within a halo of one another.
+
     Raises
     ------
     ValueError
@@ -249,9 +294,11 @@ def match(
     >>> import pandas as pd
     >>> from flgpr.model import Lane
     >>> from flgpr.scoring import assign, label_alarms, match
-    >>> alarms = pd.DataFrame({"x": [0.2, 1.0, -1.1], "y": [10.3, 44.0, 30.1], "confidence": [3, 2, 1]})
-    >>> truth = pd.DataFrame({"target_id": ["a", "b"], "x": [0.0, -1.0], "y": [10.0, 30.0], "kind": "metal"})
-    >>> matched = match(alarms, truth.assign(depth=0.05), Lane(-2.0, 2.0, 0.0, 60.0), halo=1.0)
+    >>> alarms = pd.DataFrame({"x": [0.2, 1.0, -1.1], "y": [10.3, 44.0, 30.1]})
+    >>> alarms["confidence"] = [3, 2, 1]
+    >>> truth = pd.DataFrame({"target_id": ["a", "b"], "x": [0.0, -1.0], "y": [10.0, 30.0]})
+    >>> truth = truth.assign(kind="metal", depth=0.05)
+    >>> matched = match(alarms, truth, Lane(-2.0, 2.0, 0.0, 60.0), halo=1.0)
     >>> label_alarms(matched)["label"].tolist()
     ['detection', 'false', 'detection']
     >>> assign(matched)[["target_id", "rank", "distance"]].round(2)
@@ -269,116 +316,135 @@ def match(
     lanes = as_lanes(lane)
     alarm_lane = lane_of_rows(alarms, lanes, "alarms")
     target_lane = lane_of_rows(truth, lanes, "truth")
-    inside = np.zeros(len(alarms), dtype=bool)
-    at = positions(alarms)
-    given = positions(truth)
-    for number, one in enumerate(lanes.values()):
-        check_place(at[alarm_lane == number], one, "alarms")
-        check_place(given[target_lane == number], one, "truth")
+    alarm_points = positions(alarms)
+    surveyed = positions(truth)
+    for number, scored_lane in enumerate(lanes.values()):
+        check_place(alarm_points[alarm_lane == number], scored_lane, "alarms")
+        check_place(surveyed[target_lane == number], scored_lane, "truth")
     if refraction is not None:
         truth = refraction.move(truth)
     expected = positions(truth)
+
+    inside = np.zeros(len(alarms), dtype=bool)
     pairs = []
-    for number, one in enumerate(lanes.values()):
-        own = np.flatnonzero(alarm_lane == number)
-        known = np.flatnonzero(target_lane == number)
-        here = at[own]
-        there = expected[known]
-        inside[own] = one.contains(here[:, 0], here[:, 1])
-        row, target, distance = pairs_within(here, there, radius)
-        pairs.append((own[row], known[target], distance))
-    row, target, distance = (np.concatenate(column) for column in zip(*pairs, strict=True))
+    for number, scored_lane in enumerate(lanes.values()):
+        alarm_rows = np.flatnonzero(alarm_lane == number)
+        target_rows = np.flatnonzero(target_lane == number)
+        points = alarm_points[alarm_rows]
+        inside[alarm_rows] = scored_lane.contains(points[:, 0], points[:, 1])
+        first, second, lengths = pairs_within(points, expected[target_rows], radius)
+        pairs.append((alarm_rows[first], target_rows[second], lengths))
+    alarm, target, distance = (np.concatenate(column) for column in zip(*pairs, strict=True))
     in_halo = np.zeros(len(alarms), dtype=bool)
-    in_halo[row] = True
+    in_halo[alarm] = True
     if assignment == "nearest":
-        order = np.lexsort((target, distance, row))
-        keep = order[np.unique(row[order], return_index=True)[1]]
-        row = row[keep]
-        target = target[keep]
-        distance = distance[keep]
-    false = inside & ~in_halo
+        order = np.lexsort((target, distance, alarm))
+        _, first_of_alarm = np.unique(alarm[order], return_index=True)
+        nearest = order[first_of_alarm]
+        alarm = alarm[nearest]
+        target = target[nearest]
+        distance = distance[nearest]
     return Match(
-        alarms,
-        truth,
-        lanes,
-        radius,
-        alarm_lane,
-        target_lane,
-        row,
-        target,
-        distance,
-        in_halo,
-        false,
-        refraction,
+        alarms=alarms,
+        truth=truth,
+        lanes=lanes,
+        halo=radius,
+        alarm_lane=alarm_lane,
+        target_lane=target_lane,
+        pair_alarm=alarm,
+        pair_target=target,
+        pair_distance=distance,
+        in_halo=in_halo,
+        false=inside & ~in_halo,
+        refraction=refraction,
     )
 
 
 def pairs_within(
-    here: FloatArray, there: FloatArray, radius: float
+    first_points: FloatArray, second_points: FloatArray, radius: float
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """List the pairs (first, second, distance) of points of two sets within a radius, its border included, m."""
-    if len(here) == 0 or len(there) == 0:
-        none = np.zeros(0, dtype=np.int64)
-        return none, none, np.zeros(0)
+    """List the pairs of points of two sets that lie within a radius, its border included.
+
+    Returned are the rows of the first and of the second set (pair,), and the distance (pair,), m.
+    """
+    if len(first_points) == 0 or len(second_points) == 0:
+        no_rows = np.zeros(0, dtype=np.int64)
+        return no_rows, no_rows, np.zeros(0)
     # The tree rounds differently on the border: let it find a little too much, then decide by the
     # plain formula.
-    near = cKDTree(here).sparse_distance_matrix(
-        cKDTree(there), radius * (1 + 1e-6) + 1e-9, output_type="ndarray"
+    candidates = cKDTree(first_points).sparse_distance_matrix(
+        cKDTree(second_points), radius * (1 + 1e-6) + 1e-9, output_type="ndarray"
     )
-    first = near["i"].astype(np.int64)
-    second = near["j"].astype(np.int64)
-    distance = np.hypot(here[first, 0] - there[second, 0], here[first, 1] - there[second, 1])
-    keep = distance <= radius
-    return first[keep], second[keep], distance[keep]
+    first = candidates["i"].astype(np.int64)
+    second = candidates["j"].astype(np.int64)
+    step = first_points[first] - second_points[second]
+    distance = np.hypot(step[:, 0], step[:, 1])
+    within = distance <= radius
+    return first[within], second[within], distance[within]
 
 
 def select_targets(truth: pd.DataFrame, subset: Subset) -> BoolArray:
-    """Tell which targets of a truth table a subset names, as a boolean per row.
+    """Return which targets of a truth table a subset selects.
 
-    ``None``: all. A ``target_id`` or a sequence of them. A mapping of columns to a value, a list of values or a
-    predicate of the column, all of which must hold, e.g. ``{"kind": "metal", "depth": lambda d: d > 0.05}``. A
-    predicate of the table that gives one truth value per row. A boolean array with one value per row. A column or id
-    that is not there, or no target of a table that has some, is a ValueError.
+    Parameters
+    ----------
+    truth : DataFrame
+        Checked truth table.
+    subset : None, str, sequence, mapping or callable
+        None selects all targets, a ``target_id`` or a sequence of them those. A mapping of columns
+        selects rows with a value, one of a list of values, or for which a predicate of the column
+        is true; all conditions must hold, e.g. ``{"kind": "metal", "depth": lambda d: d > 0.05}``.
+        A predicate of the table, or a boolean array, gives one truth value per row.
+
+    Returns
+    -------
+    (target,) ndarray of bool
+        Whether each target is selected.
+
+    Raises
+    ------
+    ValueError
+        If a column or id does not exist, or no target of a table that has some is selected.
     """
     if subset is None:
         return np.ones(len(truth), dtype=bool)
     if isinstance(subset, Mapping):
         chosen = np.ones(len(truth), dtype=bool)
-        for name, wanted in subset.items():
+        for name, condition in subset.items():
             if name not in truth.columns:
                 raise ValueError(
-                    f"subset must name columns of truth, got {name!r}; there are {', '.join(truth.columns)}"
+                    f"subset must name columns of truth, got {name!r}; "
+                    f"there are {', '.join(truth.columns)}"
                 )
-            chosen &= _rows_with(truth[name], wanted)
+            chosen &= _rows_with(truth[name], condition)
     elif callable(subset):
         chosen = _as_mask(subset(truth), len(truth))
     elif isinstance(subset, str):
         chosen = _by_id(truth, [subset])
     else:
         values = np.asarray(subset)
-        chosen = (
-            _as_mask(values, len(truth)) if values.dtype == bool else _by_id(truth, list(subset))
-        )
+        is_mask = values.dtype == bool
+        chosen = _as_mask(values, len(truth)) if is_mask else _by_id(truth, list(subset))
     if len(truth) and not chosen.any():
         kinds = ", ".join(sorted(map(str, truth["kind"].unique())))
         raise ValueError(
-            f"subset must select at least one target, got {subset!r} of {len(truth)} targets ({kinds})"
+            f"subset must select at least one target, "
+            f"got {subset!r} of {len(truth)} targets ({kinds})"
         )
     return chosen
 
 
-def _rows_with(column: pd.Series[Any], wanted: Any) -> BoolArray:
-    if callable(wanted):
-        return _as_mask(wanted(column), len(column))
-    values = (
-        list(wanted)
-        if isinstance(wanted, list | tuple | set | frozenset | np.ndarray | pd.Series)
-        else [wanted]
-    )
+def _rows_with(column: pd.Series[Any], condition: Any) -> BoolArray:
+    """Return which cells of a column are a value, one of several, or satisfy a predicate."""
+    if callable(condition):
+        return _as_mask(condition(column), len(column))
+    is_list = isinstance(condition, list | tuple | set | frozenset | np.ndarray | pd.Series)
+    values = list(condition) if is_list else [condition]
     return column.isin(values).to_numpy(dtype=bool)
 
 
 def _as_mask(values: Any, length: int) -> BoolArray:
+    """Return truth values, one per target, as an array."""
     mask = np.asarray(values)
     if mask.shape != (length,) or mask.dtype != bool:
         raise ValueError(
@@ -387,13 +453,15 @@ def _as_mask(values: Any, length: int) -> BoolArray:
     return mask
 
 
-def _by_id(truth: pd.DataFrame, wanted: list[Any]) -> BoolArray:
-    unknown = [name for name in wanted if name not in set(truth["target_id"])]
+def _by_id(truth: pd.DataFrame, ids: list[Any]) -> BoolArray:
+    """Return which targets have one of these ids, all of which must exist."""
+    known = set(truth["target_id"])
+    unknown = [name for name in ids if name not in known]
     if unknown:
         raise ValueError(
             f"subset must name target_id of truth, got {unknown[0]!r} ({len(unknown)} unknown)"
         )
-    return truth["target_id"].isin(wanted).to_numpy(dtype=bool)
+    return truth["target_id"].isin(ids).to_numpy(dtype=bool)
 
 
 def one_of(name: str, value: Any, allowed: tuple[Any, ...]) -> None:

@@ -1,4 +1,4 @@
-"""What misplaces targets: focusing on the surface shows buried ones elsewhere, and a survey has an error."""
+"""Errors of the targets' positions: refraction shifts buried ones, and a survey is not exact."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from flgpr.model.refraction import apparent_shift
+
 
 def refraction_shift(
     depth: ArrayLike, permittivity: float, height: float, distance: ArrayLike
 ) -> Any:
-    """Compute how far, m, behind its place a buried object shows in an image focused on the surface.
+    """Compute how far behind its position a buried object shows in an image of the surface.
 
-    With θ the incidence angle from the vertical, Δ = d·sqrt(ε - sin²θ)/sinθ: the delay d·sqrt(ε -
-    sin²θ) that the soil adds to a one-way path, turned into ground range.
+    This is :func:`flgpr.model.refraction.apparent_shift` at the angle of incidence from the
+    vertical.
 
     Parameters
     ----------
@@ -29,22 +31,34 @@ def refraction_shift(
     height, distance : float, array_like
         Height of the antennas, and horizontal distance from them to the object, m, positive.
 
+    Returns
+    -------
+    ndarray
+        Shift away from the radar, m.
+
+    Raises
+    ------
+    ValueError
+        If the permittivity is less than 1, or the height or a distance is not positive.
+
     Examples
     --------
     A mine 10 cm deep in dry sand and in a moist soil, seen from 5 m height at 12 m:
 
     >>> from flgpr.scoring import refraction_shift
-    >>> [round(float(refraction_shift(0.10, permittivity, 5.0, 12.0)), 3) for permittivity in (3.4, 10.7)]  # m
-    [0.173, 0.34]
+    >>> round(float(refraction_shift(0.10, 3.4, 5.0, 12.0)), 3)  # m
+    0.173
+    >>> round(float(refraction_shift(0.10, 10.7, 5.0, 12.0)), 3)
+    0.34
     """
-    away = np.asarray(distance, dtype=np.float64)
+    distances = np.asarray(distance, dtype=np.float64)
     if not permittivity >= 1:
         raise ValueError(f"permittivity must be at least 1, got {permittivity}")
-    if not (height > 0 and (away > 0).all()):
-        raise ValueError(f"height and distance must be positive, got {height} m and {away} m")
-    sine = away / np.hypot(away, height)
+    if not (height > 0 and (distances > 0).all()):
+        raise ValueError(f"height and distance must be positive, got {height} m and {distances} m")
+    sine = distances / np.hypot(distances, height)
     below = np.maximum(np.asarray(depth, dtype=np.float64), 0)
-    return below * np.sqrt(permittivity - sine**2) / sine
+    return apparent_shift(below, permittivity, sine)[()]  # a number for a number
 
 
 @dataclass(frozen=True)
@@ -62,20 +76,24 @@ class Refraction:
         refraction_shift(0.0, self.permittivity, self.height, self.distance)
 
     def move(self, truth: pd.DataFrame) -> pd.DataFrame:
-        """Move the buried targets of a truth table to where they show, along the line from the radar."""
-        aside = truth["x"].to_numpy() - self.radar_x
-        range_ = np.hypot(aside, self.distance)
-        shift = np.nan_to_num(
-            refraction_shift(truth["depth"].to_numpy(), self.permittivity, self.height, range_)
-        )
+        """Return a truth table with its buried targets where they show in the image.
+
+        They move along the line from the radar. A target of unknown depth stays.
+        """
+        lateral = truth["x"].to_numpy() - self.radar_x
+        ground_range = np.hypot(lateral, self.distance)
+        depth = truth["depth"].to_numpy()
+        shift = refraction_shift(depth, self.permittivity, self.height, ground_range)
+        shift = np.nan_to_num(shift)
         return truth.assign(
-            x=truth["x"] + shift * aside / range_, y=truth["y"] + shift * self.distance / range_
+            x=truth["x"] + shift * lateral / ground_range,
+            y=truth["y"] + shift * self.distance / ground_range,
         )
 
 
 @dataclass(frozen=True)
 class SurveyShare:
-    """How much of the halo the survey error takes."""
+    """Share of the halo that the survey error takes."""
 
     sigma: float  #: standard deviation of a surveyed position per axis, m
     halo: float  #: halo radius, m
@@ -86,7 +104,26 @@ class SurveyShare:
 
 
 def survey_share(sigma: float, halo: float = 1.0) -> SurveyShare:
-    """Tell how much of the halo (radius, m) a survey error takes: normal, of deviation sigma (m), equal in both axes.
+    """Compute how much of the halo a survey error takes.
+
+    The error is normal and equal in both axes.
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation of the surveyed positions per axis, m.
+    halo : float
+        Halo radius, m.
+
+    Returns
+    -------
+    SurveyShare
+        Share, radius and lost probability.
+
+    Raises
+    ------
+    ValueError
+        If the deviation is negative or the radius is not positive.
 
     Examples
     --------
@@ -99,14 +136,29 @@ def survey_share(sigma: float, halo: float = 1.0) -> SurveyShare:
         raise ValueError(f"survey_error must not be negative, got {sigma}")
     if not halo > 0:
         raise ValueError(f"halo must be positive, got {halo}")
+    # The distance of the true position is Rayleigh distributed.
     lost = math.exp(-(halo**2) / (2 * sigma**2)) if sigma > 0 else 0.0
-    return SurveyShare(
-        float(sigma), float(halo), sigma / halo, sigma * math.sqrt(-2 * math.log(0.05)), lost
-    )
+    radius_95 = sigma * math.sqrt(-2 * math.log(0.05))
+    return SurveyShare(float(sigma), float(halo), sigma / halo, radius_95, lost)
 
 
 def jitter(truth: pd.DataFrame, sigma: float, seed: int | np.random.Generator = 0) -> pd.DataFrame:
-    """Draw another survey of the same targets: truth with x and y moved by normal errors of deviation sigma, m."""
+    """Draw another survey of the same targets.
+
+    Parameters
+    ----------
+    truth : DataFrame
+        Truth table.
+    sigma : float
+        Standard deviation of the normal errors per axis, m.
+    seed : int or Generator
+        Seed of the draw.
+
+    Returns
+    -------
+    DataFrame
+        The truth table with moved x and y, m.
+    """
     rng = np.random.default_rng(seed)
     step = rng.normal(0.0, sigma, size=(len(truth), 2))
     return truth.assign(x=truth["x"] + step[:, 0], y=truth["y"] + step[:, 1])

@@ -9,7 +9,7 @@ from flgpr.simulate.scene.world import BARE as BARE
 from flgpr.simulate.scene.world import EVEN as EVEN
 from flgpr.simulate.scene.world import World as World
 from flgpr.simulate.scene.world import draw_world as draw_world
-from flgpr.simulate.scene.world import told as told
+from flgpr.simulate.scene.world import world_description as world_description
 from flgpr.simulate.simulator import Simulator as Simulator
 from flgpr.simulate.simulator import finest_cell as finest_cell
 from flgpr.simulate.simulator import simulate as simulate

@@ -1,7 +1,9 @@
-"""One file of named arrays and words in JSON, which proves itself: models, snapshots, and what is kept of long work.
+"""Bundles: one file of named arrays and JSON metadata that carries its own digests.
 
-A line with the length and the SHA-256 of a JSON head, the head, and the arrays' bytes. The head holds the words, and
-every array's type, shape, place and SHA-256, so that arrays can be read one by one and each is checked when it is.
+Models, snapshots and checkpoints of long work are bundles. A file begins with a line that holds the
+length and the SHA-256 of a JSON head. Then follow the head and the bytes of the arrays. The head
+holds the metadata ("about") and the type, shape, offset and SHA-256 of every array, so that arrays
+can be read one by one and each is checked when it is read.
 """
 
 from __future__ import annotations
@@ -24,18 +26,21 @@ from flgpr.store.files import canonical_json, sha256, writing
 PARTIAL = ".partial"
 _KINDS = "biufcU"
 _TYPE = re.compile(r"[<>|][biufcU][0-9]{1,9}")
-"""Types of numbers and text as NumPy spells them. It reads much more, and parses some of that without a bound."""
+"""Types of numbers and text as NumPy spells them.
+
+NumPy accepts many more spellings and parses some of them without a bound on memory.
+"""
 _MOST_AXES = 32
 _LONGEST_AXIS = 2**53
 _ALIGN = 64
 _LONGEST_HEAD = 2**26
 _PIECE = 2**20
 MOST_BUNDLE = 16 * 2**30
-"""Largest file of arrays that is read unless told otherwise, bytes."""
+"""Largest bundle that is read by default, bytes."""
 
 
 class BundleError(ValueError):
-    """A file is no bundle, or damaged."""
+    """A file is no bundle, or it is damaged."""
 
 
 def write_bundle(
@@ -44,36 +49,51 @@ def write_bundle(
     about: Mapping[str, Any] | None = None,
     lasting: bool = False,
 ) -> int:
-    """Write arrays of numbers, booleans or text, and words, to a file that appears whole or not at all; give its bytes.
+    """Write arrays and metadata to a file that appears complete or not at all.
 
-    With ``lasting`` it is on the disk before it appears; else what a crash of the machine tears is found out when read.
+    Parameters
+    ----------
+    path : Path
+        The file; one that exists is replaced.
+    arrays : mapping of str to (...) ndarray
+        Numbers, booleans or text, by name.
+    about : mapping, optional
+        Metadata, JSON values.
+    lasting : bool
+        Flush the file to the disk before it appears. Otherwise a crash of the machine may leave a
+        damaged file, which is detected when it is read.
+
+    Returns
+    -------
+    int
+        Size of the file, bytes.
+
+    Raises
+    ------
+    ValueError
+        If an array holds anything else, or the metadata are no JSON values.
+    OSError
+        If the file cannot be written.
     """
-    listed: list[dict[str, Any]] = []
-    place = 0
-    held = []
+    entries: list[dict[str, Any]] = []
+    blocks: list[NDArray[np.uint8]] = []
+    offset = 0
     for name, value in arrays.items():
-        value = np.asarray(value, order="C")
-        if value.dtype.kind not in _KINDS:
-            raise ValueError(f"{name} must hold numbers, booleans or text, got {value.dtype}")
-        data = value.reshape(-1).view(np.uint8)
-        digest = hashlib.sha256(data.data).hexdigest()
-        entry = {
-            "name": name,
-            "dtype": value.dtype.str,
-            "shape": list(value.shape),
-            "at": place,
-            "sha256": digest,
-        }
-        listed.append(entry)
-        held.append(data)
-        place += -(-data.size // _ALIGN) * _ALIGN
-    text = canonical_json({"about": dict(about or {}), "arrays": listed})
+        array = np.asarray(value, order="C")
+        if array.dtype.kind not in _KINDS:
+            raise ValueError(f"{name} must hold numbers, booleans or text, got {array.dtype}")
+        data = array.reshape(-1).view(np.uint8)
+        entries.append(_entry(name, array, data, offset))
+        blocks.append(data)
+        offset += _aligned(data.size)
+    head = canonical_json({"about": dict(about or {}), "arrays": entries})
+    # Several processes may write the same bundle at once, each under a name of its own.
     temporary = path.with_name(f"{path.name}.{os.getpid()}-{os.urandom(4).hex()}{PARTIAL}")
     try:
         with writing(path), temporary.open("wb") as file:
-            file.write(f"{len(text)} {sha256(text)}\n".encode())
-            file.write(text)
-            for data in held:
+            file.write(f"{len(head)} {sha256(head)}\n".encode())
+            file.write(head)
+            for data in blocks:
                 file.write(data.data)
                 file.write(bytes(-data.size % _ALIGN))
             size = file.tell()
@@ -88,21 +108,23 @@ def write_bundle(
 
 
 class Bundle(Mapping[str, NDArray[Any]]):
-    """The arrays of a file of :func:`write_bundle`, read and checked when first asked for, and its words, ``about``.
+    """The arrays of a file of :func:`write_bundle`, by name, and its metadata ``about``.
+
+    An array is read and checked when it is first asked for.
 
     Parameters
     ----------
     path : Path
         The file, which must be regular and no link.
     data : bytes, optional
-        What the file holds, if it was read already: the file is then not opened.
+        Content of the file, if it was read already: the file is then not opened.
     most : int
-        Bytes that the file may have.
+        Largest size that the file may have, bytes.
 
     Raises
     ------
     BundleError
-        If it is no such file, larger, or damaged; for arrays when they are read.
+        If it is no bundle, too large, or damaged. A damaged array is found when it is read.
     FileNotFoundError
         If there is no file.
     """
@@ -111,12 +133,12 @@ class Bundle(Mapping[str, NDArray[Any]]):
         self.path = path
         self._data = data
         self._most = most
-        self._kept: dict[str, NDArray[Any]] = {}
+        self._cache: dict[str, NDArray[Any]] = {}
         try:
             with self._open() as file:
                 self.about, self._head, self._start = _read_head(file)
                 size = file.seek(0, os.SEEK_END)
-            end = self._start + _laid_out(self._head)
+            end = self._start + _data_size(self._head)
             if size != end:
                 raise ValueError(f"{size} bytes of {end}")
         except FileNotFoundError:
@@ -131,51 +153,81 @@ class Bundle(Mapping[str, NDArray[Any]]):
         return iter(self._head)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        if name not in self._kept:
-            self._kept[name] = self._read(name, self._head[name])
-        return self._kept[name]
+        if name not in self._cache:
+            self._cache[name] = self._read(name, self._head[name])
+        return self._cache[name]
 
     def listed(self) -> list[dict[str, Any]]:
-        """List the arrays by the head alone: ``name``, ``dtype``, ``shape`` and ``bytes`` of each."""
-        return [
-            {"name": name, "dtype": one["dtype"], "shape": list(one["shape"]), "bytes": _bytes(one)}
-            for name, one in self._head.items()
-        ]
+        """Return ``name``, ``dtype``, ``shape`` and ``bytes`` of every array from the head."""
+        rows = []
+        for name, entry in self._head.items():
+            row = {
+                "name": name,
+                "dtype": entry["dtype"],
+                "shape": list(entry["shape"]),
+                "bytes": _array_size(entry),
+            }
+            rows.append(row)
+        return rows
 
     def check(self) -> None:
-        """Read every array piece by piece and keep none; a damaged one is a BundleError."""
+        """Check every array against its digest, in pieces so that memory stays small.
+
+        Raises
+        ------
+        BundleError
+            If an array is damaged.
+        """
         with self._open() as file:
             for name, entry in self._head.items():
                 file.seek(self._start + entry["at"])
-                wanted = _bytes(entry)
+                size = _array_size(entry)
                 digest = hashlib.sha256()
-                for begin in range(0, wanted, _PIECE):
-                    digest.update(file.read(min(_PIECE, wanted - begin)))
-                if digest.hexdigest() != entry["sha256"] or any(file.read(-wanted % _ALIGN)):
+                for begin in range(0, size, _PIECE):
+                    digest.update(file.read(min(_PIECE, size - begin)))
+                padding = file.read(-size % _ALIGN)
+                if digest.hexdigest() != entry["sha256"] or any(padding):
                     raise self._damaged(name)
 
     def _open(self) -> AbstractContextManager[io.BufferedReader | io.BytesIO]:
+        """Open the file, or the content that was read before."""
         if self._data is not None:
             return nullcontext(io.BytesIO(self._data))
         return Folder(self.path.parent).open(self.path.name, self._most)
 
     def _read(self, name: str, entry: dict[str, Any]) -> NDArray[Any]:
-        wanted = _bytes(entry)
-        data = np.empty(wanted + -wanted % _ALIGN, np.uint8)
+        """Read one array and its padding, and check both."""
+        size = _array_size(entry)
+        padded = np.empty(_aligned(size), np.uint8)
         with self._open() as file:
             file.seek(self._start + entry["at"])
-            filled = file.readinto(data.data)
-        if filled != data.size or hashlib.sha256(data[:wanted].data).hexdigest() != entry["sha256"]:
+            filled = file.readinto(padded.data)
+        data = padded[:size]
+        padding = padded[size:]
+        if filled != padded.size or padding.any():
             raise self._damaged(name)
-        if data[wanted:].any():
+        if hashlib.sha256(data.data).hexdigest() != entry["sha256"]:
             raise self._damaged(name)
-        return data[:wanted].view(np.dtype(entry["dtype"])).reshape(entry["shape"])
+        return data.view(np.dtype(entry["dtype"])).reshape(entry["shape"])
 
     def _damaged(self, name: str) -> BundleError:
+        """Return the error for a damaged array."""
         return BundleError(f"{self.path}: {name} differs from what was written")
 
 
+def _entry(name: str, array: NDArray[Any], data: NDArray[np.uint8], offset: int) -> dict[str, Any]:
+    """Return the entry of an array in the head of a bundle."""
+    return {
+        "name": name,
+        "dtype": array.dtype.str,
+        "shape": list(array.shape),
+        "at": offset,
+        "sha256": hashlib.sha256(data.data).hexdigest(),
+    }
+
+
 def _read_head(file: BinaryIO) -> tuple[dict[str, Any], dict[str, dict[str, Any]], int]:
+    """Return the metadata, the entry of every array by name, and the offset where arrays begin."""
     length, _, digest = file.readline(128).decode("ascii").rstrip("\n").partition(" ")
     if not length.isdecimal() or int(length) > _LONGEST_HEAD:
         raise ValueError("no head")
@@ -194,7 +246,10 @@ def _read_head(file: BinaryIO) -> tuple[dict[str, Any], dict[str, dict[str, Any]
 
 def _check_entry(entry: Mapping[str, Any]) -> None:
     """Refuse an array that the head describes in another way than :func:`write_bundle` does."""
-    name, spelling, shape, place = (entry[key] for key in ("name", "dtype", "shape", "at"))
+    name = entry["name"]
+    spelling = entry["dtype"]
+    shape = entry["shape"]
+    offset = entry["at"]
     if not isinstance(name, str):
         raise ValueError(f"names of arrays must be text, got {_short(name)}")
     is_known = isinstance(spelling, str) and _TYPE.fullmatch(spelling) is not None
@@ -204,32 +259,42 @@ def _check_entry(entry: Mapping[str, Any]) -> None:
         )
     if not isinstance(shape, list) or len(shape) > _MOST_AXES:
         raise ValueError(f"{_short(name)} must have at most {_MOST_AXES} axes, got {_short(shape)}")
-    for number in (place, *shape):
+    for number in (offset, *shape):
         if type(number) is not int or not 0 <= number < _LONGEST_AXIS:
             raise ValueError(
-                f"{_short(name)} must have a shape and place of whole numbers from 0, got {_short(shape)} at "
-                f"{_short(place)}"
+                f"{_short(name)} must have a shape and offset of whole numbers from 0, "
+                f"got {_short(shape)} at {_short(offset)}"
             )
 
 
 def _short(value: Any) -> str:
+    """Return a value from a file as text short enough for a message."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _laid_out(arrays: Mapping[str, dict[str, Any]]) -> int:
-    """Count the bytes of arrays that lie one after the other; some that share bytes would take more than the file."""
+def _data_size(arrays: Mapping[str, dict[str, Any]]) -> int:
+    """Return the bytes of all arrays, padding included, which must lie one after the other.
+
+    Arrays that share bytes could take far more memory than the file has.
+    """
     end = 0
     for name, entry in arrays.items():
         if entry["at"] != end:
             raise ValueError(
                 f"{name} must begin where the array before it ends, {end}, got {entry['at']}"
             )
-        end += -(-_bytes(entry) // _ALIGN) * _ALIGN
+        end += _aligned(_array_size(entry))
     return end
 
 
-def _bytes(entry: dict[str, Any]) -> int:
+def _aligned(size: int) -> int:
+    """Return a number of bytes rounded up to the alignment of arrays in the file."""
+    return -(-size // _ALIGN) * _ALIGN
+
+
+def _array_size(entry: dict[str, Any]) -> int:
+    """Return the bytes of an array without padding."""
     count = np.dtype(entry["dtype"]).itemsize
     for length in entry["shape"]:
         count *= length

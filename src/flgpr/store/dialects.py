@@ -1,8 +1,8 @@
 """Tables of alarms, truth and objects as other programs and other languages write them.
 
-Columns are known by their names in English, German, French, Spanish, Italian and Portuguese, with or without a unit,
-or by what the user says. Numbers are taken as they stand, but for units that are not metres and places on the Earth,
-which an anchor takes to the lane. Whatever was read otherwise than it stands is in the notes.
+Columns are found by their names in English, German, French, Spanish, Italian and Portuguese, with
+or without a unit, or by what the user says. Lengths in other units are converted to metres, and an
+anchor takes places on the Earth to the lane. The notes list every such change.
 """
 
 from __future__ import annotations
@@ -23,17 +23,26 @@ from flgpr.model.units import UNITS
 
 FloatArray = NDArray[np.float64]
 PLACES = ("longitude", "latitude", "easting", "northing")
-"""Columns beside those of the tables: where a row lies on the Earth, degrees or metres."""
+"""Columns of a position on the Earth instead of x and y; degrees or metres."""
 _IDS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
 _SYNONYMS: dict[str, str] = {
-    "x": "x cross across cross_track crosstrack lateral right rechts quer querab droite travers transversal derecha "
-    "través destra traverso direita transverso",
-    "y": "y along along_track down_track downtrack forward chainage distance vorwärts längs laengs strecke station "
-    "avant avance adelante avanti frente progressiva",
-    "confidence": "confidence score probability conf konfidenz wahrscheinlichkeit bewertung güte confiance probabilité "
-    "confianza probabilidad puntuación confidenza probabilità punteggio confiança probabilidade pontuação",
-    "kind": "kind type class category art typ klasse sorte genre catégorie tipo clase clasificación classe categoria "
-    "espécie",
+    "x": (
+        "x cross across cross_track crosstrack lateral right rechts quer querab droite "
+        "travers transversal derecha través destra traverso direita transverso"
+    ),
+    "y": (
+        "y along along_track down_track downtrack forward chainage distance vorwärts längs "
+        "laengs strecke station avant avance adelante avanti frente progressiva"
+    ),
+    "confidence": (
+        "confidence score probability conf konfidenz wahrscheinlichkeit bewertung güte "
+        "confiance probabilité confianza probabilidad puntuación confidenza probabilità "
+        "punteggio confiança probabilidade pontuação"
+    ),
+    "kind": (
+        "kind type class category art typ klasse sorte genre catégorie tipo clase "
+        "clasificación classe categoria espécie"
+    ),
     "depth": "depth burial_depth tiefe überdeckung profondeur profundidad profondità profundidade",
     "radius": "radius halbmesser rayon radio raggio raio",
     "height": "height höhe hoehe hauteur altura altezza",
@@ -43,13 +52,15 @@ _SYNONYMS: dict[str, str] = {
     "easting": "easting east utm_east utm_e rechtswert ostwert est este leste",
     "northing": "northing north utm_north utm_n hochwert nordwert nord norte",
 }
+"""Synonyms of each column in six languages, separated by blanks."""
 _ID_SYNONYMS = "id nr no num number name nummer numéro número numero nome nom nombre code label"
-_OWN_ID_SYNONYMS = {
+_SYNONYMS_OF_ONE_ID = {
     "alarm_id": "alarm alarms alarme alarma allarme detection",
     "target_id": "target mine ziel mina cible objetivo bersaglio alvo",
     "object_id": "object objekt objet objeto oggetto",
 }
 _WITH_UNIT = re.compile(r"\s*(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\])]*?)\s*[\])]\s*")
+_NUMBER_OR_EMPTY = re.compile(r"[-+]?[\d.,]+([eE][-+]?\d+)?|")
 _SUFFIX = re.compile(r"(?P<name>.*\w)[_ ](?P<unit>m|cm|mm|km|ft|in|deg)", re.IGNORECASE)
 _LENGTHS = ("x", "y", "depth", "radius", "height", "easting", "northing")
 _ANGLES = ("longitude", "latitude")
@@ -71,11 +82,11 @@ _MARKS = ";\t,"
 
 
 class EarthAnchor(Protocol):
-    """What takes places on the Earth to a lane, such as :class:`flgpr.geo.Anchor`."""
+    """Conversion of places on the Earth to a lane, such as :class:`flgpr.geo.Anchor`."""
 
     @property
     def origin(self) -> tuple[float, float, float]:
-        """Longitude and latitude, degrees, and height, m, of the lane's contact point."""
+        """Return longitude and latitude, degrees, and height, m, of the lane's contact point."""
 
     def to_lonlat(self, points: ArrayLike) -> FloatArray:
         """Return longitude and latitude of easting and northing (..., 2)."""
@@ -86,91 +97,112 @@ class EarthAnchor(Protocol):
 
 @dataclass(frozen=True)
 class TableReading:
-    """What a user says of a table: which column is what, and where its lane lies on the Earth."""
+    """How a user says a table is to be read."""
 
-    columns: Mapping[str, str] = field(
-        default_factory=dict
-    )  #: name that flgpr knows -> the file's own
+    #: name that flgpr knows -> name in the file
+    columns: Mapping[str, str] = field(default_factory=dict)
     #: takes longitude and latitude, or easting and northing, to the lane
     anchor: EarthAnchor | None = None
 
 
 def parse_columns_option(text: str) -> dict[str, str]:
-    """Read ``x=Rechts,y=Hoch`` as a mapping; what is no such list is a ValueError."""
-    found: dict[str, str] = {}
-    for part in text.split(","):
-        name, equals, column = part.partition("=")
+    """Return ``x=Rechts,y=Hoch`` as a mapping; anything else is a ValueError."""
+    columns: dict[str, str] = {}
+    for pair in text.split(","):
+        name, equals, column = pair.partition("=")
         name = name.strip()
-        if not (equals and name and column.strip()) or name in found:
+        column = column.strip()
+        is_pair = bool(equals and name and column)
+        if not is_pair or name in columns:
             raise ValueError(
                 f"columns must be NAME=COLUMN, each name once, between commas, got {text!r}"
             )
-        found[name] = column.strip()
-    return found
+        columns[name] = column
+    return columns
 
 
 def without_comments(text: str, kind: str) -> tuple[str, list[str]]:
-    """Leave out lines that begin with ``#``, and a first line ``sep=;``; a header behind a ``#`` is one.
+    """Return a table's text without comments, and notes on what was left out.
 
-    A row whose first cell is a name that begins so stays: it has as many cells as the header, which begins with a
-    column of names.
+    Comments are lines that begin with ``#``, and a first line ``sep=;``. A commented line that has
+    as many cells as the first line of numbers, and stands right before it, is the header. A row
+    whose first cell is a name that begins with ``#`` stays: it has as many cells as the header,
+    which begins with a column of names.
     """
     lines = text.splitlines()
     if lines and re.fullmatch(r"\s*sep=.\s*", lines[0], re.IGNORECASE):
         lines = lines[1:]
-    first = next(
-        (k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")),
-        None,
-    )
+    first = _first_row(lines)
     if first is None:
         return "", []
-    before = [line for line in lines[:first] if line.strip()]
+    comments = [line for line in lines[:first] if line.strip()]
     body = lines[first:]
-    head = body[0]
     notes: list[str] = []
-    if before and _is_numbers(head):
-        behind = before[-1].lstrip("# \t")
-        if _cells(behind) == _cells(head):
-            before = before[:-1]
-            body = [behind, *body]
-            notes.append(f"the header stands behind a #: {behind[:80]}")
-    named_first = _plain(_split(body[0])[0]) in {
-        _plain(name) for name in _synonyms_of_id(_IDS[kind])
-    }
-    rows: list[str] = [body[0]]
-    dropped = len(before)
-    for line in body[1:]:
-        if line.lstrip().startswith("#") and not (named_first and _cells(line) == _cells(body[0])):
-            dropped += 1
-        else:
-            rows.append(line)
+    if comments and _is_numbers(body[0]):
+        header = comments[-1].lstrip("# \t")
+        if _count_cells(header) == _count_cells(body[0]):
+            comments = comments[:-1]
+            body = [header, *body]
+            notes.append(f"the header stands behind a #: {header[:80]}")
+    rows = _rows_without_comments(body, kind)
+    dropped = len(comments) + len(body) - len(rows)
     if dropped:
         notes.append(f"{dropped} lines that begin with # left out")
     return "\n".join(rows) + "\n", notes
 
 
+def _first_row(lines: Sequence[str]) -> int | None:
+    """Return the number of the first line that is neither blank nor a comment."""
+    for number, line in enumerate(lines):
+        if line.strip() and not line.lstrip().startswith("#"):
+            return number
+    return None
+
+
+def _rows_without_comments(body: Sequence[str], kind: str) -> list[str]:
+    """Return the header and the rows after it that are no comments."""
+    header = body[0]
+    width = _count_cells(header)
+    names_of_rows = {_folded(name) for name in _synonyms_of_id(_IDS[kind])}
+    begins_with_names = _folded(_split(header)[0]) in names_of_rows
+    rows = [header]
+    for line in body[1:]:
+        is_row = begins_with_names and _count_cells(line) == width
+        if is_row or not line.lstrip().startswith("#"):
+            rows.append(line)
+    return rows
+
+
 def _is_numbers(line: str) -> bool:
+    """Return whether every cell of a line is a number or empty, and not all are empty."""
     cells = [cell.strip() for cell in _split(line)]
-    return all(re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?|", cell) for cell in cells) and any(cells)
+    return all(_NUMBER_OR_EMPTY.fullmatch(cell) for cell in cells) and any(cells)
 
 
 def mark_of(head: str) -> str:
-    """Tell what parts the columns of a header: semicolons, else tabs, else commas."""
-    return next((mark for mark in _MARKS if mark in head), ",")
+    """Return the separator of a header's columns: semicolons, else tabs, else commas."""
+    for mark in _MARKS:
+        if mark in head:
+            return mark
+    return ","
 
 
 def _split(line: str) -> list[str]:
+    """Return the cells of a line."""
     return next(csv.reader(io.StringIO(line), delimiter=mark_of(line)), [""])
 
 
-def _cells(line: str) -> int:
+def _count_cells(line: str) -> int:
+    """Return the number of cells of a line."""
     return len(_split(line))
 
 
 def column_targets(
     names: Sequence[str], kind: str, known: tuple[str, ...], columns: Mapping[str, str]
 ) -> dict[int, str]:
-    """Tell which columns of a header are which of a table's, by number; those of neither are left out.
+    """Return which columns of a file are which of a table's, by number in the header.
+
+    Columns of the file that are none of the table's are left out.
 
     Parameters
     ----------
@@ -181,96 +213,139 @@ def column_targets(
     known : tuple of str
         The names of the table's columns.
     columns : mapping of str to str
-        What the user says: a table's name, and the file's own.
+        What the user says: a table's name, and the file's name for it.
+
+    Returns
+    -------
+    dict of int to str
+        Column number, and the name that flgpr knows.
 
     Raises
     ------
     ValueError
         If a column that the user names is not there or unknown, or if two columns could be one.
     """
-    wanted = {*known, *PLACES}
-    found: dict[int, str] = {}
-    for target, column in columns.items():
-        if target not in wanted:
-            raise ValueError(
-                f"columns must name one of {', '.join(sorted(wanted))}, got {target!r}"
-            )
-        places = [k for k, name in enumerate(names) if name.strip() == column]
-        if len(places) > 1:
-            raise ValueError(f"columns: {column!r} stands {len(places)} times in the header")
-        if places:
-            found[places[0]] = target
-    said = set(found.values())
-    lookup = _lookup(kind, known)
-    candidates: dict[str, list[int]] = {}
-    for k, name in enumerate(names):
-        target = name if name in known else lookup.get(_plain(_unit_apart(name)[0]), "")
-        if target and target not in said and k not in found:
-            candidates.setdefault(target, []).append(k)
-    for target, places in candidates.items():
-        chosen = [k for k in places if names[k] == target] or places
+    targets = _columns_by_user(names, known, columns)
+    candidates = _columns_by_synonym(names, kind, known, targets)
+    for target, numbers in candidates.items():
+        exact = [number for number in numbers if names[number] == target]
+        chosen = exact or numbers
         if len(chosen) > 1:
-            told = " or ".join(repr(names[k]) for k in chosen)
+            choices = " or ".join(repr(names[number]) for number in chosen)
             raise ValueError(
-                f"{target} could be the column {told}: say which by --columns {target}={names[chosen[0]]}"
+                f"{target} could be the column {choices}: "
+                f"say which by --columns {target}={names[chosen[0]]}"
             )
-        found[chosen[0]] = target
-    missing = [target for target in columns if target not in found.values()]
-    if missing:
-        column = columns[missing[0]]
-        raise ValueError(
-            f"columns: the file has no column {column!r} for {missing[0]}; it has {', '.join(names)}"
-        )
-    return _without_needless_places(found)
+        targets[chosen[0]] = target
+    for target, column in columns.items():
+        if target not in targets.values():
+            raise ValueError(
+                f"columns: the file has no column {column!r} for {target}; "
+                f"it has {', '.join(names)}"
+            )
+    return _without_unused_places(targets)
+
+
+def _columns_by_user(
+    names: Sequence[str], known: tuple[str, ...], columns: Mapping[str, str]
+) -> dict[int, str]:
+    """Return the columns that the user names and the file has, by number."""
+    allowed = {*known, *PLACES}
+    targets: dict[int, str] = {}
+    for target, column in columns.items():
+        if target not in allowed:
+            raise ValueError(
+                f"columns must name one of {', '.join(sorted(allowed))}, got {target!r}"
+            )
+        numbers = [number for number, name in enumerate(names) if name.strip() == column]
+        if len(numbers) > 1:
+            raise ValueError(f"columns: {column!r} stands {len(numbers)} times in the header")
+        if numbers:
+            targets[numbers[0]] = target
+    return targets
+
+
+def _columns_by_synonym(
+    names: Sequence[str], kind: str, known: tuple[str, ...], by_user: Mapping[int, str]
+) -> dict[str, list[int]]:
+    """Return the columns that may be each of the table's by their names, besides ``by_user``."""
+    synonyms = _synonyms_of_table(kind, known)
+    assigned = set(by_user.values())
+    candidates: dict[str, list[int]] = {}
+    for number, name in enumerate(names):
+        if name in known:
+            target = name
+        else:
+            bare_name, _ = _split_unit(name)
+            target = synonyms.get(_folded(bare_name), "")
+        if target and target not in assigned and number not in by_user:
+            candidates.setdefault(target, []).append(number)
+    return candidates
 
 
 def named_columns(
     table: pd.DataFrame, targets: Mapping[int, str], anchor: EarthAnchor | None = None
 ) -> tuple[pd.DataFrame, list[str]]:
-    """Give columns the names that flgpr knows (:func:`column_targets`), their lengths metres, their places the lane's.
+    """Return a table with the columns that flgpr knows, lengths in metres, places in the lane.
+
+    Parameters
+    ----------
+    table : DataFrame
+        The table as the file holds it.
+    targets : mapping of int to str
+        Result of :func:`column_targets` for its header.
+    anchor : EarthAnchor, optional
+        Where the lane lies on the Earth.
 
     Returns
     -------
     table, notes
-        The table, and what was read otherwise than it stands.
+        The table, and what was converted or renamed.
 
     Raises
     ------
     ValueError
-        If a unit is none of length, or if places on the Earth come without an ``anchor`` or cannot
-        be.
+        If a unit is none of length, or if places on the Earth come without an ``anchor`` or are
+        out of range.
     """
     names = [str(name) for name in table.columns]
-    notes = [
-        f"{target} is the column {names[k]!r}"
-        for k, target in targets.items()
-        if names[k] != target
-    ]
-    made = table.copy()
-    made.columns = pd.Index([targets.get(k, name) for k, name in enumerate(names)])
-    for k, target in targets.items():
-        unit = "" if names[k] == target else _unit_apart(names[k])[1]
-        factor = _factor(target, unit, names[k])
+    notes = []
+    for number, target in targets.items():
+        if names[number] != target:
+            notes.append(f"{target} is the column {names[number]!r}")
+    renamed = table.copy()
+    renamed.columns = pd.Index([targets.get(number, name) for number, name in enumerate(names)])
+    for number, target in targets.items():
+        name = names[number]
+        if name == target:
+            continue
+        _, unit = _split_unit(name)
+        factor = _unit_factor(target, unit, name)
         if factor != 1.0:
-            made[target] = pd.to_numeric(made[target]) * factor
+            renamed[target] = pd.to_numeric(renamed[target]) * factor
             notes.append(f"{target} taken from {unit} to m")
-    return _in_the_lane(made, anchor, notes), notes
+    return _in_lane_frame(renamed, anchor, notes), notes
 
 
-def _without_needless_places(renamed: dict[int, str]) -> dict[int, str]:
+def _without_unused_places(targets: dict[int, str]) -> dict[int, str]:
     """Leave places on the Earth as they are where the table has places in the lane."""
-    if not {"x", "y"} <= set(renamed.values()):
-        return renamed
-    return {k: target for k, target in renamed.items() if target not in PLACES}
+    if not {"x", "y"} <= set(targets.values()):
+        return targets
+    return {number: target for number, target in targets.items() if target not in PLACES}
 
 
-def _in_the_lane(table: pd.DataFrame, anchor: EarthAnchor | None, notes: list[str]) -> pd.DataFrame:
-    """Take places on the Earth to the lane where the table has none in it."""
-    if {"x", "y"} <= set(table.columns):
+def _in_lane_frame(
+    table: pd.DataFrame, anchor: EarthAnchor | None, notes: list[str]
+) -> pd.DataFrame:
+    """Return a table with x and y, computed from places on the Earth where it has none."""
+    columns = set(table.columns)
+    if {"x", "y"} <= columns:
         return table
-    pairs = (("longitude", "latitude"), ("easting", "northing"))
-    pair = next((one for one in pairs if set(one) <= set(table.columns)), None)
-    if pair is None:
+    if {"longitude", "latitude"} <= columns:
+        pair = ["longitude", "latitude"]
+    elif {"easting", "northing"} <= columns:
+        pair = ["easting", "northing"]
+    else:
         return table
     if anchor is None:
         raise ValueError(
@@ -284,54 +359,60 @@ def _in_the_lane(table: pd.DataFrame, anchor: EarthAnchor | None, notes: list[st
         raise ValueError(
             "latitudes must lie within 90 and longitudes within 360 degrees: are they swapped?"
         )
-    heights = np.full(
-        len(lonlat), anchor.origin[2]
-    )  # of the lane's ground: a table of places has none
+    # A table of places has no heights: all rows are taken to lie at the height of the origin.
+    heights = np.full(len(lonlat), anchor.origin[2])
     lane = anchor.from_geodetic(np.column_stack([lonlat, heights]))
     notes.append(
         f"{len(table)} places taken from {pair[0]} and {pair[1]} to the lane by the anchor"
     )
-    return table.drop(columns=list(pair)).assign(x=lane[:, 0], y=lane[:, 1])
+    return table.drop(columns=pair).assign(x=lane[:, 0], y=lane[:, 1])
 
 
-def _unit_apart(name: str) -> tuple[str, str]:
-    """Part a column's name from its unit, which stands in brackets or at the end."""
-    found = _WITH_UNIT.fullmatch(name) or _SUFFIX.fullmatch(name.strip())
-    return (found["name"], found["unit"]) if found else (name.strip(), "")
+def _split_unit(name: str) -> tuple[str, str]:
+    """Return a column's name and its unit, which stands in brackets or at the end."""
+    with_unit = _WITH_UNIT.fullmatch(name) or _SUFFIX.fullmatch(name.strip())
+    if with_unit is None:
+        return name.strip(), ""
+    return with_unit["name"], with_unit["unit"]
 
 
-def _factor(target: str, unit: str, name: str) -> float:
-    """Look up what takes a column to metres, or degrees to degrees."""
-    low = unit.lower()
-    if low in _NO_UNIT:
+def _unit_factor(target: str, unit: str, name: str) -> float:
+    """Return the factor from a column's unit to metres, or 1 for degrees and numbers."""
+    unit_key = unit.lower()
+    if unit_key in _NO_UNIT:
         return 1.0
     if target in _LENGTHS:
-        if low not in UNITS["length"]:
+        if unit_key not in UNITS["length"]:
             raise ValueError(
                 f"the unit of {name!r} must be one of {', '.join(UNITS['length'])}, got {unit!r}"
             )
-        return UNITS["length"][low]
-    if target in _ANGLES and low not in _DEGREES:
+        return UNITS["length"][unit_key]
+    if target in _ANGLES and unit_key not in _DEGREES:
         raise ValueError(f"the unit of {name!r} must be degrees, got {unit!r}")
     return 1.0
 
 
-def _lookup(kind: str, known: tuple[str, ...]) -> dict[str, str]:
-    found: dict[str, str] = {}
-    for target, words in _SYNONYMS.items():
-        if target in known or target in PLACES:
-            found |= {_plain(word): target for word in words.split()}
-    own = _IDS[kind]
-    found |= {_plain(word): own for word in _synonyms_of_id(own)}
-    return found
+def _synonyms_of_table(kind: str, known: tuple[str, ...]) -> dict[str, str]:
+    """Return the column of a table that each folded synonym means."""
+    targets: dict[str, str] = {}
+    for target, synonyms in _SYNONYMS.items():
+        if target not in known and target not in PLACES:
+            continue
+        for synonym in synonyms.split():
+            targets[_folded(synonym)] = target
+    id_column = _IDS[kind]
+    for synonym in _synonyms_of_id(id_column):
+        targets[_folded(synonym)] = id_column
+    return targets
 
 
-def _synonyms_of_id(own: str) -> list[str]:
-    return [own, *_ID_SYNONYMS.split(), *_OWN_ID_SYNONYMS[own].split()]
+def _synonyms_of_id(id_column: str) -> list[str]:
+    """Return the names that a table's column of names may have."""
+    return [id_column, *_ID_SYNONYMS.split(), *_SYNONYMS_OF_ONE_ID[id_column].split()]
 
 
-def _plain(name: str) -> str:
-    """Fold case, accents, blanks and marks: ``Länge`` and ``LANGE`` are one word, ``x`` and ``X`` too."""
-    flat = unicodedata.normalize("NFKD", name.strip().casefold().replace("ß", "ss"))
-    letters = "".join(one for one in flat if not unicodedata.combining(one))
-    return re.sub(r"[\s_.\-]+", "_", letters).strip("_")
+def _folded(name: str) -> str:
+    """Return a name without case, accents, blanks and marks: ``Länge`` and ``LANGE`` are equal."""
+    decomposed = unicodedata.normalize("NFKD", name.strip().casefold().replace("ß", "ss"))
+    letters = [letter for letter in decomposed if not unicodedata.combining(letter)]
+    return re.sub(r"[\s_.\-]+", "_", "".join(letters)).strip("_")

@@ -1,4 +1,7 @@
-"""Writing files so that they are whole or absent, the digests that prove it, and JSON that carries its own."""
+"""Atomic writing of files and folders, SHA-256 digests, and JSON files with a digest of their own.
+
+A file that is written here holds either its old or its new content, whenever the process is killed.
+"""
 
 from __future__ import annotations
 
@@ -22,24 +25,58 @@ _LARGEST_POINTER = 1024  # bytes, by Git LFS's specification
 
 
 def sha256(data: bytes | memoryview) -> str:
-    """Hexadecimal SHA-256 of bytes."""
+    """Return the SHA-256 of bytes as 64 hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()
 
 
 def canonical_json(value: Any) -> bytes:
-    """Write a JSON value in its one canonical form: sorted keys, no spaces, no NaN (a ValueError), UTF-8."""
+    """Return a JSON value in canonical form: sorted keys, no spaces, ASCII.
+
+    Parameters
+    ----------
+    value : JSON value
+        Nested dicts, lists, text, finite numbers, booleans and None.
+
+    Returns
+    -------
+    bytes
+        The same bytes for equal values, so that their digests are equal, too.
+
+    Raises
+    ------
+    ValueError
+        If a number is NaN or infinite.
+    TypeError
+        If an entry is no JSON value.
+    """
     return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
 
 
 def existing(path: str | Path, what: str = "file") -> Path:
-    """Give the path of a regular file that is there; else a FileNotFoundError, or a ValueError for a pipe or device."""
+    """Return the path of a regular file that exists.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    what : str
+        What the file is, for the messages.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no file.
+    ValueError
+        If it is a pipe or a device, or a pointer of Git LFS in the place of the file.
+    """
     path = Path(path)
     if path.is_file():
         _refuse_pointer(path, what)
         return path
     if path.exists() and not path.is_dir():
         raise ValueError(
-            f"{what} must be a regular file, got {kind_of(path)}, {path}: save what it gives to a file"
+            f"{what} must be a regular file, got {kind_of(path)}, {path}: "
+            "save what it gives to a file"
         )
     raise FileNotFoundError(f"{what} not found: {path}")
 
@@ -52,21 +89,21 @@ def _refuse_pointer(path: Path, what: str) -> None:
         head = file.read(_LARGEST_POINTER)
     if head.startswith(_LFS):
         size = re.search(rb"^size (\d{1,18})$", head, re.MULTILINE)
-        told = f" of {int(size[1])} bytes" if size else ""
+        stated_size = f" of {int(size[1])} bytes" if size else ""
         raise ValueError(
-            f"{path}: {what} is a pointer of Git LFS to a file{told} that was not fetched: git lfs pull"
+            f"{path}: {what} is a pointer of Git LFS to a file{stated_size} that was not fetched: "
+            "git lfs pull"
         )
 
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Let an error of the system name the file that is written, and not what it is called until it is whole."""
+    """Make a system error name the file that is written instead of its temporary name."""
     try:
         yield
     except OSError as error:
-        if error.errno is not None and (
-            error.filename is None or ".partial" in str(error.filename)
-        ):
+        names_temporary = error.filename is None or ".partial" in str(error.filename)
+        if error.errno is not None and names_temporary:
             error.filename = str(path)
             error.filename2 = None
         raise
@@ -74,7 +111,7 @@ def writing(path: Path) -> Iterator[None]:
 
 @contextmanager
 def faults_of(path: str | Path) -> Iterator[None]:
-    """Name the file whose content breaks a rule, in a ValueError."""
+    """Turn an error about the content of a file into a ValueError that names the file."""
     try:
         yield
     except (ValueError, TypeError) as error:
@@ -90,10 +127,22 @@ def sync_file(path: Path) -> None:
 
 
 def write_whole(path: Path, data: bytes | str) -> None:
-    """Write a file, text as UTF-8, so that it holds either its old content or all of the new; its folder must exist.
+    """Write a file so that it holds either its old content or all of the new.
 
-    A file that has these bytes already is left as it is. Of two processes that write the same file at once the second
-    waits for the first.
+    A file that has these bytes already is left as it is. Of two processes that write the same file
+    at once, the second waits for the first.
+
+    Parameters
+    ----------
+    path : Path
+        The file, in a folder that exists.
+    data : bytes or str
+        The content; text is written as UTF-8.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; the error names it.
     """
     content = data.encode() if isinstance(data, str) else data
     temporary = path.with_name(path.name + ".partial")
@@ -113,7 +162,7 @@ def write_whole(path: Path, data: bytes | str) -> None:
 
 
 def _holds(path: Path, content: bytes) -> bool:
-    """Tell whether a regular file, and no link to one, has these bytes."""
+    """Return whether a path is a regular file, not a link to one, with these bytes."""
     if path.is_symlink() or not path.is_file() or path.stat().st_size != len(content):
         return False
     with open(path, "rb", opener=open_own) as file:
@@ -121,7 +170,10 @@ def _holds(path: Path, content: bytes) -> bool:
 
 
 def _open_alone(temporary: Path) -> BinaryIO:
-    """Open an empty file that no other process writes; what a killed process left there is taken."""
+    """Open an empty file that no other process writes.
+
+    A file that a killed process left is emptied and used again.
+    """
     flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
     while True:
         if os.path.lexists(temporary) and not stat.S_ISREG(temporary.lstat().st_mode):
@@ -137,7 +189,20 @@ def _open_alone(temporary: Path) -> BinaryIO:
 
 
 def replace_folder(new: Path, folder: Path) -> None:
-    """Let a folder that is whole take the place of an older one."""
+    """Rename a complete folder to the name of an older one, which is removed.
+
+    Parameters
+    ----------
+    new : Path
+        The complete folder, on the same file system.
+    folder : Path
+        The name that it gets; a folder of this name is removed.
+
+    Raises
+    ------
+    OSError
+        If a folder cannot be renamed.
+    """
     old = replaced_by(folder)
     shutil.rmtree(old, ignore_errors=True)
     if folder.exists():
@@ -148,88 +213,166 @@ def replace_folder(new: Path, folder: Path) -> None:
 
 
 def replaced_by(folder: Path) -> Path:
-    """Tell where a folder lies while another takes its place: no name that anybody gives to a copy."""
+    """Return the temporary name of a folder that is being replaced.
+
+    It is no name that a user gives to a copy, so that what a killed process left can be removed.
+    """
     return folder.with_name(f".replaced-by-{folder.name}")
 
 
 def check_new(path: str | Path | None) -> None:
-    """Make sure that nothing lies where something is to be made; None is nothing to be made."""
+    """Refuse an output that exists; None is no output."""
     if path is not None and Path(path).exists():
         raise FileExistsError(f"output must not exist yet, got {path}")
 
 
 def check_free_folder(folder: str | Path, marks: Sequence[str], kind: str) -> Path:
-    """Refuse a place where something lies that is no ``kind``, a folder with one of ``marks``; give its path."""
+    """Refuse an output folder that holds other files than an older output of its kind.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The folder.
+    marks : sequence of str
+        File names by which an older output is known.
+    kind : str
+        What the output is called in the message.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    FileExistsError
+        If the folder is not empty and holds none of ``marks``, or is a file.
+    """
     folder = Path(folder)
-    known = any((folder / name).is_file() for name in marks)
-    if folder.exists() and not known and (folder.is_file() or any(folder.iterdir())):
+    is_older_output = any((folder / name).is_file() for name in marks)
+    if is_older_output or not folder.exists():
+        return folder
+    if folder.is_file() or any(folder.iterdir()):
         raise FileExistsError(
             f"output must be a new folder or an older {kind}, got {folder}, which holds other files"
         )
     return folder
 
 
-def laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
-    """Lay the entries of nested tables over those of others."""
-    both = {}
+def merge_tables(tables: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
+    """Return nested tables with the entries of others put over them.
+
+    Parameters
+    ----------
+    tables, more : mapping of str to value or table
+        Nested tables; an entry of ``more`` replaces that of ``tables`` unless both are tables.
+
+    Returns
+    -------
+    dict
+        The merged tables; the arguments stay as they are.
+    """
+    merged = dict(tables)
     for name, entry in more.items():
-        nested = isinstance(entry, dict) and isinstance(tables.get(name), dict)
-        both[name] = laid_over(tables[name], entry) if nested else entry
-    return {**tables, **both}
+        is_nested = isinstance(entry, dict) and isinstance(tables.get(name), dict)
+        merged[name] = merge_tables(tables[name], entry) if is_nested else entry
+    return merged
 
 
 def seal(content: Mapping[str, Any]) -> bytes:
-    """Write a JSON object with its own SHA-256 as last entry; NaN, infinity or an entry ``sha256`` is a ValueError."""
+    """Return a JSON object as text with its own SHA-256 as last entry.
+
+    Parameters
+    ----------
+    content : mapping of str to JSON value
+        The object.
+
+    Returns
+    -------
+    bytes
+        Indented JSON whose last entry ``sha256`` is the digest of the rest in canonical form.
+
+    Raises
+    ------
+    ValueError
+        If a number is NaN or infinite, or there is an entry ``sha256`` already.
+    """
     if "sha256" in content:
         raise ValueError("content must not hold the entry sha256, which is added")
-    whole = {**content, "sha256": sha256(canonical_json(content))}
-    return json.dumps(whole, indent=1, allow_nan=False).encode() + b"\n"
+    with_digest = {**content, "sha256": sha256(canonical_json(content))}
+    return json.dumps(with_digest, indent=1, allow_nan=False).encode() + b"\n"
 
 
 def unseal(data: bytes) -> dict[str, Any]:
-    """Read what :func:`seal` wrote, with ``sha256``; a byte that differs is a ValueError."""
+    """Read the JSON object that :func:`seal` wrote, and check it.
+
+    Parameters
+    ----------
+    data : bytes
+        Text of :func:`seal`.
+
+    Returns
+    -------
+    dict
+        The object, with its entry ``sha256``.
+
+    Raises
+    ------
+    ValueError
+        If it is no such text, or a byte differs from what was written.
+    """
     try:
-        whole = parse_json(data)
-        content = {name: value for name, value in whole.items() if name != "sha256"}
-        same = seal(content) == data
+        with_digest = parse_json(data)
+        content = {name: value for name, value in with_digest.items() if name != "sha256"}
+        is_unaltered = seal(content) == data
     except (ValueError, AttributeError) as error:
         raise ValueError(f"it cannot be read ({error})") from None
-    if not same:
+    if not is_unaltered:
         raise ValueError("it differs from what was written")
-    return dict(whole)
+    return dict(with_digest)
 
 
 def read_sealed(folder: str | Path, name: str) -> dict[str, Any]:
-    """Read a file of :func:`seal` in a folder that may come from anywhere; one that is altered is a ValueError."""
+    """Read a file of :func:`seal` in an untrusted folder; an altered one is a ValueError."""
     return unseal(Folder(folder).read(name, MOST_JSON))
 
 
 def listed_files(folder: str | Path, manifest: Mapping[str, Any]) -> Folder:
-    """Give the files of a folder as its manifest lists them, by name.
+    """Return the files of a folder as its manifest lists them, by name.
 
-    ``files`` holds a digest each and ``added`` several, of which one fits, or None while the file may be absent;
-    ``sizes`` and ``added_sizes`` hold bytes likewise, where the manifest is not of an older version.
+    ``files`` of the manifest holds one digest per file. ``added`` holds several, of which one must
+    match; a None among them says that the file may be absent. ``sizes`` and ``added_sizes`` hold
+    bytes likewise, unless the manifest is of an older version.
     """
     try:
         sizes = manifest.get("sizes", {})
         added_sizes = manifest.get("added_sizes", {})
-        listed = {
-            name: _listed([digest], [sizes.get(name)]) for name, digest in manifest["files"].items()
-        }
+        listed: dict[str, Listed] = {}
+        for name, digest in manifest["files"].items():
+            listed[name] = _listed([digest], [sizes.get(name)])
         for name, digests in manifest.get("added", {}).items():
-            listed[name] = _listed(digests, added_sizes.get(name, [None] * len(digests)))
+            unknown_sizes = [None] * len(digests)
+            listed[name] = _listed(digests, added_sizes.get(name, unknown_sizes))
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{folder}: its list of files cannot be read ({error!r})") from None
     return Folder(folder, listed)
 
 
 def _listed(digests: Sequence[str | None], sizes: Sequence[int | None]) -> Listed:
-    versions = [
-        (digest, size) for digest, size in zip(digests, sizes, strict=True) if digest is not None
-    ]
-    if not versions or not all(isinstance(digest, str) for digest, _ in versions):
+    """Return what a manifest says of a file: digest and size of each version that it may have."""
+    version_digests = []
+    version_sizes = []
+    for digest, size in zip(digests, sizes, strict=True):
+        if digest is None:
+            continue
+        if not isinstance(digest, str):
+            raise ValueError(f"every file must have a digest, got {digests}")
+        version_digests.append(digest)
+        if size is not None:
+            version_sizes.append(size)
+    if not version_digests:
         raise ValueError(f"every file must have a digest, got {digests}")
     # Where the size of one version is not known, that of another must not keep it out.
-    known = [size for _, size in versions if size is not None]
-    proven = tuple(known) if len(known) == len(versions) else ()
-    return Listed(tuple(digest for digest, _ in versions), proven, None in digests)
+    if len(version_sizes) < len(version_digests):
+        version_sizes = []
+    return Listed(tuple(version_digests), tuple(version_sizes), None in digests)

@@ -1,7 +1,7 @@
 """The journal of a run store that is being written: what it is, and which scans are safely on disk.
 
-A line per scan, written after the scan's chunk was flushed, each with the digest of its own text: whatever a killed
-process left half-written is seen and dropped.
+It has a line per scan, written after the scan's chunk was flushed. Each line has the digest of its
+own text, so that a line that a killed process left half-written is found and dropped.
 """
 
 from __future__ import annotations
@@ -23,24 +23,41 @@ _FORMAT = "flgpr-journal-1"
 
 
 class WrittenScan(NamedTuple):
-    """A scan that is on disk: its chunk's digest, pose, time (NaN where unknown), and which sweeps are finite."""
+    """A scan that is on disk."""
 
-    sha256: str
-    pose: NDArray[np.float64]
-    time: float
-    valid: NDArray[np.bool_]
+    sha256: str  #: digest of its chunk
+    pose: NDArray[np.float64]  #: (6,): x, y, z, m, and heading, pitch, roll, rad
+    time: float  #: s; NaN where unknown
+    valid: NDArray[np.bool_]  #: (polarization, pair): whether all tones are finite
 
 
 class JournalError(ValueError):
-    """What was begun is something else, or another process is at it."""
+    """A journal belongs to another run, or another process holds it."""
 
 
 class OtherRunError(JournalError):
-    """What was begun is another run."""
+    """A journal belongs to another run."""
 
 
 class Journal:
-    """The journal in a folder, held by one process; a later one must bring the same ``about``, or empty it."""
+    """The journal in a folder, held by one process at a time.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the unfinished store.
+    about : dict
+        Description of the run, JSON values.
+    resume : bool
+        Keep the scans of a journal with the same description; otherwise the journal is emptied.
+
+    Raises
+    ------
+    OtherRunError
+        If the journal that is to be resumed has another description.
+    JournalError
+        If another process holds it.
+    """
 
     def __init__(self, folder: Path, about: dict[str, Any], resume: bool) -> None:
         self.path = folder / JOURNAL
@@ -48,11 +65,12 @@ class Journal:
             self._log = AppendLog(self.path)
         except LogHeldError:
             raise JournalError(
-                f"{folder}: another process is writing this run: wait until it is done, or choose another output"
+                f"{folder}: another process is writing this run: wait until it is done, "
+                "or choose another output"
             ) from None
         self.scans: list[WrittenScan] = []
         try:
-            self._take_up(about, resume)
+            self._load(about, resume)
         except BaseException:
             self.close()
             raise
@@ -71,15 +89,16 @@ class Journal:
         self.scans.append(scan)
 
     def keep(self, count: int) -> None:
-        """Forget all scans but the first ``count``."""
+        """Drop all scans but the first ``count``."""
         self._log.keep(count + 1)  # the first line is the description
         del self.scans[count:]
 
     def close(self) -> None:
-        """Let go of the journal."""
+        """Close the journal, which another process may then hold."""
         self._log.close()
 
-    def _take_up(self, about: dict[str, Any], resume: bool) -> None:
+    def _load(self, about: dict[str, Any], resume: bool) -> None:
+        """Read the scans of a journal that is resumed, or begin a new one."""
         contents = self._contents() if resume else []
         if not contents or contents[0].get("format") != _FORMAT:
             self._log.keep(0)
@@ -91,12 +110,12 @@ class Journal:
         for content in contents[1:]:
             try:
                 self.scans.append(_scan(content))
-            except (KeyError, TypeError, ValueError):  # whole, but not what a journal goes on with
+            except (KeyError, TypeError, ValueError):  # a complete line, but not of a scan
                 break
         self.keep(len(self.scans))
 
     def _contents(self) -> list[dict[str, Any]]:
-        """Read what the lines hold, up to the first whose digest is not that of its text."""
+        """Return the contents of the lines before the first whose digest does not match."""
         contents = []
         for line in self._log.lines:
             digest, _, text = line.partition(b" ")
@@ -106,32 +125,33 @@ class Journal:
         return contents
 
     def _write(self, value: dict[str, Any]) -> None:
+        """Append a line with its digest."""
         text = canonical_json(value)
         self._log.append(sha256(text).encode() + b" " + text)
 
 
 def _scan(line: dict[str, Any]) -> WrittenScan:
+    """Return the scan that a line of the journal describes."""
     time = math.nan if line["time"] is None else float(line["time"])
-    return WrittenScan(
-        line["sha256"],
-        np.array(line["pose"], dtype=np.float64),
-        time,
-        np.array(line["valid"], bool),
-    )
+    pose = np.array(line["pose"], dtype=np.float64)
+    valid = np.array(line["valid"], bool)
+    return WrittenScan(line["sha256"], pose, time, valid)
 
 
-def difference(old: dict[str, Any], new: dict[str, Any], where: str = "") -> str:
-    """Tell the first entry in which two descriptions differ; empty if none does."""
+def difference(old: dict[str, Any], new: dict[str, Any], prefix: str = "") -> str:
+    """Return a description of the first entry in which two dicts differ; empty if none does."""
     for key in sorted({*old, *new}):
-        before = old.get(key)
-        now = new.get(key)
-        if before != now:
-            if isinstance(before, dict) and isinstance(now, dict):
-                return difference(before, now, f"{where}{key}.")
-            return f"its {where}{key} is {_short(before)}, this one's {_short(now)}"
+        old_entry = old.get(key)
+        new_entry = new.get(key)
+        if old_entry == new_entry:
+            continue
+        if isinstance(old_entry, dict) and isinstance(new_entry, dict):
+            return difference(old_entry, new_entry, f"{prefix}{key}.")
+        return f"its {prefix}{key} is {_short(old_entry)}, this one's {_short(new_entry)}"
     return ""
 
 
 def _short(value: Any) -> str:
+    """Return a value as text short enough for a message."""
     text = json.dumps(value)
     return text if len(text) <= 60 else text[:57] + "..."

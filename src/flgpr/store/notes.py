@@ -1,4 +1,7 @@
-"""Notes on what was read: whoever starts the program says where they are shown."""
+"""Notes on what was read, as records of a logger.
+
+The program that uses flgpr decides where they are shown; the command line prints them.
+"""
 
 from __future__ import annotations
 
@@ -8,5 +11,5 @@ LOGGER = "flgpr.notes"
 
 
 def tell_note(text: str) -> None:
-    """Tell in a line what was found, replaced or assumed on reading; the command line prints it."""
+    """Log a line on what was found, replaced or assumed while a file was read."""
     logging.getLogger(LOGGER).info(text)

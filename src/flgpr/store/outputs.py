@@ -1,6 +1,7 @@
-"""Outputs: made beside their place by one process at a time, named when they are whole, and never over another.
+"""Outputs: made under a temporary name by one process at a time, and renamed when complete.
 
-What a killed process left beside an output is held by nobody, and the next process that makes the output takes it away.
+No output replaces another. What a killed process left under a temporary name is locked by nobody,
+and the next process that makes the output removes it.
 """
 
 from __future__ import annotations
@@ -27,15 +28,15 @@ class BusyError(ValueError):
 
 
 def tell_finished(output: str | Path, anew: str = DELETE) -> None:
-    """Log that an output is there already as this call would make it, and how to make it ``anew``."""
-    words = "%s is there already, made from the same: nothing was written; %s"
-    _LOG.info(words, output, anew, extra={"output": output})
+    """Log that an output exists as this call would make it, and how to make it again (``anew``)."""
+    message = "%s is there already, made from the same: nothing was written; %s"
+    _LOG.info(message, output, anew, extra={"output": output})
 
 
 def other_output(
     output: str | Path, anew: str = "move it away or choose another output"
 ) -> FileExistsError:
-    """Make the error that something else lies where an output is to be made."""
+    """Return the error for an output path at which something else lies."""
     return FileExistsError(
         f"output must not exist yet, got {output}, which holds something else: {anew}"
     )
@@ -43,9 +44,9 @@ def other_output(
 
 @contextmanager
 def held_folder(folder: Path, wait: bool = False) -> Iterator[None]:
-    """Hold a folder, made if need be, so that no other process writes there; wait for one that does.
+    """Lock a folder, made if need be, so that no other process writes there.
 
-    Without ``wait`` that is a BusyError.
+    If one does already, that is a BusyError, or with ``wait`` this process waits for it.
     """
     handle = _hold(folder, wait)
     try:
@@ -55,7 +56,8 @@ def held_folder(folder: Path, wait: bool = False) -> Iterator[None]:
 
 
 def _hold(folder: Path, wait: bool) -> int:
-    """Open and lock a folder; begin again where another process has just taken it away."""
+    """Open and lock a folder, again and again while other processes remove it meanwhile."""
+    mode = fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB
     while True:
         folder.mkdir(exist_ok=True)
         try:
@@ -63,11 +65,12 @@ def _hold(folder: Path, wait: bool) -> int:
         except FileNotFoundError:
             continue
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+            fcntl.flock(handle, mode)
         except BlockingIOError:
             os.close(handle)
             raise BusyError(
-                f"{folder}: another process is writing here: wait until it is done, or choose another output"
+                f"{folder}: another process is writing here: wait until it is done, "
+                "or choose another output"
             ) from None
         except OSError:  # a file system without locks
             return handle
@@ -79,82 +82,112 @@ def _hold(folder: Path, wait: bool) -> int:
 
 @contextmanager
 def whole_output(path: Path, replace: bool = False, more: bool = False) -> Iterator[Path]:
-    """Give a place, with its name, to write a file or a folder to, which gets its own if nothing fails.
+    """Yield a temporary path for a file or folder, which is renamed to ``path`` if nothing fails.
 
-    What is there already stays if it has the same bytes, is replaced if that is wanted, or is a FileExistsError. With
-    ``more`` a folder that stays may hold other files as well.
+    Parameters
+    ----------
+    path : Path
+        The output.
+    replace : bool
+        Replace an output that exists. Otherwise one of the same bytes stays as it is, and any other
+        is an error.
+    more : bool
+        Let a folder that stays hold other files as well.
+
+    Yields
+    ------
+    Path
+        A path of the same name in a locked folder beside the output.
+
+    Raises
+    ------
+    FileExistsError
+        If another output lies there.
+    BusyError
+        If another process makes the same output.
+    OSError
+        If it cannot be written; the error names the output.
     """
     partial = path.with_name(f".partial-{path.name}")
     with writing(path), held_folder(partial):
         _empty(partial)
-        made = partial / path.name
+        temporary = partial / path.name
         try:
-            yield made
-            if made.is_file():
-                sync_file(made)
+            yield temporary
+            if temporary.is_file():
+                sync_file(temporary)
             if not replace:
-                _put(made, path, more)
-            elif made.is_dir():
-                replace_folder(made, path)
+                _rename_unless_same(temporary, path, more)
+            elif temporary.is_dir():
+                replace_folder(temporary, path)
             else:
-                made.replace(path)
+                temporary.replace(path)
             sync_directory(path.parent)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
 
 
 def write_new(path: Path, data: bytes | str) -> None:
-    """Write a new file, text as UTF-8; one that is there must have the same bytes, else it is a FileExistsError."""
-    with whole_output(path) as made:
-        made.write_bytes(data.encode() if isinstance(data, str) else data)
+    """Write a new file, text as UTF-8; one that exists with other bytes is a FileExistsError."""
+    content = data.encode() if isinstance(data, str) else data
+    with whole_output(path) as temporary:
+        temporary.write_bytes(content)
 
 
 def same_content(first: Path, second: Path, more: bool = False) -> bool:
-    """Tell whether two files, or all files of two folders, have the same bytes; links are never the same.
+    """Return whether two files, or all files of two folders, have the same bytes.
 
-    With ``more`` the second folder may hold other files as well.
+    Links are never the same. With ``more`` the second folder may hold other files as well.
     """
     if first.is_symlink() or second.is_symlink():
         return False
     if first.is_dir() and second.is_dir():
-        names, others = ({path.name for path in folder.iterdir()} for folder in (first, second))
-        listed = names <= others if more else names == others
-        return listed and all(
-            same_content(first / name, second / name, more) for name in sorted(names)
-        )
+        return _same_folders(first, second, more)
     return first.is_file() and second.is_file() and filecmp.cmp(first, second, shallow=False)
 
 
-def _put(made: Path, output: Path, more: bool) -> None:
-    """Give what was made its name, unless the same lies there."""
-    if _named(made, output):
+def _same_folders(first: Path, second: Path, more: bool) -> bool:
+    """Return whether two folders hold the same files, as :func:`same_content` says."""
+    first_names = {path.name for path in first.iterdir()}
+    second_names = {path.name for path in second.iterdir()}
+    has_names = first_names <= second_names if more else first_names == second_names
+    if not has_names:
+        return False
+    return all(same_content(first / name, second / name, more) for name in sorted(first_names))
+
+
+def _rename_unless_same(temporary: Path, output: Path, more: bool) -> None:
+    """Rename an output, unless one of the same content has its name."""
+    if _renamed(temporary, output):
         return
-    if not same_content(made, output, more):
+    if not same_content(temporary, output, more):
         raise other_output(output)
     tell_finished(output)
 
 
-def _named(made: Path, output: Path) -> bool:
-    """Give a file or folder its name in one step, unless something has that name."""
-    if made.is_dir():
-        if os.path.lexists(output) and not (output.is_dir() and not any(output.iterdir())):
+def _renamed(temporary: Path, output: Path) -> bool:
+    """Rename a file or folder in one step; return False if something else has that name."""
+    if temporary.is_dir():
+        is_empty_folder = output.is_dir() and not any(output.iterdir())
+        if os.path.lexists(output) and not is_empty_folder:
             return False
         with suppress(OSError):  # another process has just made it
-            made.rename(output)
+            temporary.rename(output)
             return True
         return False
     try:
-        os.link(made, output)  # which, other than renaming, replaces nothing
+        os.link(temporary, output)  # unlike renaming, it never replaces a file
     except FileExistsError:
         return False
     except OSError:  # a file system without hard links
         if os.path.lexists(output):
             return False
-        made.rename(output)
+        temporary.rename(output)
     return True
 
 
 def _empty(folder: Path) -> None:
+    """Remove all files and folders of a folder."""
     for path in folder.iterdir():
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)

@@ -8,5 +8,11 @@ _FOLDER = Path(__file__).parent / "samples" / "lane-a"
 
 
 def sample_lane() -> Path:
-    """Folder of the packaged full-wave lane: ``run.zarr``, ``truth.csv``, ``objects.csv`` (rock, post), README."""
+    """Return the folder of the packaged full-wave lane.
+
+    Returns
+    -------
+    Path
+        Folder with ``run.zarr``, ``truth.csv``, ``objects.csv`` (a rock and a post) and a README.
+    """
     return _FOLDER

@@ -1,8 +1,12 @@
-"""Scans as a radar hands them over while it drives: one frame per scan, in a file of its own or on a local socket.
+"""Scans as a radar sends them while it drives, one frame per scan, in files or on a local socket.
 
-A frame is, in little-endian order: the 8 bytes ``FLGPRSC1``; the length of the header (4 bytes) and of the payload (8
-bytes); the header, a JSON object in UTF-8; the payload; the CRC-32 of all that came before (4 bytes). The header's
-``kind`` is "scan", "run" or "end". A scan's payload are the complex64 samples (polarization, pair, frequency).
+A frame is, in little-endian order:
+
+- the 8 bytes ``FLGPRSC1``,
+- the length of the header (4 bytes) and of the payload (8 bytes),
+- the header, a JSON object in UTF-8, whose ``kind`` is "scan", "run" or "end",
+- the payload; that of a scan is the complex64 samples (polarization, pair, frequency),
+- the CRC-32 of all that came before (4 bytes).
 """
 
 from __future__ import annotations
@@ -35,9 +39,10 @@ _HEAD = struct.Struct("<8sIQ")
 _LONGEST_HEADER = 2**22
 _LARGEST_PAYLOAD = 2**32
 _LARGEST_SCAN = 2**53
-# of an antenna from the vehicle, m; of a tone, Hz
-_FARTHEST = 1e3
-_HIGHEST = 1e12
+_FARTHEST = 1e3  # distance of an antenna from the vehicle, m
+_HIGHEST = 1e12  # frequency of a tone, Hz
+_FARTHEST_POSE = 1e7  # coordinate of the vehicle in the lane, m
+_DESCRIPTION_KEYS = ("polarization", "frequency_hz", "tx_m", "rx_m")
 
 
 class ScanFileError(ValueError):
@@ -50,11 +55,11 @@ class TruncatedFrameError(ScanFileError):
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame, "scan", "run" or "end", checked against its checksum."""
+    """A frame that was checked against its checksum."""
 
-    kind: str
-    header: dict[str, Any]
-    payload: bytes
+    kind: str  #: "scan", "run" or "end"
+    header: dict[str, Any]  #: JSON values
+    payload: bytes  #: what follows the header
 
 
 @dataclass(frozen=True)
@@ -67,22 +72,21 @@ class RunDescription:
     tx_position: NDArray[np.float64]
     rx_position: NDArray[np.float64]
     title: str = "run"  #: what to call the run
-    attrs: dict[str, Any] = field(
-        default_factory=dict
-    )  #: more to remember, such as ``georeference``
+    #: further attributes of the run, such as ``georeference``
+    attrs: dict[str, Any] = field(default_factory=dict)
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Samples of a scan: polarizations, pairs, tones."""
+        """Numbers of polarizations, pairs and tones of a scan."""
         return len(self.polarization), len(self.tx_position), self.frequency.size
 
     @cached_property
     def run_id(self) -> str:
-        """Sixteen hexadecimal digits that scans of this run carry."""
+        """Sixteen hexadecimal digits that every scan of this run carries."""
         return sha256(canonical_json(self.as_json()))[:16]
 
     def as_json(self) -> dict[str, Any]:
-        """Give the description as it is written."""
+        """Return the description as JSON values."""
         return {
             "format": RUN_FORMAT,
             "version": RUN_VERSION,
@@ -101,15 +105,25 @@ class Scan:
 
     number: int  #: its number in the run, from 0
     time: float  #: time of the scan, s; NaN where unknown
-    #: x, y, z (m), heading, pitch, roll (rad) in the lane frame; None where the vehicle did not know it
+    #: x, y, z (m), heading, pitch, roll (rad) in the lane frame; None where it is unknown
     pose: NDArray[np.float64] | None
-    signal: NDArray[
-        np.complex64
-    ]  #: (polarization, pair, frequency): received field over transmitted field
+    #: (polarization, pair, frequency): received field over transmitted field
+    signal: NDArray[np.complex64]
 
 
 def describe_for_live(run: xr.Dataset) -> RunDescription:
-    """Describe a stored run as a radar would before its first scan."""
+    """Return the description of a stored run that a radar would send before its first scan.
+
+    Parameters
+    ----------
+    run : Dataset
+        A run, see :func:`flgpr.model.make_run`.
+
+    Returns
+    -------
+    RunDescription
+        Antennas, tones, title, georeference and source of the run.
+    """
     attrs = {name: run.attrs[name] for name in ("georeference", "source") if name in run.attrs}
     return RunDescription(
         np.asarray(run["frequency"].values, dtype=np.float64),
@@ -122,7 +136,23 @@ def describe_for_live(run: xr.Dataset) -> RunDescription:
 
 
 def parse_description(value: Any) -> RunDescription:
-    """Check a description from JSON by :func:`flgpr.model.make_run`'s rules; what breaks one is a ScanFileError."""
+    """Return the run description that JSON holds, checked by the rules of ``make_run``.
+
+    Parameters
+    ----------
+    value : JSON value
+        Result of :meth:`RunDescription.as_json`, from anywhere.
+
+    Returns
+    -------
+    RunDescription
+        The checked description.
+
+    Raises
+    ------
+    ScanFileError
+        If it is of another format or breaks a rule of :func:`flgpr.model.make_run`.
+    """
     if not isinstance(value, dict):
         raise ScanFileError(f"run description must be a JSON object, got {type(value).__name__}")
     if (value.get("format"), value.get("version")) != (RUN_FORMAT, RUN_VERSION):
@@ -130,54 +160,103 @@ def parse_description(value: Any) -> RunDescription:
         raise ScanFileError(
             f"run description must have format {RUN_FORMAT} version {RUN_VERSION}, got {got}"
         )
-    missing = [
-        name for name in ("polarization", "frequency_hz", "tx_m", "rx_m") if name not in value
-    ]
+    missing = [name for name in _DESCRIPTION_KEYS if name not in value]
     if missing:
         raise ScanFileError(f"run description must hold {', '.join(missing)}, which it does not")
     try:
-        tx, rx = (
-            np.asarray(value[name], dtype=np.float64).reshape(-1, 3) for name in ("tx_m", "rx_m")
-        )
-        tones = np.asarray(value["frequency_hz"], dtype=np.float64)
-        for name, numbers, most in (
-            ("tx_m", tx, _FARTHEST),
-            ("rx_m", rx, _FARTHEST),
-            ("frequency_hz", tones, _HIGHEST),
-        ):
-            if numbers.size and not np.abs(numbers).max() <= most:
-                raise ScanFileError(
-                    f"{name} must hold numbers up to {most:g}, got {np.abs(numbers).max():g}"
-                )
-        attrs = dict(value.get("attrs") or {})
-        labels = [str(one) for one in value["polarization"]]
-        found = RunDescription(tones, labels, tx, rx, str(value.get("title", "run")), attrs)
-        check_frequency(tones)
-        make_run(
-            np.zeros((1, *found.shape[:2], 1), np.complex64),
-            tones[:1],
-            labels,
-            tx,
-            rx,
-            np.zeros((1, 6)),
-        )
-        canonical_json(attrs)
+        description = _description_of(value)
+        _check_description(description)
     except (ValueError, TypeError, OverflowError, RecursionError) as error:
         raise ScanFileError(f"run description: {error}") from None
-    return found
+    return description
+
+
+def _description_of(value: dict[str, Any]) -> RunDescription:
+    """Return the description in a JSON object, with numbers in their bounds."""
+    tx = np.asarray(value["tx_m"], dtype=np.float64).reshape(-1, 3)
+    rx = np.asarray(value["rx_m"], dtype=np.float64).reshape(-1, 3)
+    tones = np.asarray(value["frequency_hz"], dtype=np.float64)
+    _check_bound("tx_m", tx, _FARTHEST)
+    _check_bound("rx_m", rx, _FARTHEST)
+    _check_bound("frequency_hz", tones, _HIGHEST)
+    attrs = dict(value.get("attrs") or {})
+    labels = [str(label) for label in value["polarization"]]
+    return RunDescription(tones, labels, tx, rx, str(value.get("title", "run")), attrs)
+
+
+def _check_bound(name: str, numbers: NDArray[np.float64], most: float) -> None:
+    """Refuse numbers of which one is NaN or larger than ``most``."""
+    if not numbers.size:
+        return
+    largest = np.abs(numbers).max()
+    if not largest <= most:
+        raise ScanFileError(f"{name} must hold numbers up to {most:g}, got {largest:g}")
+
+
+def _check_description(description: RunDescription) -> None:
+    """Check a description by the rules of a run, with one scan of one tone."""
+    check_frequency(description.frequency)
+    probe = np.zeros((1, *description.shape[:2], 1), np.complex64)
+    make_run(
+        probe,
+        description.frequency[:1],
+        description.polarization,
+        description.tx_position,
+        description.rx_position,
+        np.zeros((1, 6)),
+    )
+    canonical_json(description.attrs)
 
 
 def as_run(description: RunDescription, scan: Scan) -> xr.Dataset:
-    """Make the run of one scan, as :func:`flgpr.model.make_run` makes it; without a pose that is a ValueError."""
+    """Return the run of one scan.
+
+    Parameters
+    ----------
+    description : RunDescription
+        The run that the scan belongs to.
+    scan : Scan
+        The scan.
+
+    Returns
+    -------
+    Dataset
+        A run as of :func:`flgpr.model.make_run`.
+
+    Raises
+    ------
+    ValueError
+        If the scan has no pose.
+    """
     if scan.pose is None:
         raise ValueError(f"scan {scan.number} must have a pose, got none")
-    one = description
-    array = (one.polarization, one.tx_position, one.rx_position)
-    return make_run(scan.signal[None], one.frequency, *array, scan.pose[None])
+    return make_run(
+        scan.signal[None],
+        description.frequency,
+        description.polarization,
+        description.tx_position,
+        description.rx_position,
+        scan.pose[None],
+    )
 
 
 def encode_frame(kind: str, header: dict[str, Any], payload: bytes = b"") -> bytes:
-    """Write a frame, "scan", "run" or "end", with a header of JSON values and what follows it."""
+    """Return a frame.
+
+    Parameters
+    ----------
+    kind : {"scan", "run", "end"}
+        What the frame is.
+    header : dict
+        JSON values.
+    payload : bytes
+        What follows the header.
+
+    Returns
+    -------
+    bytes
+        The frame, which :func:`decode_frame` reads.
+    """
     text = canonical_json({"kind": kind, **header})
     body = _HEAD.pack(MAGIC, len(text), len(payload)) + text + payload
     return body + struct.pack("<I", zlib.crc32(body))
@@ -190,40 +269,79 @@ def encode_scan(
     time: float = math.nan,
     run_id: str | None = None,
 ) -> bytes:
-    """Write a scan as a frame: field (polarization, pair, frequency), pose or None, time or NaN, and its run's id."""
-    header: dict[str, Any] = {
-        "scan": int(number),
-        "time": float(time) if math.isfinite(time) else None,
-        "pose": None
-        if pose is None
-        else [float(value) for value in np.asarray(pose, dtype=np.float64)],
-    }
+    """Return a scan as a frame.
+
+    Parameters
+    ----------
+    number : int
+        Number of the scan in its run, from 0.
+    signal : (polarization, pair, frequency) array_like of complex
+        Received field over transmitted field.
+    pose : (6,) array_like or None
+        x, y, z, m, and heading, pitch, roll, rad; None where it is unknown.
+    time : float
+        Time of the scan, s; NaN where it is unknown.
+    run_id : str, optional
+        :attr:`RunDescription.run_id` of its run.
+
+    Returns
+    -------
+    bytes
+        The frame.
+    """
+    header: dict[str, Any] = {"scan": int(number), "time": None, "pose": None}
+    if math.isfinite(time):
+        header["time"] = float(time)
+    if pose is not None:
+        header["pose"] = [float(value) for value in np.asarray(pose, dtype=np.float64)]
     if run_id is not None:
         header["run"] = run_id
     return encode_frame("scan", header, np.asarray(signal).astype("<c8").tobytes())
 
 
 def frame_size(head: bytes) -> int:
-    """Tell how many bytes a frame has, from its first :func:`head_size` or more; too few are a TruncatedFrameError."""
+    """Return the number of bytes of a frame from its first :func:`head_size` bytes or more.
+
+    Fewer bytes are a TruncatedFrameError, an impossible size a ScanFileError.
+    """
     if len(head) < _HEAD.size:
         raise TruncatedFrameError(f"frame must have at least {_HEAD.size} bytes, got {len(head)}")
-    magic, text, payload = _HEAD.unpack(head[: _HEAD.size])
+    magic, header_size, payload_size = _HEAD.unpack(head[: _HEAD.size])
     if magic != MAGIC:
         raise ScanFileError(f"frame must begin with {MAGIC.decode()}, got {magic!r}")
-    if text > _LONGEST_HEADER or payload > _LARGEST_PAYLOAD:
+    if header_size > _LONGEST_HEADER or payload_size > _LARGEST_PAYLOAD:
         raise ScanFileError(
-            f"frame states a header of {text} and a payload of {payload} bytes, which no scan has"
+            f"frame states a header of {header_size} and a payload of {payload_size} bytes, "
+            "which no scan has"
         )
-    return int(_HEAD.size + text + payload + 4)
+    return int(_HEAD.size + header_size + payload_size + 4)
 
 
 def head_size() -> int:
-    """Tell how many bytes tell a frame's length."""
+    """Return the number of bytes at the beginning of a frame that state its size."""
     return _HEAD.size
 
 
 def decode_frame(data: bytes) -> Frame:
-    """Read a whole frame; one that ends early is a TruncatedFrameError, a damaged or strange one a ScanFileError."""
+    """Read a frame and check its checksum.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole frame.
+
+    Returns
+    -------
+    Frame
+        Its kind, header and payload.
+
+    Raises
+    ------
+    TruncatedFrameError
+        If the frame ends early: it is damaged, or still being written.
+    ScanFileError
+        If it is damaged, or no frame.
+    """
     size = frame_size(data)
     if len(data) < size:
         raise TruncatedFrameError(f"frame must have {size} bytes, got {len(data)}")
@@ -231,18 +349,37 @@ def decode_frame(data: bytes) -> Frame:
         raise ScanFileError(f"frame must end after {size} bytes, got {len(data)}")
     if zlib.crc32(memoryview(data)[:-4]) != struct.unpack("<I", data[-4:])[0]:
         raise ScanFileError("frame has a wrong checksum: its bytes are not those that were written")
-    text = _HEAD.unpack(data[: _HEAD.size])[1]
+    _, header_size, _ = _HEAD.unpack(data[: _HEAD.size])
+    payload_start = _HEAD.size + header_size
     try:
-        header = parse_json(data[_HEAD.size : _HEAD.size + text])
+        header = parse_json(data[_HEAD.size : payload_start])
     except ValueError:
         raise ScanFileError("frame must have a header in JSON, got something else") from None
     if not isinstance(header, dict) or header.get("kind") not in ("scan", "run", "end"):
         raise ScanFileError("frame must have a header with the kind scan, run or end, got another")
-    return Frame(header["kind"], header, data[_HEAD.size + text : -4])
+    return Frame(header["kind"], header, data[payload_start:-4])
 
 
 def scan_of(frame: Frame, description: RunDescription) -> Scan:
-    """Take the scan out of a frame, or raise a ScanFileError; a pose that is not finite or out of bounds is none."""
+    """Return the scan in a frame.
+
+    Parameters
+    ----------
+    frame : Frame
+        A frame of the kind "scan".
+    description : RunDescription
+        The run that it must belong to.
+
+    Returns
+    -------
+    Scan
+        The scan; its pose is None if the one in the frame is not finite or out of bounds.
+
+    Raises
+    ------
+    ScanFileError
+        If the frame is of another kind or run, or has another number of samples.
+    """
     header = frame.header
     if frame.kind != "scan":
         raise ScanFileError(f"frame must be a scan, got the kind {frame.kind!r}")
@@ -256,41 +393,73 @@ def scan_of(frame: Frame, description: RunDescription) -> Scan:
     expected = 8 * math.prod(description.shape)
     if len(frame.payload) != expected:
         raise ScanFileError(
-            f"scan must have {expected} bytes of samples (polarization, pair, frequency) = {description.shape}, "
-            f"got {len(frame.payload)}"
+            f"scan must have {expected} bytes of samples (polarization, pair, frequency) = "
+            f"{description.shape}, got {len(frame.payload)}"
         )
     signal = np.frombuffer(frame.payload, "<c8").reshape(description.shape).astype(np.complex64)
-    time = header.get("time")
-    moment = float(time) if _is_finite(time) else math.nan
-    return Scan(number, moment, _pose(header.get("pose")), signal)
+    stated_time = header.get("time")
+    time = float(stated_time) if _is_finite(stated_time) else math.nan
+    return Scan(number, time, _pose(header.get("pose")), signal)
 
 
 def _is_finite(value: Any) -> TypeGuard[float]:
-    """Tell a number from all else; JSON has integers that no float holds."""
+    """Return whether a JSON value is a number that a float holds; JSON has larger integers."""
     return isinstance(value, int | float) and abs(value) <= sys.float_info.max
 
 
 def _pose(value: Any) -> NDArray[np.float64] | None:
+    """Return the pose in a header, or None if it is not finite or out of bounds."""
     if not isinstance(value, list) or len(value) != 6:
         return None
-    if not all(_is_finite(one) for one in value):
+    if not all(_is_finite(component) for component in value):
         return None
     pose = np.asarray(value, dtype=np.float64)
-    sane = (
-        abs(pose[3]) <= 2 * math.pi
-        and (np.abs(pose[4:]) <= math.pi / 2).all()
-        and (np.abs(pose[:3]) < 1e7).all()
-    )
-    return pose if sane else None
+    position = pose[:3]
+    heading = pose[3]
+    pitch_and_roll = pose[4:]
+    if (np.abs(position) >= _FARTHEST_POSE).any():
+        return None
+    if abs(heading) > 2 * math.pi or (np.abs(pitch_and_roll) > math.pi / 2).any():
+        return None
+    return pose
 
 
 def write_description(description: RunDescription, folder: Path) -> None:
-    """Write a run's description into a folder of scans."""
+    """Write a run's description into a folder of scans.
+
+    Parameters
+    ----------
+    description : RunDescription
+        The run.
+    folder : Path
+        The folder, which exists.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
     write_whole(folder / RUN_FILE, json.dumps(description.as_json(), indent=1) + "\n")
 
 
 def read_description(folder: Path) -> RunDescription | None:
-    """Read a run's description from a folder of scans, None while there is none; a damaged one is a ScanFileError."""
+    """Read a run's description from a folder of scans.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder, from anywhere.
+
+    Returns
+    -------
+    RunDescription or None
+        The description; None while there is none.
+
+    Raises
+    ------
+    ScanFileError
+        If it is damaged or breaks a rule.
+    """
     path = folder / RUN_FILE
     try:
         data = Folder(folder).read(RUN_FILE, _LONGEST_HEADER)
@@ -309,5 +478,5 @@ def read_description(folder: Path) -> RunDescription | None:
 
 
 def scan_name(number: int) -> str:
-    """Name of a scan's file, such as ``scan-000017.scan``."""
+    """Return the name of a scan's file, such as ``scan-000017.scan``."""
     return f"scan-{number:06d}{SCAN_SUFFIX}"

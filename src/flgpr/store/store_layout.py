@@ -1,7 +1,8 @@
-"""What a run store declares, checked before anything of it is decoded: names, shapes, types, chunks and sizes.
+"""Checks of what a run store declares: names, shapes, types, chunks and sizes.
 
-A store may come from anywhere. Its chunks hold plain numbers and a checksum, nothing compressed, so that no file can
-expand; every chunk that the declared shapes ask for must have been committed with exactly the size they ask for.
+They are made before anything is decoded, because a store may come from anywhere. Its chunks hold
+plain numbers and a checksum, nothing compressed, so that no file can expand. Every chunk of the
+declared shapes must be among the committed files and have exactly the declared size.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple
 from flgpr.door import parse_json
 
 MAX_MEMORY = 2 * 10**9
-"""Memory that reading may take unless told otherwise, bytes."""
+"""Memory that reading may take by default, bytes."""
 DIMS = {
     "signal": ("scan", "polarization", "pair", "frequency"),
     "valid": ("scan", "polarization", "pair"),
@@ -27,17 +28,17 @@ DIMS = {
 _KINDS = {name: "float64" for name in DIMS} | {"signal": "complex64", "valid": "bool"}
 _WIDTHS = {"complex64": 8, "float64": 8, "bool": 1}
 _CRC = 4
-_SCANS_HELD = 4
+_SCANS_IN_MEMORY = 4
 _LARGEST_DESCRIPTION = 16 * 2**20
 
 
 class Layout(NamedTuple):
-    """How an array lies in its store: in chunks of numbers in C order, after which a CRC-32C may stand."""
+    """How an array lies in its store: chunks of numbers in C order, which may end with a CRC-32C."""
 
-    shape: tuple[int, ...]
-    chunks: tuple[int, ...]
-    dtype: str
-    big_endian: bool
+    shape: tuple[int, ...]  #: of the array
+    chunks: tuple[int, ...]  #: shape of a chunk
+    dtype: str  #: "float64", "complex64" or "bool"
+    big_endian: bool  #: byte order
 
 
 def check_declared(
@@ -45,40 +46,58 @@ def check_declared(
     read: Callable[[str], bytes | None],
     max_memory: int = MAX_MEMORY,
 ) -> dict[str, Layout]:
-    """Check what a store declares against the committed ``files`` and the memory there is; give the arrays' layouts."""
+    """Return the layouts of a store's arrays, checked against the committed files and the memory.
+
+    Parameters
+    ----------
+    files : mapping of str to mapping
+        The committed files, with their ``bytes``.
+    read : callable
+        Returns the verified content of a file.
+    max_memory : int
+        Memory that the small arrays and a few scans may take, bytes.
+
+    Raises
+    ------
+    ValueError
+        If the store declares anything else than a run, or too much memory.
+    """
     _description(files, read, "zarr.json", "group")
     layouts: dict[str, Layout] = {}
     sizes = {"axis": 3, "component": 6}
-    held = 0.0
+    needed = 0.0
     for name, dims in DIMS.items():
-        layout = layouts[name] = _layout(
-            name, _description(files, read, f"{name}/zarr.json", "array")
-        )
-        shape = layout.shape
-        chunks = layout.chunks
-        for dim, length in zip(dims, shape, strict=True):
+        layout = _layout(name, _description(files, read, f"{name}/zarr.json", "array"))
+        for dim, length in zip(dims, layout.shape, strict=True):
             if sizes.setdefault(dim, length) != length:
                 raise ValueError(
-                    f"{name}: dimension {dim} must have the length {sizes[dim]} everywhere, got {length}"
+                    f"{name}: dimension {dim} must have the length {sizes[dim]} everywhere, "
+                    f"got {length}"
                 )
-        width = _WIDTHS[layout.dtype]
-        held += (
-            _SCANS_HELD * width * math.prod(chunks)
-            if name == "signal"
-            else width * math.prod(shape)
-        )
-        if held > max_memory:
+        needed += _memory_needed(name, layout)
+        if needed > max_memory:
             raise ValueError(
-                f"{name}: the run must fit into max_memory = {max_memory / 1e9:.3g} GB, its arrays up to here take "
-                f"{held / 1e9:.3g} GB (shape {shape}, chunks {chunks})"
+                f"{name}: the run must fit into max_memory = {max_memory / 1e9:.3g} GB, "
+                f"its arrays up to here take {needed / 1e9:.3g} GB "
+                f"(shape {layout.shape}, chunks {layout.chunks})"
             )
-        _check_chunks(name, shape, chunks, width, files)
+        _check_chunks(name, layout, files)
+        layouts[name] = layout
     return layouts
+
+
+def _memory_needed(name: str, layout: Layout) -> int:
+    """Return the bytes that an array takes in memory: all of it, or a few scans of the signal."""
+    width = _WIDTHS[layout.dtype]
+    if name == "signal":
+        return _SCANS_IN_MEMORY * width * math.prod(layout.chunks)
+    return width * math.prod(layout.shape)
 
 
 def _description(
     files: Mapping[str, Mapping[str, Any]], read: Callable[[str], bytes | None], key: str, kind: str
 ) -> dict[str, Any]:
+    """Return the description of a group or an array of Zarr."""
     if key not in files:
         raise ValueError(f"{key} is not among the committed files")
     if files[key]["bytes"] > _LARGEST_DESCRIPTION:
@@ -86,28 +105,21 @@ def _description(
             f"{key} must have at most {_LARGEST_DESCRIPTION} bytes, got {files[key]['bytes']}"
         )
     description = parse_json(read(key) or b"")
-    if not isinstance(description, dict) or (
-        description.get("zarr_format"),
-        description.get("node_type"),
-    ) != (3, kind):
+    is_zarr_3 = isinstance(description, dict) and description.get("zarr_format") == 3
+    if not is_zarr_3 or description.get("node_type") != kind:
         raise ValueError(f"{key} must describe a Zarr v3 {kind}")
-    return description
+    return dict(description)
 
 
 def _layout(name: str, description: dict[str, Any]) -> Layout:
+    """Return the layout of an array, whose description must be as run stores are written."""
     rank = len(DIMS[name])
     grid = description.get("chunk_grid")
-    chunks = grid.get("configuration", {}).get("chunk_shape") if isinstance(grid, dict) else None
-    shape = description.get("shape")
-    for what, value in (("shape", shape), ("chunk shape", chunks)):
-        if (
-            not isinstance(value, list)
-            or len(value) != rank
-            or not all(type(n) is int and 0 < n < 2**53 for n in value)
-        ):
-            raise ValueError(
-                f"{name}: its {what} must be {rank} positive whole numbers, got {value}"
-            )
+    stated_chunks: Any = None
+    if isinstance(grid, dict):
+        stated_chunks = grid.get("configuration", {}).get("chunk_shape")
+    shape = _shape(f"{name}: its shape", description.get("shape"), rank)
+    chunks = _shape(f"{name}: its chunk shape", stated_chunks, rank)
     if description.get("data_type") != _KINDS[name]:
         raise ValueError(
             f"{name}: its type must be {_KINDS[name]}, got {description.get('data_type')}"
@@ -116,10 +128,26 @@ def _layout(name: str, description: dict[str, Any]) -> Layout:
         raise ValueError(
             f"{name}: its dimensions must be {DIMS[name]}, got {description.get('dimension_names')}"
         )
-    codecs = [
-        codec.get("name") if isinstance(codec, dict) else codec
-        for codec in description.get("codecs", [])
-    ]
+    _check_codecs(name, description)
+    endian = description["codecs"][0].get("configuration", {}).get("endian", "little")
+    if endian not in ("little", "big"):
+        raise ValueError(f"{name}: its bytes must be little or big endian, got {endian}")
+    return Layout(shape, chunks, _KINDS[name], endian == "big")
+
+
+def _shape(label: str, value: Any, rank: int) -> tuple[int, ...]:
+    """Return a declared shape, which must be of ``rank`` positive whole numbers."""
+    is_list = isinstance(value, list) and len(value) == rank
+    if not is_list or not all(type(n) is int and 0 < n < 2**53 for n in value):
+        raise ValueError(f"{label} must be {rank} positive whole numbers, got {value}")
+    return tuple(value)
+
+
+def _check_codecs(name: str, description: dict[str, Any]) -> None:
+    """Refuse chunks that are compressed, transformed or named in another way."""
+    codecs = []
+    for codec in description.get("codecs", []):
+        codecs.append(codec.get("name") if isinstance(codec, dict) else codec)
     if codecs not in (["bytes", "crc32c"], ["bytes"]) or description.get("storage_transformers"):
         raise ValueError(
             f"{name}: its codecs must be bytes and crc32c, nothing that expands, got {codecs}"
@@ -129,27 +157,23 @@ def _layout(name: str, description: dict[str, Any]) -> Layout:
         "configuration": {"separator": "/"},
     }:
         raise ValueError(
-            f"{name}: its chunks must have the default names, got {description.get('chunk_key_encoding')}"
+            f"{name}: its chunks must have the default names, "
+            f"got {description.get('chunk_key_encoding')}"
         )
-    endian = description["codecs"][0].get("configuration", {}).get("endian", "little")
-    if endian not in ("little", "big"):
-        raise ValueError(f"{name}: its bytes must be little or big endian, got {endian}")
-    return Layout(tuple(shape), tuple(chunks), _KINDS[name], endian == "big")  # type: ignore[arg-type]
 
 
-def _check_chunks(
-    name: str,
-    shape: tuple[int, ...],
-    chunks: tuple[int, ...],
-    width: int,
-    files: Mapping[str, Mapping[str, Any]],
-) -> None:
-    counts = [-(-length // part) for length, part in zip(shape, chunks, strict=True)]
+def _check_chunks(name: str, layout: Layout, files: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse an array of which a chunk was not committed or has another size."""
+    shape = layout.shape
+    chunks = layout.chunks
+    counts = []
+    for length, chunk_length in zip(shape, chunks, strict=True):
+        counts.append(-(-length // chunk_length))
     if math.prod(counts) > len(files):
         raise ValueError(
             f"{name}: shape {shape} in chunks of {chunks} needs {math.prod(counts)} files, got less"
         )
-    size = width * math.prod(chunks)
+    size = _WIDTHS[layout.dtype] * math.prod(chunks)
     for index in product(*map(range, counts)):
         key = "/".join([name, "c", *map(str, index)])
         if key not in files:
@@ -158,5 +182,6 @@ def _check_chunks(
             )
         if files[key]["bytes"] not in (size, size + _CRC):
             raise ValueError(
-                f"{key} must have {size + _CRC} bytes for chunks of {chunks}, got {files[key]['bytes']}"
+                f"{key} must have {size + _CRC} bytes for chunks of {chunks}, "
+                f"got {files[key]['bytes']}"
             )

@@ -1,4 +1,4 @@
-"""Text of other programs' files in the encodings that they write."""
+"""Decoding of text that other programs wrote, in whatever encoding."""
 
 from __future__ import annotations
 
@@ -12,15 +12,34 @@ _MARKS = (
     (codecs.BOM_UTF16_BE, "utf-16", "UTF-16"),
 )
 """Byte order marks at the beginning of a file, the codec that reads it, and its name."""
-_LOOKED_AT = 4096  # bytes by which text without a mark is judged
-_MOST_ZEROS = 0.7  # share of the high bytes that are zero in UTF-16 of European languages, at least
+_SAMPLE_BYTES = 4096  # bytes by which text without a mark is judged
+_LEAST_ZEROS = 0.7  # share of the high bytes that are zero in UTF-16 of European languages
 
 
 def decode_text(data: bytes, name: str, notes: list[str] | None = None) -> str:
-    """Return bytes as text: by the byte order mark, else as UTF-16 where every other byte is zero, UTF-8, or Latin-1.
+    """Return bytes as text.
 
-    ``notes`` get a line wherever the encoding is another than UTF-8; ``name`` is the file's in it. A file that breaks
-    off within a character, or that is no text in the encoding of its mark, is a ValueError.
+    The byte order mark decides. Without one, the text is UTF-16 where every other byte is zero,
+    else UTF-8, or Latin-1 if it is no UTF-8.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+    name : str
+        What the file is called in messages.
+    notes : list of str, optional
+        Gets a line if the encoding is another than UTF-8.
+
+    Returns
+    -------
+    str
+        The text, without its mark.
+
+    Raises
+    ------
+    ValueError
+        If it is no text in the encoding of its mark, or breaks off within a character.
     """
     codec, encoding = _encoding_of(data)
     try:
@@ -42,12 +61,12 @@ def _encoding_of(data: bytes) -> tuple[str, str]:
     for mark, codec, encoding in _MARKS:
         if data.startswith(mark):
             return codec, encoding
-    sample = data[: _LOOKED_AT - _LOOKED_AT % 2]
+    sample = data[: _SAMPLE_BYTES - _SAMPLE_BYTES % 2]
     if len(data) % 2 == 0 and len(sample) >= 4:
-        first = sample[0::2]
-        second = sample[1::2]
-        if second.count(0) > _MOST_ZEROS * len(second) and 0 not in first:
+        even = sample[0::2]
+        odd = sample[1::2]
+        if odd.count(0) > _LEAST_ZEROS * len(odd) and 0 not in even:
             return "utf-16-le", "UTF-16 without a mark"
-        if first.count(0) > _MOST_ZEROS * len(first) and 0 not in second:
+        if even.count(0) > _LEAST_ZEROS * len(even) and 0 not in odd:
             return "utf-16-be", "UTF-16 without a mark"
     return "utf-8", "UTF-8"

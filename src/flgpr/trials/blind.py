@@ -1,6 +1,7 @@
 """Blind scoring: an encrypted truth, scores without positions, and a log of every look.
 
-This guards against accidents, not against the holder of the passphrase, who can open the truth at will.
+This guards against accidents, not against the holder of the passphrase, who can open the truth at
+will.
 """
 
 from __future__ import annotations
@@ -45,42 +46,59 @@ _COST = 2**17  # N of scrypt: half a second and 128 MiB for every guess; less is
 _MOST_COST = 2**20  # a sealed file may not make its reader take gigabytes
 _MOST_BYTES = 2**28  # of a sealed file
 _LOG_ENDING = ".log.jsonl"
-_NOTE = "encrypted truth of a blind test; guards against accidents, not against the holder of the passphrase"
+_COUNTS = ("n_alarms", "n_targets", "area", "halo_radius", "area_rule")
+_POINT_COLUMNS = [
+    "far",
+    "far_low",
+    "far_high",
+    "pd",
+    "pd_low",
+    "pd_high",
+    "n_detected",
+    "n_targets",
+    "n_false",
+]
+_NOTE = (
+    "encrypted truth of a blind test; "
+    "guards against accidents, not against the holder of the passphrase"
+)
 SHOWS = ("curve", "targets")
-"""What a blind score may tell: operating points and counts, or also which targets are found, without places."""
+"""What a blind score may show: operating points and counts, or also which targets are found."""
 Phrase = str | Callable[[], str]
-"""A passphrase, or what asks for it once all else is found right."""
+"""A passphrase, or a function that asks for it after all other checks."""
 
 
 @dataclass(frozen=True)
 class Registration:
-    """What must stand in a register before a sealed truth is looked at."""
+    """What must stand in a register before the first look at a sealed truth."""
 
     book: Book  #: the register
-    #: recipe, model: hash of the recipe whose alarms are scored, and of its model if it is known to have one
+    #: recipe, model: hash of the recipe whose alarms are scored, and of its model if it has one
     recipe: str
     model: str | None = None
 
 
 @dataclass(frozen=True)
 class BlindScore:
-    """What a blind scoring tells."""
+    """Result of a blind scoring."""
 
-    #: one row per group and allowed FAR: ``group``, ``far_allowed``, ``far``, ``far_low``, ``far_high``, ``pd``,
-    #: ``pd_low``, ``pd_high``, ``n_detected``, ``n_targets``, ``n_false``, and the Pd that ``chance`` gives. It has no
-    #: thresholds: the confidence at which Pd rises would tell which alarm lies on a target
+    #: one row per group and allowed FAR: ``group``, ``far_allowed``, ``far``, ``far_low``,
+    #: ``far_high``, ``pd``, ``pd_low``, ``pd_high``, ``n_detected``, ``n_targets``, ``n_false``,
+    #: and the Pd that ``chance`` gives. It has no thresholds: the confidence at which Pd rises
+    #: would show which alarm lies on a target
     points: pd.DataFrame
-    counts: dict[
-        str, Any
-    ]  #: ``n_alarms``, ``n_targets``, ``area`` (m²), ``halo_radius`` (m), ``area_rule``
+    #: ``n_alarms``, ``n_targets``, ``area`` (m²), ``halo_radius`` (m), ``area_rule``
+    counts: dict[str, Any]
     looks: int  #: how often this truth was scored or opened so far, this time included
-    lists: int  #: how many different alarm lists that were
-    #: where the truth's owner allows it, a row per target: ``target_id``, ``kind``, ``depth``, and ``found_from``, the
-    #: least allowed FAR of the points at which it is found (NaN: at none); never a place
+    lists: int  #: number of different alarm lists among them
+    #: where the truth's owner allows it, a row per target: ``target_id``, ``kind``, ``depth``, and
+    #: ``found_from``, the least allowed FAR of the points at which it is found (NaN: at none);
+    #: never a position
     targets: pd.DataFrame | None = None
     #: the register's line of the recipe, if that had to be there
     registered: dict[str, Any] | None = None
-    #: of the ``log`` and the ``register``, ``lines`` and the ``head``, the last one's hash: a copy of before lacks it
+    #: of the ``log`` and the ``register``, the number of ``lines`` and the ``head``, the last one's
+    #: hash, which an older copy lacks
     heads: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 
@@ -102,26 +120,39 @@ def seal_truth(
     whole file is authenticated with it: its format, note, cost and salt enter as associated data,
     and no other way of writing them is read. An identity within the ciphertext, drawn at random, is
     what looks are counted by, so that a copy, or a file sealed again, has a count of its own and an
-    altered one none. Both come from the library ``cryptography``, the passphrase is judged by
-    ``zxcvbn``; without them, the extra ``seal``, it is a ModuleNotFoundError.
+    altered one none.
 
     Parameters
     ----------
     truth, lane, halo, area
         As for :func:`flgpr.scoring.roc`; area is "union" or "paper".
     path : str or Path
-        File to write, and returned; an existing one is refused.
+        File to write; an existing one is refused.
     passphrase : str or callable
-        One that is hard to guess (:func:`flgpr.trials.check_passphrase`); or what asks for it,
-        when everything else is found right.
+        One that is hard to guess (:func:`flgpr.trials.check_passphrase`); or a function that asks
+        for it after all other checks.
     by : str, optional
         Column of truth whose groups get curves of their own beside that of all targets.
     show : {"curve", "targets"}
-        What a score may tell: operating points and counts, or also which target is found at which
-        of the points. Either way no places.
+        What a score may show: operating points and counts, or also which target is found at which
+        of the points. Either way no positions.
     book : mapping, optional
         ``truth``, hash of the truth in a register, and ``line``, hash of that register's last line:
         scores then demand this register, with the recipe in it.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    FileExistsError
+        If the file exists.
+    ValueError
+        If the truth cannot be scored, an option is not valid, or the passphrase is weak.
+    ModuleNotFoundError
+        Without the libraries ``cryptography`` and ``zxcvbn``, the extra ``seal``.
     """
     if Path(path).exists():
         raise FileExistsError(f"output must not exist yet, got {path}")
@@ -131,11 +162,11 @@ def seal_truth(
     passphrase = passphrase() if callable(passphrase) else passphrase
     check_passphrase(passphrase)
     header = _header(secrets.token_bytes(16), secrets.token_bytes(12))
-    secret = json.dumps(content, default=_plain).encode()
-    sealed = _cipher(passphrase, header).encrypt(*_nonce_and(header, secret))
+    plaintext = json.dumps(content, default=_json_value).encode()
+    ciphertext = _cipher(passphrase, header).encrypt(*_cipher_arguments(header, plaintext))
     file = Path(path)
     with file.open("xb") as stream:
-        stream.write(_written(header, sealed))
+        stream.write(_file_content(header, ciphertext))
         stream.flush()
         os.fsync(stream.fileno())
     return file
@@ -152,35 +183,39 @@ def seals(
     by: str | None = "kind",
     show: str = "curve",
 ) -> tuple[bool, dict[str, str] | None]:
-    """Tell whether a file seals this truth, lane and rules with this passphrase, and the register it is bound to.
+    """Return whether a file seals this truth, lane and rules, and the register it is bound to.
 
-    Whoever asks has the truth already, so that it is no look. The parameters are those of :func:`seal_truth`.
+    The parameters are those of :func:`seal_truth`. Whoever asks has the truth already, so that this
+    is no look at it.
     """
-    wanted = json.loads(json.dumps(_to_seal(truth, lane, halo, area, by, show), default=_plain))
+    expected = _as_json(_to_seal(truth, lane, halo, area, by, show))
     try:
         opened = _decrypted(path, passphrase)
     except (ValueError, OSError):
         return False, None
-    there = {"truth": opened.truth.to_dict("list"), "lanes": opened.lanes, "rules": opened.rules}
-    return json.loads(json.dumps(there, default=_plain)) == wanted, opened.book
+    sealed = {"truth": opened.truth.to_dict("list"), "lanes": opened.lanes, "rules": opened.rules}
+    return _as_json(sealed) == expected, opened.book
+
+
+def _as_json(content: dict[str, Any]) -> Any:
+    """Return a content as reading its JSON gives it."""
+    return json.loads(json.dumps(content, default=_json_value))
 
 
 def _to_seal(
     truth: pd.DataFrame, lane: LaneLike, halo: float, area: str, by: str | None, show: str
 ) -> dict[str, Any]:
-    """Check what is to be sealed, and give it."""
+    """Return the checked content of a sealed file."""
     lanes = as_lanes(lane)
     one_of("show", show, SHOWS)
     if by is not None and by not in truth.columns:
         raise ValueError(f"by must name a column of truth, got {by!r}")
     # An empty alarm list is scored once, so that a truth that cannot be scored is never sealed.
-    trial = match(
-        pd.DataFrame({"x": [], "y": [], "confidence": [], "lane": []}), truth, lanes, halo
-    )
-    roc_of(trial, area=area)  # type: ignore[arg-type]
+    no_alarms = pd.DataFrame({"x": [], "y": [], "confidence": [], "lane": []})
+    roc_of(match(no_alarms, truth, lanes, halo), area=area)  # type: ignore[arg-type]
     return {
         "truth": check_truth(truth).to_dict("list"),
-        "lanes": {name: vars(one) for name, one in lanes.items()},
+        "lanes": {name: vars(borders) for name, borders in lanes.items()},
         "rules": {"halo": float(halo), "area": area, "by": by, "show": show},
     }
 
@@ -188,10 +223,30 @@ def _to_seal(
 def open_truth(
     path: str | Path, passphrase: str, log: str | Path | None = None
 ) -> tuple[pd.DataFrame, dict[str, Any], dict[str, Any]]:
-    """Decrypt what :func:`seal_truth` wrote: truth, lanes by name, and rules (``halo``, ``area``, ``by``, ``show``).
+    """Decrypt what :func:`seal_truth` wrote, which the log counts as a look.
 
-    The log of :func:`score_blind` counts it as a look. A file that is no sealed truth or was altered, or a wrong
-    passphrase, is a ValueError.
+    Parameters
+    ----------
+    path : str or Path
+        The sealed file.
+    passphrase : str
+        Its passphrase.
+    log : str or Path, optional
+        Log of the looks, by default that of :func:`score_blind`.
+
+    Returns
+    -------
+    truth : DataFrame
+        Truth table.
+    lanes : dict
+        Borders of the lanes by name, m.
+    rules : dict
+        ``halo``, ``area``, ``by`` and ``show``.
+
+    Raises
+    ------
+    ValueError
+        If it is no sealed truth or was altered, or the passphrase is wrong.
     """
     opened = _decrypted(path, passphrase)
     _enter(opened.identity, _log_of(path, log, opened.identity), event="open")
@@ -200,9 +255,9 @@ def open_truth(
 
 @dataclass(frozen=True)
 class _Opened:
-    """What a sealed file holds."""
+    """Content of a sealed file."""
 
-    identity: str  #: by which its looks are counted
+    identity: str  #: name under which its looks are counted
     truth: pd.DataFrame
     lanes: dict[str, Any]
     rules: dict[str, Any]
@@ -212,53 +267,61 @@ class _Opened:
 def _enter(
     identity: str, log: Book, **entry: Any
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Enter a look into a sealed truth's log; give all its looks so far, this one last, and all lines of the log."""
+    """Enter a look into a log; return the truth's looks, this one last, and all lines."""
     lines = enter(log, lambda _: {"sealed": identity, **entry})
     return _looks(identity, lines), lines
 
 
 def _looks(identity: str, lines: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [
-        line
-        for line in lines
-        if line.get("sealed") == identity and line.get("event") in ("score", "open")
-    ]
+    """Return the lines of a log that are looks at a sealed truth."""
+    looks = []
+    for line in lines:
+        if line.get("sealed") == identity and line.get("event") in ("score", "open"):
+            looks.append(line)
+    return looks
 
 
 def _log_of(sealed: str | Path, log: str | Path | None, identity: str) -> Path:
-    """Find the log of a sealed truth: one for all links to it, and for copies under other names in its folder."""
+    """Return the log of a sealed truth.
+
+    All links to it have one log, and so have copies under other names in its folder.
+    """
     if log is not None:
         return Path(log)
-    place = Path(sealed).resolve()
-    own = Path(f"{place}{_LOG_ENDING}")
-    if os.path.lexists(own):
-        return own
-    others = sorted(one for one in place.parent.iterdir() if one.name.endswith(_LOG_ENDING))
-    return next((one for one in others if _knows(one, identity)), own)
+    file = Path(sealed).resolve()
+    default_log = Path(f"{file}{_LOG_ENDING}")
+    if os.path.lexists(default_log):
+        return default_log
+    for path in sorted(file.parent.iterdir()):
+        if path.name.endswith(_LOG_ENDING) and _has_looks(path, identity):
+            return path
+    return default_log
 
 
-def _knows(log: Path, identity: str) -> bool:
-    """Tell whether a file is a log with looks at a sealed truth."""
+def _has_looks(log: Path, identity: str) -> bool:
+    """Return whether a file is a log with looks at a sealed truth."""
     try:
         return bool(_looks(identity, read_register(log)))
-    except (ValueError, OSError):  # another file, or one that was altered, has no say
+    except (ValueError, OSError):  # another file, or one that was altered
         return False
 
 
 def _decrypted(path: str | Path, passphrase: Phrase) -> _Opened:
     """Decrypt a sealed file, all of which must be as it was written."""
-    header, sealed = _read_sealed(Path(path))
+    header, ciphertext = _read_sealed(Path(path))
     cost = header["scrypt"]["n"]
-    if not (_COST <= cost <= _MOST_COST and cost & (cost - 1) == 0):
+    is_power_of_two = cost & (cost - 1) == 0
+    if not (_COST <= cost <= _MOST_COST and is_power_of_two):
         raise ValueError(
-            f"sealed must have a scrypt cost that is a power of two from {_COST} to {_MOST_COST}, got {cost}"
+            "sealed must have a scrypt cost that is a power of two "
+            f"from {_COST} to {_MOST_COST}, got {cost}"
         )
     passphrase = passphrase() if callable(passphrase) else passphrase
     cipher = _cipher(passphrase, header)
-    from cryptography.exceptions import InvalidTag  # there, since the cipher was made
+    from cryptography.exceptions import InvalidTag  # installed, since the cipher was made
 
     try:
-        content = parse_json(cipher.decrypt(*_nonce_and(header, sealed)))
+        content = parse_json(cipher.decrypt(*_cipher_arguments(header, ciphertext)))
     except InvalidTag:
         raise ValueError(
             "passphrase must be the one of the sealed truth, or the file was altered"
@@ -269,7 +332,7 @@ def _decrypted(path: str | Path, passphrase: Phrase) -> _Opened:
 
 
 def _header(salt: bytes, nonce: bytes) -> dict[str, Any]:
-    """Make what stands openly in a sealed file, all of it authenticated."""
+    """Return the part of a sealed file that is not encrypted; all of it is authenticated."""
     return {
         "format": FORMAT,
         "note": _NOTE,
@@ -278,31 +341,29 @@ def _header(salt: bytes, nonce: bytes) -> dict[str, Any]:
     }
 
 
-def _written(header: Mapping[str, Any], sealed: bytes) -> bytes:
-    """Write a sealed file in its one form."""
-    return (
-        json.dumps({**header, "sealed": base64.b64encode(sealed).decode()}, indent=1).encode()
-        + b"\n"
-    )
+def _file_content(header: Mapping[str, Any], ciphertext: bytes) -> bytes:
+    """Return the content of a sealed file, of which there is one form only."""
+    content = {**header, "sealed": base64.b64encode(ciphertext).decode()}
+    return json.dumps(content, indent=1).encode() + b"\n"
 
 
 def _read_sealed(path: Path) -> tuple[dict[str, Any], bytes]:
-    """Read header and ciphertext of a sealed file; one not written as :func:`seal_truth` does is a ValueError."""
+    """Read header and ciphertext of a sealed file, which must be as it was written."""
     data = read_named(path, _MOST_BYTES)
     try:
-        told = parse_json(data)
-        format_ = told["format"]
-        salt = base64.b64decode(told["scrypt"]["salt"])
-        nonce = base64.b64decode(told["nonce"])
-        sealed = base64.b64decode(told["sealed"])
+        content = parse_json(data)
+        format_ = content["format"]
+        salt = base64.b64decode(content["scrypt"]["salt"])
+        nonce = base64.b64decode(content["nonce"])
+        ciphertext = base64.b64decode(content["sealed"])
         header = _header(salt, nonce)
-        header["scrypt"]["n"] = int(told["scrypt"]["n"])
-        as_written = _written(header, sealed) == data
+        header["scrypt"]["n"] = int(content["scrypt"]["n"])
+        as_written = _file_content(header, ciphertext) == data
     except (ValueError, KeyError, TypeError, AttributeError):
         if b"flgpr-sealed-truth-1" in data[:200]:
             raise ValueError(
-                f"sealed must be a file of the format {FORMAT}, got {path} of an earlier version, which did not "
-                "authenticate all of it: seal the truth again"
+                f"sealed must be a file of the format {FORMAT}, got {path} of an earlier version, "
+                "which did not authenticate all of it: seal the truth again"
             ) from None
         format_ = None
         as_written = False
@@ -310,12 +371,14 @@ def _read_sealed(path: Path) -> tuple[dict[str, Any], bytes]:
         raise ValueError(f"sealed must be a file of the format {FORMAT}, got {path}")
     if not as_written or len(nonce) != 12:
         raise ValueError(f"sealed must be as it was written, got {path}, which was altered")
-    return header, sealed
+    return header, ciphertext
 
 
-def _nonce_and(header: Mapping[str, Any], data: bytes) -> tuple[bytes, bytes, bytes]:
-    """Give nonce, data and what is authenticated with them, as ciphers take them."""
-    return base64.b64decode(header["nonce"]), data, json.dumps(header, sort_keys=True).encode()
+def _cipher_arguments(header: Mapping[str, Any], data: bytes) -> tuple[bytes, bytes, bytes]:
+    """Return what a cipher takes: nonce, data, and the header as associated data."""
+    nonce = base64.b64decode(header["nonce"])
+    associated = json.dumps(header, sort_keys=True).encode()
+    return nonce, data, associated
 
 
 def score_blind(
@@ -326,13 +389,38 @@ def score_blind(
     registered: Registration | None = None,
     witness: str | Path | None = None,
 ) -> BlindScore:
-    """Score an alarm list against a sealed truth: operating points and counts, nothing that shows a position.
+    """Score an alarm list against a sealed truth without showing a position.
 
-    Every call appends the hash of the alarm list to a log beside the sealed file (``<sealed>.log.jsonl`` if no other is
-    named, or the one in its folder that has looks at it already) before anything is shown, so that repeated looks
-    show. A ``witness`` must know all lines of the log, and is told of the new one. What is ``registered`` must stand in
-    its register from before the first look, where the look is entered, too; a truth that was sealed with a register
-    demands it. Alarms, a file, a passphrase, a log or a register that are not valid are a ValueError.
+    Every call appends the hash of the alarm list to a log before anything is shown, so that
+    repeated looks are visible.
+
+    Parameters
+    ----------
+    alarms : DataFrame
+        Alarm table.
+    sealed : str or Path
+        File of :func:`seal_truth`.
+    passphrase : str or callable
+        Its passphrase, or a function that asks for it after all other checks.
+    log : str or Path, optional
+        The log; by default the file ``<sealed>.log.jsonl``, or the one in the same folder that has
+        looks at this truth already.
+    registered : Registration, optional
+        What must stand in a register from before the first look; the look is entered there, too. A
+        truth that was sealed with a register demands it.
+    witness : str or Path, optional
+        A witness (:func:`flgpr.trials.check_witness`), which must know all lines of the log and is
+        told of the new one.
+
+    Returns
+    -------
+    BlindScore
+        Operating points and counts.
+
+    Raises
+    ------
+    ValueError
+        If alarms, file, passphrase, log or register are not valid.
     """
     look = match_blind(alarms, sealed, passphrase, log, registered=registered, witness=witness)
     matched = look.matched
@@ -344,15 +432,14 @@ def score_blind(
     level = chance(matched)
     tables = [_points(matched, level, name, subset, rules["area"]) for name, subset in groups]
     curve = roc_of(matched, area=rules["area"])
+    lists = {line["alarms"] for line in look.looks if "alarms" in line}
+    targets = _found_from(matched, rules["area"]) if rules["show"] == "targets" else None
     return BlindScore(
         points=pd.concat(tables, ignore_index=True),
-        counts={
-            name: curve.attrs[name]
-            for name in ("n_alarms", "n_targets", "area", "halo_radius", "area_rule")
-        },
+        counts={name: curve.attrs[name] for name in _COUNTS},
         looks=len(look.looks),
-        lists=len({line["alarms"] for line in look.looks if "alarms" in line}),
-        targets=_found_from(matched, rules["area"]) if rules["show"] == "targets" else None,
+        lists=len(lists),
+        targets=targets,
         registered=look.line,
         heads=look.heads,
     )
@@ -360,16 +447,18 @@ def score_blind(
 
 @dataclass(frozen=True)
 class BlindLook:
-    """A look at a sealed truth, entered in its log. It shows positions, for those who sum it up."""
+    """A look at a sealed truth that was entered in its log.
 
-    matched: Match
-    truth: pd.DataFrame
-    rules: dict[str, Any]
+    It holds positions, and is for callers that summarise it.
+    """
+
+    matched: Match  #: alarms and targets
+    truth: pd.DataFrame  #: truth table
+    rules: dict[str, Any]  #: ``halo``, ``area``, ``by`` and ``show``
     looks: list[dict[str, Any]]  #: all looks so far, this one last
     line: dict[str, Any] | None  #: the register's line of the recipe
-    heads: dict[
-        str, dict[str, Any]
-    ]  #: of the ``log`` and the ``register``: how many lines, and the last one's hash
+    #: of the ``log`` and the ``register``: number of lines, and the last one's hash
+    heads: dict[str, dict[str, Any]]
 
 
 def match_blind(
@@ -381,25 +470,24 @@ def match_blind(
     registered: Registration | None = None,
     witness: str | Path | None = None,
 ) -> BlindLook:
-    """Match an alarm list to a sealed truth, once the look is entered.
+    """Match an alarm list to a sealed truth, and enter the look before anything is returned.
 
-    What it gives shows positions, and is for those who sum it up as :func:`score_blind` does. With ``some`` lanes the
-    others and their targets are left out.
+    The result holds positions, and is for callers that summarise it as :func:`score_blind` does.
+    With ``some`` lanes the others and their targets are left out.
     """
     opened = _decrypted(sealed, passphrase)
-    place = _log_of(sealed, log, opened.identity)
-    line = _admitted(sealed, place, opened, registered)
+    log_file = _log_of(sealed, log, opened.identity)
+    line = _admitted(sealed, log_file, opened, registered)
     truth = opened.truth
     lanes = opened.lanes
     if some:
         lanes = {name: lanes[name] for name in some}
         truth = truth[truth["lane"].isin(lanes)].reset_index(drop=True)
-    matched = match(
-        alarms, truth, lanes if list(lanes) != [""] else lanes[""], opened.rules["halo"]
-    )
+    scored_lanes = lanes if list(lanes) != [""] else lanes[""]
+    matched = match(alarms, truth, scored_lanes, opened.rules["halo"])
     entry = {"alarms": alarm_hash(matched.alarms), "n_alarms": len(matched.alarms)}
-    watched = place if witness is None else WitnessedRegister(place, Path(witness))
-    looks, lines = _enter(opened.identity, watched, event="score", **entry)
+    checked_log = log_file if witness is None else WitnessedRegister(log_file, Path(witness))
+    looks, lines = _enter(opened.identity, checked_log, event="score", **entry)
     heads = {"log": head_of(lines)}
     if registered is not None:
         opening = {
@@ -416,7 +504,10 @@ def match_blind(
 def _admitted(
     sealed: str | Path, log: Path, opened: _Opened, registered: Registration | None
 ) -> dict[str, Any] | None:
-    """Find the line of the recipe in the register, or refuse the look; None where no register is asked for."""
+    """Return the register's line of the recipe, or refuse the look.
+
+    It is None for a truth without a register.
+    """
     bound = opened.book
     if registered is None:
         if bound is not None:
@@ -436,9 +527,10 @@ def _admitted(
         )
     line = require_registered(book, registered.recipe, registered.model)
     looks = _looks(opened.identity, read_register(log))
-    entered = {
-        one["look"] for one in lines if one.get("sealed") == opened.identity and "look" in one
-    }
+    entered = set()
+    for entry in lines:
+        if entry.get("sealed") == opened.identity and "look" in entry:
+            entered.add(entry["look"])
     if not entered <= {look["hash"] for look in looks}:
         raise ValueError(
             f"log of {sealed} must have every look that {book} has, got one without them"
@@ -451,7 +543,10 @@ def _admitted(
 
 
 def _found_from(matched: Match, area: Any) -> pd.DataFrame:
-    """Tell of every target the least FAR of the points at which it is found, coarse enough to hide which alarm did."""
+    """Return the least FAR of the points at which every target is found.
+
+    The points are coarse enough to hide which alarm found it.
+    """
     outcomes = assign(matched, area)
     first = np.searchsorted(FAR_GRID, outcomes["far"].to_numpy(), side="left")
     columns = [name for name in ("target_id", "lane", "kind", "depth") if name in outcomes]
@@ -459,31 +554,23 @@ def _found_from(matched: Match, area: Any) -> pd.DataFrame:
 
 
 def _points(matched: Match, level: Chance, name: str, subset: Any, area: Any) -> pd.DataFrame:
-    curve = level.beside(roc_of(matched, subset, area=area), subset)
+    """Return the operating points of a group of targets."""
+    curve = level.add_chance_column(roc_of(matched, subset, area=area), subset)
     rows = curve.iloc[operating_row(curve, np.array(FAR_GRID))].reset_index(drop=True)
-    columns = [
-        "far",
-        "far_low",
-        "far_high",
-        "pd",
-        "pd_low",
-        "pd_high",
-        "n_detected",
-        "n_targets",
-        "n_false",
-    ]
     # More digits of the chance level could be held against guesses of where targets stand.
-    rows = rows[[*columns, "chance"]].round({"chance": 2}).assign(group=name, far_allowed=FAR_GRID)
+    rows = rows[[*_POINT_COLUMNS, "chance"]].round({"chance": 2})
+    rows = rows.assign(group=name, far_allowed=FAR_GRID)
     rows.attrs = {}
-    return rows[["group", "far_allowed", *columns, "chance"]]
+    return rows[["group", "far_allowed", *_POINT_COLUMNS, "chance"]]
 
 
-def _plain(value: Any) -> Any:
+def _json_value(value: Any) -> Any:
+    """Return a value that JSON does not know as a number or text."""
     return value.item() if isinstance(value, np.generic) else str(value)
 
 
 def _cipher(passphrase: str, header: Mapping[str, Any]) -> Any:
-    """Make the cipher of a sealed file's header and its passphrase."""
+    """Return the cipher of a sealed file, whose key comes from the passphrase by scrypt."""
     try:
         from cryptography.hazmat.primitives.ciphers.aead import AESGCM
         from cryptography.hazmat.primitives.kdf.scrypt import Scrypt

@@ -1,4 +1,7 @@
-"""Registers that only grow: hashes of recipes, plans and alarm lists, each line sealed by the one before."""
+"""Registers that only grow: hashes of recipes, plans and alarm lists, in a chain.
+
+Each line holds the hash of the line before, so that no line can be altered or removed unnoticed.
+"""
 
 from __future__ import annotations
 
@@ -17,41 +20,68 @@ from flgpr.append_log import AppendLog, read_log
 from flgpr.door import MOST_CHECKED, parse_json, read_named
 
 OPENED = "truth opened"
-"""Event of a register: what is registered after it was registered too late."""
+"""Event of a register: a truth was looked at. What is registered after it is too late."""
 WITNESS = "witness"
-"""Event of a witness: how many lines a register had, and the hash of its last."""
+"""Event of a witness: the number of lines of a register, and the hash of the last."""
 _PATIENCE = 30.0  # s to wait for another process that is adding a line
 
 
 def content_hash(content: bytes | str | Path | Mapping[str, Any]) -> str:
-    """Hash (SHA-256) bytes or text as they are, the file at a ``Path``, or a mapping as JSON with sorted keys."""
+    """Return the SHA-256 of a content.
+
+    Parameters
+    ----------
+    content : bytes, str, Path or mapping
+        Bytes or text, hashed as they are; a file; or a mapping, hashed as JSON with sorted keys.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    """
     if isinstance(content, Path):
         data = read_named(content, MOST_CHECKED)
     elif isinstance(content, bytes):
         data = content
+    elif isinstance(content, str):
+        data = content.encode()
     else:
-        data = (
-            content if isinstance(content, str) else json.dumps(content, sort_keys=True)
-        ).encode()
+        data = json.dumps(content, sort_keys=True).encode()
     return hashlib.sha256(data).hexdigest()
 
 
 def alarm_hash(alarms: pd.DataFrame) -> str:
-    """Hash what scoring sees of an alarm list; the order of rows and further columns do not matter."""
+    """Return the hash of what scoring sees of an alarm list.
+
+    Parameters
+    ----------
+    alarms : DataFrame
+        Alarm table; the order of its rows and further columns do not matter.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+    """
     names = [name for name in ("lane", "x", "y", "confidence") if name in alarms.columns]
-    lines = sorted(
-        ",".join(repr(value) for value in row)
-        for row in alarms[names].astype(object).itertuples(index=False)
-    )
+    lines = []
+    for row in alarms[names].astype(object).itertuples(index=False):
+        lines.append(",".join(map(repr, row)))
+    lines.sort()
     return content_hash("\n".join([",".join(names), *lines]))
 
 
 @dataclass(frozen=True)
 class WitnessedRegister:
-    """A register, and the file of a witness that must know its lines and is told of new ones."""
+    """A register, and the witness that must know its lines and is told of new ones."""
 
-    path: Path
-    witness: Path
+    path: Path  #: file of the register
+    witness: Path  #: file of the witness, see :func:`flgpr.trials.check_witness`
 
 
 Book = str | Path | WitnessedRegister
@@ -59,15 +89,32 @@ Book = str | Path | WitnessedRegister
 
 
 def parts_of(book: Book) -> tuple[Path, Path | None]:
-    """Give the path of a register, and of its witness if it has one."""
-    return (book.path, book.witness) if isinstance(book, WitnessedRegister) else (Path(book), None)
+    """Return the path of a register, and that of its witness if it has one."""
+    if isinstance(book, WitnessedRegister):
+        return book.path, book.witness
+    return Path(book), None
 
 
 def register(path: Book, /, **entry: Any) -> dict[str, Any]:
-    """Append a line to a register, made if missing, with the time and the hash of the line before; give the line.
+    """Append a line to a register, with the time and the hash of the line before.
 
-    The register holds one JSON object per line; an entry is e.g. ``recipe=content_hash(Path("recipe.toml"))``. One that
-    was altered is a ValueError. The rest is as for ``enter``.
+    Parameters
+    ----------
+    path : str, Path or WitnessedRegister
+        The register, a file of one JSON object per line, made if missing.
+    **entry
+        JSON values, e.g. ``recipe=content_hash(Path("recipe.toml"))``.
+
+    Returns
+    -------
+    dict
+        The line.
+
+    Raises
+    ------
+    ValueError
+        If the register was altered, lacks a line that its witness saw, or is held by another
+        process for 30 s.
     """
     return enter(path, lambda _: entry)[-1]
 
@@ -75,7 +122,7 @@ def register(path: Book, /, **entry: Any) -> dict[str, Any]:
 def enter(
     path: Book, make_entry: Callable[[list[dict[str, Any]]], Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Append a line that depends on those before it, while nobody else can; give all lines, the new one last.
+    """Append a line that depends on those before it, while no other process can.
 
     Parameters
     ----------
@@ -83,7 +130,12 @@ def enter(
         The register, made if missing. A witness (:func:`check_witness`) is asked before, and told
         of the new line afterwards.
     make_entry : callable
-        What makes the entry of the lines so far; an error of it leaves the register as it is.
+        Returns the entry, from the lines so far; an error of it leaves the register as it is.
+
+    Returns
+    -------
+    list of dict
+        All lines, the new one last.
 
     Raises
     ------
@@ -98,10 +150,8 @@ def enter(
         if witness is not None:
             check_witness(lines, witness, file)
         line = dict(make_entry(lines))
-        line |= {
-            "time": datetime.now(UTC).isoformat(timespec="milliseconds"),
-            "number": len(lines) + 1,
-        }
+        line["time"] = datetime.now(UTC).isoformat(timespec="milliseconds")
+        line["number"] = len(lines) + 1
         line["previous"] = lines[-1]["hash"] if lines else ""
         line["hash"] = content_hash(line)
         log.append(json.dumps(line, sort_keys=True).encode())
@@ -112,65 +162,130 @@ def enter(
 
 
 def read_register(path: str | Path) -> list[dict[str, Any]]:
-    """Read the lines of a register, none if it is missing; a ValueError names the first that was altered or put in.
+    """Read and check the lines of a register.
 
-    Half a line at the end, as a full disk or a kill leaves it, is no line: it was never told to anybody.
+    Half a line at the end, as a full disk or a kill leaves it, is no line: its entry was never
+    confirmed to anybody.
+
+    Parameters
+    ----------
+    path : str or Path
+        The register.
+
+    Returns
+    -------
+    list of dict
+        The lines; none if there is no file.
+
+    Raises
+    ------
+    ValueError
+        If a line was altered, removed or added; the error names the first.
     """
     file = Path(path)
-    whole, torn = read_log(file, _PATIENCE)
-    lines = _parsed(file, whole)
-    if torn and (last := _fitting(torn, lines)):
-        lines.append(last)  # whole but for the end of its line
+    texts, unfinished = read_log(file, _PATIENCE)
+    lines = _parsed(file, texts)
+    if unfinished:
+        last = _fitting(unfinished, lines)
+        if last is not None:  # complete but for the end of its line
+            lines.append(last)
     return lines
 
 
 def head_of(lines: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Tell how many lines a register has, and the hash of the last: who keeps both can tell whether any was lost."""
+    """Return the head of a register, by which a later reader knows whether a line was lost.
+
+    Parameters
+    ----------
+    lines : sequence of dict
+        Lines of the register.
+
+    Returns
+    -------
+    dict
+        ``lines``, their number, and ``head``, the hash of the last.
+    """
     return {"lines": len(lines), "head": lines[-1]["hash"] if lines else ""}
 
 
 def check_witness(lines: Sequence[Mapping[str, Any]], witness: str | Path, path: str | Path) -> int:
-    """Demand that a register holds every line that a witness saw of it; give the number of its notes on this register.
+    """Check that a register holds every line that a witness saw of it.
 
-    A witness is a register of its own, kept by somebody else or elsewhere. It notes how many lines a register had, and
-    the last one's hash. A chain of hashes alone cannot show that its end was cut off, or that an older copy was put
-    back.
+    A witness is a register of its own, kept by somebody else or elsewhere. It records how many
+    lines a register had, and the hash of the last. A chain of hashes alone cannot show that its end
+    was cut off, or that an older copy was put back.
+
+    Parameters
+    ----------
+    lines : sequence of dict
+        Lines of the register.
+    witness : str or Path
+        The witness.
+    path : str or Path
+        The register, for messages.
+
+    Returns
+    -------
+    int
+        Number of records that the witness has of this register.
+
+    Raises
+    ------
+    ValueError
+        If the witness does not know the register, a line is missing, or one differs.
     """
-    notes = [note for note in read_register(witness) if note.get("event") == WITNESS]
-    mine = [note for note in notes if not lines or note["of"] == lines[0]["hash"]]
-    if notes and not mine:
+    known = [line for line in read_register(witness) if line.get("event") == WITNESS]
+    records = [record for record in known if not lines or record["of"] == lines[0]["hash"]]
+    if known and not records:
         raise ValueError(
             f"register {path} must be one that {witness} knows, got one that begins otherwise"
         )
-    for note in mine:
-        if note["lines"] > len(lines):
+    for record in records:
+        count = record["lines"]
+        if count > len(lines):
             raise ValueError(
-                f"register {path} lacks line {len(lines) + 1}: it has {len(lines)}, and {witness} saw {note['lines']} "
-                f"on {note['time']}"
+                f"register {path} lacks line {len(lines) + 1}: it has {len(lines)}, "
+                f"and {witness} saw {count} on {record['time']}"
             )
-        if lines[note["lines"] - 1]["hash"] != note["head"]:
+        if lines[count - 1]["hash"] != record["head"]:
             raise ValueError(
-                f"register {path} has another line {note['lines']} than {witness} saw on {note['time']}"
+                f"register {path} has another line {count} than {witness} saw on {record['time']}"
             )
-    return len(mine)
+    return len(records)
 
 
 def check_head(
-    lines: Sequence[Mapping[str, Any]], told: Mapping[str, Any], path: str | Path, source: str
+    lines: Sequence[Mapping[str, Any]], recorded: Mapping[str, Any], path: str | Path, source: str
 ) -> None:
-    """Demand that a register holds what a report says of it (:func:`head_of`); a ValueError names the line."""
-    count = told["lines"]
-    head = told["head"]
+    """Check that a register holds the lines that a report counted.
+
+    Parameters
+    ----------
+    lines : sequence of dict
+        Lines of the register.
+    recorded : mapping
+        What the report says of it, see :func:`head_of`.
+    path, source : str or Path
+        The register and the report, for messages.
+
+    Raises
+    ------
+    ValueError
+        If a line is missing or differs.
+    """
+    count = recorded["lines"]
+    head = recorded["head"]
     if count > len(lines):
         raise ValueError(
-            f"register {path} lacks line {len(lines) + 1}: it has {len(lines)}, and {source} tells {count}"
+            f"register {path} lacks line {len(lines) + 1}: it has {len(lines)}, "
+            f"and {source} tells {count}"
         )
     if count and lines[count - 1]["hash"] != head:
         raise ValueError(f"register {path} has another line {count} than {source} tells")
 
 
 def _parsed(file: Path, texts: Sequence[bytes]) -> list[dict[str, Any]]:
-    """Read lines, each of which must fit the one before."""
+    """Return the lines of a register, each of which must follow the one before."""
     lines: list[dict[str, Any]] = []
     for number, text in enumerate(texts, start=1):
         line = _fitting(text, lines)
@@ -183,20 +298,19 @@ def _parsed(file: Path, texts: Sequence[bytes]) -> list[dict[str, Any]]:
 
 
 def _fitting(text: bytes, lines: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
-    """Read a line if its hash is that of its content and it follows the line before; else None."""
+    """Return a line if its hash is right and it follows the lines before; else None."""
+    previous = lines[-1]["hash"] if lines else ""
     try:
         line = parse_json(text)
-        body = {key: value for key, value in line.items() if key != "hash"}
-        fits = line["hash"] == content_hash(body) and line["previous"] == (
-            lines[-1]["hash"] if lines else ""
-        )
+        content = {key: value for key, value in line.items() if key != "hash"}
+        fits = line["hash"] == content_hash(content) and line["previous"] == previous
     except (ValueError, AttributeError, KeyError, TypeError):
         return None
-    return line if fits else None
+    return dict(line) if fits else None
 
 
 def _finish_torn(file: Path, log: AppendLog, lines: list[dict[str, Any]]) -> None:
-    """Put back a last line that lacks nothing but its end; tell of what was dropped of half a line."""
+    """Add a last line that lacks nothing but its end, or warn that half a line was dropped."""
     if not log.torn:
         return
     last = _fitting(log.torn, lines)
@@ -205,20 +319,22 @@ def _finish_torn(file: Path, log: AppendLog, lines: list[dict[str, Any]]) -> Non
         lines.append(last)
         return
     warnings.warn(
-        f"register {file}: {len(log.torn)} bytes of an unfinished line {len(lines) + 1} were dropped; nobody was told "
-        "that it was entered",
+        f"register {file}: {len(log.torn)} bytes of an unfinished line {len(lines) + 1} were "
+        "dropped; nobody was told that it was entered",
         stacklevel=3,
     )
 
 
 def before_opening(lines: Sequence[dict[str, Any]]) -> Sequence[dict[str, Any]]:
-    """Take the lines of a register that were entered before anybody looked at a truth."""
-    opened = (number for number, line in enumerate(lines) if line.get("event") == OPENED)
-    return lines[: next(opened, len(lines))]
+    """Return the lines of a register that were entered before the first look at a truth."""
+    for number, line in enumerate(lines):
+        if line.get("event") == OPENED:
+            return lines[:number]
+    return lines
 
 
 def read_book(book: Book) -> list[dict[str, Any]]:
-    """Read a register, which must hold whatever its witness saw of it."""
+    """Read a register, which must hold every line that its witness saw of it."""
     path, witness = parts_of(book)
     lines = read_register(path)
     if witness is not None:
@@ -227,25 +343,44 @@ def read_book(book: Book) -> list[dict[str, Any]]:
 
 
 def require_registered(path: str | Path, recipe: str, model: str | None = None) -> dict[str, Any]:
-    """Demand that a recipe, by its :func:`content_hash`, was registered before any look at a truth; give its line.
+    """Check that a recipe was registered before any look at a truth.
 
-    ``model`` is the hash of the model that it was run with, which must then stand in the same line. If no line before
-    the first opening holds them under ``recipe`` and ``model``, or the register was altered, that is a ValueError.
+    Parameters
+    ----------
+    path : str or Path
+        The register.
+    recipe : str
+        :func:`content_hash` of the recipe.
+    model : str, optional
+        Hash of the model that it was run with, which must then stand in the same line.
+
+    Returns
+    -------
+    dict
+        The line of the recipe.
+
+    Raises
+    ------
+    ValueError
+        If no line before the first look holds them, or the register was altered.
     """
     lines = read_register(path)
     early = before_opening(lines)
-    named = [line for line in lines if line.get("recipe") == recipe and line.get("event") != OPENED]
-    for line in named:
+    entries = []
+    for line in lines:
+        if line.get("recipe") == recipe and line.get("event") != OPENED:
+            entries.append(line)
+    for line in entries:
         if line in early and model in (None, line.get("model")):
             return line
     got = f"{recipe[:12]}..."
-    if any(line in early for line in named):
+    if any(line in early for line in entries):
         raise ValueError(
             f"recipe must be registered with its model in {path}, got {got} with the model {model}"
         )
-    late = (
-        f" in line {named[0]['number']}, after the look in line {len(early) + 1}" if named else ""
-    )
+    late = ""
+    if entries:
+        late = f" in line {entries[0]['number']}, after the look in line {len(early) + 1}"
     raise ValueError(
         f"recipe must be registered in {path} before the truth is opened, got {got}{late}"
     )
@@ -258,31 +393,49 @@ def require_truth(
     rules: Mapping[str, float],
     planned: bool = False,
 ) -> None:
-    """Demand that a truth, by its :func:`content_hash`, is the one a register tells of, with its lanes and rules.
+    """Check that a truth is the one that a register holds, with its lanes and rules.
 
-    A plan counts until it is surveyed, and then the last survey of it; what was entered after the first opening never
-    does. Lanes, m, must be those of the plan, and so must what it says of the ``rules``. A register without a plan
-    demands nothing, unless the truth is known to be ``planned``. Anything else is a ValueError.
+    A plan counts until it is surveyed, and then the last survey of it. What was entered after the
+    first look at a truth never counts.
+
+    Parameters
+    ----------
+    path : str or Path
+        The register. One without a plan demands nothing, unless ``planned`` is true.
+    truth : str
+        :func:`content_hash` of the truth.
+    lanes : mapping of str to mapping
+        Borders of the lanes, m, which must be those of the plan.
+    rules : mapping of str to float
+        Scoring rules, of which those that the plan names must be as planned.
+    planned : bool
+        Whether the truth is known to be planned.
+
+    Raises
+    ------
+    ValueError
+        If the truth, a lane or a rule is another.
     """
     lines = read_register(path)
-    known = [line for line in before_opening(lines) if line.get("event") in ("plan", "survey")]
-    if not known and not planned:
+    entries = [line for line in before_opening(lines) if line.get("event") in ("plan", "survey")]
+    if not entries and not planned:
         return
-    plan = {line.get("truth", line["plan"]): line["plan"] for line in known}.get(truth)
+    plan_of_truth = {line.get("truth", line["plan"]): line["plan"] for line in entries}
+    plan = plan_of_truth.get(truth)
     if plan is None:
         raise ValueError(
-            f"truth must be the plan or the survey of it that stands in {path}, got another or an altered one; "
-            "`flgpr plan survey` enters what was emplaced"
+            f"truth must be the plan or the survey of it that stands in {path}, "
+            "got another or an altered one; `flgpr plan survey` enters what was emplaced"
         )
-    last = [line for line in known if line["plan"] == plan][-1]
+    last = [line for line in entries if line["plan"] == plan][-1]
     if last.get("truth", plan) != truth:
         raise ValueError(
             f"truth must be the survey in line {last['number']} of {path}, got what it replaced"
         )
     borders = list(last["lanes"].values())
-    strange = [dict(one) for one in lanes.values() if dict(one) not in borders]
-    if strange:
-        raise ValueError(f"lane must be as planned in {path}, {borders}, got {strange[0]}")
+    for lane in lanes.values():
+        if dict(lane) not in borders:
+            raise ValueError(f"lane must be as planned in {path}, {borders}, got {dict(lane)}")
     for name, value in rules.items():
         if last.get("rules", {}).get(name, value) != value:
             raise ValueError(

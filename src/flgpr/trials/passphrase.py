@@ -1,4 +1,4 @@
-"""How hard a passphrase must be to guess."""
+"""The rule that passphrases must be hard to guess."""
 
 from __future__ import annotations
 
@@ -8,16 +8,21 @@ _SHORTEST = 8  # characters
 _LEAST_GUESSES = 10**8  # at half a second each, some years of one processor
 _JUDGED = 72  # characters that are judged: more can only be harder to guess
 PASSPHRASE_RULE = (
-    f"at least {_SHORTEST} characters and hard to guess, such as four words that do not belong together; whoever loses "
-    "it cannot open the truth again"
+    f"at least {_SHORTEST} characters and hard to guess, such as four words that do not belong "
+    "together; whoever loses it cannot open the truth again"
 )
 
 
 def check_passphrase(passphrase: str) -> None:
-    """Refuse a passphrase that a program guesses soon, in words that do not tell it.
+    """Refuse a passphrase that a program guesses soon.
 
     The number of guesses is that of zxcvbn (Wheeler 2016), which knows common passwords, names,
-    dates, keyboard rows and repetitions.
+    dates, keyboard rows and repetitions. The errors do not contain the passphrase.
+
+    Parameters
+    ----------
+    passphrase : str
+        The passphrase.
 
     Raises
     ------
@@ -47,7 +52,8 @@ def check_passphrase(passphrase: str) -> None:
         ) from error
     guesses = float(zxcvbn(passphrase[:_JUDGED])["guesses"])
     if guesses < _LEAST_GUESSES:
+        exponent = max(round(math.log10(guesses)), 0)
         raise ValueError(
-            f"passphrase must be hard to guess: a program finds it in about 10^{max(round(math.log10(guesses)), 0)} "
-            "guesses, 10^8 at least are asked for; take four words or more that do not belong together"
+            f"passphrase must be hard to guess: a program finds it in about 10^{exponent} guesses, "
+            "10^8 at least are asked for; take four words or more that do not belong together"
         )

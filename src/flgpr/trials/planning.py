@@ -1,4 +1,4 @@
-"""Plan a test: how many mines, how much ground, and where the mines go."""
+"""Planning of a test: how many mines, how much ground, and where the mines go."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def sample_size(
     power: float = 0.8,
     joint: bool = False,
 ) -> SamplePlan:
-    """Plan how many mines and how much ground show Pd >= pd at FAR <= far.
+    """Compute how many mines and how much ground show Pd >= pd at FAR <= far.
 
     A claim is shown when its exact one-sided bound (Clopper-Pearson, Poisson) meets it. Without an
     assumption on the detector the plan is the smallest: no miss and no false alarm may happen.
@@ -59,6 +59,16 @@ def sample_size(
     joint : bool
         Whether both claims together shall have the confidence (Bonferroni).
 
+    Returns
+    -------
+    SamplePlan
+        Mines and ground, and what may happen on them.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range, or the assumption is too close to what is to be shown.
+
     Examples
     --------
     >>> from flgpr.trials import sample_size
@@ -73,34 +83,67 @@ def sample_size(
         raise ValueError(f"true_pd must be above pd = {pd} and at most 1, got {true_pd}")
     if true_far is not None and not 0 <= true_far < far:
         raise ValueError(f"true_far must be under far = {far}, got {true_far}")
-    each = (1 + confidence) / 2 if joint else confidence
+    confidence_of_each = (1 + confidence) / 2 if joint else confidence
+    mines, misses, pd_power = _plan_mines(pd, true_pd, confidence_of_each, power)
+    area, false_alarms, far_power = _plan_area(far, true_far, confidence_of_each, power)
+    return SamplePlan(mines, misses, area, false_alarms, pd_power, far_power)
+
+
+def _plan_mines(
+    pd: float, true_pd: float | None, confidence: float, power: float
+) -> tuple[int, int, float]:
+    """Return mines, misses that may happen, and the power; NaN without an assumed Pd."""
+    if true_pd is None:
+        return mines_needed(pd, 0, confidence), 0, math.nan
     for misses in range(_MOST):
-        mines = mines_needed(pd, misses, each)
-        passed = 1.0 if true_pd is None else _at_most(misses, mines, 1 - true_pd)
-        if passed >= power:
-            break
-    else:
-        raise ValueError(
-            f"true_pd must be further above pd = {pd}, got {true_pd}: it takes over {_MOST} misses"
-        )
+        mines = mines_needed(pd, misses, confidence)
+        pd_power = _at_most(misses, mines, 1 - true_pd)
+        if pd_power >= power:
+            return mines, misses, pd_power
+    raise ValueError(
+        f"true_pd must be further above pd = {pd}, got {true_pd}: it takes over {_MOST} misses"
+    )
+
+
+def _plan_area(
+    far: float, true_far: float | None, confidence: float, power: float
+) -> tuple[float, int, float]:
+    """Return area, m², false alarms that may happen, and the power; NaN without an assumed FAR."""
+    if true_far is None:
+        return area_needed(far, 0, confidence), 0, math.nan
     for false_alarms in range(_MOST):
-        area = area_needed(far, false_alarms, each)
-        quiet = 1.0 if true_far is None else float(special.pdtr(false_alarms, true_far * area))
-        if quiet >= power:
-            break
-    else:
-        raise ValueError(
-            f"true_far must be further under far = {far}, got {true_far}: over {_MOST} false alarms"
-        )
-    unknown = float("nan")
-    return SamplePlan(
-        mines, misses, area, false_alarms,
-        unknown if true_pd is None else passed, unknown if true_far is None else quiet,
-    )  # fmt: skip
+        area = area_needed(far, false_alarms, confidence)
+        far_power = float(special.pdtr(false_alarms, true_far * area))
+        if far_power >= power:
+            return area, false_alarms, far_power
+    raise ValueError(
+        f"true_far must be further under far = {far}, got {true_far}: over {_MOST} false alarms"
+    )
 
 
 def mines_needed(pd: float, misses: int, confidence: float = 0.95) -> int:
-    """Count the mines after which so many misses still show a Pd, by the one-sided Clopper-Pearson bound.
+    """Compute the least number of mines among which so many misses still show a Pd.
+
+    The bound is the one-sided one of Clopper and Pearson.
+
+    Parameters
+    ----------
+    pd : float
+        What is to be shown.
+    misses : int
+        Mines that are not found.
+    confidence : float
+        Confidence of the claim.
+
+    Returns
+    -------
+    int
+        Number of mines.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range.
 
     Examples
     --------
@@ -111,19 +154,43 @@ def mines_needed(pd: float, misses: int, confidence: float = 0.95) -> int:
     _check_open(pd=pd, confidence=confidence)
     if misses < 0:
         raise ValueError(f"misses must not be negative, got {misses}")
-    low, high = misses, misses + 1
-    while _at_most(misses, high, 1 - pd) > 1 - confidence:
-        low, high = high, 2 * high
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (
-            (low, middle) if _at_most(misses, middle, 1 - pd) <= 1 - confidence else (middle, high)
-        )
-    return high
+    too_few = misses
+    enough = misses + 1
+    while _at_most(misses, enough, 1 - pd) > 1 - confidence:
+        too_few = enough
+        enough = 2 * enough
+    while enough - too_few > 1:
+        middle = (too_few + enough) // 2
+        if _at_most(misses, middle, 1 - pd) <= 1 - confidence:
+            enough = middle
+        else:
+            too_few = middle
+    return enough
 
 
 def area_needed(far: float, false_alarms: int, confidence: float = 0.95) -> float:
-    """Compute the area, m², on which so many false alarms still show a FAR, per m², by the one-sided Poisson bound.
+    """Compute the least area on which so many false alarms still show a FAR.
+
+    The bound is the one-sided one of a Poisson rate.
+
+    Parameters
+    ----------
+    far : float
+        What is to be shown, per m².
+    false_alarms : int
+        Number of false alarms.
+    confidence : float
+        Confidence of the claim.
+
+    Returns
+    -------
+    float
+        The area, m².
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range.
 
     Examples
     --------
@@ -142,7 +209,9 @@ def area_needed(far: float, false_alarms: int, confidence: float = 0.95) -> floa
 def emplacement_plan(
     lane: LaneLike, targets: pd.DataFrame, seed: int, *, spacing: float = 3.0, edge: float = 0.5
 ) -> pd.DataFrame:
-    """Draw a randomised plan of where targets go, uniform over all ground that spacing and edge leave.
+    """Draw a randomised plan of where targets go.
+
+    It is uniform over all ground that spacing and edge leave.
 
     Parameters
     ----------
@@ -163,7 +232,34 @@ def emplacement_plan(
         Truth table: ``target_id``, ``x`` and ``y`` in whole millimetres, ``kind``, ``depth``,
         further columns, ``lane`` if the lanes have names; ordered by lane and y. ``attrs`` hold
         seed, spacing and edge.
+
+    Raises
+    ------
+    ValueError
+        If the targets, the lane or a distance is not valid, or the targets do not fit into the
+        lane.
     """
+    counts = _check_targets(targets)
+    if not (spacing >= 0 and edge >= 0):
+        raise ValueError(f"spacing and edge must not be negative, got {spacing} m and {edge} m")
+    lanes = as_lanes(lane)
+    rng = np.random.default_rng(seed)
+    rows = targets.loc[targets.index.repeat(counts)].drop(columns="count").reset_index(drop=True)
+    names, points = _draw_points(lanes, len(rows), spacing, edge, rng)
+    plan = rows.iloc[rng.permutation(len(rows))].reset_index(drop=True)
+    plan = plan.assign(x=points[:, 0], y=points[:, 1])
+    if list(lanes) != [""]:
+        plan["lane"] = names
+    order = ["lane", "y"] if "lane" in plan.columns else ["y"]
+    plan = plan.sort_values(order).reset_index(drop=True)
+    width = len(str(len(plan)))
+    plan.insert(0, "target_id", [f"T{number + 1:0{width}d}" for number in range(len(plan))])
+    plan.attrs = {"seed": int(seed), "spacing": float(spacing), "edge": float(edge)}
+    return plan
+
+
+def _check_targets(targets: pd.DataFrame) -> NDArray[np.int64]:
+    """Check the table of sorts of targets, and return their counts."""
     missing = [name for name in ("kind", "depth", "count") if name not in targets.columns]
     if missing:
         raise ValueError(
@@ -177,72 +273,61 @@ def emplacement_plan(
     counts = pd.to_numeric(targets["count"], errors="coerce").to_numpy(dtype=np.float64)
     if len(counts) == 0 or not ((counts >= 1) & (counts == np.floor(counts))).all():
         raise ValueError(f"targets.count must be whole and positive, got {counts.tolist()}")
-    if not (spacing >= 0 and edge >= 0):
-        raise ValueError(f"spacing and edge must not be negative, got {spacing} m and {edge} m")
-    lanes = as_lanes(lane)
-    rng = np.random.default_rng(seed)
-    sorts = (
-        targets.loc[targets.index.repeat(counts.astype(np.int64))]
-        .drop(columns="count")
-        .reset_index(drop=True)
-    )
-    names, places = _draw_places(lanes, len(sorts), spacing, edge, rng)
-    plan = (
-        sorts.iloc[rng.permutation(len(sorts))]
-        .reset_index(drop=True)
-        .assign(x=places[:, 0], y=places[:, 1])
-    )
-    if list(lanes) != [""]:
-        plan["lane"] = names
-    plan = plan.sort_values([*(["lane"] if "lane" in plan.columns else []), "y"]).reset_index(
-        drop=True
-    )
-    width = len(str(len(plan)))
-    plan.insert(0, "target_id", [f"T{number + 1:0{width}d}" for number in range(len(plan))])
-    plan.attrs = {"seed": int(seed), "spacing": float(spacing), "edge": float(edge)}
-    return plan
+    return np.asarray(counts.astype(np.int64))
 
 
 def _check_open(**probabilities: float) -> None:
+    """Refuse a probability that does not lie between 0 and 1."""
     for name, value in probabilities.items():
         if not 0 < value < 1:
             raise ValueError(f"{name} must lie between 0 and 1, got {value}")
 
 
 def _at_most(count: int, trials: int, chance: float) -> float:
-    """Compute the binomial probability of so many successes or fewer; the plain function, for it is called often."""
-    return 1.0 if count >= trials else float(special.betainc(trials - count, count + 1, 1 - chance))
+    """Compute the binomial probability of so many successes or fewer.
+
+    It is called often, and the incomplete beta function is much faster than a distribution object.
+    """
+    if count >= trials:
+        return 1.0
+    return float(special.betainc(trials - count, count + 1, 1 - chance))
 
 
-def _draw_places(
+def _draw_points(
     lanes: dict[str, Lane], count: int, spacing: float, edge: float, rng: np.random.Generator
 ) -> tuple[list[str], NDArray[np.float64]]:
-    """Draw places one after the other and refuse those too close to an earlier one."""
-    sizes = {
-        name: (lane.x_max - lane.x_min - 2 * edge, lane.y_max - lane.y_min - 2 * edge)
-        for name, lane in lanes.items()
-    }
-    areas = np.array([max(0.0, width) * max(0.0, length) for width, length in sizes.values()])
+    """Draw points one after the other, and draw again those too close to an earlier one.
+
+    Returned are the lane of each point, and the points (target, 2), m.
+    """
+    names = list(lanes)
+    corners = []
+    sizes = []
+    for lane in lanes.values():
+        corners.append(np.array([lane.x_min, lane.y_min]) + edge)
+        sizes.append((lane.x_max - lane.x_min - 2 * edge, lane.y_max - lane.y_min - 2 * edge))
+    areas = np.array([max(0.0, width) * max(0.0, length) for width, length in sizes])
     if not areas.sum() > 0:
         raise ValueError(f"edge must leave ground in the lane, got {edge} m")
-    names = list(lanes)
-    places = np.full((count, 2), math.nan)
-    chosen = np.full(count, -1)
+    points = np.full((count, 2), math.nan)
+    lane_of_point = np.full(count, -1)
     for number in range(count):
         for _ in range(_TRIES):
-            which = int(rng.choice(len(names), p=areas / areas.sum()))
-            lane = lanes[names[which]]
-            size = sizes[names[which]]
-            corner = np.array([lane.x_min, lane.y_min]) + edge
-            spot = np.clip(np.round(corner + rng.uniform(size=2) * size, 3), corner, corner + size)
-            taken = places[:number][chosen[:number] == which]
-            if len(taken) == 0 or np.hypot(*(taken - spot).T).min() >= spacing:
+            chosen = int(rng.choice(len(names), p=areas / areas.sum()))
+            corner = corners[chosen]
+            size = sizes[chosen]
+            rounded = np.round(corner + rng.uniform(size=2) * size, 3)
+            point = np.clip(rounded, corner, corner + size)
+            in_same_lane = points[:number][lane_of_point[:number] == chosen]
+            if len(in_same_lane) == 0:
+                break
+            if np.hypot(*(in_same_lane - point).T).min() >= spacing:
                 break
         else:
             raise ValueError(
                 f"targets must fit into the lane with spacing {spacing:g} m and edge {edge:g} m; "
                 f"found room for {number} of {count}"
             )
-        places[number] = spot
-        chosen[number] = which
-    return [names[which] for which in chosen], places
+        points[number] = point
+        lane_of_point[number] = chosen
+    return [names[chosen] for chosen in lane_of_point], points

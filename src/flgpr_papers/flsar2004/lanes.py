@@ -29,7 +29,7 @@ from flgpr.model import (
     vehicle_to_scan,
 )
 from flgpr.simulate import Scene
-from flgpr.simulate.scene.scene import Surface, TargetDraw, Thing
+from flgpr.simulate.scene.scene import SceneObject, Surface, TargetDraw
 from flgpr.simulate.scene.scene import Track as Drive
 from flgpr.simulate.simulator import Simulator
 from flgpr_papers.kit.cache import key_of, read_arrays, write_arrays
@@ -198,7 +198,7 @@ def _scene(settings: Settings, site: str) -> Scene:
         for kind, count in (("metal", mines.metal), ("plastic", mines.plastic))
     ]
     fiducials = tuple(
-        Thing(
+        SceneObject(
             kind="fiducial",
             x=side * settings.fiducial_x,
             y=float(y),

@@ -24,7 +24,7 @@ from flgpr.chain.progress import Track
 from flgpr.chain.recipe import Recipe, recipe_text
 from flgpr.chain.stages.masks import MaskedSuppression
 from flgpr.model import Grid, Lane, Sensor, check_tones, ground_points, lane_to_scan, load_sensor
-from flgpr.simulate import EVEN, Scene, Simulator, draw_world, told
+from flgpr.simulate import EVEN, Scene, Simulator, draw_world, world_description
 from flgpr.store import open_run
 from flgpr_papers.kit.cache import key_of, read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.settings import Table, packaged
@@ -297,7 +297,7 @@ def mines_alone(folder: Path, recipe: FuseRecipe, name: str, track: Track) -> Co
     sensor = band_sensor(recipe, "l").model_copy(update={"polarization": ("VV",)})
     seed = recipe.lanes.seeds[name]
     scene = lane_scene(recipe, name, "l")
-    lane = told(scene, seed)
+    lane = world_description(scene, seed)
     lane |= {"surface": {**lane["surface"], "echo": False}, **EVEN}
     twins = [Scene.model_validate(tables) for tables in (lane, lane | {"targets": []})]
     key = key_of(

@@ -124,7 +124,9 @@ def example_arrays(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Arra
         "mask vv": above(aperture.vv, limits.vv, region),
         "mask vh": above(aperture.vh, limits.vh, region),
         "mask vv low": above(
-            aperture.vv, roadside_level(aperture.vv, region, stage.beside, len(limits.vv)), region
+            aperture.vv,
+            roadside_level(aperture.vv, region, stage.is_roadside, len(limits.vv)),
+            region,
         ),
         "mask vh low": above(aperture.vh, limits.low_vh, region),
         "fundamental": fundamental_mask(aperture.vv, aperture.vh, limits, region, aperture.second),

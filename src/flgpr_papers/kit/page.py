@@ -76,7 +76,7 @@ def detections_at(matched: Match, subset: Any, far: float, **area: Any) -> tuple
 
     With the chance level of Pd there.
     """
-    return _read(chance(matched).beside(roc_of(matched, subset, **area), subset), far)
+    return _read(chance(matched).add_chance_column(roc_of(matched, subset, **area), subset), far)
 
 
 def _read(curve: pd.DataFrame, far: float) -> tuple[int, int, float]:
@@ -101,6 +101,6 @@ def point_rows(
     for name, match in matches.items():
         level = chance(match)
         for kind, subset in subsets.items():
-            curve = level.beside(roc_of(match, subset, **area), subset)
+            curve = level.add_chance_column(roc_of(match, subset, **area), subset)
             rows.append((name, kind, *(pd_in_words(*_read(curve, far)) for far in FAR)))
     return rows

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict
 
-from flgpr.store import laid_over
+from flgpr.store import merge_tables
 
 T = TypeVar("T", bound=BaseModel)
 PAPERS = {
@@ -45,6 +45,6 @@ def packaged(
     For a quick run the table ``quick`` is laid over the others, and ``more``, entries of nested
     tables, in any case.
     """
-    tables = laid_over(tomllib.loads(packaged_text(paper)), more or {})
+    tables = merge_tables(tomllib.loads(packaged_text(paper)), more or {})
     small = tables.pop("quick", {})
-    return kind.model_validate(laid_over(tables, small) if quick else tables)
+    return kind.model_validate(merge_tables(tables, small) if quick else tables)

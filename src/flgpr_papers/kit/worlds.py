@@ -17,7 +17,7 @@ from typing import Any
 
 from scipy.optimize import brentq
 
-from flgpr.simulate import Scene, told
+from flgpr.simulate import Scene, world_description
 from flgpr.simulate.ground import soil
 from flgpr.simulate.scene.scene import Soil, site_tables
 from flgpr.store import write_whole
@@ -158,7 +158,7 @@ def turned(scene: Scene, seed: int) -> Scene:
 
     Targets are in order, as seen from the other end.
     """
-    data = told(scene, seed)
+    data = world_description(scene, seed)
     for entry in (*data["targets"], *data["objects"], *data["patches"]):
         entry["x"], entry["y"] = -entry["x"], scene.length - entry["y"]
         if "azimuth" in entry:

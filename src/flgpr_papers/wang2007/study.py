@@ -15,9 +15,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.cleaned import CleanedRun
-from flgpr.chain.detection import detection_of
 from flgpr.chain.lane_setup import LaneSetup
-from flgpr.chain.method import engine_of
+from flgpr.chain.method import detection_of, engine_of
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.clutter import Background

@@ -172,7 +172,7 @@ def _scored(
     """Return at which FAR (per m²) every target is found, and Pd by chance at the declared ones."""
     matched = match(alarms, truth, scene.lane, _LANE["halo"])
     cost = assign(matched)["far"]
-    curve = chance(matched).beside(roc_of(matched))
+    curve = chance(matched).add_chance_column(roc_of(matched))
     by_chance = [float(curve["chance"].iloc[int(operating_row(curve, far))]) for far in FAR]
     return {
         "ground": ground,

@@ -1,1 +1,1 @@
-"""The passes of the method, a class and a file each: what is gathered of all scans, one after the other."""
+"""The passes of the method, a class and a file each: what is gathered scan by scan."""

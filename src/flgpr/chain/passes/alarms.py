@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 
 from flgpr.chain.engine import Arrays, bundle_groups
 from flgpr.chain.lane_setup import table_arrays
@@ -12,11 +13,15 @@ from flgpr.screen import select
 
 
 class Maxima(Pass):
-    """What may become an alarm in the section's own rows, by local maxima or by the recipe's screen stage.
+    """Candidate alarms of the section's own rows (Wang et al. 2007, Sec. II-B).
 
-    No scan is read. The result holds a row per maximum: ``x``, ``y`` (m, lane frame), ``magnitude``, and the columns
-    that feature stages read of the run-view; and ``seen``, the number of pixels of the prescreener's channel that were
-    seen, on which the density rule counts (:func:`flgpr.chain.sections.lane_threshold`).
+    They are the local maxima of the prescreener's channel, or what the recipe's screen stage
+    raises. No scan is read.
+
+    The result holds a row per maximum: ``x``, ``y`` (m, lane frame), ``magnitude``, and the columns
+    that feature stages read of the run-view. It also holds ``seen``, the number of pixels of the
+    prescreener's channel that were seen: the density rule counts on their area
+    (:func:`flgpr.chain.sections.lane_threshold`).
     """
 
     name = "alarms"
@@ -30,19 +35,25 @@ class Maxima(Pass):
         screen = lane.recipe.prescreen
         view = lane.view(all_rows=True)
         channel = select(view, screen.polarization, screen.subband)
-        if lane.screener is None:
-            maxima = lane.steps.maxima(channel)
-        else:
-            maxima = lane.screener.alarms(view).select_dtypes("number")
-        maxima = self._in_section(maxima)
+
+        maxima = self._in_section(self._candidates(view, channel))
         for stage in lane.columns:
             places = maxima[["x", "y"]].to_numpy(dtype=np.float64)
             maxima = maxima.assign(**stage.of_view(view, places))
-        seen = np.count_nonzero(np.isfinite(channel.values[lane.own_rows]))
-        return bundle_groups({"maximum": table_arrays(maxima)}) | {"seen": np.array(seen)}
+
+        pixels_seen = np.count_nonzero(np.isfinite(channel.values[lane.own_rows]))
+        groups = {"maximum": table_arrays(maxima)}
+        return bundle_groups(groups) | {"seen": np.array(pixels_seen)}
+
+    def _candidates(self, view: xr.DataArray, channel: xr.DataArray) -> pd.DataFrame:
+        """Return the maxima of a channel, or what the recipe's screen stage raises on the view."""
+        lane = self.lane
+        if lane.screener is None:
+            return lane.steps.maxima(channel)
+        return lane.screener.alarms(view).select_dtypes("number")
 
     def _in_section(self, maxima: pd.DataFrame) -> pd.DataFrame:
-        """Leave out what belongs to other sections; what lies between two rows belongs to the nearer."""
+        """Leave out the maxima of other sections; one between two rows belongs to the nearer."""
         grid = self.lane.grid
         y = grid.y[self.lane.section.rows]
         half = grid.dy / 2

@@ -22,14 +22,16 @@ class Explain(Pass):
     name = "explain"
     title = "what explains the alarms"
     needs = ("gain", "alarms")
+    explains = True
     cache_key = staticmethod(features_key)
 
     def __init__(self, lane: LaneSetup, block: range | None) -> None:
         super().__init__(lane, block)
-        self._sums = lane.evidence_sums(None if block is None else poses_near(lane, block))
+        poses = None if block is None else poses_near(lane, block)
+        self._sums = lane.evidence_sums(poses)
 
     def add(self, scan: LaneScan) -> None:
-        """Cut a scan's images up about the alarms that it sees from near."""
+        """Cut patches about the alarms that the scan sees from near out of its images."""
         self._sums.add(self.lane.steps.labelled(scan.cleaned), scan.data)
 
     def state(self, exact: bool) -> Arrays:  # noqa: ARG002
@@ -41,17 +43,20 @@ class Explain(Pass):
         self._sums.merge(dict(state))
 
     def result(self) -> Arrays:
-        """Return the looks that are left, for :meth:`flgpr.chain.evidence.EvidenceSums.merge`."""
+        """Return the nearest looks, for :meth:`flgpr.chain.evidence.EvidenceSums.merge`."""
         return self._sums.state()
 
 
 def poses_near(lane: LaneSetup, block: range) -> dict[int, FloatArray]:
-    """Return the poses of all scans, by number, that may see what a scan of the block sees."""
+    """Return the poses of all scans that may see what a scan of the block sees, by scan number."""
     scans = lane.imager.scans
     poses = lane.setup.run["pose"].values
+    y = poses[scans, 1]
+    y_of_block = poses[scans[block.start : block.stop], 1]
+
+    # Two scans can see the same ground where their images, turned by any heading, overlap.
     farthest = float(np.abs(lane.images.grid.extent()).max()) * np.sqrt(2)
-    y = poses[scans[block.start : block.stop], 1]
-    first = y.min() - 2 * farthest
-    last = y.max() + 2 * farthest
-    near = (poses[scans, 1] >= first) & (poses[scans, 1] <= last)
-    return {int(scan): poses[scan] for scan in scans[near]}
+    first = y_of_block.min() - 2 * farthest
+    last = y_of_block.max() + 2 * farthest
+    overlaps = (y >= first) & (y <= last)
+    return {int(scan): poses[scan] for scan in scans[overlaps]}

@@ -1,4 +1,7 @@
-"""The features of alarms, from the images of all scans that see them (Wang et al. 2007, Eq. 5 to 17)."""
+"""The features of alarms, from the images of all scans that see them.
+
+Contrast and polarimetric features are those of Wang et al. 2007, Eq. 5 to 17.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +21,10 @@ from flgpr.chain.passes.traversal import Pass
 
 
 class Features(Pass):
-    """Contrast, polarimetric features and the columns of stages: means over the scans that see an alarm.
+    """Contrast, polarimetric features and the columns of stages.
 
-    The result holds a column (alarm,) each, ``scans`` among them: how many scans saw the alarm.
+    Each is the mean over the scans that see an alarm. The result holds an array (alarm,) for every
+    column, ``scans`` among them: how many scans saw the alarm.
     """
 
     name = "features"
@@ -54,8 +58,9 @@ class Features(Pass):
 def alarms_near(lane: LaneSetup, alarms: pd.DataFrame, block: range) -> NDArray[np.intp]:
     """Return the numbers of the alarms that a scan of the block may see."""
     scans = lane.imager.scans[block.start : block.stop]
-    along = lane.setup.run["pose"].values[scans, 1]
+    y_of_block = lane.setup.run["pose"].values[scans, 1]
     x_min, x_max, _, y_max = lane.images.grid.extent()
     farthest = np.hypot(max(abs(x_min), abs(x_max)), y_max)
     y = alarms["y"].to_numpy(dtype=np.float64)
-    return np.flatnonzero((y >= along.min() - farthest) & (y <= along.max() + farthest))
+    may_see = (y >= y_of_block.min() - farthest) & (y <= y_of_block.max() + farthest)
+    return np.flatnonzero(may_see)

@@ -1,4 +1,4 @@
-"""Alarms on every scan's own image, for recipes that score frame by frame (Fuse et al. 2018, Sec. 4)."""
+"""Alarms on every scan's image, for recipes that score by frames (Fuse et al. 2018, Sec. 4)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.engine import Arrays, joined_parts
+from flgpr.chain.engine import Arrays, concatenate
 from flgpr.chain.lane_scan import LaneScan
 from flgpr.chain.lane_setup import LaneSetup, table_arrays
 from flgpr.chain.passes.traversal import Pass
@@ -18,7 +18,11 @@ from flgpr.screen import frame_alarms
 
 
 class FrameAlarms(Pass):
-    """The local maxima of every scan's image, once as many scans are summed as the recipe wants."""
+    """The local maxima of every scan's image, once it sums as many scans as the recipe wants.
+
+    The result holds ``frame``, ``pose`` and ``count`` (the number of its alarms) for every frame,
+    and ``x``, ``y`` (m, scan frame) and ``magnitude`` for every alarm, frame after frame.
+    """
 
     name = "frames"
     title = "alarms of every frame"
@@ -29,10 +33,9 @@ class FrameAlarms(Pass):
         super().__init__(lane, block)
         screen = lane.recipe.prescreen
         labels = lane.labels()
-        self._channel = (
-            labels["polarization"].index(screen.polarization),
-            labels["subband"].index(screen.subband),
-        )
+        polarization = labels["polarization"].index(screen.polarization)
+        subband = labels["subband"].index(screen.subband)
+        self._channel = (polarization, subband)
         self._frames: list[Arrays] = []
 
     def add(self, scan: LaneScan) -> None:
@@ -41,10 +44,11 @@ class FrameAlarms(Pass):
             self._frames.append(self._raise(scan))
 
     def _raise(self, scan: LaneScan) -> Arrays:
+        """Return the alarms of a scan's image, with the scan's number and pose."""
         recipe = self.lane.recipe
-        level = scan.magnitude()[self._channel]
+        magnitude = scan.magnitude()[self._channel]
         grid = self.lane.images.grid
-        alarms = frame_alarms(level, grid, recipe.frame_area(), recipe.prescreen.radius)
+        alarms = frame_alarms(magnitude, grid, recipe.frame_area(), recipe.prescreen.radius)
         frame: Arrays = {
             "frame": np.array([scan.index]),
             "pose": scan.pose[None],
@@ -54,7 +58,7 @@ class FrameAlarms(Pass):
 
     def state(self, exact: bool) -> Arrays:  # noqa: ARG002
         """Return the alarms so far, by frame."""
-        return joined_parts(self._frames)
+        return concatenate(self._frames)
 
     def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Append the alarms of the block that follows."""
@@ -63,11 +67,21 @@ class FrameAlarms(Pass):
 
     def result(self) -> Arrays:
         """Return the alarms of all frames."""
-        return joined_parts(self._frames)
+        return concatenate(self._frames)
 
 
 def alarms_by_frame(lane: LaneSetup) -> tuple[pd.DataFrame, dict[int, FloatArray]]:
-    """Return the alarms of all frames and the pose of each by its number; needs the pass "frames"."""
+    """Return the alarms of all frames, and the pose of each frame by its number.
+
+    Needs the result of the pass "frames".
+
+    Returns
+    -------
+    alarms : DataFrame
+        ``frame``, ``across`` and ``ahead`` (m, scan frame), ``confidence``.
+    poses : dict
+        Pose (6,) by frame.
+    """
     arrays = lane.results["frames"]
     alarms = pd.DataFrame(
         {

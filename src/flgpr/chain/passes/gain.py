@@ -19,9 +19,10 @@ from flgpr.clutter import Background, shared_level
 
 
 class _GainBackground(Pass):
-    """What the ways to a gain background have in common.
+    """What the methods of estimating a gain background have in common.
 
-    The result holds the fields of :class:`flgpr.clutter.Background` and ``gains`` (scan, polarization, subband).
+    The result holds the fields of :class:`flgpr.clutter.Background` and ``gains`` (scan,
+    polarization, subband).
     """
 
     name = "gain"
@@ -32,15 +33,19 @@ class _GainBackground(Pass):
 
 
 class SmoothGain(_GainBackground):
-    """The mean over the scans of what a median and a mean smooth of each (Eq. 3 and 4)."""
+    """The mean magnitude of all scans, each smoothed by a median and a mean (Eq. 3 and 4).
+
+    Of every scan the self-signature is subtracted first.
+    """
 
     def __init__(self, lane: LaneSetup, block: range | None) -> None:
         super().__init__(lane, block)
         self._rows = lane.background_rows
-        self._gains = lane.results["signature"]["gains"]
-        scans = slice(None) if block is None else slice(block.start, block.stop)
+        signature = lane.results["signature"]
+        self._gains = signature["gains"]
         self._estimator = background_estimator(lane)
-        self._estimator.continue_from(lane.results["signature"], scans)
+        scans = slice(None) if block is None else slice(block.start, block.stop)
+        self._estimator.continue_from(signature, scans)
 
     def add(self, scan: LaneScan) -> None:
         """Add a scan's smoothed magnitude, the self-signature subtracted."""
@@ -60,7 +65,10 @@ class SmoothGain(_GainBackground):
 
 
 class RowGain(_GainBackground):
-    """The median magnitude of every row near the middle, mean over the scans: it depends on the distance alone."""
+    """The median magnitude of every row near the middle, mean over the scans.
+
+    It depends on the distance alone (Fuse et al. 2018).
+    """
 
     def __init__(self, lane: LaneSetup, block: range | None) -> None:
         super().__init__(lane, block)
@@ -106,7 +114,7 @@ class NoGain(_GainBackground):
 
 
 GAIN_BACKGROUND: dict[str, type[Pass]] = {"smooth": SmoothGain, "rows": RowGain, "none": NoGain}
-"""The ways to a gain background, by the name that a recipe gives them."""
+"""The methods of estimating a gain background, by the name that a recipe gives them."""
 
 
 def _background(first: Mapping[str, NDArray[Any]], level: FloatArray) -> Arrays:
@@ -114,7 +122,8 @@ def _background(first: Mapping[str, NDArray[Any]], level: FloatArray) -> Arrays:
     gain = np.broadcast_to(level, first["signature"].shape).astype(np.float32)
     if not (gain > 0).all():
         raise ValueError(
-            "gain background must be positive everywhere, got zero: the images equal their signature"
+            "gain background must be positive everywhere, got zero: "
+            "the images equal their self-signature"
         )
     shared = shared_level(gain, first["gains"])
     background = Background(first["signature"], gain, first["shared"], shared)

@@ -1,4 +1,8 @@
-"""The run-view: the largest, second largest or mean look at every place of the lane (Wang et al. 2007, Sec. II-B)."""
+"""The run-view: what the scans that see a place of the lane show there (Wang et al., Sec. II-B).
+
+That is the second largest look at every place, or the mean look, or one look for each of several
+ranges, as the recipe has it.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +23,8 @@ from flgpr.screen import RunViewSums
 class RunView(Pass):
     """The recipe's look at every place of the lane, of cleaned images or their map.
 
-    The result holds ``view`` (polarization, subband, y, x) in units of the background, and ``looks`` (y, x), the number
-    of scans that saw a place.
+    The result holds ``view`` (polarization, subband, y, x) in units of the background, and
+    ``looks`` (y, x), the number of scans that saw a place.
     """
 
     name = "view"
@@ -48,15 +52,17 @@ class RunView(Pass):
     def result(self) -> Arrays:
         """Return the run-view; ranges stand beside the sub-bands."""
         values, looks = self._sums.result()
-        values = values.reshape(len(values), -1, *values.shape[-2:])
+        polarizations = len(values)
+        values = values.reshape(polarizations, -1, *values.shape[-2:])
         return {"view": values, "looks": looks}
 
 
 class PlainRunView(Pass):
-    """The run-view before the background is removed, for the viewer: the second largest magnitude."""
+    """The second largest look before the background is removed, for the viewer."""
 
     name = "before"
     title = "run-view before clutter suppression"
+    explains = True
     needs = ("gain",)
     cache_key = staticmethod(view_key)
 

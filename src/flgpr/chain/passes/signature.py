@@ -16,10 +16,13 @@ from flgpr.clutter import BackgroundEstimator
 
 
 class SelfSignature(Pass):
-    """What stands still on the vehicle: the clipped mean, or the median, of all images over their gains.
+    """The self-signature: what looks the same in all scans because it belongs to the vehicle.
 
-    The result holds ``gains`` (scan, polarization, subband), and ``signature`` and ``shared`` (polarization,
-    subband, y, x), the latter with gains that the polarizations share.
+    It is the clipped mean of all images, each over its gain (Eq. 2), or their median. The sums are
+    those of :class:`flgpr.clutter.BackgroundEstimator`.
+
+    The result holds ``gains`` (scan, polarization, subband), and ``signature`` and ``shared``
+    (polarization, subband, y, x), the latter with gains that the polarizations share.
     """
 
     name = "signature"

@@ -1,7 +1,8 @@
-"""Stages: what a recipe names, packaged or from another distribution, and what each kind must be able to do.
+"""Stages: what a recipe names by kind and name, and what each kind must be able to do.
 
-A stage is a class of one of four kinds. Its ``Settings`` are the entries of its table in a recipe. A
-distribution offers stages by entry points of the group "flgpr.stages", whose names are those that recipes use.
+A stage is a class of one of four kinds. Its ``Settings`` are the entries of its table in a recipe.
+Stages come with the package or from another distribution, which offers them by entry points of the
+group "flgpr.stages"; their names are those that recipes use.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from flgpr.model import Grid, Lane
 
 GROUP = "flgpr.stages"
+"""Group of the entry points of stages."""
 PACKAGED = {
     "clutter": {
         "standing": "standing:StandingField",
@@ -60,21 +62,20 @@ ComplexArray = NDArray[np.complex64]
 
 
 class Table(Entries):
-    """A table of a recipe: unknown entries are refused, values are not changed, numbers have bounds."""
+    """A table of a recipe: it refuses unknown entries, and its numbers have bounds."""
 
 
 @dataclass(frozen=True)
 class Setup:
-    """What a stage is told of the chain it belongs to."""
+    """What a stage knows about the chain it belongs to."""
 
-    run: (
-        xr.Dataset
-    )  #: the run; live, where none is stored, one scan without an echo at the lane's origin
-    #: runs that were taken together with it, by the name that recipes give them, such as a second band
+    #: the run; live, where none is stored, one scan without an echo at the lane's origin
+    run: xr.Dataset
+    #: runs that were taken together with it, such as a second band, by the names in recipes
     others: Mapping[str, xr.Dataset]
     lane: Lane  #: the lane
-    #: makes images and operators of the run; ``imager.scans`` are the numbers of its complete scans, in whose order
-    #: indices count
+    #: makes images and operators of the run; ``imager.scans`` are the numbers of its complete
+    #: scans, in whose order indices count
     imager: ScanImager
     images: Grid  #: pixels of the scan images that count, in the scan frame
     view: Grid  #: pixels of the run-view, in the lane frame
@@ -83,23 +84,29 @@ class Setup:
     results: Mapping[str, Any]  #: results of earlier passes, arrays by name
 
     def pose(self, index: int) -> FloatArray:
-        """Pose (6,) of the scan at an index among the complete ones."""
+        """Return the pose (6,) of the scan at an index among the complete ones."""
         return np.asarray(self.run["pose"].values[self.imager.scans[index]], dtype=np.float64)
 
 
 class Stage:
-    """A step of a recipe: the entries of its table, the chain it belongs to, and what ``fit`` gave.
+    """A step of a recipe. Subclass one of the kinds below.
 
-    Subclass one of the kinds below.
+    Parameters
+    ----------
+    settings : Table
+        The entries of its table in the recipe, an instance of ``Settings``.
+    setup : Setup
+        The chain it belongs to.
+    learnt : dict of str to ndarray, optional
+        What :meth:`fit` returned.
     """
 
     kind: ClassVar[str] = ""  #: "clutter", "map", "screen" or "features"
     learns: ClassVar[bool] = False  #: whether it must be trained: it then has ``fit``
     not_live_because: ClassVar[str] = ""  #: why it cannot work while scans come in; "" if it can
     Settings: ClassVar[type[Table]] = Table  #: the entries of its table in a recipe
-    looser: ClassVar[
-        Mapping[str, Any]
-    ] = {}  #: entries, with values, that let more through: told who trains on few mines
+    #: entries, with values, that let more through: advice for those who train on few mines
+    looser: ClassVar[Mapping[str, Any]] = {}
 
     def __init__(self, settings: Any, setup: Setup, learnt: Arrays | None = None) -> None:
         self.settings = settings
@@ -108,20 +115,35 @@ class Stage:
 
     @classmethod
     def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
-        """Learn from the training lanes: arrays to work with later, and figures worth reporting.
+        """Learn from the training lanes.
 
-        ``examples`` holds one thing per training lane: the result of ``examples`` for the kinds that look at scans,
-        else a :class:`TrainingView`.
+        Parameters
+        ----------
+        settings : Table
+            The entries of its table.
+        examples : list
+            One thing per training lane: the result of ``examples`` for the kinds that look at
+            scans, else a :class:`TrainingView`.
+
+        Returns
+        -------
+        learnt : dict of str to ndarray
+            Arrays to work with later.
+        notes : dict
+            Figures worth reporting.
         """
         raise NotImplementedError(f"{cls.__name__} does not learn")
 
     @classmethod
     def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:  # noqa: ARG003
-        """Take the arrays that :meth:`fit` gave, by name, type and shape.
+        """Check the name, type and shape of the arrays that :meth:`fit` returned.
 
-        A model may come from anybody. Whatever ``fit`` cannot have given for these settings is a
-        ValueError, before anything is worked out with it. Whoever does not write this for a stage
-        takes any arrays.
+        A model may come from anybody. A stage that does not override this accepts any arrays.
+
+        Raises
+        ------
+        ValueError
+            If ``fit`` cannot have returned an array for these settings.
         """
         learnt.take_all()
 
@@ -132,11 +154,24 @@ class Stage:
 
     @classmethod
     def memory(cls, settings: Any, sizes: Mapping[str, int], image: Grid) -> float:  # noqa: ARG003
-        """Estimate the bytes that it takes for a run of these lengths of dimensions and scan images on this grid."""
+        """Estimate the bytes that it takes.
+
+        Parameters
+        ----------
+        settings : Table
+            The entries of its table.
+        sizes : mapping of str to int
+            Lengths of the run's dimensions.
+        image : Grid
+            Pixels of the scan images.
+        """
         return 0.0
 
     def passes(self) -> list[PlannedPass]:
-        """List the passes over the run that it needs before images are cleaned; their names begin with its own."""
+        """Return the passes over the run that it needs before images are cleaned.
+
+        Their names begin with that of the stage.
+        """
         return []
 
     def notes(self) -> dict[str, Any]:
@@ -144,8 +179,12 @@ class Stage:
         return {}
 
     @classmethod
-    def targets_used_for_training(cls, settings: Any, examples: list[Any]) -> list[Any]:  # noqa: ARG003
-        """Return the rows of each training lane's truth that made it what it is.
+    def targets_used_for_training(
+        cls,
+        settings: Any,  # noqa: ARG003
+        examples: list[Any],  # noqa: ARG003
+    ) -> list[Any]:
+        """Return the rows of each training lane's truth that the stage has learnt from.
 
         No detector is trained on them again.
         """
@@ -154,11 +193,11 @@ class Stage:
 
 @dataclass(frozen=True)
 class TrainingView:
-    """Run-view (polarization, subband, y, x) of a training lane, its truth table, and its lane."""
+    """The run-view of a training lane, and what stands in the lane."""
 
-    view: xr.DataArray
-    truth: pd.DataFrame
-    lane: Lane
+    view: xr.DataArray  #: (polarization, subband, y, x)
+    truth: pd.DataFrame  #: its targets
+    lane: Lane  #: its borders
 
 
 class ClutterStage(Stage):
@@ -169,16 +208,39 @@ class ClutterStage(Stage):
     """Data of the scans up to an index, as the stages before leave it: ``before(index, count)``."""
 
     def clean(self, index: int, data: ComplexArray) -> ComplexArray:
-        """Clean the data (polarization, pair, frequency) of the scan at an index among the complete ones."""
+        """Return the cleaned data of a scan.
+
+        Parameters
+        ----------
+        index : int
+            Index of the scan among the complete ones.
+        data : (polarization, pair, frequency) ndarray of complex
+            Its data, as the stages before leave it.
+        """
         raise NotImplementedError
 
     def data(self, index: int, count: int) -> ComplexArray:
-        """Return cleaned data (scan, polarization, pair, frequency) of the last ``count`` scans up to an index."""
-        first = max(index - count + 1, 0)
-        return np.stack([self.clean(p, self.before(p, 1)[0]) for p in range(first, index + 1)])
+        """Return the cleaned data of the last scans up to an index.
+
+        Parameters
+        ----------
+        index : int
+            Index of the last scan among the complete ones.
+        count : int
+            Number of scans; there are fewer at the beginning of the run.
+
+        Returns
+        -------
+        (scan, polarization, pair, frequency) ndarray of complex
+            The latest scan is the last.
+        """
+        cleaned = []
+        for scan_index in range(max(index - count + 1, 0), index + 1):
+            cleaned.append(self.clean(scan_index, self.before(scan_index, 1)[0]))
+        return np.stack(cleaned)
 
     def examples(self, truth: pd.DataFrame) -> Accumulator:
-        """Gather, scan by scan, what ``fit`` needs of a lane with this truth, for stages that learn."""
+        """Return what gathers, scan by scan, the examples of ``fit`` on a lane with this truth."""
         raise NotImplementedError
 
 
@@ -189,18 +251,40 @@ class MapStage(Stage):
     single: ClassVar[bool] = True  #: whether it reads images of one sub-band alone
 
     def map(self, image: xr.DataArray) -> NDArray[np.float32]:
-        """Map (y, x) of a cleaned complex scan image (polarization, subband, y, x); NaN where it says nothing."""
+        """Return the map of a scan image.
+
+        Parameters
+        ----------
+        image : (polarization, subband, y, x) DataArray of complex
+            Cleaned scan image.
+
+        Returns
+        -------
+        (y, x) ndarray
+            NaN where it says nothing.
+        """
         raise NotImplementedError
 
     def parts(
         self,
         image: xr.DataArray,  # noqa: ARG002
     ) -> tuple[Mapping[str, NDArray[Any]], Mapping[str, NDArray[Any]]]:
-        """Return by name the maps (y, x) that add up to the map but for a constant, and others that explain it."""
+        """Return what explains the map of a scan image, as maps (y, x) by name.
+
+        Returns
+        -------
+        adding : mapping of str to ndarray
+            Maps that add up to the map but for a constant.
+        others : mapping of str to ndarray
+            Maps that explain it without adding up.
+        """
         return {}, {}
 
     def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
-        """Gather what ``fit`` needs of a lane; ``image`` gives the cleaned image of the scan at an index."""
+        """Return what gathers, scan by scan, the examples of ``fit`` on a lane with this truth.
+
+        ``image`` returns the cleaned image of the scan at an index.
+        """
         raise NotImplementedError
 
 
@@ -215,20 +299,31 @@ class ScreenStage(Stage):
         raise NotImplementedError
 
     def alarms(self, view: xr.DataArray) -> pd.DataFrame:
-        """Alarms on a run-view (polarization, subband, y, x): x, y (m, lane frame) and magnitude, strong to weak."""
+        """Return the alarms on a run-view.
+
+        Parameters
+        ----------
+        view : (polarization, subband, y, x) DataArray
+            Run-view.
+
+        Returns
+        -------
+        DataFrame
+            ``x``, ``y`` (m, lane frame) and ``magnitude``, the strongest first.
+        """
         raise NotImplementedError
 
 
 class FeatureStage(Stage):
-    """Adds columns to the features of alarms: give one of the two methods, or both.
+    """Adds columns to the features of alarms, by one of the two methods or both.
 
-    Of what ``of_image`` gives, the mean over all scans that see an alarm is taken, live over those so far; the chain
-    does the gathering. With ``of_view`` a stage waits for the whole run.
+    Of the values of ``of_image`` the mean over all scans that see an alarm is taken, live over
+    those so far; the chain gathers them. A stage with ``of_view`` waits for the whole run.
     """
 
     kind = "features"
     columns: tuple[str, ...] = ()
-    """Columns of ``of_image``; "" for none."""
+    """Columns of ``of_image``; empty without that method."""
     alarm_columns: ClassVar[tuple[str, ...]] = ()
     """Columns that the alarm table shows, too."""
 
@@ -240,17 +335,41 @@ class FeatureStage(Stage):
             )
 
     def of_image(self, image: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
-        """Features of one scan: a column (alarm,) each; NaN where the scan does not see the alarm.
+        """Return the features of one scan.
 
-        The image is cleaned, complex (polarization, subband, y, x), in units of the background; ``points`` (alarm, 2)
-        are x and y of the alarms in the scan frame, m.
+        Parameters
+        ----------
+        image : (polarization, subband, y, x) DataArray of complex
+            Cleaned scan image, in units of the background.
+        points : (alarm, 2) ndarray
+            x and y of the alarms in the scan frame, m.
+
+        Returns
+        -------
+        mapping of str to (alarm,) ndarray
+            The columns; NaN where the scan does not see the alarm.
         """
         raise NotImplementedError
 
-    def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:  # noqa: ARG002
-        """Features of the run-view (polarization, subband, y, x) at points (alarm, 2) in the lane frame, m.
+    def of_view(
+        self,
+        view: xr.DataArray,  # noqa: ARG002
+        points: FloatArray,  # noqa: ARG002
+    ) -> Mapping[str, FloatArray]:
+        """Return the features of the run-view.
 
-        Asked without points, of a bit of a run-view that says nothing, it tells the names of its columns.
+        Parameters
+        ----------
+        view : (polarization, subband, y, x) DataArray
+            Run-view.
+        points : (alarm, 2) ndarray
+            x and y of the alarms in the lane frame, m. There may be none: the names of the columns
+            are then asked for, and the run-view says nothing.
+
+        Returns
+        -------
+        mapping of str to (alarm,) ndarray
+            The columns.
         """
         return {}
 
@@ -264,7 +383,9 @@ class Named(BaseModel):
     stage_class: type[Stage] = Field(exclude=True)
 
 
-def _named(kind: str) -> Callable[[Any], Any]:
+def _reader_of(kind: str) -> Callable[[Any], Any]:
+    """Return what turns a table of a recipe into a stage of a kind."""
+
     def read(table: Any) -> Any:
         if isinstance(table, Named):
             return table
@@ -275,51 +396,84 @@ def _named(kind: str) -> Callable[[Any], Any]:
         try:
             settings = stage_class.Settings.model_validate(entries)
         except ValidationError as error:
-            raise ValueError(
-                "; ".join(
-                    describe_fault(one, stage_class.Settings, table["stage"])
-                    for one in error.errors()
-                )
-            ) from None
+            faults = []
+            for fault in error.errors():
+                faults.append(describe_fault(fault, stage_class.Settings, table["stage"]))
+            raise ValueError("; ".join(faults)) from None
         return Named(stage=table["stage"], settings=settings, stage_class=stage_class)
 
     return read
 
 
-def make_stage(name: str, named: Named, setup: Setup, learnt: Arrays | None) -> Any:
-    """Make a stage that a recipe names, with what a model holds for it.
+def make_stage(name: str, entry: Named, setup: Setup, learnt: Arrays | None) -> Any:
+    """Return a stage that a recipe names.
 
-    Arrays that its ``fit`` cannot have given are a ValueError that names the stage and the array.
+    Parameters
+    ----------
+    name : str
+        Its name with its kind, such as "clutter.masks".
+    entry : Named
+        Its class and the entries of its table.
+    setup : Setup
+        The chain it belongs to.
+    learnt : dict of str to ndarray, optional
+        What a model holds for it.
+
+    Raises
+    ------
+    ValueError
+        If its ``fit`` cannot have returned these arrays.
     """
     if learnt is not None:
         checked = Checked({}, learnt)
         try:
-            named.stage_class.check_learnt(named.settings, setup, checked)
+            entry.stage_class.check_learnt(entry.settings, setup, checked)
             checked.done()
         except ValueError as error:
             raise ValueError(f"model's stage {name} does not fit this recipe: {error}") from None
-    return named.stage_class(named.settings, setup, learnt)
+    return entry.stage_class(entry.settings, setup, learnt)
 
 
-ClutterNamed = Annotated[Named, BeforeValidator(_named("clutter"))]
-MapNamed = Annotated[Named, BeforeValidator(_named("map"))]
-ScreenNamed = Annotated[Named, BeforeValidator(_named("screen"))]
-FeaturesNamed = Annotated[Named, BeforeValidator(_named("features"))]
+ClutterNamed = Annotated[Named, BeforeValidator(_reader_of("clutter"))]
+MapNamed = Annotated[Named, BeforeValidator(_reader_of("map"))]
+ScreenNamed = Annotated[Named, BeforeValidator(_reader_of("screen"))]
+FeaturesNamed = Annotated[Named, BeforeValidator(_reader_of("features"))]
 
 
 def find_stage(kind: str, name: str) -> type[Stage]:
-    """Find a stage of a kind by its name: a packaged one, or an entry point of the group "flgpr.stages"."""
+    """Find a stage by its kind and name.
+
+    Parameters
+    ----------
+    kind : {"clutter", "map", "screen", "features"}
+        Its kind.
+    name : str
+        Name of a packaged stage, or of an entry point of the group "flgpr.stages".
+
+    Returns
+    -------
+    type
+        Its class.
+
+    Raises
+    ------
+    ValueError
+        If there is no such stage, or it is of another kind.
+    """
     if name in PACKAGED[kind]:
-        module, _, which = PACKAGED[kind][name].partition(":")
-        packaged: type[Stage] = getattr(import_module(f"flgpr.chain.stages.{module}"), which)
+        module, _, class_name = PACKAGED[kind][name].partition(":")
+        packaged: type[Stage] = getattr(import_module(f"flgpr.chain.stages.{module}"), class_name)
         return packaged
-    offered = {one.name: one for one in entry_points(group=GROUP)}
+    offered = {entry_point.name: entry_point for entry_point in entry_points(group=GROUP)}
     if name not in offered:
         known = ", ".join([*PACKAGED[kind], *offered])
         raise ValueError(f"stage must be one of {known}, got {name!r}")
     loaded = offered[name].load()
-    if not (isinstance(loaded, type) and issubclass(loaded, Stage) and loaded.kind == kind):
+    is_stage = isinstance(loaded, type) and issubclass(loaded, Stage)
+    if not is_stage or loaded.kind != kind:
         raise ValueError(
-            f"stage {name!r} of {offered[name].value} must be a class of the kind {kind}, got {loaded!r}"
+            f"stage {name!r} of {offered[name].value} must be a class of the kind {kind}, "
+            f"got {loaded!r}"
         )
-    return loaded
+    stage_class: type[Stage] = loaded
+    return stage_class

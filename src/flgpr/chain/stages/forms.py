@@ -1,4 +1,4 @@
-"""Maps by linear-quadratic forms: the detectors of Cosgrove et al. 2004 at every pixel of a scan image."""
+"""Maps by linear-quadratic forms: the detectors of Cosgrove et al. 2004 at every pixel."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ _FORM = ("strength", "vectors", "linear", "offset")
 _MOST_FORMS = 64
 _REAL = (np.float64, np.float32)
 _NUMBERS = (*_REAL, np.complex128, np.complex64)
-_SHRUNK = (
-    "ledoit-wolf",
-    "oas",
-)  # moments of which fewer samples than values give a covariance with an inverse
+# Estimators whose covariance has an inverse even if there are fewer samples than values.
+_SHRUNK = ("ledoit-wolf", "oas")
 _PIXELS = (5, 8)  # down-track and cross-track between the clutter pixels of the whitening filter
 
 
 class CutSettings(Table):
-    """Range cuts of some polarizations, and how training samples are taken; lengths in m, steps in pixels.
+    """Range cuts of some polarizations, and how training samples are taken.
 
-    ``search`` is how far from the surveyed place a mine's cut is taken where it is brightest, ``clear`` the distance of
-    clutter from mines, ``moments`` the estimator of the clutter's mean and covariance.
+    ``length`` (pixels) is that of a cut. A mine's cut is taken where it is brightest, up to
+    ``search`` (m) from the surveyed place; clutter lies at least ``clear`` (m) from all mines, and
+    its cuts are ``clutter_step`` (pixels) apart. ``moments`` is the estimator of the clutter's mean
+    and covariance, ``rank`` the number of vectors of the detector.
     """
 
     polarizations: tuple[str, ...] = ("HH", "VV")
@@ -56,6 +56,7 @@ class CutSettings(Table):
 
     @model_validator(mode="after")
     def _known(self) -> CutSettings:
+        """Refuse an estimator that there is not."""
         if self.moments not in ESTIMATORS:
             raise ValueError(
                 f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}"
@@ -64,38 +65,69 @@ class CutSettings(Table):
 
 
 def learnt_of(forms: Sequence[LinearQuadraticForm], clutter: NDArray[Any]) -> Arrays:
-    """Return what a map by forms has learnt: the forms, and mean and deviation of their largest on clutter samples."""
+    """Return the arrays of a map by forms.
+
+    Parameters
+    ----------
+    forms : sequence of LinearQuadraticForm
+        The forms.
+    clutter : (sample, feature) ndarray
+        Samples of clutter.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The forms, and least value and deviation of their largest on the samples.
+    """
     value = np.max([form(clutter) for form in forms], axis=0)
-    learnt = {f"{name}-{k}": getattr(form, name) for k, form in enumerate(forms) for name in _FORM}
+    learnt = {}
+    for number, form in enumerate(forms):
+        for name in _FORM:
+            learnt[f"{name}-{number}"] = getattr(form, name)
     learnt["constant"] = np.array([form.constant for form in forms])
     return learnt | {"clutter": np.array([value.min(), value.std()])}
 
 
 class Samples(NamedTuple):
-    """Cuts of targets and of clutter (n_samples, n_features), and pixels of clutter (n, polarization)."""
+    """Training samples."""
 
-    target: NDArray[Any]
-    clutter: NDArray[Any]
-    pixel: NDArray[Any]
+    target: NDArray[Any]  #: (sample, feature) cuts of targets
+    clutter: NDArray[Any]  #: (sample, feature) cuts of clutter
+    pixel: NDArray[Any]  #: (sample, polarization) pixels of clutter
 
 
 def samples_at(band: xr.DataArray, mines: FloatArray, settings: CutSettings) -> Samples:
-    """Take range cuts at mines (n, 2) of the scan frame, and cuts and pixels of the clutter away from them."""
+    """Take range cuts at mines, and cuts and pixels of the clutter away from them.
+
+    Parameters
+    ----------
+    band : (polarization, y, x) DataArray of complex
+        One sub-band of a cleaned scan image.
+    mines : (mine, 2) ndarray
+        x and y in the scan frame, m.
+    settings : CutSettings
+        How samples are taken.
+
+    Returns
+    -------
+    Samples
+        The samples.
+    """
     cut = settings.length, 1
     stack, _ = stack_channels(band, settings.polarizations)
     cuts = range_cuts(band, mines, cut, settings.polarizations, settings.search)
     clean = clean_pixels(band["x"].values, band["y"].values, mines, settings.clear)
-    clutter = (
-        clutter_cuts(stack, clean, *how)
-        for how in ((cut, settings.clutter_step), ((1, 1), _PIXELS))
-    )
-    return Samples(cuts[np.isfinite(cuts).all(axis=1)], *clutter)
+    target = cuts[np.isfinite(cuts).all(axis=1)]
+    clutter = clutter_cuts(stack, clean, cut, settings.clutter_step)
+    pixel = clutter_cuts(stack, clean, (1, 1), _PIXELS)
+    return Samples(target, clutter, pixel)
 
 
 class FormMap(MapStage):
-    """A map by forms on chips, in standard deviations of what it gives on clutter, above the least that it gave there.
+    """A map by linear-quadratic forms on chips.
 
-    So it is a magnitude that can be drawn in dB, and means over scans are those of the log-likelihoods.
+    It counts from the least value on clutter, in standard deviations of the values there. So it is
+    a magnitude that can be drawn in dB, and means over scans are those of the log-likelihoods.
     """
 
     learns = True
@@ -104,83 +136,79 @@ class FormMap(MapStage):
 
     @classmethod
     def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:  # noqa: ARG003
-        """Take forms of as many features as a chip has values, and the clutter's level and spread."""
+        """Check the forms, of as many features as a chip has values, and the scale of clutter."""
         features = cls._features(settings)
         count = len(learnt.array("constant", (None,)))
         if not 1 <= count <= _MOST_FORMS:
             raise ValueError(f"array 'constant' must be of 1 to {_MOST_FORMS} forms, got {count}")
-        for k in range(count):
-            rank = len(learnt.array(f"strength-{k}", (None,), *_REAL))
+        for number in range(count):
+            strength = f"strength-{number}"
+            rank = len(learnt.array(strength, (None,), *_REAL))
             if rank > features:
-                raise ValueError(f"array 'strength-{k}' must have at most {features}, got {rank}")
-            learnt.array(f"vectors-{k}", (rank, features), *_NUMBERS)
-            learnt.array(f"linear-{k}", (features,), *_NUMBERS)
-            learnt.array(f"offset-{k}", (rank,), *_NUMBERS)
+                raise ValueError(f"array {strength!r} must have at most {features}, got {rank}")
+            learnt.array(f"vectors-{number}", (rank, features), *_NUMBERS)
+            learnt.array(f"linear-{number}", (features,), *_NUMBERS)
+            learnt.array(f"offset-{number}", (rank,), *_NUMBERS)
         learnt.array("clutter", (2,))
 
     @classmethod
     def _features(cls, settings: Any) -> int:
-        """Count the values of a chip."""
+        """Return the number of values of a chip."""
         return len(settings.polarizations) * int(settings.length)
 
-    @property
-    def _cut(self) -> tuple[int, int]:
-        return self.settings.length, 1
-
     def map(self, image: xr.DataArray) -> NDArray[np.float32]:
-        """Value of the detector about every pixel ("likelihood map", Cosgrove et al. 2004, Sec. IV-B)."""
+        """Return the detector's value about every pixel (y, x).
+
+        It is the "likelihood map" of Cosgrove et al. 2004, Sec. IV-B.
+        """
         stack, _ = stack_channels(image.isel(subband=0, drop=True), self.settings.polarizations)
         maps = [form.likelihood(stack, self._chip) for form in self._forms]
-        level, spread = self.learnt["clutter"]
-        return np.asarray((np.max(maps, axis=0) - level) / spread, dtype=np.float32)
+        least, deviation = self.learnt["clutter"]
+        return np.asarray((np.max(maps, axis=0) - least) / deviation, dtype=np.float32)
 
     @property
     def _chip(self) -> tuple[int, int]:
-        return self._cut
+        """Size (y, x) of a chip, pixels."""
+        return self.settings.length, 1
 
     @property
     def _forms(self) -> list[LinearQuadraticForm]:
-        return [
-            LinearQuadraticForm(
-                **{name: self.learnt[f"{name}-{k}"] for name in _FORM}, constant=float(constant)
-            )
-            for k, constant in enumerate(self.learnt["constant"])
-        ]
+        """The forms that were learnt."""
+        forms = []
+        for number, constant in enumerate(self.learnt["constant"]):
+            arrays = {name: self.learnt[f"{name}-{number}"] for name in _FORM}
+            forms.append(LinearQuadraticForm(**arrays, constant=float(constant)))
+        return forms
 
     def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
-        """Gather range cuts at the mines, and cuts and pixels of clutter, of every scan that sees them."""
+        """Return what gathers range cuts at the mines, and cuts and pixels of clutter."""
         surveyed = ground_points(truth)
-        parts = []
+        pieces: list[Arrays] = []
 
         def add(index: int) -> None:
             mines = lane_to_scan(surveyed, self.setup.pose(index))[:, :2]
-            parts.append(
-                samples_at(image(index).isel(subband=0, drop=True), mines, self.settings)._asdict()
-            )
+            band = image(index).isel(subband=0, drop=True)
+            pieces.append(samples_at(band, mines, self.settings)._asdict())
 
-        return append_accumulator(parts, add)
+        return append_accumulator(pieces, add)
 
     @classmethod
     def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
         """Train the detector on the mines of all training lanes, whitened by their clutter."""
         samples = Samples(
-            *(np.concatenate([lane[name] for lane in examples]) for name in Samples._fields)
+            target=np.concatenate([lane["target"] for lane in examples]),
+            clutter=np.concatenate([lane["clutter"] for lane in examples]),
+            pixel=np.concatenate([lane["pixel"] for lane in examples]),
         )
-        looks = len(samples.target)
         forms = cls._checked(settings, samples)
-        clutter = (
-            samples.pixel
-            if forms[0].linear.size == len(settings.polarizations)
-            else samples.clutter
-        )
-        return learnt_of(forms, clutter), {
-            "looks_at_mines": looks,
-            "clutter_samples": len(samples.clutter),
-        }
+        reads_pixels = forms[0].linear.size == len(settings.polarizations)
+        clutter = samples.pixel if reads_pixels else samples.clutter
+        notes = {"looks_at_mines": len(samples.target), "clutter_samples": len(samples.clutter)}
+        return learnt_of(forms, clutter), notes
 
     @classmethod
     def _checked(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:
-        """Make forms, or tell what too few looks at targets or samples of clutter lack."""
+        """Return the forms, or refuse too few looks at targets or samples of clutter."""
         looks, cuts, pixels = map(len, samples)
         counts = [
             Tally(looks, "looks at targets whose whole cut lies in the image"),
@@ -207,7 +235,7 @@ class FormMap(MapStage):
 
     @classmethod
     def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:
-        """Make forms from the training samples."""
+        """Return the forms of training samples."""
         raise NotImplementedError
 
 
@@ -216,7 +244,7 @@ class DeflectionMap(FormMap):
 
     @classmethod
     def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:
-        """Whiten the cuts and train."""
+        """Return the forms of the detector that is trained on whitened cuts."""
         whitener = ClutterWhitener(settings.moments).fit(samples.clutter)
         trained = DeflectionDetector(settings.rank, settings.ddof).fit(
             whitener.transform(samples.target)
@@ -229,7 +257,7 @@ class NeymanPearsonMap(FormMap):
 
     @classmethod
     def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:
-        """Whiten the cuts and train."""
+        """Return the forms of the detector that is trained on whitened cuts."""
         whitener = ClutterWhitener(settings.moments).fit(samples.clutter)
         trained = NeymanPearsonDetector(settings.rank).fit(whitener.transform(samples.target))
         return [form.after(whitener.mean_, whitener.matrix_) for form in trained.forms_]
@@ -244,11 +272,12 @@ class WhiteningMap(FormMap):
 
     @property
     def _chip(self) -> tuple[int, int]:
+        """Size (y, x) of a chip: one pixel."""
         return 1, 1
 
     @classmethod
     def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:  # noqa: ARG003
-        """Take the pixels' covariance."""
+        """Return the form of the pixels' covariance."""
         return list(PolarimetricWhiteningFilter().fit(samples.pixel.astype(np.complex128)).forms_)
 
 
@@ -257,5 +286,5 @@ class MagnitudeMap(WhiteningMap):
 
     @classmethod
     def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:  # noqa: ARG003
-        """Only the scale of clutter is learnt."""
+        """Return the form of the power: only the scale of clutter is learnt."""
         return [magnitude_form(len(settings.polarizations), 0)]

@@ -12,48 +12,53 @@ from flgpr.chain.engine import PlannedPass
 from flgpr.chain.stages import ComplexArray, Table
 from flgpr.chain.stages.standing import StandingField, StandingSettings, standing_pass
 
-# iterations; share of the matrix's norm at which they end
-_MOST = 30
-_MISFIT = 1e-5
+_MOST = 30  # iterations
+_MISFIT = 1e-5  # of the matrix's norm, at which the iterations end
 _NOTHING = 1e-6  # of the largest singular value: what is smaller is no direction of clutter
 
 
 class LowRankSettings(StandingSettings):
-    """Of at most ``most`` scans, spread evenly over the run, a subspace of at most ``rank`` dimensions is learnt."""
+    """The subspace has at most ``rank`` dimensions.
+
+    It is learnt from at most ``most`` scans, spread evenly over the run.
+    """
 
     rank: Annotated[int, Field(ge=1)] = 2
 
 
 class LowRank(StandingField):
-    """Subtracts from every scan its projection on the clutter's subspace, of its own for each polarization and pair.
+    """Subtracts from every scan its projection on the clutter's subspace.
 
-    The data (scan, frequency) are split into a part of low rank and a sparse one by principal component pursuit with
-    λ = 1/√max(n, m) (Candès, Li, Ma & Wright, "Robust principal component analysis?", Journal of the ACM 58(3), 2011,
-    Eq. 1.1) by the inexact augmented Lagrangian (Lin, Chen & Ma, arXiv:1009.5055, 2010). The first right singular
-    vectors of the former span the subspace; gains may drift, of each pair and each vector on their own.
+    Every polarization and pair has a subspace of its own. The data (scan, frequency) are split into
+    a part of low rank and a sparse one by principal component pursuit with λ = 1/√max(n, m)
+    (Candès, Li, Ma & Wright, "Robust principal component analysis?", Journal of the ACM 58(3),
+    2011, Eq. 1.1) by the inexact augmented Lagrangian (Lin, Chen & Ma, arXiv:1009.5055, 2010). The
+    first right singular vectors of the former span the subspace; gains may drift, of each pair and
+    each vector on their own.
     """
 
     Settings: ClassVar[type[Table]] = LowRankSettings
 
     def passes(self) -> list[PlannedPass]:
-        """Find the subspaces."""
+        """Return the pass that finds the subspaces."""
         scans = len(self.setup.imager)
-        most = self.settings.most
         return [
-            standing_pass(
-                "low-rank", scans, most, lambda index: self.before(index, 1)[0], self._subspaces
-            )
+            standing_pass("low-rank", scans, self.settings.most, self._data_before, self._subspaces)
         ]
 
     def clean(self, index: int, data: ComplexArray) -> NDArray[np.complex64]:  # noqa: ARG002
-        """Subtract the projection."""
+        """Return the data without their projection on the subspace."""
         basis = self.setup.results["low-rank"]["field"]
         gain = np.einsum("pkf,pkrf->pkr", data, basis.conj())
         return np.asarray(data - np.einsum("pkr,pkrf->pkf", gain, basis), dtype=np.complex64)
 
     def _subspaces(self, signal: ComplexArray) -> ComplexArray:
-        """Orthonormal vectors (polarization, pair, rank, frequency), zero where the clutter has fewer dimensions."""
-        rank, (scans, *pairs, tones) = self.settings.rank, signal.shape
+        """Return orthonormal vectors (polarization, pair, rank, frequency).
+
+        They are zero where the clutter has fewer dimensions.
+        """
+        rank = self.settings.rank
+        scans, *pairs, tones = signal.shape
         if not rank < min(scans, tones):
             raise ValueError(
                 f"low-rank.rank must be less than scans and tones, {scans} and {tones}, got {rank}"
@@ -67,7 +72,18 @@ class LowRank(StandingField):
 
 
 def low_rank_part(matrix: NDArray[Any]) -> NDArray[np.complex128]:
-    """Low-rank part of a matrix (n, m), quickest for n ≤ m: only matrices (n, n) are decomposed."""
+    """Return the part of low rank of a matrix.
+
+    Parameters
+    ----------
+    matrix : (n, m) ndarray
+        Quickest for n ≤ m: only matrices (n, n) are decomposed.
+
+    Returns
+    -------
+    (n, m) ndarray of complex
+        The solution of principal component pursuit, see :class:`LowRank`.
+    """
     data = matrix.astype(np.complex128)
     low = np.zeros_like(data)
     size = np.linalg.norm(data)
@@ -80,12 +96,12 @@ def low_rank_part(matrix: NDArray[Any]) -> NDArray[np.complex128]:
     slope = 1.25 / largest
     for _ in range(_MOST):
         target = data - sparse + dual / slope
+        # Singular values and right vectors by the smaller matrix target·target^H.
         power, vectors = np.linalg.eigh(target @ target.conj().T)
-        low = (vectors * _kept(np.sqrt(np.maximum(power, 0)), 1 / slope)) @ (
-            vectors.conj().T @ target
-        )
+        singular_values = np.sqrt(np.maximum(power, 0))
+        low = (vectors * _shrinkage(singular_values, 1 / slope)) @ (vectors.conj().T @ target)
         target = data - low + dual / slope
-        sparse = target * _kept(np.abs(target), weight / slope)
+        sparse = target * _shrinkage(np.abs(target), weight / slope)
         rest = data - low - sparse
         dual = dual + slope * rest
         slope = 1.5 * slope
@@ -94,6 +110,6 @@ def low_rank_part(matrix: NDArray[Any]) -> NDArray[np.complex128]:
     return low
 
 
-def _kept(size: Any, threshold: Any) -> Any:
-    """Share of values of these sizes that is left when they are shrunk by a threshold."""
+def _shrinkage(size: Any, threshold: Any) -> Any:
+    """Return which share of values of these sizes is left when a threshold is taken off them."""
     return 1 - threshold / np.maximum(size, threshold)

@@ -22,8 +22,8 @@ from flgpr.screen import local_maxima
 from flgpr.screen.views import grid_of
 
 _STRIDES = (1, 2, 2)
-_BATCH = 256
-_FLOOR = 1e-3
+_BATCH = 256  # chips that are scored at once
+_FLOOR = 1e-3  # of magnitudes in units of the background
 Count = Annotated[int, Field(ge=1)]
 Chips = NDArray[np.float32]
 
@@ -31,10 +31,11 @@ Chips = NDArray[np.float32]
 class NetworkSettings(Table):
     """Chips and training; lengths in m.
 
-    A chip is ``size`` wide and long. Mines of these ``kinds`` are shown at their places and at the run-view's maxima
-    within ``reach`` of them, clutter at the maxima beyond ``clear`` of all targets; maxima lie ``radius`` apart. Every
-    ``epoch`` shows all of clutter once and as many mines, mirrored across the track and moved by up to ``jitter``. Of
-    ``networks`` begun at different points the mean counts.
+    A chip is ``size`` wide and long. Mines of these ``kinds`` are shown at their places and at the
+    run-view's maxima within ``reach`` of them, clutter at the maxima beyond ``clear`` of all
+    targets; maxima lie ``radius`` apart. Each of the ``epochs`` shows all of clutter once and as
+    many mines, mirrored across the track and moved by up to ``jitter``. The score is the mean of
+    those of ``networks`` that begin with different weights.
     """
 
     size: tuple[Positive, Positive] = (2.1, 2.1)
@@ -52,11 +53,12 @@ class NetworkSettings(Table):
 
 
 class ChipNetwork(FeatureStage):
-    """The column ``cnn``: log-odds, up to a constant, of a mine against clutter that looks like one.
+    """The column ``cnn``: log-odds, up to a constant, of a mine against clutter that resembles one.
 
-    Three 3 x 3 convolutions, each followed by max(0, ·), the mean over what is left of the chip, and a linear layer, on
-    log-magnitudes (dB) of all channels, each brought to zero mean and unit deviation over the training chips. Trained
-    with PyTorch (AdamW on the logistic loss); what was learnt are plain arrays, and detection needs no PyTorch.
+    Three 3 x 3 convolutions, each followed by max(0, ·), the mean over what is left of the chip,
+    and a linear layer, on log-magnitudes (dB) of all channels, each brought to zero mean and unit
+    deviation over the training chips. Trained with PyTorch (AdamW on the logistic loss); what was
+    learnt are plain arrays, and detection needs no PyTorch.
     """
 
     learns = True
@@ -64,79 +66,100 @@ class ChipNetwork(FeatureStage):
 
     @classmethod
     def margin(cls, settings: Any) -> float:
-        """Return how far a chip reaches."""
+        """Return how far a chip reaches, m."""
         return float(settings.size[1])
 
     @classmethod
     def check_learnt(cls, settings: Any, setup: Setup, learnt: Checked) -> None:  # noqa: ARG003
-        """Take the scale of the chips, and the weights of as many networks as the recipe has."""
+        """Check the scale of the chips, and the weights of the recipe's networks."""
         images = learnt.array("mean", (None, 1, 1)).shape[0]
         deviation = learnt.array("deviation", (images, 1, 1))
         if not (deviation > 0).all():
             raise ValueError(f"array 'deviation' must be positive, got {deviation.min():g}")
         for number in range(settings.networks):
-            given = images
+            inputs = images
             for layer, channels in enumerate(settings.channels):
-                kernel = (channels, given, 3, 3)
+                kernel = (channels, inputs, 3, 3)
                 learnt.array(f"{number}-kernel{layer}", kernel, np.float32)
                 learnt.array(f"{number}-bias{layer}", (channels,), np.float32)
-                given = channels
-            learnt.array(f"{number}-last", (given,), np.float32)
+                inputs = channels
+            learnt.array(f"{number}-last", (inputs,), np.float32)
             learnt.array(f"{number}-bias", (1,), np.float32)
 
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Cut the chips of the alarms and run the networks."""
-        images = len(self.learnt["mean"])
-        if math.prod(view.shape[:-2]) != images:
+        learnt_images = len(self.learnt["mean"])
+        images = math.prod(view.shape[:-2])
+        if images != learnt_images:
             raise ValueError(
-                f"model must have been trained on run-views of {math.prod(view.shape[:-2])} images, as this one, "
-                f"got {images}"
+                f"model must have been trained on run-views of {images} images, as this one, "
+                f"got {learnt_images}"
             )
+        networks = weights_of(self.learnt)
         scores = np.zeros(len(points))
         for begin in range(0, len(points), _BATCH):
-            some = slice(begin, begin + _BATCH)
-            chips = _chips(view, points[some], self.settings.size)
+            batch = slice(begin, begin + _BATCH)
+            chips = _chips(view, points[batch], self.settings.size)
             x = _normal(chips, self.learnt["mean"], self.learnt["deviation"])
-            scores[some] = np.mean(
-                [forward(x, weights) for weights in weights_of(self.learnt)], axis=0
-            )
+            scores[batch] = np.mean([forward(x, weights) for weights in networks], axis=0)
         return {"cnn": scores}
 
     @classmethod
     def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, dict[str, Any]]:
         """Train the networks."""
         rng = np.random.default_rng(settings.seed)
-        mines, clutter = (
-            np.concatenate(some)
-            for some in zip(*(_examples(e, settings, rng) for e in examples), strict=True)
-        )
+        chips_of_mines = []
+        chips_of_clutter = []
+        for lane in examples:
+            of_mines, of_clutter = _examples(lane, settings, rng)
+            chips_of_mines.append(of_mines)
+            chips_of_clutter.append(of_clutter)
+        mines = np.concatenate(chips_of_mines)
+        clutter = np.concatenate(chips_of_clutter)
         if not len(mines) or not len(clutter):
             needed = f"mines and clutter, got {len(mines)} and {len(clutter)} chips"
-            changes = kinds_change(settings, examples) if len(clutter) else [clear_change(settings)]
             counts = [Tally(len(mines), "chips of mines"), Tally(len(clutter), "chips of clutter")]
+            changes = kinds_change(settings, examples) if len(clutter) else [clear_change(settings)]
             raise TooFewExamplesError(needed, counts, changes)
-        both = np.concatenate([mines, clutter])
-        mean = both.mean(axis=(0, 2, 3), keepdims=True, dtype=float)[0]
-        deviation = np.maximum(both.std(axis=(0, 2, 3), keepdims=True, dtype=float)[0], 1e-6)
-        mines, clutter = (_normal(one, mean, deviation) for one in (mines, clutter))
+
+        chips = np.concatenate([mines, clutter])
+        mean = chips.mean(axis=(0, 2, 3), keepdims=True, dtype=float)[0]
+        deviation = np.maximum(chips.std(axis=(0, 2, 3), keepdims=True, dtype=float)[0], 1e-6)
+        mines = _normal(mines, mean, deviation)
+        clutter = _normal(clutter, mean, deviation)
         learnt: Arrays = {"mean": mean, "deviation": deviation}
         for number in range(settings.networks):
             trained = train_network(mines, clutter, settings, settings.seed + number)
-            learnt |= {f"{number}-{name}": array for name, array in trained.items()}
+            for name, array in trained.items():
+                learnt[f"{number}-{name}"] = array
         return learnt, {"chips_of_mines": len(mines), "chips_of_clutter": len(clutter)}
 
 
 def weights_of(learnt: Mapping[str, NDArray[Any]]) -> list[Arrays]:
-    """Take the arrays of every network out of what was learnt."""
-    numbers = sorted({name.partition("-")[0] for name in learnt if "-" in name}, key=int)
-    return [
-        {key.partition("-")[2]: learnt[key] for key in learnt if key.startswith(f"{number}-")}
-        for number in numbers
-    ]
+    """Return the weights of every network that was learnt, by name."""
+    by_number: dict[int, Arrays] = {}
+    for key in learnt:
+        number, dash, name = key.partition("-")
+        if dash:
+            by_number.setdefault(int(number), {})[name] = learnt[key]
+    return [by_number[number] for number in sorted(by_number)]
 
 
 def forward(x: Chips, weights: Mapping[str, NDArray[Any]]) -> FloatArray:
-    """Run a network on normalised chips (chip, channel, y, x): a score each."""
+    """Run a network.
+
+    Parameters
+    ----------
+    x : (chip, channel, y, x) ndarray
+        Normalised chips.
+    weights : mapping of str to ndarray
+        What :func:`weights_of` returned of it.
+
+    Returns
+    -------
+    (chip,) ndarray
+        The scores.
+    """
     for layer, stride in enumerate(_STRIDES):
         windows = sliding_window_view(x, (3, 3), axis=(2, 3))[:, :, ::stride, ::stride]
         x = np.einsum("ncyxvu,ocvu->noyx", windows, weights[f"kernel{layer}"], optimize=True)
@@ -145,7 +168,27 @@ def forward(x: Chips, weights: Mapping[str, NDArray[Any]]) -> FloatArray:
 
 
 def train_network(mines: Chips, clutter: Chips, settings: NetworkSettings, seed: int) -> Arrays:
-    """Train one network on normalised chips (chip, channel, y, x) and give its arrays."""
+    """Train one network with PyTorch.
+
+    Parameters
+    ----------
+    mines, clutter : (chip, channel, y, x) ndarray
+        Normalised chips.
+    settings : NetworkSettings
+        The network and its training.
+    seed : int
+        Of the weights that it begins with, and of the chips that are shown.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The weights.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If PyTorch is not installed.
+    """
     try:
         import torch
         from torch.nn import functional
@@ -153,42 +196,42 @@ def train_network(mines: Chips, clutter: Chips, settings: NetworkSettings, seed:
         raise ModuleNotFoundError(
             "stage network needs PyTorch to be trained: pip install 'flgpr[network]'"
         ) from error
-    drawn = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(seed)
     sizes = (mines.shape[1], *settings.channels)
     weights: dict[str, Any] = {}
-    for layer, (of, to) in enumerate(pairwise(sizes)):
-        weights[f"kernel{layer}"] = (
-            torch.randn(to, of, 3, 3, generator=drawn) * (2 / (9 * of)) ** 0.5
-        )
-        weights[f"bias{layer}"] = torch.zeros(to)
-    weights |= {
-        "last": torch.randn(sizes[-1], generator=drawn) / sizes[-1] ** 0.5,
-        "bias": torch.zeros(1),
-    }
-    for one in weights.values():
-        one.requires_grad_()
-    steps = torch.optim.AdamW(weights.values(), settings.rate, weight_decay=settings.decay)
-    shown = [torch.from_numpy(one) for one in (mines, clutter)]
-    half = 32
-    rounds = settings.epochs * -(-len(clutter) // half)
-    slower = torch.optim.lr_scheduler.CosineAnnealingLR(steps, rounds)
+    for layer, (inputs, outputs) in enumerate(pairwise(sizes)):
+        # Variance 2 / inputs of a unit, so that signals keep their power from layer to layer.
+        scale = (2 / (9 * inputs)) ** 0.5
+        weights[f"kernel{layer}"] = torch.randn(outputs, inputs, 3, 3, generator=generator) * scale
+        weights[f"bias{layer}"] = torch.zeros(outputs)
+    weights["last"] = torch.randn(sizes[-1], generator=generator) / sizes[-1] ** 0.5
+    weights["bias"] = torch.zeros(1)
+    for weight in weights.values():
+        weight.requires_grad_()
+
+    classes = [torch.from_numpy(chips) for chips in (mines, clutter)]
+    half = 32  # chips of each class in a batch
     label = torch.cat([torch.ones(half), torch.zeros(half)])
+    rounds = settings.epochs * -(-len(clutter) // half)
+    optimizer = torch.optim.AdamW(weights.values(), settings.rate, weight_decay=settings.decay)
+    scheduler = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, rounds)
     for _ in range(rounds):
-        x = torch.cat([one[torch.randint(len(one), (half,), generator=drawn)] for one in shown])
-        mirrored = torch.rand(len(x), generator=drawn) < 0.5
+        drawn = [
+            chips[torch.randint(len(chips), (half,), generator=generator)] for chips in classes
+        ]
+        x = torch.cat(drawn)
+        mirrored = torch.rand(len(x), generator=generator) < 0.5
         x = torch.where(mirrored[:, None, None, None], x.flip(3), x)
         for layer, stride in enumerate(_STRIDES):
-            x = functional.relu(
-                functional.conv2d(x, weights[f"kernel{layer}"], weights[f"bias{layer}"], stride)
-            )
-        loss = functional.binary_cross_entropy_with_logits(
-            x.mean((2, 3)) @ weights["last"] + weights["bias"], label
-        )
-        steps.zero_grad()
+            kernel = weights[f"kernel{layer}"]
+            x = functional.relu(functional.conv2d(x, kernel, weights[f"bias{layer}"], stride))
+        score = x.mean((2, 3)) @ weights["last"] + weights["bias"]
+        loss = functional.binary_cross_entropy_with_logits(score, label)
+        optimizer.zero_grad()
         loss.backward()
-        steps.step()
-        slower.step()
-    return {name: one.detach().numpy() for name, one in weights.items()}
+        optimizer.step()
+        scheduler.step()
+    return {name: weight.detach().numpy() for name, weight in weights.items()}
 
 
 def _examples(
@@ -196,30 +239,39 @@ def _examples(
 ) -> tuple[Chips, Chips]:
     """Cut the chips of a lane's mines, moved about a little, and of its clutter."""
     level = np.log(np.maximum(lane.view.values, _FLOOR)).mean(axis=(0, 1))
-    found = local_maxima(lane.view[0, 0].copy(data=level), settings.radius)[["x", "y"]].to_numpy(
-        dtype=float
-    )
-    found = found[lane.lane.contains(found[:, 0], found[:, 1])]
-    every = lane.truth[["x", "y"]].to_numpy(dtype=float)
-    mines = every[lane.truth["kind"].isin(settings.kinds).to_numpy()]
-    near, far = (
-        np.hypot(*(found[:, None] - some).T).T.min(axis=1, initial=np.inf)
-        for some in (mines, every)
-    )
-    shown = np.repeat(np.concatenate([mines, found[near <= settings.reach]]), 9, axis=0)
-    shown[np.arange(len(shown)) % 9 > 0] += rng.uniform(
-        -settings.jitter, settings.jitter, (len(shown) // 9 * 8, 2)
-    )
-    chosen = shown, found[far > settings.clear]
-    return _chips(lane.view, chosen[0], settings.size), _chips(lane.view, chosen[1], settings.size)
+    table = local_maxima(lane.view[0, 0].copy(data=level), settings.radius)
+    maxima = table[["x", "y"]].to_numpy(dtype=float)
+    maxima = maxima[lane.lane.contains(maxima[:, 0], maxima[:, 1])]
+    targets = lane.truth[["x", "y"]].to_numpy(dtype=float)
+    mines = targets[lane.truth["kind"].isin(settings.kinds).to_numpy()]
+
+    at_mines = maxima[_distance_to_nearest(maxima, mines) <= settings.reach]
+    clutter = maxima[_distance_to_nearest(maxima, targets) > settings.clear]
+    # Every mine is shown nine times, first where it is and then moved at random.
+    shown = np.repeat(np.concatenate([mines, at_mines]), 9, axis=0)
+    is_moved = np.arange(len(shown)) % 9 > 0
+    shown[is_moved] += rng.uniform(-settings.jitter, settings.jitter, (len(shown) // 9 * 8, 2))
+    return _chips(lane.view, shown, settings.size), _chips(lane.view, clutter, settings.size)
+
+
+def _distance_to_nearest(points: FloatArray, places: FloatArray) -> FloatArray:
+    """Return the distance of each point (n, 2) to the nearest of some places; infinity for none."""
+    dx = points[:, None, 0] - places[:, 0]
+    dy = points[:, None, 1] - places[:, 1]
+    distance: FloatArray = np.hypot(dx, dy).min(axis=1, initial=np.inf)
+    return distance
 
 
 def _chips(view: xr.DataArray, points: FloatArray, size: tuple[float, float]) -> Chips:
-    """Cut log-magnitudes (chip, channel, y, x), dB; -60, below all clutter, where nothing was seen."""
+    """Cut log-magnitudes (chip, channel, y, x), dB, about points of a run-view.
+
+    Where nothing was seen they are -60, below all clutter.
+    """
     values = view.values.reshape(-1, *view.shape[-2:])
     chips = cut_regions(np.maximum(np.nan_to_num(values), _FLOOR), grid_of(view), points, size)
     return np.asarray(20 * np.log10(np.maximum(chips, _FLOOR)), dtype=np.float32)
 
 
 def _normal(chips: Chips, mean: FloatArray, deviation: FloatArray) -> Chips:
+    """Return chips of zero mean and unit deviation in every channel."""
     return np.asarray((chips - mean) / deviation, dtype=np.float32)

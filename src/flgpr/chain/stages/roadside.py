@@ -1,4 +1,8 @@
-"""What outshines the lane from beside it: found by a mask, fitted with the forward model, and subtracted or told."""
+"""What outshines the lane from beside it.
+
+It is found by a mask and fitted with the forward model. One stage subtracts it, another says how
+much of an alarm it explains.
+"""
 
 from __future__ import annotations
 
@@ -37,9 +41,9 @@ _NEEDS_WHOLE_RUN = "what outshines the lane is told by the whole run"
 class RoadsideSettings(Table):
     """The mask and the fit.
 
-    The mask holds the pixels outside the lane that are brighter in ``subband`` than every pixel in it, grown by
-    ``grow`` (m) but never into the lane; ``spacing`` (m) is that of the model's pixels, and ``iterations`` the number
-    of conjugate gradients.
+    The mask holds the pixels outside the lane that are brighter in ``subband`` than every pixel in
+    it, grown by ``grow`` (m) but never into the lane; ``spacing`` (m) is that of the model's
+    pixels, and ``iterations`` the number of conjugate gradients.
     """
 
     subband: str
@@ -55,7 +59,22 @@ class RoadsideShareSettings(RoadsideSettings):
 
 
 class RoadsideModel:
-    """The response of what outshines the lane; ``read`` returns the data of the scan at an index."""
+    """The response of what outshines the lane.
+
+    Parameters
+    ----------
+    settings : RoadsideSettings
+        The mask and the fit.
+    setup : Setup
+        The chain of the stage.
+    read : callable
+        Returns the data (polarization, pair, frequency) of the scan at an index.
+
+    Raises
+    ------
+    ValueError
+        If images do not have the sub-band of the mask.
+    """
 
     def __init__(
         self,
@@ -66,14 +85,15 @@ class RoadsideModel:
         known = setup.imager.subbands
         if settings.subband not in known:
             raise ValueError(
-                f"roadside.subband must be one of image.subbands ({', '.join(known)}), got {settings.subband!r}"
+                f"roadside.subband must be one of image.subbands ({', '.join(known)}), got "
+                f"{settings.subband!r}"
             )
         self.settings = settings
         self.setup = setup
         self.read = read
 
     def passes(self) -> list[PlannedPass]:
-        """Find the mask, then fit and keep every scan's data without what lies under it."""
+        """Return the pass that finds the mask, and that which fits what lies under it."""
         mask = PlannedPass(MASK, "bright roadside", self._find_mask, all_scans=True)
         fit = PlannedPass(
             FIT, "fit of the roadside", self._fit_scans, (MASK,), all_scans=True, keep_blocks=True
@@ -86,10 +106,10 @@ class RoadsideModel:
         return np.asarray(self.setup.results[MASK]["points"])
 
     def cleaned(self, index: int) -> ComplexArray:
-        """Return the data of the scan at an index without the fitted response; needs both passes."""
-        fitted = self._block_of(index)
-        row = int(np.flatnonzero(fitted["index"] == index)[0])
-        data: ComplexArray = fitted["data"][row]
+        """Return the data of a scan without the fitted response; needs the results of both passes."""
+        block = self._block_of(index)
+        row = int(np.flatnonzero(block["index"] == index)[0])
+        data: ComplexArray = block["data"][row]
         return data
 
     def image(self, index: int, data: ComplexArray) -> xr.DataArray:
@@ -97,7 +117,10 @@ class RoadsideModel:
         return self.setup.imager.image(int(self.setup.imager.scans[index]), data)
 
     def notes(self) -> dict[str, Any]:
-        """Return the mask's size and middle, and what its brightest pixel lost; needs both passes."""
+        """Return the mask's size and middle, and what its brightest pixel lost.
+
+        Needs the results of both passes.
+        """
         points = self.points
         notes: dict[str, Any] = {"mask_pixels": len(points)}
         if len(points):
@@ -112,7 +135,10 @@ class RoadsideModel:
         return notes
 
     def _find_mask(self, block: range | None) -> Accumulator:  # noqa: ARG002
-        """Lay the power of all polarizations on the lane and beside it, and look for what outshines the lane."""
+        """Return what finds the mask.
+
+        The power of all polarizations is laid on the lane and the ground beside it.
+        """
         settings = self.settings
         setup = self.setup
         pixels = setup.imager.grid
@@ -139,13 +165,17 @@ class RoadsideModel:
         return Accumulator(add, lambda _: sums.state(), sums.merge, result)
 
     def _fit_scans(self, block: range | None) -> Accumulator:  # noqa: ARG002
-        """Keep the data of every scan without the fitted response, and the mask's brightest pixel before and after."""
-        parts: list[Arrays] = []
+        """Return what fits every scan.
+
+        It gathers the data without the fitted response, and the magnitude of the mask's brightest
+        pixel before and after.
+        """
+        pieces: list[Arrays] = []
 
         def add(index: int) -> None:
             data = self.read(index)
             cleaned = self._subtract(index, data)
-            parts.append(
+            pieces.append(
                 {
                     "index": np.array([index]),
                     "data": cleaned[None],
@@ -154,10 +184,10 @@ class RoadsideModel:
                 }
             )
 
-        return append_accumulator(parts, add)
+        return append_accumulator(pieces, add)
 
     def _subtract(self, index: int, data: ComplexArray) -> ComplexArray:
-        """Fit what lies under the mask to the data of a scan, and subtract its response."""
+        """Return the data of a scan without the fitted response of what lies under the mask."""
         setup = self.setup
         if not len(self.points):
             return data
@@ -169,7 +199,7 @@ class RoadsideModel:
         return suppress_by_model(data, operator, self.settings.iterations, weight).data
 
     def _peak(self, index: int, data: ComplexArray) -> float:
-        """Return the largest magnitude under the mask."""
+        """Return the largest magnitude of a scan's image under the mask."""
         if not len(self.points):
             return 0.0
         image = self.image(index, data).isel(polarization=self.setup.imaged)
@@ -178,11 +208,11 @@ class RoadsideModel:
         return float(np.nanmax(values, initial=0.0))
 
     def _block_of(self, index: int) -> Mapping[str, NDArray[Any]]:
-        """Return what the fit keeps of the block that holds an index."""
+        """Return what the fit has gathered of the block that holds an index."""
         for number, block in enumerate(blocks_of(len(self.setup.imager))):
             if index in block:
-                kept: Mapping[str, NDArray[Any]] = self.setup.results[block_name(FIT, number)]
-                return kept
+                stored: Mapping[str, NDArray[Any]] = self.setup.results[block_name(FIT, number)]
+                return stored
         raise ValueError(f"index must be one of {len(self.setup.imager)} scans, got {index}")
 
 
@@ -215,10 +245,10 @@ class RoadsideSuppression(ClutterStage):
 
 
 class RoadsideShare(FeatureStage):
-    """The column ``roadside``: what part of an alarm's amplitude the modelled roadside explains, 0 to 1 and more.
+    """The column ``roadside``: the share of an alarm's amplitude that the roadside explains.
 
-    It is |before - after| / |before|, the image values at the alarm before and after the response is subtracted, mean
-    over the scans that see it.
+    It is |before - after| / |before|, the image values at the alarm before and after the modelled
+    response is subtracted, mean over the scans that see it. It may exceed 1.
     """
 
     not_live_because = _NEEDS_WHOLE_RUN
@@ -231,7 +261,8 @@ class RoadsideShare(FeatureStage):
         labels = [str(label) for label in setup.run["polarization"].values]
         if settings.polarization not in labels:
             raise ValueError(
-                f"roadside.polarization must be one of {', '.join(labels)}, got {settings.polarization!r}"
+                f"roadside.polarization must be one of {', '.join(labels)}, got "
+                f"{settings.polarization!r}"
             )
         self.model = RoadsideModel(settings, setup, self._data)
 
@@ -249,7 +280,7 @@ class RoadsideShare(FeatureStage):
         return self.model.notes()
 
     def of_image(self, image: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
-        """Return the share at points (alarm, 2) in the scan frame, m; NaN where the scan does not see an alarm."""
+        """Return the share of every alarm; NaN where the scan does not see it."""
         index = int(np.flatnonzero(self.setup.imager.scans == image.attrs["scan"])[0])
         channel = {"polarization": self.settings.polarization, "subband": self.settings.subband}
         data = self._data(index)
@@ -263,9 +294,11 @@ class RoadsideShare(FeatureStage):
         return {"roadside": explained / np.maximum(total, np.finfo(np.float64).tiny)}
 
     def _data(self, index: int) -> ComplexArray:
+        """Return the measured data of the scan at an index."""
         return self.setup.imager.signal(int(self.setup.imager.scans[index]))
 
 
 def _memory(sizes: Mapping[str, int], image: Grid) -> float:
+    """Estimate the bytes of a block's cleaned data and of the images before and after."""
     data = 8.0 * sizes["polarization"] * sizes["pair"] * sizes["frequency"]
     return 2 * BLOCK * data + 4 * 8.0 * sizes["polarization"] * image.nx * image.ny

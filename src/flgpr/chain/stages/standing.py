@@ -28,22 +28,42 @@ def standing_pass(
     read: Callable[[int], ComplexArray],
     estimate: Callable[[ComplexArray], ComplexArray] = standing_field,
 ) -> PlannedPass:
-    """Make the pass that estimates the standing field from at most so many scans; ``read`` gives a scan's data."""
-    chosen = set(
-        np.unique(np.rint(np.linspace(0, scans - 1, min(scans, most))).astype(int)).tolist()
-    )
+    """Return the pass that estimates a standing field from scans spread evenly over the run.
+
+    Parameters
+    ----------
+    name : str
+        Name of the pass.
+    scans : int
+        Number of complete scans.
+    most : int
+        Number of scans that it reads at most.
+    read : callable
+        Returns the data (polarization, pair, frequency) of the scan at an index.
+    estimate : callable
+        Returns the field of data (scan, polarization, pair, frequency).
+
+    Returns
+    -------
+    PlannedPass
+        Its result holds the ``field``.
+    """
+    spread = np.linspace(0, scans - 1, min(scans, most))
+    chosen = set(np.unique(np.rint(spread).astype(int)).tolist())
 
     def start(block: range | None) -> Accumulator:  # noqa: ARG001
-        parts: list[Arrays] = []
+        pieces: list[Arrays] = []
 
         def add(index: int) -> None:
             if index in chosen:
-                parts.append({"signal": read(index)[None]})
+                pieces.append({"signal": read(index)[None]})
 
-        sums = append_accumulator(parts, add)
-        return Accumulator(
-            add, sums.state, sums.merge, lambda: {"field": estimate(sums.result()["signal"])}
-        )
+        gathered = append_accumulator(pieces, add)
+
+        def result() -> Arrays:
+            return {"field": estimate(gathered.result()["signal"])}
+
+        return Accumulator(add, gathered.state, gathered.merge, result)
 
     return PlannedPass(name, "standing field", start, all_scans=True)
 
@@ -56,25 +76,20 @@ class StandingField(ClutterStage):
 
     @classmethod
     def memory(cls, settings: Any, sizes: Mapping[str, int], image: Grid) -> float:  # noqa: ARG003
-        """Take the scans of the median and its copies."""
-        return (
-            4
-            * 8.0
-            * min(settings.most, sizes["scan"])
-            * sizes["polarization"]
-            * sizes["pair"]
-            * sizes["frequency"]
-        )
+        """Estimate the bytes of the scans of the median and its copies."""
+        scans = min(settings.most, sizes["scan"])
+        samples = sizes["polarization"] * sizes["pair"] * sizes["frequency"]
+        return 4 * 8.0 * scans * samples
 
     def passes(self) -> list[PlannedPass]:
-        """Estimate the field."""
+        """Return the pass that estimates the field."""
         scans = len(self.setup.imager)
-        return [
-            standing_pass(
-                "standing", scans, self.settings.most, lambda index: self.before(index, 1)[0]
-            )
-        ]
+        return [standing_pass("standing", scans, self.settings.most, self._data_before)]
 
     def clean(self, index: int, data: ComplexArray) -> NDArray[np.complex64]:  # noqa: ARG002
-        """Subtract it."""
+        """Return the data without the field."""
         return subtract_standing(data, self.setup.results["standing"]["field"])
+
+    def _data_before(self, index: int) -> ComplexArray:
+        """Return the data of a scan as the stages before leave them."""
+        return self.before(index, 1)[0]

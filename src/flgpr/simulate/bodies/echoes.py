@@ -1,4 +1,4 @@
-"""Echoes of single objects: rims of buried bodies, uprights, rocks, bushes, corner reflectors."""
+"""Echoes of single objects: rims of bodies on the ground, uprights, rocks, bushes, reflectors."""
 
 from __future__ import annotations
 
@@ -13,22 +13,24 @@ from numpy.typing import NDArray
 from flgpr.kernels.threads import shared
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import ComplexArray, FloatArray
+from flgpr.model.refraction import Ray, interface_path, reflection, refracted_ray
 from flgpr.simulate.bodies import rims as bodies
-from flgpr.simulate.ground.refraction import Ray, interface_path, reflection, refracted_ray
 from flgpr.simulate.ground.roughness import HeightField
 from flgpr.simulate.radar.spread import ArrayState, antenna_terms
 from flgpr.simulate.scene.draw import stream
-from flgpr.simulate.scene.scene import Soil, Target, Thing
+from flgpr.simulate.scene.scene import SceneObject, Soil, Target
 
-_UPRIGHT = np.array([1.0, 1.0, 0.0])
+_COPOLAR = np.array([1.0, 1.0, 0.0])
+# Reflection of H and V by a perfectly conducting wall.
+_CONDUCTOR = np.array([[-1.0], [1.0]])
 
 
 @dataclass
 class Echoes:
-    """Echoes to be summed: each a path per pair, a gain per antenna, a spectrum, and its weight in each pair.
+    """Echoes to be summed: each a path per pair, a place, a spectrum, and its weight in each pair.
 
-    Spectra have four rows: HH, VV, and the cross amplitudes' mean (HV + VH)/2 and half difference (HV - VH)/2; a
-    weight has one row for the first three and one for the last.
+    Spectra have four rows: HH, VV, and the cross amplitudes' mean (HV + VH)/2 and half difference
+    (HV - VH)/2. A weight has one row for the first three and one for the last.
     """
 
     path: list[FloatArray] = field(default_factory=list)
@@ -43,41 +45,81 @@ class Echoes:
         spectrum: NDArray[Any],
         weight: FloatArray | None = None,
     ) -> None:
-        """Add an echo: ``spectrum`` (3 or 4, frequency) m at ``place`` (3,), with ``weight`` (2, pair) or one."""
-        whole = np.zeros((4, spectrum.shape[-1]), complex)
-        whole[: 4 if len(spectrum) == 4 else 3] = spectrum
+        """Add an echo.
+
+        Parameters
+        ----------
+        path : ndarray (pair,) or (1,)
+            Electrical path there and back, m.
+        place : ndarray (3,)
+            Where the antennas' gains are taken, m.
+        spectrum : ndarray (3 or 4, frequency)
+            Amplitudes, m; a missing fourth row is zero.
+        weight : ndarray (2, pair), optional
+            1 in every pair unless given.
+        """
+        four_rows = np.zeros((4, spectrum.shape[-1]), complex)
+        four_rows[: 4 if len(spectrum) == 4 else 3] = spectrum
+        if weight is None:
+            weight = np.ones((2, path.size))
         self.path.append(path)
         self.place.append(place)
-        self.spectrum.append(whole)
-        self.weight.append(np.ones((2, path.size)) if weight is None else weight)
+        self.spectrum.append(four_rows)
+        self.weight.append(weight)
 
 
 class Ground:
-    """The ground as the rays of one scan meet it; without heights it is flat."""
+    """The ground as the rays of one scan meet it.
+
+    Parameters
+    ----------
+    soil : Soil
+        The scene's table.
+    heights : HeightField or None
+        Heights that delay rays; without them the ground is flat.
+    frequency : ndarray (frequency,)
+        Tones, Hz.
+
+    Attributes
+    ----------
+    wavenumber : ndarray (frequency,)
+        In air, rad/m.
+    media : list of ndarray (frequency,)
+        Complex permittivity of every layer.
+    real : list of float
+        Real permittivity of every layer at the band's middle.
+    """
 
     def __init__(self, soil: Soil, heights: HeightField | None, frequency: FloatArray) -> None:
         self.soil = soil
         self.heights = heights
         self.frequency = frequency
         self.wavenumber = 2 * np.pi * frequency / SPEED_OF_LIGHT
-        centre = frequency[frequency.size // 2 : frequency.size // 2 + 1]
+        middle = frequency.size // 2
+        centre = frequency[middle : middle + 1]
         self.media = soil.media(frequency)
         self.real = [float(eps[0].real) for eps in soil.media(centre)]
 
     def medium(self, depth: float) -> int:
-        """Index of the layer that holds ``depth`` (m)."""
-        passed = self.soil.passed(depth)
-        return max(i for i, d in enumerate(passed) if d > 0 or i == 0)
+        """Return the index of the layer that holds a depth, m."""
+        deepest = 0
+        for index, thickness in enumerate(self.soil.thicknesses_above(depth)):
+            if thickness > 0:
+                deepest = index
+        return deepest
 
     def reflection(self, sine: float) -> ComplexArray:
-        """Reflection of the ground from above, H and V (2, frequency)."""
+        """Return the reflection of the ground from above, H and V (2, frequency)."""
         return np.stack(reflection(sine, 1.0, self.media[0]))
 
     def entry_squared(self, sine: float, layer: int) -> ComplexArray:
-        """t12² for H and V (2, frequency): into the given layer and, by reciprocity, out of it."""
-        below = [np.ones_like(self.media[0]), *self.media[: layer + 1]]
+        """Return t12² for H and V (2, frequency).
+
+        It is the transmission into the given layer and, by reciprocity, out of it.
+        """
+        media = [np.ones_like(self.media[0]), *self.media[: layer + 1]]
         total = np.ones((2, self.frequency.size), complex)
-        for upper, lower in itertools.pairwise(below):
+        for upper, lower in itertools.pairwise(media):
             q1 = np.sqrt(upper - sine**2)
             q2 = np.sqrt(lower - sine**2)
             total[0] *= 2 * q1 / (q1 + q2)
@@ -85,89 +127,127 @@ class Ground:
         return total**2
 
     def dispersion(self, sine: float, depth: float) -> ComplexArray:
-        """Attenuation and phase against the path at the real index of the band's middle, both ways (frequency,)."""
-        extra = sum(
-            d * (np.sqrt(eps - sine**2) - math.sqrt(real - sine**2))
-            for d, eps, real in zip(self.soil.passed(depth), self.media, self.real, strict=True)
-        )
+        """Return attenuation and phase against the path at the band's middle (frequency,).
+
+        They are those of the way to a depth, m, and back; the path is that at the real index.
+        """
+        extra: Any = 0
+        thicknesses = self.soil.thicknesses_above(depth)
+        for thickness, eps, real in zip(thicknesses, self.media, self.real, strict=True):
+            extra = extra + thickness * (np.sqrt(eps - sine**2) - math.sqrt(real - sine**2))
         return np.exp(-2j * self.wavenumber * extra)
 
     def ray(self, antennas: FloatArray, points: FloatArray) -> Ray:
-        """Rays from antennas (n, 3) to buried points (n, 3), refracted and delayed by the rough interface."""
-        flat = points[:, :2] - antennas[:, :2]
-        distance = np.hypot(*flat.T)
-        passed = [
-            np.array(d) for d in zip(*(self.soil.passed(-z) for z in points[:, 2]), strict=True)
-        ]
-        ray = refracted_ray(distance, antennas[:, 2], passed, self.real)
+        """Return the rays from antennas (n, 3) to buried points (n, 3).
+
+        They are refracted, and delayed by the rough interface.
+        """
+        level = points[:, :2] - antennas[:, :2]
+        distance = np.hypot(level[:, 0], level[:, 1])
+        thicknesses = np.array([self.soil.thicknesses_above(-z) for z in points[:, 2]])
+        ray = refracted_ray(distance, antennas[:, 2], list(thicknesses.T), self.real)
         if self.heights is None:
             return ray
-        entry = points[:, :2] - flat * (ray.entry / np.maximum(distance, 1e-9))[:, None]
+        entry = points[:, :2] - level * (ray.entry / np.maximum(distance, 1e-9))[:, None]
         delay = interface_path(ray.sine, self.real[0]) * self.heights(entry[:, 0], entry[:, 1])
         return ray._replace(path=ray.path + delay)
 
 
 def incidence(x: float, y: float, z: float, array: ArrayState) -> float:
-    """Sine of the incidence angle of the array's middle at a place."""
+    """Return the sine of the array's middle's angle of incidence at a place, m."""
     offset = array.position.mean(axis=0) - np.array([x, y, z])
     return float(math.hypot(offset[0], offset[1]) / np.linalg.norm(offset))
 
 
 def bisectors(x: float, y: float, array: ArrayState) -> FloatArray:
-    """Horizontal unit vectors from a place to the middle between each pair's antennas, as seen from it (pair, 2)."""
-    out = array.position[:, :2] - np.array([x, y])
-    out = out / np.linalg.norm(out, axis=1, keepdims=True)
-    both = out[array.tx] + out[array.rx]
-    return np.asarray(both / np.linalg.norm(both, axis=1, keepdims=True))
+    """Return the directions from a place to the middle between each pair's antennas.
+
+    Returns
+    -------
+    ndarray (pair, 2)
+        Horizontal unit vectors; the middle is that of the directions, as seen from the place.
+    """
+    direction = array.position[:, :2] - np.array([x, y])
+    direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    total = direction[array.tx] + direction[array.rx]
+    return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
 
 
 def rotated(copolar: NDArray[Any], angle: float) -> NDArray[Any]:
-    """HH, VV and cross of an echo whose edge is turned about the ray by ``angle`` (rad)."""
+    """Return HH, VV and cross of an echo whose edge is turned about the ray.
+
+    Parameters
+    ----------
+    copolar : ndarray (2, frequency)
+        HH and VV of the level edge.
+    angle : float
+        Turn, rad.
+    """
     h, v = copolar
     c = math.cos(angle)
     s = math.sin(angle)
-    return np.stack([c * c * h + s * s * v, s * s * h + c * c * v, s * c * (h - v)])
+    hh = c * c * h + s * s * v
+    vv = s * s * h + c * c * v
+    cross = s * c * (h - v)
+    return np.stack([hh, vv, cross])
 
 
 def add_standing(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:
-    """Add a target on the ground: the corner its wall makes with the ground, and the rims of its top."""
+    """Add a target on the ground.
+
+    Its echoes are that of the corner which its wall makes with the ground, and those of the rims of
+    its top.
+    """
     radius, height = target.extent
     height = min(-target.depth, height)
     sine = incidence(target.x, target.y, 0.0, array)
     k = ground.wavenumber
-    wall = np.ones((2, 1), complex)
-    top = np.ones((2, 1), complex)
-    if target.dielectric is not None:
-        body = np.full(k.size, target.dielectric, complex)
-        h, v = bodies.layered_reflection(math.sqrt(1 - sine**2), k, [np.ones_like(body), body], [])
-        wall = np.stack([-h, v])
-        # Edges of a dielectric have no Brewster angle; for want of a theory of strong contrasts V
-        # is taken as H.
-        h, _ = bodies.layered_reflection(
-            sine, k, [np.ones_like(body), body, ground.media[0]], [target.height]
-        )
-        top = np.stack([-h, -h])
-    signs = np.array([[-1.0], [1.0]])
+    wall, top = _standing_reflections(target, ground, sine)
     corner = np.sqrt(k * radius * sine / (4 * np.pi)) * 2 * height * np.exp(-0.25j * np.pi)
     towards = bisectors(target.x, target.y, array)
-    corner = _level(corner * signs * ground.reflection(sine) * wall)
+    corner = _without_cross(corner * _CONDUCTOR * ground.reflection(sine) * wall)
     _add_ring_point(echoes, target, radius, towards, 0.0, corner, array)
     for rim in bodies.visible_rims(target.outline, sine):
         if rim.drop > 0:
             continue
         size = bodies.rim_amplitude(rim, k, sine) * top * np.array([[rim.h], [rim.v]])
         reach = rim.radius if rim.near else -rim.radius
-        _add_ring_point(echoes, target, reach, towards, height - rim.drop, _level(size), array)
+        z = height - rim.drop
+        _add_ring_point(echoes, target, reach, towards, z, _without_cross(size), array)
 
 
-def _level(copolar: ComplexArray) -> ComplexArray:
+def _standing_reflections(
+    target: Target, ground: Ground, sine: float
+) -> tuple[ComplexArray, ComplexArray]:
+    """Return what a standing target's wall and top reflect of what metal does, H and V."""
+    if target.dielectric is None:
+        return np.ones((2, 1), complex), np.ones((2, 1), complex)
+    k = ground.wavenumber
+    body = np.full(k.size, target.dielectric, complex)
+    air = np.ones_like(body)
+    h, v = bodies.layered_reflection(math.sqrt(1 - sine**2), k, [air, body], [])
+    wall = np.stack([-h, v])
+    # Edges of a dielectric have no Brewster angle; for want of a theory of strong contrasts V is
+    # taken as H.
+    h, _ = bodies.layered_reflection(sine, k, [air, body, ground.media[0]], [target.height])
+    top = np.stack([-h, -h])
+    return wall, top
+
+
+def _without_cross(copolar: ComplexArray) -> ComplexArray:
+    """Return HH, VV and a cross amplitude of zero."""
     return np.concatenate([copolar, np.zeros((1, copolar.shape[1]))])
 
 
 def _add_ring_point(
-    echoes: Echoes, target: Target | Thing, reach: float, towards: FloatArray, z: float, spectrum: ComplexArray,
+    echoes: Echoes,
+    target: Target | SceneObject,
+    reach: float,
+    towards: FloatArray,
+    z: float,
+    spectrum: ComplexArray,
     array: ArrayState,
-) -> None:  # fmt: skip
+) -> None:
     """Add an echo in air from the point of a ring that lies ``reach`` (m) towards the radar."""
     point = np.empty((array.tx.size, 3))
     point[:, :2] = np.array([target.x, target.y]) + reach * towards
@@ -176,19 +256,51 @@ def _add_ring_point(
 
 
 def _air_path(point: FloatArray, array: ArrayState) -> FloatArray:
-    out = np.linalg.norm(array.position[array.tx] - point, axis=-1)
-    return np.asarray(out + np.linalg.norm(array.position[array.rx] - point, axis=-1))
+    """Return the paths (pair,) in air by way of points (pair or 1, 3), m."""
+    sent = np.linalg.norm(array.position[array.tx] - point, axis=-1)
+    return np.asarray(sent + np.linalg.norm(array.position[array.rx] - point, axis=-1))
 
 
-def add_object(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, seed: int) -> None:
-    """Add an object's echoes; ``seed`` draws the inside of bushes."""
-    {"rock": _add_rock, "post": _add_post, "bush": _add_bush, "fiducial": _add_fiducial}[
-        thing.kind
-    ](echoes, thing, ground, array, seed)
+def add_object(
+    echoes: Echoes, thing: SceneObject, ground: Ground, array: ArrayState, seed: int
+) -> None:
+    """Add an object's echoes.
+
+    Parameters
+    ----------
+    echoes : Echoes
+        Where they are added.
+    thing : SceneObject
+        The object.
+    ground : Ground
+        The ground that it stands on.
+    array : ArrayState
+        The antennas, their heights counted from that ground.
+    seed : int
+        Draws the tilt of rocks and the twigs of bushes.
+    """
+    if thing.kind == "rock":
+        _add_rock(echoes, thing, ground, array, seed)
+    elif thing.kind == "post":
+        _add_post(echoes, thing, ground, array)
+    elif thing.kind == "bush":
+        _add_bush(echoes, thing, ground, array, seed)
+    else:
+        _add_fiducial(echoes, thing, ground, array)
 
 
-def _add_rock(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, seed: int) -> None:
-    """Half-buried stone of permittivity 6, its dipole saturating, and its image in the ground half a radius up."""
+def _object_stream(seed: int, thing: SceneObject) -> np.random.Generator:
+    """Return the random stream of an object, named by its kind and place in mm."""
+    return stream(seed, thing.kind, round(thing.x * 1000), round(thing.y * 1000))
+
+
+def _add_rock(
+    echoes: Echoes, thing: SceneObject, ground: Ground, array: ArrayState, seed: int
+) -> None:
+    """Add a half-buried stone of permittivity 6 and its image in the ground.
+
+    It is a dipole, half a radius up, that saturates at the optical cross section.
+    """
     sine = incidence(thing.x, thing.y, 0.0, array)
     k = ground.wavenumber
     cosine = math.sqrt(1 - sine**2)
@@ -197,114 +309,185 @@ def _add_rock(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, s
     growth = 4 * dipole / optical * (k * thing.radius) ** 4
     size = thing.radius / 2 * np.sqrt(optical * growth / (1 + growth))
     r_h, r_v = ground.reflection(sine) * np.exp(-1j * k * thing.radius * cosine)
-    copolar = np.stack([(1 + r_h) ** 2, (sine * (1 + r_v)) ** 2 + (cosine * (1 - r_v)) ** 2])
-    rng = stream(seed, "rock", round(thing.x * 1000), round(thing.y * 1000))
+    copolar_h = (1 + r_h) ** 2
+    copolar_v = (sine * (1 + r_v)) ** 2 + (cosine * (1 - r_v)) ** 2
+    copolar = np.stack([copolar_h, copolar_v])
+    rng = _object_stream(seed, thing)
     spectrum = rotated(size * copolar, rng.normal(0, 0.2))
     point = np.tile([thing.x, thing.y, thing.radius / 2], (array.tx.size, 1))
     echoes.add(_air_path(point, array), point[0], spectrum)
 
 
-def _add_post(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, seed: int) -> None:  # noqa: ARG001
-    """Upright cylinder on the ground: direct, image and corner echoes of its lit line, integrated over its height."""
+def _add_post(echoes: Echoes, thing: SceneObject, ground: Ground, array: ArrayState) -> None:
+    """Add an upright cylinder: direct, image and corner echoes, integrated over its height."""
     sine = incidence(thing.x, thing.y, thing.height / 2, array)
     k = ground.wavenumber
     cosine = math.sqrt(1 - sine**2)
     line = np.sqrt(k * thing.radius * sine / (4 * np.pi)) * np.exp(-0.25j * np.pi)
-    bounce = np.array([[-1.0], [1.0]]) * ground.reflection(sine)
+    bounce = _CONDUCTOR * ground.reflection(sine)
     end = 1 / (2j * k * cosine)
+    foot = line * (2 * bounce * thing.height - (1 - bounce**2) * end)
+    top = np.broadcast_to(line * end, bounce.shape)
+    image = -line * end * bounce**2
     towards = bisectors(thing.x, thing.y, array)
-    parts = (
-        (0.0, line * (2 * bounce * thing.height - (1 - bounce**2) * end)),
-        (thing.height, np.broadcast_to(line * end, bounce.shape)),
-        (-thing.height, -line * end * bounce**2),
-    )
-    for z, copolar in parts:
-        _add_ring_point(echoes, thing, thing.radius, towards, z, _level(copolar), array)
+    for z, copolar in ((0.0, foot), (thing.height, top), (-thing.height, image)):
+        spectrum = _without_cross(copolar)
+        _add_ring_point(echoes, thing, thing.radius, towards, z, spectrum, array)
 
 
-def bush_scatterers(thing: Thing, seed: int, count: int = 24) -> tuple[FloatArray, ComplexArray]:
-    """Scatter a bush's twigs: places (count, 3) and amplitudes (count, 3), m; cross 6 dB down, HH of ``rcs_db``."""
-    rng = stream(seed, "bush", round(thing.x * 1000), round(thing.y * 1000))
+def bush_scatterers(
+    thing: SceneObject, seed: int, count: int = 24
+) -> tuple[FloatArray, ComplexArray]:
+    """Draw a bush's twigs.
+
+    Returns
+    -------
+    place : ndarray (twig, 3)
+        Places in the lane frame, m.
+    amplitude : ndarray (twig, 3) of complex
+        HH, VV and cross, m: HH of the bush's ``rcs_db``, -10 dBsm unless given, cross 6 dB below.
+    """
+    rng = _object_stream(seed, thing)
     place = rng.normal(0, 0.5, (count, 3)) * thing.radius
     place[:, 2] = rng.uniform(0.05, 1.0, count) * max(thing.height, 0.1)
     place[:, :2] += [thing.x, thing.y]
-    level = 10 ** ((-10.0 if thing.rcs_db is None else thing.rcs_db) / 20) / math.sqrt(
-        4 * np.pi * count
-    )
+    rcs_db = -10.0 if thing.rcs_db is None else thing.rcs_db
+    level = 10 ** (rcs_db / 20) / math.sqrt(4 * np.pi * count)
     z = (rng.normal(size=(count, 3)) + 1j * rng.normal(size=(count, 3))) / math.sqrt(2)
     return place, z * level * np.array([1.0, 1.0, 0.5])
 
 
-def _add_bush(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, seed: int) -> None:
-    """Twigs whose cross section grows by 5 dB per decade of frequency."""
+def _add_bush(
+    echoes: Echoes, thing: SceneObject, ground: Ground, array: ArrayState, seed: int
+) -> None:
+    """Add twigs whose cross section grows by 5 dB per decade of frequency."""
     places, amplitude = bush_scatterers(thing, seed)
     growth = (ground.frequency / 1e9) ** 0.25
     for place, size in zip(places, amplitude, strict=True):
         echoes.add(_air_path(place[None, :], array), place, size[:, None] * growth)
 
 
-def _add_fiducial(
-    echoes: Echoes,
-    thing: Thing,
-    ground: Ground,
-    array: ArrayState,
-    seed: int,  # noqa: ARG001
-) -> None:
-    """Corner reflector: cross section growing as f², the same in HH and VV, 0 dBsm at 1 GHz unless given."""
+def _add_fiducial(echoes: Echoes, thing: SceneObject, ground: Ground, array: ArrayState) -> None:
+    """Add a corner reflector.
+
+    Its cross section grows as f², the same in HH and VV, 0 dBsm at 1 GHz unless given.
+    """
     level = 10 ** ((thing.rcs_db or 0.0) / 20) / math.sqrt(4 * np.pi)
     point = np.array([[thing.x, thing.y, thing.height]])
-    spectrum = level * (ground.frequency / 1e9) * _UPRIGHT[:, None]
+    spectrum = level * (ground.frequency / 1e9) * _COPOLAR[:, None]
     echoes.add(_air_path(point, array), point[0], spectrum.astype(complex))
 
 
 def antenna_gains(places: FloatArray, array: ArrayState) -> NDArray[np.float32]:
-    """Gain over distance of antennas towards places: (antenna, n, 3), H to h, H to v, V to v; less the narrowing."""
+    """Return the antennas' gains over distance towards places, without the beam's narrowing.
+
+    Parameters
+    ----------
+    places : ndarray (n, 3)
+        In the lane frame, m.
+    array : ArrayState
+        The antennas.
+
+    Returns
+    -------
+    ndarray (antenna, n, 3)
+        H to h, H to v and V to v.
+    """
     shape = (len(array.position), len(places))
     gain = np.empty((*shape, 3), np.float32)
     exponent = 0.0 if array.growth > 0 else array.exponent
-    look = (
+    no_beams = np.empty((0, 0), np.float32)
+    # Delays and carriers are of no interest here.
+    wavenumber = 0.0
+    extra = np.zeros(len(places))
+    drift = np.zeros(3)
+    distance = np.empty(shape)
+    phasor = np.empty(shape, np.complex64)
+    antenna_terms(
+        places,
+        array.position,
         array.boresight,
         array.horizontal,
         array.vertical,
         exponent,
-        np.empty((0, 0), np.float32),
-    )
-    unused = (np.empty(shape), np.empty(shape, np.complex64))
-    antenna_terms(
-        places, array.position, *look, 0.0, np.zeros(len(places)), np.zeros(3), *unused, gain
+        no_beams,
+        wavenumber,
+        extra,
+        drift,
+        distance,
+        phasor,
+        gain,
     )
     return gain
 
 
 def sum_echoes(echoes: Echoes, array: ArrayState, frequency: FloatArray) -> NDArray[np.complex64]:
-    """Sum echoes to (4, pair, frequency): HH, HV, VH, VV along the rays' directions, for dipoles the antennas'."""
+    """Sum echoes over all pairs and tones.
+
+    Returns
+    -------
+    ndarray (4, pair, frequency) of complex64
+        HH, HV, VH and VV along the rays' directions, for dipoles along the antennas'.
+    """
     out = np.zeros((4, array.tx.size, frequency.size), np.complex64)
     if not echoes.path:
         return out
+    pairs = array.tx.size
     place = np.array(echoes.place)
     gain = antenna_gains(place, array)
     ray = place - array.position[:, None]
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
-    cosine = np.log(np.maximum(ray @ array.boresight, 1e-6))
-    path = np.stack([np.broadcast_to(p, (array.tx.size,)) for p in echoes.path])
+    log_cosine = np.log(np.maximum(ray @ array.boresight, 1e-6))
+    path = np.stack([np.broadcast_to(p, (pairs,)) for p in echoes.path])
     spectrum = np.ascontiguousarray(np.stack(echoes.spectrum), dtype=np.complex64)
-    weight = np.stack([np.broadcast_to(w, (2, array.tx.size)) for w in echoes.weight]).astype(
-        np.float32
-    )
+    weights = [np.broadcast_to(w, (2, pairs)) for w in echoes.weight]
+    weight = np.stack(weights).astype(np.float32)
+    first = frequency[0] / SPEED_OF_LIGHT
     step = (frequency[1] - frequency[0]) / SPEED_OF_LIGHT if frequency.size > 1 else 0.0
-    tones = (frequency[0] / SPEED_OF_LIGHT, step, array.growth * SPEED_OF_LIGHT**2)
-    moved = -(ray @ array.drift) / frequency.size  # path from tone to tone
+    growth = array.growth * SPEED_OF_LIGHT**2
+    # How much longer the path of each antenna gets from tone to tone of a sweep in motion.
+    path_rate = -(ray @ array.drift) / frequency.size
     _sum(
-        path, spectrum, weight, gain, cosine, moved, array.tx, array.rx, *tones, array.dipoles, out
+        path,
+        spectrum,
+        weight,
+        gain,
+        log_cosine,
+        path_rate,
+        array.tx,
+        array.rx,
+        first,
+        step,
+        growth,
+        array.dipoles,
+        out,
     )
     return out * np.float32(math.sqrt(4 * np.pi))
 
 
 @shared(axis=1, cache=True)
 def _sum(  # type: ignore[no-untyped-def]
-    path, spectrum, weight, gain, cosine, moved, tx, rx, first, step, growth, mixed, out, begin, end
+    path,
+    spectrum,
+    weight,
+    gain,
+    log_cosine,
+    path_rate,
+    tx,
+    rx,
+    first,
+    step,
+    growth,
+    mixed,
+    out,
+    begin,
+    end,
 ):
-    """Add up echoes tone by tone; phases and beams go on from tone to tone by their second differences."""
+    """Add up echoes tone by tone.
+
+    Phases and beams advance from tone to tone by their second differences, and are computed anew
+    every 64 tones, so that rounding does not build up.
+    """
     tones = spectrum.shape[2]
     middle = tones // 2
     for q in range(begin, end):
@@ -319,10 +502,10 @@ def _sum(  # type: ignore[no-untyped-def]
             bw = gain[b, e, 2]
             even = weight[e, 0, q]
             odd = weight[e, 1, q]
-            rate = moved[a, e] + moved[b, e]
+            rate = path_rate[a, e] + path_rate[b, e]
             angle = -4 * math.pi * step * rate
             bend = complex(math.cos(angle), math.sin(angle))
-            off = 0.5 * (cosine[a, e] + cosine[b, e])
+            off = 0.5 * (log_cosine[a, e] + log_cosine[b, e])
             narrowing = math.exp(off * 2 * growth * step * step)
             rotation = 0j
             carrier = 0j
@@ -343,7 +526,8 @@ def _sum(  # type: ignore[no-untyped-def]
                 now = carrier * min(beam, 1.0) if growth > 0 else carrier
                 h = even * spectrum[e, 0, k] * now
                 v = even * spectrum[e, 1, k] * now
-                x, y = even * spectrum[e, 2, k] * now, odd * spectrum[e, 3, k] * now
+                x = even * spectrum[e, 2, k] * now
+                y = odd * spectrum[e, 3, k] * now
                 if mixed:
                     out[0, q, k] += (
                         ah * bh * h + ah * bv * (x + y) + av * bh * (x - y) + av * bv * v

@@ -1,4 +1,4 @@
-"""Scattering of bodies of revolution in the ground: diffraction by their rims, reflection by their layers."""
+"""Scattering of bodies of revolution in the ground, by their rims and by their layers."""
 
 from __future__ import annotations
 
@@ -10,16 +10,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flgpr.model.arrays import ComplexArray
-from flgpr.simulate.ground.refraction import reflection
+from flgpr.model.refraction import reflection
 
 Profile = Sequence[tuple[float, float]]
 
-# keeps a face seen at normal incidence, where the ray picture fails, from growing at will
+# Bound for a face seen at normal incidence, where the ray picture fails and the coefficients have
+# a pole.
 _LARGEST_COEFFICIENT = 5.0
 
 
 class Rim(NamedTuple):
-    """One visible point of a ring edge, near or far, ``drop`` below the top; of a plate the coefficients have h = v."""
+    """One visible point of a ring edge, near or far, ``drop`` below the top.
+
+    ``h`` and ``v`` are its coefficients; those of a plate are equal. Lengths are in m.
+    """
 
     radius: float
     drop: float
@@ -29,41 +33,63 @@ class Rim(NamedTuple):
 
 
 def cylinder(radius: float, height: float) -> tuple[tuple[float, float], ...]:
-    """Profile of an upright cylinder: (radius, drop below the top) from the top's centre to the bottom's, m."""
+    """Return the profile of an upright cylinder.
+
+    Its corners are (radius, drop below the top), m, from the top's centre to the bottom's.
+    """
     return ((0.0, 0.0), (radius, 0.0), (radius, height), (0.0, height))
 
 
 def wedge_coefficients(angle: float, exterior: float) -> tuple[float, float]:
-    """Keller's coefficients D_s and D_h of backscatter from a perfectly conducting wedge, without 1/sqrt(2πk).
+    """Return Keller's coefficients D_s and D_h of backscatter, without 1/sqrt(2πk).
 
-    ``sin(π/n)/n · [1/(cos(π/n) - 1) ∓ 1/(cos(π/n) - cos(2φ/n))]`` (Keller 1962). The ray comes at ``angle`` φ from the
-    first face, ``exterior`` is nπ: 3π/2 for a right-angled edge. D_s is that of an electric field along the edge.
+    Those of a perfectly conducting wedge,
+    ``sin(π/n)/n · [1/(cos(π/n) - 1) ∓ 1/(cos(π/n) - cos(2φ/n))]`` (Keller 1962). D_s is that of an
+    electric field along the edge.
+
+    Parameters
+    ----------
+    angle : float
+        Angle φ of the ray from the first face, rad.
+    exterior : float
+        Exterior angle nπ, rad: 3π/2 for a right-angled edge.
     """
     n = exterior / math.pi
     front = math.sin(math.pi / n) / n
     direct = 1 / (math.cos(math.pi / n) - 1)
     gap = math.cos(math.pi / n) - math.cos(2 * angle / n)
     reflected = 1 / gap if abs(gap) > 1e-9 else math.inf
-    limit = _LARGEST_COEFFICIENT
     soft = front * (direct - reflected)
     hard = front * (direct + reflected)
-    return max(-limit, min(limit, soft)), max(-limit, min(limit, hard))
+    return _limited(soft), _limited(hard)
+
+
+def _limited(coefficient: float) -> float:
+    """Return a coefficient within its bounds."""
+    return max(-_LARGEST_COEFFICIENT, min(_LARGEST_COEFFICIENT, coefficient))
 
 
 def visible_rims(profile: Profile, sine: float) -> list[Rim]:
-    """List the rims that the radar sees, convex corners whose edge is lit, near ends first, and how each diffracts.
+    """Return the rims that the radar sees, near ends first, and how each diffracts.
 
-    Corners go from the top's centre to the bottom's, the sine is that in the medium around.
+    These are convex corners whose edge is lit.
+
+    Parameters
+    ----------
+    profile : sequence of (float, float)
+        Corners from the top's centre to the bottom's, m.
+    sine : float
+        Sine of the angle of incidence in the medium around.
     """
     theta = math.asin(sine)
     rims = []
     for before, corner, after in zip(profile[:-2], profile[1:-1], profile[2:], strict=True):
-        if corner[0] <= 0:
+        if corner[0] <= 0:  # on the axis there is no ring
             continue
         first = math.atan2(corner[1] - before[1], before[0] - corner[0])
         second = math.atan2(corner[1] - after[1], after[0] - corner[0])
         exterior = (first - second) % (2 * math.pi)
-        if exterior <= math.pi + 1e-9:
+        if exterior <= math.pi + 1e-9:  # flat or concave
             continue
         for near, direction in ((True, math.pi / 2 - theta), (False, math.pi / 2 + theta)):
             angle = (first - direction) % (2 * math.pi)
@@ -74,24 +100,47 @@ def visible_rims(profile: Profile, sine: float) -> list[Rim]:
 
 
 def rim_amplitude(rim: Rim, wavenumber: ArrayLike, sine: ArrayLike) -> ComplexArray:
-    """Scattering amplitude, m, that multiplies a rim's coefficients; wavenumber and sine in the medium around.
+    """Return the scattering amplitude that multiplies a rim's coefficients, m.
 
-    ``sqrt(a/(4πk·sinθ))`` with the phase of the ring's stationary point; with D = cotθ/2 it is the physical-optics
-    disc's.
+    ``sqrt(a/(4πk·sinθ))`` with the phase of the ring's stationary point; with D = cotθ/2 it is the
+    physical-optics disc's.
+
+    Parameters
+    ----------
+    rim : Rim
+        The rim.
+    wavenumber : array_like
+        In the medium around, rad/m.
+    sine : array_like
+        Sine of the angle of incidence in the medium around.
     """
     k = np.asarray(wavenumber, dtype=float)
     s = np.asarray(sine, dtype=float)
     size = np.sqrt(rim.radius / (4 * np.pi * k * s))
-    return np.asarray(size * np.exp(-0.75j * np.pi if rim.near else -0.25j * np.pi))
+    phase = -0.75j * np.pi if rim.near else -0.25j * np.pi
+    return np.asarray(size * np.exp(phase))
 
 
 def layered_reflection(
     sine: ArrayLike, wavenumber: ArrayLike, media: Sequence[ArrayLike], thickness: Sequence[float]
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Reflection of a stack of plane layers for H and V, by recursion from the bottom.
+    """Return the reflection of a stack of plane layers for H and V, by recursion from the bottom.
 
-    ``media`` are relative permittivities from the side of incidence down, two more than there are thicknesses; sine and
-    wavenumber are those in air.
+    Parameters
+    ----------
+    sine : array_like
+        Sine of the angle of incidence in air.
+    wavenumber : array_like
+        In air, rad/m.
+    media : sequence of array_like
+        Relative permittivities from the side of incidence down.
+    thickness : sequence of float
+        Thickness of all layers but the first and the last, m.
+
+    Raises
+    ------
+    ValueError
+        If there are not two more media than thicknesses.
     """
     if len(media) != len(thickness) + 2:
         raise ValueError(
@@ -99,25 +148,42 @@ def layered_reflection(
         )
     k = np.asarray(wavenumber, dtype=float)
     s = np.asarray(sine, dtype=float)
-    total = list(reflection(s, media[-2], media[-1]))
+    total_h, total_v = reflection(s, media[-2], media[-1])
     for i in range(len(thickness) - 1, -1, -1):
         q = k * np.sqrt(np.asarray(media[i + 1], dtype=complex) - s**2)
         delay = np.exp(-2j * q * thickness[i])
         top = reflection(s, media[i], media[i + 1])
-        total = [(r + g * delay) / (1 + r * g * delay) for r, g in zip(top, total, strict=True)]
-    return total[0], total[1]
+        total_h = (top[0] + total_h * delay) / (1 + top[0] * total_h * delay)
+        total_v = (top[1] + total_v * delay) / (1 + top[1] * total_v * delay)
+    return total_h, total_v
 
 
 def layers_strength(
     sine: float, wavenumber: ArrayLike, soil: ArrayLike, layers: Sequence[tuple[float, float]]
 ) -> ComplexArray:
-    """Coefficients (H and V, frequency) of the near rim of a body of dielectric layers, for :func:`rim_amplitude`.
+    """Return the coefficients of the near rim of a body of dielectric layers.
 
-    The volume integral of the body's currents in its layers' own fields (Born's approximation, with the normal field
-    raised by continuity of D), its disc pattern taken as that of two flashes: ``k0/(4·sinθ)·Σ(ε_l -
-    ε_s)·g·∫e^{-2jqz}dz`` with g = 1 for H and ``(q² + (ε_s/ε_l)·k0²·sin²θ)/k_s²`` for V. The far rim has the opposite
-    sign. Unlike the specular reflection of a face it has no null at Brewster's angle. Layers are (thickness,
-    permittivity) from the top down; sine and wavenumber are those in air.
+    The volume integral of the body's currents in its layers' own fields (Born's approximation, with
+    the normal field raised by continuity of D), its disc pattern taken as that of two flashes:
+    ``k0/(4·sinθ)·Σ(ε_l - ε_s)·g·∫e^{-2jqz}dz`` with g = 1 for H and
+    ``(q² + (ε_s/ε_l)·k0²·sin²θ)/k_s²`` for V. The far rim has the opposite sign. Unlike the
+    specular reflection of a face it has no null at Brewster's angle.
+
+    Parameters
+    ----------
+    sine : float
+        Sine of the angle of incidence in air.
+    wavenumber : array_like
+        In air, rad/m.
+    soil : array_like of complex
+        Permittivity of the soil.
+    layers : sequence of (float, float)
+        Thickness, m, and permittivity from the top down.
+
+    Returns
+    -------
+    ndarray (2, frequency) of complex
+        Of H and V, for :func:`rim_amplitude`.
     """
     k = np.asarray(wavenumber, dtype=float)
     eps = np.asarray(soil, dtype=complex)
@@ -126,10 +192,9 @@ def layers_strength(
     top = 0.0
     for thickness, inner in layers:
         bottom = top + thickness
-        share = (
-            (inner - eps) * (np.exp(-2j * down * top) - np.exp(-2j * down * bottom)) / (2j * down)
-        )
+        ends = np.exp(-2j * down * top) - np.exp(-2j * down * bottom)
+        integral = (inner - eps) * ends / (2j * down)
         raised = ((eps - sine**2) + eps / inner * sine**2) / eps
-        total += share * np.stack([np.ones_like(raised), raised])
+        total += integral * np.stack([np.ones_like(raised), raised])
         top = bottom
     return np.asarray(k / (4 * sine) * total)

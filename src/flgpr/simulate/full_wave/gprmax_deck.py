@@ -1,7 +1,7 @@
 """A small scene as input files of gprMax, the open full-wave solver, so that others' physics can check ours.
 
-Only text is written here; nothing of gprMax is needed. A run per transmitter and polarization has the scene, another
-only air: its field is the direct wave, which the reader takes off.
+Only text is written here; nothing of gprMax is needed. A run per transmitter and polarization has
+the scene, another only air: its field is the direct wave, which the reader takes off.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from flgpr.simulate.full_wave.gprmax_grid import (
     rectangles,
 )
 from flgpr.simulate.ground.roughness import surface_heights
-from flgpr.simulate.ground.subsurface import strewn
-from flgpr.simulate.scene.scene import Scene, Target, Thing
+from flgpr.simulate.ground.subsurface import buried_clutter
+from flgpr.simulate.scene.scene import Scene, SceneObject, Target
 from flgpr.simulate.scene.world import World, draw_track, draw_world
 
 FORMAT = "flgpr-gprmax-1"
@@ -264,7 +264,7 @@ def _box(i0: int, i1: int, j0: int, j1: int, k0: int, k1: int, cell: float, mate
 
 
 def _objects(
-    things: tuple[Thing, ...], grid: Grid, rms_height: float, omissions: list[str]
+    things: tuple[SceneObject, ...], grid: Grid, rms_height: float, omissions: list[str]
 ) -> list[str]:
     lines = []
     away = 0
@@ -377,7 +377,7 @@ def _left_out(scene: Scene, world: World, sensor: Sensor) -> list[str]:
         )
     if scene.grass.grown:
         omitted.append("the grass")
-    buried = [*strewn(scene), *(["refilled holes"] if world.holes else [])]
+    buried = [*buried_clutter(scene), *(["refilled holes"] if world.holes else [])]
     if buried:
         omitted.append(f"what lies under the surface: {', '.join(buried)}")
     return omitted

@@ -53,10 +53,11 @@ class Grid(NamedTuple):
     def spread(self, point: ArrayLike, direction: ArrayLike) -> list[GridPoint]:
         """Put a vector at a point of the lane on the components around it, by cubic interpolation.
 
-        Each component lies on its own lattice, half a cell off along its axis, so that dipoles in different directions
-        at one point would sit at different places if they were snapped to the grid. Spread, they sit at the point: with
-        ten cells per wavelength a wave loses at most 0.4 % of its amplitude per axis, and no phase. The weights of a
-        component sum to the vector's part along it.
+        Each component lies on its own lattice, half a cell off along its axis, so that dipoles in
+        different directions at one point would sit at different places if they were snapped to the
+        grid. Spread, they sit at the point: with ten cells per wavelength a wave loses at most 0.4
+        % of its amplitude per axis, and no phase. The weights of a component sum to the vector's
+        part along it.
         """
         place = self.local(point) / self.cell
         points = []
@@ -108,7 +109,8 @@ _TOLERANCE = (0.002, 0.03)  # of ε' and of ε'', before another pole is tried
 class RelaxingMedium(NamedTuple):
     """``ε∞ + Σ Δε/(1 + jωτ) - jσ/(ωε0)``, poles being pairs of Δε and τ.
 
-    Errors are the largest over the band, of ε' relative to it, of ε'' relative to the larger of ε'' and ε'/1000.
+    Errors are the largest over the band, of ε' relative to it, of ε'' relative to the larger of ε''
+    and ε'/1000.
     """
 
     permittivity: float
@@ -129,9 +131,9 @@ def fit_relaxation(
 ) -> RelaxingMedium:
     """Fit a relaxing medium to a permittivity ε' - jε'' over a band; ε' from 1, ε'' not negative.
 
-    As few Debye poles as bring ε' within 0.2 % and ε'' within 3 %, by least squares with no negative part, over a grid
-    of relaxation times from ``shortest`` on, which the solver's time step allows. A medium so fitted is causal and
-    passive; outside the band it means nothing.
+    As few Debye poles as bring ε' within 0.2 % and ε'' within 3 %, by least squares with no
+    negative part, over a grid of relaxation times from ``shortest`` on, which the solver's time
+    step allows. A medium so fitted is causal and passive; outside the band it means nothing.
     """
     f = np.atleast_1d(np.asarray(frequency, float))
     eps = np.atleast_1d(np.asarray(permittivity, complex))

@@ -1,1 +1,1 @@
-"""The ground: soil, surface, terrain and what lies in it, as scatterers and as ways through it."""
+"""The ground: soil, surface, terrain and what lies in it, as scatterers and as media."""

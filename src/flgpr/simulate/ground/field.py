@@ -1,4 +1,4 @@
-"""The surface's scatterers: a fixed random field in the world, made tile by tile when it is looked at."""
+"""The surface's scatterers: a fixed random field in the world, made tile by tile where seen."""
 
 from __future__ import annotations
 
@@ -15,40 +15,56 @@ from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Patch, Surface
 
-# m, and how many stay in memory
 TILE = 1.0
+"""Edge of a tile, m."""
 TILES_KEPT = 4000
+"""Tiles of a field that stay in memory."""
 
 
 def tiles_between(low: FloatArray, high: FloatArray) -> list[tuple[int, int]]:
-    """Tiles (ix, iy) that touch the box from one corner (x, y) to the other, m, row by row."""
-    (left, near), (right, far) = (
-        np.floor(corner / TILE).astype(int).tolist() for corner in (low, high)
-    )
-    return [(ix, iy) for iy in range(near, far + 1) for ix in range(left, right + 1)]
+    """Return the tiles (ix, iy) that touch a box, row by row.
+
+    Parameters
+    ----------
+    low, high : ndarray (2,)
+        Opposite corners (x, y) of the box in the lane frame, m.
+    """
+    left, near = np.floor(low / TILE).astype(int).tolist()
+    right, far = np.floor(high / TILE).astype(int).tolist()
+    rows = range(near, far + 1)
+    columns = range(left, right + 1)
+    return [(ix, iy) for iy in rows for ix in columns]
 
 
-def cells_of(count: float) -> tuple[int, int]:
-    """Cells across and along a square, at least ``count`` in all."""
+def cell_counts(count: float) -> tuple[int, int]:
+    """Return the numbers of cells across and along a square, at least ``count`` in all."""
     across = max(1, math.ceil(math.sqrt(count)))
-    return across, max(1, math.ceil(count / across))
+    along = max(1, math.ceil(count / across))
+    return across, along
 
 
 @lru_cache(maxsize=16)
-def _corners(cells: tuple[int, int]) -> NDArray[np.int64]:
-    return np.stack(np.meshgrid(*map(np.arange, cells), indexing="ij"), axis=-1).reshape(-1, 2)
+def _cell_corners(cells: tuple[int, int]) -> NDArray[np.int64]:
+    """Return the lower corners (cell, 2) of all cells, in cells."""
+    across, along = cells
+    grid = np.meshgrid(np.arange(across), np.arange(along), indexing="ij")
+    return np.stack(grid, axis=-1).reshape(-1, 2)
 
 
 def jittered(rng: np.random.Generator, cells: tuple[int, int]) -> FloatArray:
-    """Places (point, 2) in the unit square, each in a cell of its own (jittered, Cook 1986), so that few are even."""
-    corner = _corners(cells)
+    """Return places (point, 2) in the unit square, one in each of its cells.
+
+    Jittered places (Cook 1986) are even although they are few.
+    """
+    corner = _cell_corners(cells)
     return np.asarray((corner + rng.random(corner.shape)) / cells)
 
 
 class Scatterers(NamedTuple):
-    """Point scatterers on the mean surface: places (point, 2) in the lane frame and amplitudes (point, 3).
+    """Point scatterers on the mean surface, in the lane frame.
 
-    They are to be multiplied by sqrt(σ⁰) of HH, of VV, of HH; their mean square is the area per scatterer, m².
+    ``xy`` (point, 2) are their places, m. ``amplitude`` (point, 3) is to be multiplied by sqrt(σ⁰)
+    of HH, of VV and of HH; its mean square is the area per scatterer, m².
     """
 
     xy: FloatArray
@@ -56,60 +72,93 @@ class Scatterers(NamedTuple):
 
 
 class SurfaceField:
-    """A field of ``density`` scatterers per m² over the whole plane, of which ``keep`` tiles stay in memory.
+    """A random field of scatterers over the whole plane.
 
-    ``patches`` are where the ground scatters more; ``name`` is that of the random numbers.
+    Parameters
+    ----------
+    surface : Surface
+        Statistics of the amplitudes.
+    patches : tuple of Patch
+        Where the ground scatters more.
+    density : float
+        Scatterers per m².
+    seed : int
+        Seed of the world.
+    keep : int
+        Number of tiles that stay in memory.
+    name : str
+        Name of the random streams.
     """
 
     def __init__(
-        self, surface: Surface, patches: tuple[Patch, ...], density: float, seed: int, keep: int = TILES_KEPT,
+        self,
+        surface: Surface,
+        patches: tuple[Patch, ...],
+        density: float,
+        seed: int,
+        keep: int = TILES_KEPT,
         name: str = "surface",
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.surface = surface
         self.patches = patches
         self.seed = seed
         self.name = name
-        self._cells = cells_of(density * TILE**2)
+        self._cells = cell_counts(density * TILE**2)
         self.per_tile = math.prod(self._cells)
         self.tile = lru_cache(keep)(self._make)
-        textures = "texture" if name == "surface" else f"{name} texture"
-        self._discs = np.array([(patch.x, patch.y, patch.radius) for patch in patches]).reshape(
-            -1, 3
-        )
-        self._texture = (
-            None if surface.texture_shape is None else _Texture(surface, stream(seed, textures))
-        )
+        discs = [(patch.x, patch.y, patch.radius) for patch in patches]
+        self._discs = np.array(discs).reshape(-1, 3)
+        self._texture = None
+        if surface.texture_shape is not None:
+            stream_name = "texture" if name == "surface" else f"{name} texture"
+            self._texture = _Texture(surface, stream(seed, stream_name))
 
     def within(self, corners: FloatArray) -> Scatterers:
-        """Scatterers of every tile that touches the bounding box of ``corners`` (corner, 2), m."""
-        tiles = [
-            self.tile(ix, iy) for ix, iy in tiles_between(corners.min(axis=0), corners.max(axis=0))
-        ]
-        return Scatterers._make(np.concatenate(column) for column in zip(*tiles, strict=True))
+        """Return the scatterers of every tile that touches the bounding box of some corners.
+
+        Parameters
+        ----------
+        corners : ndarray (corner, 2)
+            Places in the lane frame, m.
+        """
+        touched = tiles_between(corners.min(axis=0), corners.max(axis=0))
+        tiles = [self.tile(ix, iy) for ix, iy in touched]
+        xy = np.concatenate([tile.xy for tile in tiles])
+        amplitude = np.concatenate([tile.amplitude for tile in tiles])
+        return Scatterers(xy, amplitude)
 
     def _make(self, ix: int, iy: int) -> Scatterers:
         """Make the scatterers of the tile whose lower corner is (ix, iy)·TILE."""
         rng = stream(self.seed, self.name, ix, iy)
         xy = (jittered(rng, self._cells) + [ix, iy]) * TILE
-        z = rng.standard_normal((self.per_tile, 6), dtype=np.float32).view(
-            np.complex64
-        ) / np.float32(math.sqrt(2))
-        rho = self.surface.correlation
-        z[:, 1] = rho * z[:, 0] + math.sqrt(1 - rho**2) * z[:, 1]
-        z[:, 2] *= 10 ** (self.surface.cross_db / 20)
+        z = self._unit_amplitudes(rng)
         power = np.full(self.per_tile, TILE**2 / self.per_tile * 10 ** (self.surface.level_db / 10))
         if self._texture is not None:
             power *= self._texture(xy, ix, iy)
         x, y, radius = self._discs.T
-        near = np.hypot(x / TILE - ix - 0.5, y / TILE - iy - 0.5) < radius / TILE + 1
-        for patch in itertools.compress(self.patches, near):
-            reach = np.hypot(xy[:, 0] - patch.x, xy[:, 1] - patch.y) / patch.radius
-            power *= 10 ** (patch.gain_db / 10 * np.clip(2 - 2 * reach, 0, 1))
+        touches = np.hypot(x / TILE - ix - 0.5, y / TILE - iy - 0.5) < radius / TILE + 1
+        for patch in itertools.compress(self.patches, touches):
+            # The gain falls from its full value at half the radius to nothing at the edge.
+            distance = np.hypot(xy[:, 0] - patch.x, xy[:, 1] - patch.y) / patch.radius
+            power *= 10 ** (patch.gain_db / 10 * np.clip(2 - 2 * distance, 0, 1))
         return Scatterers(xy, z * np.sqrt(power)[:, None].astype(np.float32))
+
+    def _unit_amplitudes(self, rng: np.random.Generator) -> NDArray[np.complex64]:
+        """Draw complex Gaussian amplitudes (point, 3): HH and VV of mean square one, and cross."""
+        white = rng.standard_normal((self.per_tile, 6), dtype=np.float32)
+        z = white.view(np.complex64) / np.float32(math.sqrt(2))
+        rho = self.surface.correlation
+        z[:, 1] = rho * z[:, 0] + math.sqrt(1 - rho**2) * z[:, 1]
+        z[:, 2] *= 10 ** (self.surface.cross_db / 20)
+        return z
 
 
 class _Texture:
-    """Gamma-distributed local power of mean one: a Gaussian field of given correlation length, mapped."""
+    """Gamma-distributed local power of mean one.
+
+    It is a Gaussian field of the given correlation length, a sum of plane waves, whose values are
+    mapped onto the gamma distribution.
+    """
 
     def __init__(self, surface: Surface, rng: np.random.Generator, modes: int = 256) -> None:
         shape = surface.texture_shape or 1.0
@@ -120,19 +169,27 @@ class _Texture:
         # Quantiles of that distribution; importing scipy.stats for them takes half a second.
         self._power = gammaincinv(shape, ndtr(self._grid)) * (1 / shape)
         # Tiles of a column share their waves along x, tiles of a row those along y.
-        self._column = lru_cache(64)(lambda ix: self._along(ix, self._waves[0], self._phase))
-        self._row = lru_cache(64)(lambda iy: self._along(iy, self._waves[1], 0.0))
+        self._column = lru_cache(64)(self._waves_along_x)
+        self._row = lru_cache(64)(self._waves_along_y)
 
     def __call__(self, xy: FloatArray, ix: int, iy: int) -> FloatArray:
+        """Return the power (point,) at places (point, 2) of the tile (ix, iy)."""
         nodes = (self._row(iy) @ self._column(ix).T).real * math.sqrt(2 / self._phase.size)
-        where = (xy - np.array([ix, iy]) * TILE) / TILE * (self._nodes - 1)
-        cell = np.minimum(where.astype(int), self._nodes - 2)
-        (fx, fy), (cx, cy) = (where - cell).T, cell.T
+        position = (xy - np.array([ix, iy]) * TILE) / TILE * (self._nodes - 1)
+        cell = np.minimum(position.astype(int), self._nodes - 2)
+        fx, fy = (position - cell).T
+        cx, cy = cell.T
         low = nodes[cy, cx] * (1 - fx) + nodes[cy, cx + 1] * fx
         high = nodes[cy + 1, cx] * (1 - fx) + nodes[cy + 1, cx + 1] * fx
         return np.asarray(np.interp(low * (1 - fy) + high * fy, self._grid, self._power))
 
-    def _along(self, tile: int, waves: FloatArray, phase: FloatArray | float) -> ComplexArray:
-        return np.exp(
-            1j * ((tile * TILE + np.linspace(0, TILE, self._nodes))[:, None] * waves + phase)
-        )
+    def _waves_along_x(self, ix: int) -> ComplexArray:
+        return self._waves_along(ix, self._waves[0], self._phase)
+
+    def _waves_along_y(self, iy: int) -> ComplexArray:
+        return self._waves_along(iy, self._waves[1], 0.0)
+
+    def _waves_along(self, tile: int, waves: FloatArray, phase: FloatArray | float) -> ComplexArray:
+        """Return the waves (node, mode) at the nodes of a tile along one axis."""
+        nodes = tile * TILE + np.linspace(0, TILE, self._nodes)
+        return np.exp(1j * (nodes[:, None] * waves + phase))

@@ -1,4 +1,4 @@
-"""Holes dug and filled again: where they are, what they do to the way to a target, and their own echo."""
+"""Holes dug and filled again: where they are, what they do to a target's echo, and their own."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ from flgpr.simulate.scene.scene import Patch, Scene, Target
 class Hole(NamedTuple):
     """A refilled hole, with the index of the target in it, if any.
 
-    ``looseness`` is the density of the fill over that of the soil around, ``moisture`` its additional volumetric
-    moisture, m³/m³, ``cap`` the height of its top over the surface.
+    Lengths are in m. ``looseness`` is the density of the fill over that of the soil around,
+    ``moisture`` its additional volumetric moisture, m³/m³, and ``cap`` the height of its top over
+    the surface.
     """
 
     x: float
@@ -33,87 +34,118 @@ class Hole(NamedTuple):
     target: int | None = None
 
     def fill(self, soil: ComplexArray, frequency: FloatArray) -> ComplexArray:
-        """Permittivity of the fill (frequency,) for that of the soil around: refractive mixing (Birchak et al. 1974).
+        """Return the permittivity of the fill by refractive mixing (Birchak et al. 1974).
 
-        The solids and water of the soil thin out with its density, and the water added takes the place of air.
+        The solids and water of the soil thin out with its density, and the water added takes the
+        place of air.
+
+        Parameters
+        ----------
+        soil : ndarray (frequency,) of complex
+            Permittivity of the soil around.
+        frequency : ndarray (frequency,)
+            Frequencies, Hz.
         """
-        index = (
-            1
-            + (np.sqrt(soil) - 1) * self.looseness
-            + (np.sqrt(water(frequency)) - 1) * self.moisture
-        )
+        thinned_soil = (np.sqrt(soil) - 1) * self.looseness
+        added_water = (np.sqrt(water(frequency)) - 1) * self.moisture
+        index = 1 + thinned_soil + added_water
         return np.asarray(np.where(index.real > 1, index, 1.0) ** 2)
 
 
 def water(frequency: ArrayLike) -> ComplexArray:
-    """Permittivity of fresh water at 20 °C by frequency (Hz): Debye (Ulaby, Moore & Fung 1986, App. E)."""
-    return np.asarray(4.9 + 75.2 / (1 + 2j * np.pi * np.asarray(frequency, dtype=float) * 9.23e-12))
+    """Return the permittivity of fresh water at 20 °C at frequencies in Hz.
+
+    A Debye relaxation (Ulaby, Moore & Fung 1986, App. E).
+    """
+    f = np.asarray(frequency, dtype=float)
+    return np.asarray(4.9 + 75.2 / (1 + 2j * np.pi * f * 9.23e-12))
 
 
 def draw_holes(scene: Scene, targets: tuple[Target, ...], seed: int) -> tuple[Hole, ...]:
     """Draw the holes over targets, in their order, and then the empty ones in the lane."""
-    table = scene.holes
-    if not table.on:
+    if not scene.holes.on:
         return ()
-    return (*_over_targets(scene, targets, seed), *_empty(scene, seed))
+    over_targets = _holes_over_targets(scene, targets, seed)
+    empty = _empty_holes(scene, seed)
+    return (*over_targets, *empty)
 
 
-def _over_targets(scene: Scene, targets: tuple[Target, ...], seed: int) -> list[Hole]:
-    holes = []
+def _holes_over_targets(scene: Scene, targets: tuple[Target, ...], seed: int) -> list[Hole]:
+    """Draw which buried targets lie in a hole, and those holes."""
     table = scene.holes
+    holes = []
     for index, target in enumerate(targets):
         rng = stream(seed, "hole", index)
         if target.depth < 0 or rng.random() >= table.over:
             continue
         width, height = target.extent
         radius = width + rng.uniform(*table.margin)
-        holes.append(
-            Hole(target.x, target.y, radius, target.depth + height, *_fill(scene, rng), index)
-        )
+        depth = target.depth + height
+        holes.append(Hole(target.x, target.y, radius, depth, *_draw_fill(scene, rng), index))
     return holes
 
 
-def _empty(scene: Scene, seed: int) -> list[Hole]:
+def _empty_holes(scene: Scene, seed: int) -> list[Hole]:
+    """Draw the holes in the lane that hold nothing."""
     rng = stream(seed, "holes")
     table = scene.holes
-    return [
-        Hole(
-            rng.uniform(scene.x_min, scene.x_max),
-            rng.uniform(0, scene.length),
-            rng.uniform(*table.radius),
-            rng.uniform(*table.depth),
-            *_fill(scene, rng),
-        )
-        for _ in range(rng.poisson(table.empty * scene.lane.area))
-    ]
+    holes = []
+    for _ in range(rng.poisson(table.empty * scene.lane.area)):
+        x = rng.uniform(scene.x_min, scene.x_max)
+        y = rng.uniform(0, scene.length)
+        radius = rng.uniform(*table.radius)
+        depth = rng.uniform(*table.depth)
+        holes.append(Hole(x, y, radius, depth, *_draw_fill(scene, rng)))
+    return holes
 
 
-def _fill(scene: Scene, rng: np.random.Generator) -> tuple[float, float, float]:
+def _draw_fill(scene: Scene, rng: np.random.Generator) -> tuple[float, float, float]:
+    """Draw the looseness, additional moisture and cap height of a hole's fill."""
     table = scene.holes
-    return rng.uniform(*table.looseness), rng.normal(0, table.moisture), rng.normal(0, table.cap)
+    looseness = rng.uniform(*table.looseness)
+    moisture = rng.normal(0, table.moisture)
+    cap = rng.normal(0, table.cap)
+    return looseness, moisture, cap
 
 
 def hole_patches(scene: Scene, holes: tuple[Hole, ...]) -> tuple[Patch, ...]:
-    """Rougher ground where a hole was filled."""
-    if scene.holes.rough_db == 0:
+    """Return patches of rougher ground where holes were filled."""
+    gain_db = scene.holes.rough_db
+    if gain_db == 0:
         return ()
-    return tuple(Patch(x=h.x, y=h.y, radius=h.radius, gain_db=scene.holes.rough_db) for h in holes)
+    return tuple(Patch(x=h.x, y=h.y, radius=h.radius, gain_db=gain_db) for h in holes)
 
 
 def hole_factor(
     hole: Hole, depth: float, sine: float, ground: Ground
 ) -> tuple[float, ComplexArray]:
-    """Change of the way to a point in a hole, against the undisturbed soil, at a depth under the mean surface.
+    """Compute how a hole changes the path to a point in it, against the undisturbed soil.
 
-    ``extra`` is the path gained one way at the band's middle, m; ``factor`` (frequency,) what is left of the amplitude
-    both ways, and the phase beyond ``extra``. The cap lies on top of the depth; the sine is that in air.
+    Parameters
+    ----------
+    hole : Hole
+        The hole; its cap lies on top of the depth.
+    depth : float
+        Depth of the point below the mean surface, m.
+    sine : float
+        Sine of the angle of incidence in air.
+    ground : Ground
+        The soil around, and the frequencies.
+
+    Returns
+    -------
+    extra : float
+        Path gained one way at the band's middle, m.
+    factor : ndarray (frequency,) of complex
+        Factor of the amplitude both ways, with the phase that ``extra`` leaves.
     """
     fill = hole.fill(ground.media[0], ground.frequency)
-    thickness = max(min(depth, hole.depth) + hole.cap, 0.0)
-    above = thickness - min(depth, hole.depth)  # of the cap: soil instead of air
+    depth_in_hole = min(depth, hole.depth)
+    thickness = max(depth_in_hole + hole.cap, 0.0)
+    cap = thickness - depth_in_hole  # fill where there was air
     cosine = math.sqrt(1 - sine**2)
-    passed = thickness * np.sqrt(fill - sine**2) - above * cosine
-    passed = passed - min(depth, hole.depth) * np.sqrt(ground.media[0] - sine**2)
+    passed = thickness * np.sqrt(fill - sine**2) - cap * cosine
+    passed = passed - depth_in_hole * np.sqrt(ground.media[0] - sine**2)
     extra = float(passed[ground.frequency.size // 2].real)
     return extra, np.exp(-2j * ground.wavenumber * (passed - extra))
 
@@ -127,10 +159,28 @@ def wall_flash(
     wavenumber: float,
     side: float,
 ) -> complex:
-    """Amplitude of the near (``side`` 1) or far (-1) flash of a hole's upper edge (Born), m; the lower's is opposite.
+    """Return the amplitude of one flash of the upper edge of a hole's wall (Born), m.
 
-    ``k0²/4π·δε·πa²`` times :func:`~flgpr.simulate.ground.inclusions.disc_flash` and the depth's end point
-    ``1/(2jk0·sqrt(ε - sin²θ))``, weakened by the wall's unevenness, ``exp(-(2k0·w·sinθ)²/2)``.
+    It is ``k0²/4π·δε·πa²`` times :func:`~flgpr.simulate.ground.inclusions.disc_flash` and the end
+    point of the integral over depth, ``1/(2jk0·sqrt(ε - sin²θ))``, weakened by the wall's
+    unevenness, ``exp(-(2k0·w·sinθ)²/2)``. The flash of the lower edge is the opposite.
+
+    Parameters
+    ----------
+    hole : Hole
+        The hole.
+    contrast : complex
+        Permittivity of the fill less that of the soil.
+    soil : float
+        Real permittivity of the soil.
+    wall : float
+        Rms unevenness w of the wall, m.
+    sine : float
+        Sine of the angle of incidence in air.
+    wavenumber : float
+        Wavenumber k0 in air, rad/m.
+    side : float
+        1 for the near, -1 for the far flash.
     """
     across = 2 * wavenumber * wall * sine
     end = 1 / (2j * wavenumber * math.sqrt(soil - sine**2))
@@ -141,10 +191,11 @@ def wall_flash(
 def cap_flash(
     hole: Hole, soil: complex, sine: float, wavenumber: float, side: float
 ) -> tuple[complex, complex]:
-    """Amplitude of the flash of the cap's edge, HH and VV, m.
+    """Return the amplitude of one flash of the cap's edge, HH and VV, m.
 
-    Small perturbation by the deterministic height ``h·(1 - r²/a²)``: ``k0²cos²θ·α/π`` times its transform
-    ``4πh·J_2(Ka)/K²``, K = 2k0·sinθ, in its leading term of large Ka.
+    Small perturbation by the deterministic height ``h·(1 - r²/a²)``: ``k0²cos²θ·α/π`` times its
+    transform ``4πh·J_2(Ka)/K²``, K = 2k0·sinθ, in its leading term of large Ka. Parameters are
+    those of :func:`wall_flash`, but that the soil's permittivity is complex.
     """
     k = 2 * wavenumber * sine
     cosine = math.sqrt(1 - sine**2)

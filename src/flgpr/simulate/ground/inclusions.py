@@ -1,7 +1,8 @@
-"""Scattering by what lies in the soil: amplitudes in the soil itself, before the way in and out is put on them.
+"""Scattering by what lies in the soil: amplitudes in the soil itself, without the way in and out.
 
-An amplitude is the square root of the radar cross section that the body has in an endless soil, m. It is given at one
-frequency; its growth with frequency is one of the shapes below.
+An amplitude is the square root of the radar cross section that the body has in an endless soil, m.
+It is that at one frequency; its growth with frequency is one of the shapes below. Wavenumbers are
+those in air, rad/m.
 """
 
 from __future__ import annotations
@@ -17,69 +18,124 @@ _FULL = np.sqrt(4 * np.pi)
 def stone(
     radius: ArrayLike, body: ArrayLike, soil: ArrayLike, wavenumber: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Amplitude, m, of a dielectric sphere in soil: its dipole, which saturates at the optical cross section.
+    """Return the amplitude of a dielectric sphere in soil, and where it saturates.
 
-    With the sign of the contrast it is ``2√π·f·u²/sqrt(1 + u⁴)`` with the optical ``f = a/2·(n - n_s)/(n + n_s)`` and u
-    such that ``f·u²`` is the dipole's ``k_s²a³(ε - ε_s)/(ε + 2ε_s)``. The second value is the frequency, over the given
-    one, at which u = 1. Permittivities are real, the wavenumber is that in air.
+    The sphere is a dipole that saturates at the optical cross section. With the sign of the
+    contrast the amplitude is ``2√π·f·u²/sqrt(1 + u⁴)`` with the optical
+    ``f = a/2·(n - n_s)/(n + n_s)`` and u such that ``f·u²`` is the dipole's
+    ``k_s²a³(ε - ε_s)/(ε + 2ε_s)``.
+
+    Parameters
+    ----------
+    radius : array_like
+        Radius a, m.
+    body, soil : array_like
+        Real permittivities ε of the sphere and ε_s of the soil.
+    wavenumber : float
+        Wavenumber in air, rad/m.
+
+    Returns
+    -------
+    amplitude : ndarray
+        Amplitude, m.
+    corner : ndarray
+        Frequency over the given one at which u = 1.
     """
-    a, er, es = (np.asarray(v, dtype=float) for v in (radius, body, soil))
-    slope = (np.sqrt(er) + np.sqrt(es)) ** 2 / (
-        er + 2 * es
-    )  # contrast of the dipole over the optical one
+    a = np.asarray(radius, dtype=float)
+    er = np.asarray(body, dtype=float)
+    es = np.asarray(soil, dtype=float)
+    # Contrast of the dipole over the optical one.
+    slope = (np.sqrt(er) + np.sqrt(es)) ** 2 / (er + 2 * es)
     contrast = (np.sqrt(er) - np.sqrt(es)) / (np.sqrt(er) + np.sqrt(es))
     u2 = 2 * slope * es * (wavenumber * a) ** 2
-    return np.asarray(_FULL * a / 2 * contrast * u2 / np.sqrt(1 + u2**2)), np.asarray(
-        1 / np.sqrt(u2)
-    )
+    amplitude = _FULL * a / 2 * contrast * u2 / np.sqrt(1 + u2**2)
+    corner = 1 / np.sqrt(u2)
+    return np.asarray(amplitude), np.asarray(corner)
 
 
 def stone_shape(u: ArrayLike) -> FloatArray:
-    """Growth of a stone's amplitude with frequency over its corner frequency, ``u²/sqrt(1 + u⁴)``."""
+    """Return a stone's growth with frequency over its corner frequency, ``u²/sqrt(1 + u⁴)``."""
     u2 = np.asarray(u, dtype=float) ** 2
     return np.asarray(u2 / np.sqrt(1 + u2**2))
 
 
 def spheroid(stretch: ArrayLike, body: ArrayLike, soil: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Polarizability of a small spheroid along and across its axis, over that of the sphere of equal volume.
+    """Return a small spheroid's polarizability over that of the sphere of equal volume.
 
-    ``stretch`` is the axis over the other two; depolarization factors of Bohren & Huffman 1983, Sec. 5.3.
+    Depolarization factors of Bohren & Huffman 1983, Sec. 5.3.
+
+    Parameters
+    ----------
+    stretch : array_like
+        Axis of revolution over the other two.
+    body, soil : array_like
+        Real permittivities of the spheroid and of the soil.
+
+    Returns
+    -------
+    along, across : ndarray
+        For fields along and across the axis of revolution.
     """
-    q, er, es = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (stretch, body, soil)))
-    e2 = np.abs(1 - 1 / np.where(np.abs(q - 1) < 1e-3, 2.0, q) ** 2)
+    q, er, es = np.broadcast_arrays(
+        np.asarray(stretch, dtype=float),
+        np.asarray(body, dtype=float),
+        np.asarray(soil, dtype=float),
+    )
+    # Near the sphere both formulas are 0/0: there the first terms of their series hold.
+    nearly_round = np.abs(q - 1) < 1e-3
+    e2 = np.abs(1 - 1 / np.where(nearly_round, 2.0, q) ** 2)
     e = np.sqrt(e2)
     prolate = (1 - e2) / e2 * (np.arctanh(np.minimum(e, 0.999999)) / e - 1)
     oblate = (1 + e2) / e2 * (1 - np.arctan(e) / e)
-    along = np.where(
-        np.abs(q - 1) < 1e-3, 1 / 3 - 4 / 15 * (q - 1), np.where(q > 1, prolate, oblate)
-    )
+    factor = np.where(nearly_round, 1 / 3 - 4 / 15 * (q - 1), np.where(q > 1, prolate, oblate))
     sphere = (er + 2 * es) / 3
-    return sphere / (es + along * (er - es)), sphere / (es + (1 - along) / 2 * (er - es))
+    along = sphere / (es + factor * (er - es))
+    across = sphere / (es + (1 - factor) / 2 * (er - es))
+    return along, across
 
 
 def root(
     radius: ArrayLike, body: complex, soil: ArrayLike, wavenumber: float
 ) -> tuple[ComplexArray, ComplexArray, FloatArray]:
-    """Amplitude per metre of a thin cylinder in soil, for fields along and across it, and where it saturates.
+    """Return a thin cylinder's amplitude in soil per metre of length, and where it saturates.
 
-    Born's integral with the field inside a thin cylinder: unchanged along it, ``2ε_s/(ε + ε_s)`` across it. It
-    saturates at the echo of a thick cylinder, ``sqrt(k_s·a/4π)`` times the reflection of its face; the corner is the
-    frequency, over the given one, at which that of the field along it does. The wavenumber is that in air.
+    Born's integral with the field inside a thin cylinder: unchanged along it, ``2ε_s/(ε + ε_s)``
+    across it. It saturates at the echo of a thick cylinder, ``sqrt(k_s·a/4π)`` times the reflection
+    of its face.
+
+    Parameters
+    ----------
+    radius : array_like
+        Radius a, m.
+    body : complex
+        Permittivity ε of the cylinder.
+    soil : array_like
+        Real permittivity ε_s of the soil.
+    wavenumber : float
+        Wavenumber in air, rad/m.
+
+    Returns
+    -------
+    along, across : ndarray of complex
+        Amplitudes for fields along and across the cylinder.
+    corner : ndarray
+        Frequency over the given one at which the amplitude along the cylinder saturates.
     """
     a = np.asarray(radius, dtype=float)
     es = np.asarray(soil, dtype=float)
     thin = wavenumber**2 / (4 * np.pi) * np.pi * a**2 * (body - es)
     index = np.sqrt(complex(body))
-    thick = np.sqrt(wavenumber * np.sqrt(es) * a / (4 * np.pi)) * np.abs(
-        (index - np.sqrt(es)) / (index + np.sqrt(es))
-    )
+    face = np.abs((index - np.sqrt(es)) / (index + np.sqrt(es)))
+    thick = np.sqrt(wavenumber * np.sqrt(es) * a / (4 * np.pi)) * face
     u3 = np.abs(thin / thick) ** 2
     along = _FULL * thin / np.sqrt(1 + u3)
-    return np.asarray(along), np.asarray(along * 2 * es / (body + es)), np.asarray(u3 ** (-1 / 3))
+    across = along * 2 * es / (body + es)
+    corner = u3 ** (-1 / 3)
+    return np.asarray(along), np.asarray(across), np.asarray(corner)
 
 
 def root_shape(u: ArrayLike) -> FloatArray:
-    """Growth of a root's amplitude with frequency over its corner frequency, ``u²/sqrt(1 + u³)``."""
+    """Return a root's growth with frequency over its corner frequency, ``u²/sqrt(1 + u³)``."""
     u = np.asarray(u, dtype=float)
     return np.asarray(u**2 / np.sqrt(1 + u**3))
 
@@ -92,11 +148,25 @@ def volume_backscatter(
     horizontal: float,
     vertical: float,
 ) -> FloatArray:
-    """Radar cross section per volume, 1/m, of a soil whose permittivity fluctuates, in the soil (first-order Born).
+    """Return the radar cross section per volume of a soil whose permittivity fluctuates, 1/m.
 
-    For correlation ``s²·exp(-sqrt(r²/L_h² + z²/L_v²))`` of δε it is ``k0⁴/4π·W(2k_s)`` with the spectrum
-    ``W(K) = 8π·s²·L_h²·L_v/(1 + K_h²L_h² + K_z²L_v²)²`` and ``K = 2k0·(sinθ, sqrt(ε - sin²θ))``. HH = VV, no HV (Tsang,
-    Kong & Shin 1985, Sec. 5; Ishimaru 1978, ch. 16).
+    First-order Born in the soil. For correlation ``s²·exp(-sqrt(r²/L_h² + z²/L_v²))`` of δε it is
+    ``k0⁴/4π·W(2k_s)`` with the spectrum ``W(K) = 8π·s²·L_h²·L_v/(1 + K_h²L_h² + K_z²L_v²)²`` and
+    ``K = 2k0·(sinθ, sqrt(ε - sin²θ))``. HH = VV, no HV (Tsang, Kong & Shin 1985, Sec. 5; Ishimaru
+    1978, ch. 16).
+
+    Parameters
+    ----------
+    wavenumber : array_like
+        Wavenumber k0 in air, rad/m.
+    sine : array_like
+        Sine of the angle of incidence in air.
+    soil : array_like
+        Real mean permittivity ε of the soil.
+    deviation : float
+        Standard deviation s of the permittivity.
+    horizontal, vertical : float
+        Correlation lengths L_h and L_v, m.
     """
     k = np.asarray(wavenumber, dtype=float)
     s2 = np.asarray(sine, dtype=float) ** 2
@@ -108,7 +178,19 @@ def volume_backscatter(
 def disc_flash(
     radius: ArrayLike, wavenumber: float, sine: ArrayLike = 1.0, side: float = 1.0
 ) -> ComplexArray:
-    """Flash of a level disc's transform ``2J_1(x)/x``, x = 2k0·a·sinθ, for large x: near (``side`` 1) or far (-1)."""
+    """Return one flash of a level disc's transform ``2J_1(x)/x``, x = 2k0·a·sinθ, for large x.
+
+    Parameters
+    ----------
+    radius : array_like
+        Radius a, m.
+    wavenumber : float
+        Wavenumber k0 in air, rad/m.
+    sine : array_like
+        Sine of the angle of incidence in air.
+    side : float
+        1 for the near, -1 for the far flash.
+    """
     x = 2 * wavenumber * np.asarray(radius, dtype=float) * np.asarray(sine, dtype=float)
     return np.asarray(np.sqrt(2 / (np.pi * x**3)) * np.exp(-0.75j * np.pi * side))
 
@@ -116,7 +198,12 @@ def disc_flash(
 def lens(
     radius: ArrayLike, contrast: ArrayLike, thickness: float, wavenumber: float
 ) -> ComplexArray:
-    """Amplitude, m, of a thin flat disc's near flash (Born) at sinθ = 1; that of the far one is its conjugate."""
+    """Return the amplitude of a thin flat disc's near flash at sinθ = 1 (Born), m.
+
+    That of the far flash is its conjugate. Radius and thickness are in m; the contrast is the
+    difference of permittivity, the wavenumber that in air.
+    """
     a = np.asarray(radius, dtype=float)
-    d = np.asarray(contrast, dtype=float)
-    return np.asarray(_FULL * wavenumber**2 / 4 * d * a**2 * thickness * disc_flash(a, wavenumber))
+    difference = np.asarray(contrast, dtype=float)
+    volume_factor = _FULL * wavenumber**2 / 4 * difference * a**2 * thickness
+    return np.asarray(volume_factor * disc_flash(a, wavenumber))

@@ -1,4 +1,4 @@
-"""Shadows of upright objects by diffraction at strips: deep at high frequencies, filled in at low ones."""
+"""Shadows of upright objects by diffraction at strips: deep at high tones, weak at low ones."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ from flgpr.kernels.threads import share
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.radar.spread import ArrayState
-from flgpr.simulate.scene.scene import Target, Thing
+from flgpr.simulate.scene.scene import SceneObject, Target
 
 _NODES = 5  # frequencies at which the shadow on a body is known; linear between them
 _PAIRS = 8  # pairs over which a shadow is averaged
-_REACH = 6.0  # argument beyond which the Fresnel integral has arrived
+_REACH = 6.0  # argument beyond which the Fresnel integral is taken as one or zero
 _FINE = 128  # its samples per unit
 _LEAST = 0.05  # change of the two-way amplitude that counts
-_MANY = 500  # points from which on threads share them: to wake these takes longer than few points
-_ROCK = 0.05  # m: lower rocks throw no shadow
+_MANY = 500  # points from which on threads share them: waking threads takes longer than few points
+_LOWEST_ROCK = 0.05  # m: lower rocks throw no shadow
 _SINE, _COSINE = fresnel(np.linspace(-_REACH, _REACH, round(2 * _REACH * _FINE) + 1))
-_TABLE = (_COSINE - 1j * _SINE) / (1 - 1j) + 0.5  # G(v) as below
+_TABLE = (_COSINE - 1j * _SINE) / (1 - 1j) + 0.5  # G(v), see Shadows
 
 
 class Strip(NamedTuple):
-    """An upright that rays must pass, ``radius`` to either side of its middle; heights are above the lane's plane.
+    """An upright that rays must pass, ``radius`` to either side of its middle.
 
-    ``foliage`` is the one-way loss across its middle at 0.87 GHz, dB; infinite is opaque.
+    Heights are above the lane's plane, m. ``foliage`` is the one-way loss across its middle at 0.87
+    GHz, dB; infinite is opaque.
     """
 
     x: float
@@ -43,65 +44,113 @@ class Strip(NamedTuple):
     foliage: float = math.inf
 
 
-def strips_of(
-    targets: Iterable[Target], objects: Iterable[Thing], ground: Any, foliage: float
+def shadow_strips(
+    targets: Iterable[Target], objects: Iterable[SceneObject], ground: Any, foliage: float
 ) -> list[Strip]:
-    """Give the strips of what throws shadows: metal bodies on the ground, posts, bushes, rocks from 5 cm radius.
+    """Return the strips of what throws shadows.
 
-    ``ground`` gives the height at x and y; a bush loses ``foliage`` (dB/m one way at 0.87 GHz) over its mean chord.
+    These are metal bodies on the ground, posts, bushes, and rocks of more than 5 cm radius.
+
+    Parameters
+    ----------
+    targets : iterable of Target
+        Targets of the world.
+    objects : iterable of SceneObject
+        All else that stands there.
+    ground : callable
+        Height of the ground at x and y, m.
+    foliage : float
+        One-way loss of a bush at 0.87 GHz over its mean chord, dB/m.
     """
-    found = []
+    strips = []
     for target in targets:
         if target.depth < 0 and target.dielectric is None:
             z = float(ground(target.x, target.y))
-            found.append(Strip(target.x, target.y, z, z - target.depth, target.extent[0]))
+            top = z - target.depth
+            strips.append(Strip(target.x, target.y, z, top, target.extent[0]))
     for thing in objects:
-        height = thing.radius if thing.kind == "rock" else thing.height
-        if thing.kind == "fiducial" or height <= (_ROCK if thing.kind == "rock" else 0.0):
+        if thing.kind == "fiducial":
             continue
-        loss = foliage * math.pi / 2 * thing.radius if thing.kind == "bush" else math.inf
+        height = thing.radius if thing.kind == "rock" else thing.height
+        lowest = _LOWEST_ROCK if thing.kind == "rock" else 0.0
+        if height <= lowest:
+            continue
+        loss = math.inf
+        if thing.kind == "bush":
+            loss = foliage * math.pi / 2 * thing.radius
         z = float(ground(thing.x, thing.y))
-        found.append(Strip(thing.x, thing.y, z, z + height, thing.radius, loss))
-    return found
+        strips.append(Strip(thing.x, thing.y, z, z + height, thing.radius, loss))
+    return strips
 
 
 class Shadows:
     """The shadows that a scan's antennas see.
 
-    Behind a strip from the ground up the field of an antenna is ``1 - (1 - T)·[G(v2) - G(v1)]·G(u)`` of the free one,
-    with the Fresnel integral ``G(v) = ∫_{-∞}^{v} exp(-jπt²/2) dt/(1 - j)``, v1 and v2 of its sides and u of its top in
-    units of ``sqrt(λ·d1·d2/(2(d1 + d2)))`` across the ray, and T what passes it (Babinet's principle in Kirchhoff's
-    approximation: Born & Wolf 1999, Sec. 8.7-8.8; Deygout's several edges multiply). Two-way it is the mean product of
-    transmitter's and receiver's factor over the pairs, which is what an image focused there has.
+    Behind a strip from the ground up the field of an antenna is
+    ``1 - (1 - T)·[G(v2) - G(v1)]·G(u)`` of the free one, with the Fresnel integral
+    ``G(v) = ∫_{-∞}^{v} exp(-jπt²/2) dt/(1 - j)``, v1 and v2 of its sides and u of its top in units
+    of ``sqrt(λ·d1·d2/(2(d1 + d2)))`` across the ray, and T what passes it (Babinet's principle in
+    Kirchhoff's approximation: Born & Wolf 1999, Sec. 8.7-8.8; Deygout's several edges multiply).
+    Two-way it is the mean product of transmitter's and receiver's factor over the pairs, which is
+    what an image focused there has.
+
+    Parameters
+    ----------
+    strips : iterable of Strip
+        What throws shadows.
+    array : ArrayState
+        The antennas.
+    frequency : ndarray (frequency,)
+        Tones, Hz.
     """
 
     def __init__(self, strips: Iterable[Strip], array: ArrayState, frequency: FloatArray) -> None:
         self._frequency = frequency
-        chosen = slice(None, None, max(1, math.ceil(array.tx.size / _PAIRS)))
-        used, index = np.unique(
-            np.concatenate([array.tx[chosen], array.rx[chosen]]), return_inverse=True
-        )
+        stride = max(1, math.ceil(array.tx.size / _PAIRS))
+        antennas = np.concatenate([array.tx[::stride], array.rx[::stride]])
+        used, index = np.unique(antennas, return_inverse=True)
         self._antennas = array.position[used]
         self._tx, self._rx = np.split(index, 2)
         self._strips = np.array([s[:5] for s in strips]).reshape(-1, 5)
         self._foliage = np.array([s.foliage for s in strips])
 
     def darken(self, values: NDArray[np.complex64], points: FloatArray, nodes: FloatArray) -> None:
-        """Multiply amplitudes (point, channel, node) of points (point, 3) by two-way factors at ``nodes``, Hz."""
-        if len(self._strips):
-            passed = 10 ** (-self._foliage[:, None] * np.sqrt(nodes / 0.87e9) / 20)
-            ways = (self._antennas, self._tx, self._rx)
-            known = (points, *ways, self._strips, passed, SPEED_OF_LIGHT / nodes, _TABLE, values)
-            share(len(points), partial(_shade, *known), alone=len(points) <= _MANY)
+        """Multiply amplitudes by the two-way factors of all strips, in place.
+
+        Parameters
+        ----------
+        values : ndarray (point, channel, node) of complex64
+            Amplitudes.
+        points : ndarray (point, 3)
+            Their places in the lane frame, m.
+        nodes : ndarray (node,)
+            Frequencies, Hz.
+        """
+        if not len(self._strips):
+            return
+        passed = 10 ** (-self._foliage[:, None] * np.sqrt(nodes / 0.87e9) / 20)
+        shade = partial(
+            _shade,
+            points,
+            self._antennas,
+            self._tx,
+            self._rx,
+            self._strips,
+            passed,
+            SPEED_OF_LIGHT / nodes,
+            _TABLE,
+            values,
+        )
+        share(len(points), shade, alone=len(points) <= _MANY)
 
     def factors(self, points: FloatArray, nodes: FloatArray) -> NDArray[np.complex64]:
-        """Two-way factor of the field at points (point, 3) of the lane frame, for every node (point, node)."""
+        """Return the two-way factors (point, node) of the field at points (point, 3)."""
         out = np.ones((len(points), 1, len(nodes)), np.complex64)
         self.darken(out, points, nodes)
         return out[:, 0]
 
-    def of_body(self, point: FloatArray) -> ComplexArray:
-        """Two-way factor of the field at one point (3,) for every tone (frequency,)."""
+    def body_factor(self, point: FloatArray) -> ComplexArray:
+        """Return the two-way factor (frequency,) of the field at one point (3,) for every tone."""
         f = self._frequency
         nodes = np.geomspace(f[0], f[-1], _NODES) if f.size > 1 else f
         factor = self.factors(point[None, :], nodes)[0]
@@ -109,19 +158,22 @@ class Shadows:
 
 
 @njit(cache=True, inline="always")
-def _arrived(v: Any, table: Any) -> Any:
-    """G(v), linear between the table's samples; its last ripples, below 5 %, are left out."""
+def _fresnel(v: Any, table: Any) -> Any:
+    """Return G(v), linear between the table's samples.
+
+    Its last ripples, below 5 %, are left out.
+    """
     if v >= 6.0:
         return 1.0 + 0j
     if v <= -6.0:
         return 0j
-    where = (v + 6.0) * 128
-    cell = int(where)
-    return table[cell] + (where - cell) * (table[cell + 1] - table[cell])
+    position = (v + 6.0) * 128
+    cell = int(position)
+    return table[cell] + (position - cell) * (table[cell + 1] - table[cell])
 
 
 @njit(cache=True)
-def _passes(
+def _strip_factor(
     point: Any, antenna: Any, strip: Any, passed: Any, wavelength: Any, table: Any, out: Any
 ) -> None:
     """Fill ``out`` (node,) with the factor of the field from an antenna to a point past a strip."""
@@ -135,21 +187,24 @@ def _passes(
     if along <= 0 or flat - along <= strip[4]:
         return
     across = (sx * dy - sy * dx) / flat
-    part = along / flat
+    fraction = along / flat
     dz = point[2] - antenna[2]
     slant = math.sqrt(flat * flat + dz * dz)
-    above = (strip[3] - antenna[2] - part * dz) * flat / slant
+    above = (strip[3] - antenna[2] - fraction * dz) * flat / slant
     for n in range(wavelength.size):
-        scale = math.sqrt(2 / (wavelength[n] * slant * part * (1 - part)))
-        width = _arrived((across + strip[4]) * scale, table) - _arrived(
+        scale = math.sqrt(2 / (wavelength[n] * slant * fraction * (1 - fraction)))
+        width = _fresnel((across + strip[4]) * scale, table) - _fresnel(
             (across - strip[4]) * scale, table
         )
-        out[n] = 1 - (1 - passed[n]) * width * _arrived(above * scale, table)
+        out[n] = 1 - (1 - passed[n]) * width * _fresnel(above * scale, table)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _shade(points, antennas, tx, rx, strips, passed, wavelength, table, out, begin, end):  # type: ignore[no-untyped-def]
-    """Multiply ``out`` (point, channel, node) by the mean over pairs of the factors of both ways, strip by strip."""
+    """Multiply ``out`` (point, channel, node) by the two-way factor of every strip.
+
+    A factor is the mean over pairs of the product of both ways.
+    """
     cx = antennas[:, 0].mean()
     cy = antennas[:, 1].mean()
     cz = antennas[:, 2].mean()
@@ -170,19 +225,22 @@ def _shade(points, antennas, tx, rx, strips, passed, wavelength, table, out, beg
             sx = strips[s, 0] - cx
             sy = strips[s, 1] - cy
             across = abs(sx * uy - sy * ux)
-            part = (sx * ux + sy * uy) / flat
-            if across > reach[s] or part <= 0 or (1 - part) * flat <= strips[s, 4]:
+            fraction = (sx * ux + sy * uy) / flat
+            if across > reach[s] or fraction <= 0 or (1 - fraction) * flat <= strips[s, 4]:
                 continue
-            zone = math.sqrt(longest * flat * part * (1 - part))
-            below = cz + part * dz - strips[s, 3]
-            if below > zone or across > strips[s, 4] + zone + aperture * (1 - part):
+            zone = math.sqrt(longest * flat * fraction * (1 - fraction))
+            below = cz + fraction * dz - strips[s, 3]
+            if below > zone or across > strips[s, 4] + zone + aperture * (1 - fraction):
                 continue
-            # |G(v2) - G(v1)| <= (v2 - v1)/√2 and |G(u)| <= 1/(√2·π|u|) bound what a low or thin strip takes away.
+            # |G(v2) - G(v1)| <= (v2 - v1)/√2 and |G(u)| <= 1/(√2·π|u|) bound what a low or thin
+            # strip takes away.
             if 2 * strips[s, 4] < _LEAST * math.pi * below:
                 continue
             one_way = np.empty((antennas.shape[0], wavelength.size), np.complex128)
             for a in range(antennas.shape[0]):
-                _passes(points[i], antennas[a], strips[s], passed[s], wavelength, table, one_way[a])
+                _strip_factor(
+                    points[i], antennas[a], strips[s], passed[s], wavelength, table, one_way[a]
+                )
             for n in range(wavelength.size):
                 total = 0j
                 for q in range(tx.size):

@@ -1,4 +1,4 @@
-"""Clutter under the surface: stones, roots, moisture lenses, uneven soil and refilled holes, as layers of points."""
+"""Clutter under the surface, as layers of points: stones, roots, lenses, uneven soil, holes."""
 
 from __future__ import annotations
 
@@ -14,24 +14,27 @@ from scipy.interpolate import CubicSpline
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.bodies.echoes import Ground
 from flgpr.simulate.ground import inclusions
-from flgpr.simulate.ground.field import TILE, TILES_KEPT, cells_of, jittered, tiles_between
+from flgpr.simulate.ground.field import TILE, TILES_KEPT, cell_counts, jittered, tiles_between
 from flgpr.simulate.ground.holes import Hole, cap_flash, wall_flash
 from flgpr.simulate.ground.layers import Layer, PointEchoes, View, through_grass
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Scene
 from flgpr.simulate.scene.scene_tables import Roots, Stones
 
-_CORNERS = np.geomspace(
-    0.02, 50.0, 28
-)  # corner frequencies over the band's middle for which shapes are made
+# Corner frequencies over the band's middle for which shapes of growth are made.
+_CORNERS = np.geomspace(0.02, 50.0, 28)
+# Numbers of the shapes: those of stones and of roots by corner frequency, and four single ones.
 _STONE = 0
 _ROOT = _CORNERS.size
-_VOLUME, _LENS, _WALL, _CAP = (2 * _CORNERS.size + i for i in range(4))
+_VOLUME = 2 * _CORNERS.size
+_LENS = _VOLUME + 1
+_WALL = _VOLUME + 2
+_CAP = _VOLUME + 3
 _ROOT_STEP = 0.02  # m between the points of a root
 _COPOLAR = np.array([1.0, 1.0, 0.0])
-_LEVEL = math.sin(math.radians(67))  # incidence at which shapes and tables are made
-_SINES = np.linspace(0.02, 0.999, 128)
-# of those tables
+_LEVEL = math.sin(math.radians(67))  # sine of incidence at which shapes and tables are made
+_SINES = np.linspace(0.02, 0.999, 128)  # of the table of transmissions
+# Tones and depths of the table of losses.
 _NODES = 64
 _DEPTHS = 48
 
@@ -39,9 +42,9 @@ _DEPTHS = 48
 class Buried(NamedTuple):
     """Points in the soil at ``xy`` (point, 2) and ``depth``, with unit vectors ``axis`` (point, 3).
 
-    ``round`` is the amplitude for every field direction, ``axial`` what is added for fields along ``axis``, m;
-    ``shape`` says which growth with frequency. ``reach`` is how far towards the radar the point stands from ``xy``: the
-    near (+) and far (-) flash of a disc, m.
+    ``round`` is the amplitude for every field direction, ``axial`` what is added for fields along
+    ``axis``, m; ``shape`` says which growth with frequency. ``reach`` is how far towards the radar
+    the point stands from ``xy``: the near (+) and far (-) flash of a disc, m.
     """
 
     xy: FloatArray
@@ -53,8 +56,8 @@ class Buried(NamedTuple):
     reach: FloatArray
 
 
-def strewn(scene: Scene) -> list[str]:
-    """Tell which of the tables of what is strewn through the soil are on."""
+def buried_clutter(scene: Scene) -> list[str]:
+    """Return the names of the scene's tables that put clutter into the soil and are on."""
     amounts = {
         "stones": scene.stones.density,
         "roots": scene.roots.density,
@@ -64,29 +67,41 @@ def strewn(scene: Scene) -> list[str]:
     return [name for name, amount in amounts.items() if getattr(scene, name).on and amount > 0]
 
 
-def shapes(scene: Scene, ground: Ground) -> FloatArray:
-    """Growth with frequency (shape, frequency) of all that lies in the soil, 1 at the band's middle."""
+def spectral_shapes(scene: Scene, ground: Ground) -> FloatArray:
+    """Return the growth with frequency of all that lies in the soil.
+
+    Returns
+    -------
+    ndarray (shape, frequency)
+        Amplitudes over those at the band's middle.
+    """
     k = ground.wavenumber
     middle = k.size // 2
     u = k / k[middle]
     soil = ground.real[-1]
     uneven = scene.heterogeneity
-    volume = np.sqrt(
-        inclusions.volume_backscatter(k, _LEVEL, soil, 1.0, uneven.horizontal, uneven.vertical)
-    )
+    power = inclusions.volume_backscatter(k, _LEVEL, soil, 1.0, uneven.horizontal, uneven.vertical)
     thick = np.sinc(k * math.sqrt(soil - _LEVEL**2) * scene.lenses.thickness / np.pi)
+    shapes = [inclusions.stone_shape(u / corner) for corner in _CORNERS]
+    shapes += [inclusions.root_shape(u / corner) for corner in _CORNERS]
+    volume = np.sqrt(power)
+    lens = u**0.5 * thick
     wall = u**-0.5 * np.exp(-0.5 * (2 * k * _LEVEL * scene.holes.wall) ** 2)
-    grown = [inclusions.stone_shape(u / c) for c in _CORNERS] + [
-        inclusions.root_shape(u / c) for c in _CORNERS
-    ]
-    grown += [volume, u**0.5 * thick, wall, u**-0.5]
-    return np.array([g / g[middle] for g in grown])
+    cap = u**-0.5
+    shapes += [volume, lens, wall, cap]
+    return np.array([shape / shape[middle] for shape in shapes])
 
 
-def laws(scene: Scene, ground: Ground) -> FloatArray:
-    """Change of each shape's amplitude (shape, sine) with the sine of incidence, at uniform sines from 0 to 1."""
+def incidence_laws(scene: Scene, ground: Ground) -> FloatArray:
+    """Return the change of each shape's amplitude with the sine of incidence.
+
+    Returns
+    -------
+    ndarray (shape, sine)
+        At uniform sines from 0 to 1.
+    """
     sine = np.linspace(0, 1, 256)
-    law = np.ones((_CAP + 1, sine.size))
+    laws = np.ones((_CAP + 1, sine.size))
     uneven = scene.heterogeneity
     k = ground.wavenumber[ground.wavenumber.size // 2]
 
@@ -95,13 +110,13 @@ def laws(scene: Scene, ground: Ground) -> FloatArray:
             k, s, ground.real[-1], 1.0, uneven.horizontal, uneven.vertical
         )
 
-    law[_VOLUME] = np.sqrt(volume(sine) / volume(_LEVEL))
-    law[_LENS] = np.maximum(sine, 0.05) ** -1.5
-    return law
+    laws[_VOLUME] = np.sqrt(volume(sine) / volume(_LEVEL))
+    laws[_LENS] = np.maximum(sine, 0.05) ** -1.5
+    return laws
 
 
 class BuriedSpectra:
-    """Spectra of buried points as few functions of frequency, with weights by a point's shape and depth.
+    """Spectra of buried points as few functions of frequency, weighted by shape and depth.
 
     A point of amplitude A at the band's middle, depth d and sine s echoes with
     ``A·t12²(s)·shape(f)·exp(-2jk0·d·(sqrt(ε(f) - s²) - n_c))`` beyond the delay of ``d·n_c``, n_c
@@ -109,89 +124,139 @@ class BuriedSpectra:
     and dispersion another incidence is another depth, ``d·sqrt(ε - s0²)/sqrt(ε - s²)``. t12² is
     taken at the band's middle.
 
-    ``shapes`` (shape, frequency) are 1 there; ``cover`` gives the two-way amplitude (3, sine, frequency) of HH, VV and
-    cross through what stands over the soil; ``tolerance`` is the part of the spectra's amplitude that the functions,
-    ``basis`` (rank, 3, frequency), may leave out.
+    Parameters
+    ----------
+    ground : Ground
+        The soil and the tones.
+    shapes : ndarray (shape, frequency)
+        Growth with frequency, 1 at the band's middle.
+    deepest : float
+        Greatest depth of a point, m.
+    cover : callable, optional
+        Two-way amplitude (3, sine, frequency) of HH, VV and cross through what stands over the
+        soil, for sines.
+    tolerance : float
+        Share of the spectra's amplitude that the functions may leave out.
+    ranks : int
+        Most functions.
+
+    Attributes
+    ----------
+    basis : ndarray (rank, 3, frequency)
+        The functions.
     """
 
     def __init__(
-        self, ground: Ground, shapes: FloatArray, deepest: float,
-        cover: Callable[[FloatArray], FloatArray] | None = None, tolerance: float = 0.01, ranks: int = 6,
-    ) -> None:  # fmt: skip
+        self,
+        ground: Ground,
+        shapes: FloatArray,
+        deepest: float,
+        cover: Callable[[FloatArray], FloatArray] | None = None,
+        tolerance: float = 0.01,
+        ranks: int = 6,
+    ) -> None:
         frequency = ground.frequency
         self._ground = ground
         self._deepest = deepest
-        middle = Ground(ground.soil, None, frequency[frequency.size // 2 : frequency.size // 2 + 1])
-        copolar = [
-            [middle.entry_squared(s, layer)[:, 0] for s in _SINES]
-            for layer in range(len(ground.real))
-        ]
-        h, v = np.moveaxis(np.array(copolar), -1, 0)
-        self._entry = np.stack([h, v, np.sqrt(h * v)], axis=-1)
+        self._entry = _entry_table(ground)
         self._tops = np.cumsum([0.0, *(layer.thickness for layer in ground.soil.layers)])
+        # Depths lie closer where they are small, as losses change fastest there.
         depths = deepest * np.linspace(0, 1, _DEPTHS) ** 2
         nodes = np.unique(np.linspace(0, frequency.size - 1, _NODES).round().astype(int))
         loss = np.array([ground.dispersion(_LEVEL, d)[nodes] for d in depths])
         rows = shapes[:, None, nodes] * loss
         if cover is not None:
+            middle = frequency.size // 2
             over = cover(_SINES)
-            self._entry *= over[:, :, frequency.size // 2].T
+            self._entry *= over[:, :, middle].T
             growth = over.mean(axis=(0, 1))
-            rows *= growth[nodes] / growth[frequency.size // 2]
+            rows *= growth[nodes] / growth[middle]
         _, s, vt = np.linalg.svd(rows.reshape(-1, nodes.size), full_matrices=False)
-        left = np.sqrt(np.cumsum((s**2)[::-1])[::-1] / np.sum(s**2))  # energy from each rank on
-        kept = min(ranks, max(1, int(np.count_nonzero(left > tolerance))))
-        self._weights = (rows @ vt[:kept].conj().T).astype(np.complex64)
-        functions = vt[:kept]
+        # Relative amplitude of each rank and all after it.
+        remaining = np.sqrt(np.cumsum((s**2)[::-1])[::-1] / np.sum(s**2))
+        count = min(ranks, max(1, int(np.count_nonzero(remaining > tolerance))))
+        self._weights = (rows @ vt[:count].conj().T).astype(np.complex64)
+        functions = vt[:count]
         if nodes.size < frequency.size:
             functions = CubicSpline(frequency[nodes], functions, axis=1)(frequency)
         self.basis = np.repeat(functions[:, None], 3, axis=1)
 
     def layer(self, depth: FloatArray) -> NDArray[np.intp]:
-        """Index of the soil's layer that holds each depth."""
+        """Return the index of the soil's layer that holds each depth, m."""
         return np.searchsorted(self._tops[1:], depth, side="left").astype(np.intp)
 
     def permittivity(self, depth: FloatArray) -> FloatArray:
-        """Real permittivity at the band's middle at each depth."""
+        """Return the real permittivity at the band's middle at each depth, m."""
         return np.asarray(np.array(self._ground.real)[self.layer(depth)])
 
     def delay(self, depth: FloatArray, sine: FloatArray) -> FloatArray:
-        """Electrical path from the surface to each depth, ``Σ d_i·sqrt(ε_i - sin²θ)``, m."""
+        """Return the electrical path from the surface to depths, ``Σ d_i·sqrt(ε_i - sin²θ)``, m."""
         bottoms = [*self._tops[1:], np.inf]
         path = np.zeros_like(depth)
         for top, bottom, eps in zip(self._tops, bottoms, self._ground.real, strict=True):
-            path += np.clip(depth, top, bottom) * np.sqrt(eps - sine**2) - top * np.sqrt(
-                eps - sine**2
-            )
+            vertical = np.sqrt(eps - sine**2)
+            path += np.clip(depth, top, bottom) * vertical - top * vertical
         return path
 
     def transmission(self, depth: FloatArray, sine: FloatArray) -> ComplexArray:
-        """t12² (point, 3) of HH and VV into the layer that holds each depth, and their geometric mean for cross."""
-        place = np.clip((sine - _SINES[0]) / (_SINES[1] - _SINES[0]), 0, _SINES.size - 1.001)
-        cell = place.astype(int)
-        part = (place - cell)[:, None]
+        """Return t12² into the layer that holds each depth.
+
+        Returns
+        -------
+        ndarray (point, 3) of complex
+            Of HH, VV, and their geometric mean for cross.
+        """
+        position = (sine - _SINES[0]) / (_SINES[1] - _SINES[0])
+        position = np.clip(position, 0, _SINES.size - 1.001)
+        cell = position.astype(int)
+        fraction = (position - cell)[:, None]
         layer = self.layer(depth)
-        return np.asarray(
-            self._entry[layer, cell] * (1 - part) + self._entry[layer, cell + 1] * part
-        )
+        low = self._entry[layer, cell]
+        high = self._entry[layer, cell + 1]
+        return np.asarray(low * (1 - fraction) + high * fraction)
 
     def weights(
         self, shape: NDArray[np.intp], depth: FloatArray, sine: FloatArray
     ) -> NDArray[np.complex64]:
-        """Weights (point, rank) of the functions."""
+        """Return the weights (point, rank) of the functions."""
         eps = self._ground.real[0]
-        steeper = depth * np.sqrt((eps - _LEVEL**2) / (eps - sine**2))
-        place = np.minimum(np.sqrt(steeper / self._deepest), 1.0) * (_DEPTHS - 1.001)
-        cell = place.astype(int)
-        part = (place - cell).astype(np.float32)[:, None]
-        low, high = self._weights[shape, cell], self._weights[shape, cell + 1]
-        return np.asarray(low + part * (high - low))
+        # The depth at which the tabulated incidence has the same loss.
+        equivalent = depth * np.sqrt((eps - _LEVEL**2) / (eps - sine**2))
+        position = np.minimum(np.sqrt(equivalent / self._deepest), 1.0) * (_DEPTHS - 1.001)
+        cell = position.astype(int)
+        fraction = (position - cell).astype(np.float32)[:, None]
+        low = self._weights[shape, cell]
+        high = self._weights[shape, cell + 1]
+        return np.asarray(low + fraction * (high - low))
+
+
+def _entry_table(ground: Ground) -> ComplexArray:
+    """Return t12² (layer, sine, 3) at the band's middle: of HH, VV and their geometric mean."""
+    middle = ground.frequency.size // 2
+    at_middle = Ground(ground.soil, None, ground.frequency[middle : middle + 1])
+    copolar = []
+    for layer in range(len(ground.real)):
+        entries = [at_middle.entry_squared(sine, layer)[:, 0] for sine in _SINES]
+        copolar.append(entries)
+    h, v = np.moveaxis(np.array(copolar), -1, 0)
+    return np.stack([h, v, np.sqrt(h * v)], axis=-1)
 
 
 class SubsurfaceField:
-    """What is strewn through the soil, drawn tile by tile, for the wavenumber in air at the band's middle.
+    """The clutter in the soil, drawn tile by tile.
 
-    ``density`` is points of the uneven soil per m², unless the scene says.
+    Parameters
+    ----------
+    scene : Scene
+        Its tables say what lies in the soil.
+    spectra : BuriedSpectra
+        Permittivities of the layers.
+    wavenumber : float
+        In air at the band's middle, rad/m.
+    density : float
+        Points of the uneven soil per m², unless the scene says.
+    seed : int
+        Seed of the world.
     """
 
     def __init__(
@@ -203,25 +268,29 @@ class SubsurfaceField:
         self._seed = seed
         self._density = scene.heterogeneity.density or density
         self.tile = lru_cache(TILES_KEPT)(self._make)
-        self._parts: list[Callable[[int, int], Buried]] = [
-            getattr(self, name) for name in strewn(scene)
+        # Every table's clutter is drawn by the method of its name.
+        self._makers: list[Callable[[int, int], Buried]] = [
+            getattr(self, name) for name in buried_clutter(scene)
         ]
 
     def within(self, corners: FloatArray) -> Buried:
-        """Points of every tile that touches the bounding box of ``corners``, a metre wider for what reaches over."""
+        """Return the points of every tile that touches the bounding box of some corners.
+
+        The box is a metre wider than ``corners`` (corner, 2), for what reaches over.
+        """
         tiles = tiles_between(corners.min(axis=0) - 1, corners.max(axis=0) + 1)
-        return _joined([self.tile(ix, iy) for ix, iy in tiles])
+        return _concatenate([self.tile(ix, iy) for ix, iy in tiles])
 
     def _make(self, ix: int, iy: int) -> Buried:
         """Make the points of the tile whose lower corner is (ix, iy)·TILE."""
-        return _joined([make(ix, iy) for make in self._parts])
+        return _concatenate([make(ix, iy) for make in self._makers])
 
     def stones(self, ix: int, iy: int) -> Buried:
-        """Stones of a tile, spheroids in every direction."""
+        """Draw the stones of a tile, spheroids in every direction."""
         table = self._scene.stones
         rng = stream(self._seed, "stones", ix, iy)
         count = rng.poisson(table.density * TILE**2)
-        xy = _place(rng, count, ix, iy)
+        xy = _draw_places(rng, count, ix, iy)
         radius = stone_radii(table, rng.random(count))
         depth = radius + rng.random(count) * np.maximum(table.depth - radius, 0)
         body = rng.uniform(*table.permittivity, count)
@@ -230,141 +299,153 @@ class SubsurfaceField:
         size, corner = inclusions.stone(radius, body, soil, self._k)
         along, across = inclusions.spheroid(stretch, body, soil)
         axial = size * (along - across)
-        axis = _directions(rng, count)
-        return _points(xy, depth, size * across, _shape(_STONE, corner), axial, axis)
+        axis = _draw_directions(rng, count)
+        return _points(xy, depth, size * across, _shape_index(_STONE, corner), axial, axis)
 
     def roots(self, ix: int, iy: int) -> Buried:
-        """Roots that begin around a tile's points, as chains of points along their winding way."""
+        """Draw the roots that begin in a tile, as chains of points along their winding lines."""
         table = self._scene.roots
         rng = stream(self._seed, "roots", ix, iy)
         count = rng.poisson(table.density * TILE**2)
-        return _joined([self._root(table, rng, ix, iy) for _ in range(count)])
+        return _concatenate([self._root(table, rng, ix, iy) for _ in range(count)])
 
     def _root(self, table: Roots, rng: np.random.Generator, ix: int, iy: int) -> Buried:
+        """Draw one root; the order of the random numbers fixes the world."""
         steps = max(1, round(table.length / _ROOT_STEP))
         radius = float(np.exp(rng.uniform(*np.log(np.maximum(table.radius, 1e-4)))))
-        # A winding way: the direction wanders by about half a radian over ten centimetres.
+        # The direction wanders by about half a radian over ten centimetres.
         azimuth = rng.uniform(0, 2 * np.pi) + np.cumsum(rng.normal(0, 0.22, steps))
         plunge = rng.normal(0, table.plunge)
         level = math.cos(plunge)
-        axis = np.stack(
-            [level * np.cos(azimuth), level * np.sin(azimuth), np.full(steps, math.sin(plunge))],
-            axis=1,
-        )
-        way = np.cumsum(axis, axis=0) - axis / 2 + (rng.random(steps) - 0.5)[:, None] * axis
-        way *= table.length / steps
-        start = _place(rng, 1, ix, iy)
-        depth = radius + rng.exponential(table.depth) - way[:, 2] + way[steps // 2, 2]
-        xy = start + way[:, :2] - way[steps // 2, :2]
-        kept = depth > radius
-        xy = xy[kept]
-        depth = depth[kept]
-        axis = axis[kept]
-        body = table.permittivity * (1 - 1j * table.loss_tangent)
-        along, across, corner = inclusions.root(
-            radius, body, self._spectra.permittivity(depth), self._k
-        )
+        sunk = np.full(steps, math.sin(plunge))
+        axis = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), sunk], axis=1)
+        jitter = (rng.random(steps) - 0.5)[:, None] * axis
+        line = np.cumsum(axis, axis=0) - axis / 2 + jitter
         step = table.length / steps
-        return _points(
-            xy, depth, across * step, _shape(_ROOT, corner), (along - across) * step, axis
-        )
+        line *= step
+        middle = line[steps // 2]
+        start = _draw_places(rng, 1, ix, iy)
+        depth = radius + rng.exponential(table.depth) - line[:, 2] + middle[2]
+        xy = start + line[:, :2] - middle[:2]
+        below_surface = depth > radius
+        xy = xy[below_surface]
+        depth = depth[below_surface]
+        axis = axis[below_surface]
+        body = table.permittivity * (1 - 1j * table.loss_tangent)
+        soil = self._spectra.permittivity(depth)
+        along, across, corner = inclusions.root(radius, body, soil, self._k)
+        shape = _shape_index(_ROOT, corner)
+        return _points(xy, depth, across * step, shape, (along - across) * step, axis)
 
     def lenses(self, ix: int, iy: int) -> Buried:
-        """Moisture lenses of a tile: the near and the far flash of each."""
+        """Draw the moisture lenses of a tile: the near and the far flash of each."""
         table = self._scene.lenses
         rng = stream(self._seed, "lenses", ix, iy)
         count = rng.poisson(table.density * TILE**2)
-        xy = _place(rng, count, ix, iy)
+        xy = _draw_places(rng, count, ix, iy)
         radius = rng.uniform(*table.radius, count)
         depth = rng.uniform(*table.depth, count)
         contrast = rng.normal(0, table.contrast, count)
         soil = self._spectra.permittivity(depth)
         size = inclusions.lens(radius, contrast, table.thickness, self._k)
         size = size * np.sinc(self._k * np.sqrt(soil - _LEVEL**2) * table.thickness / np.pi)
-        shape = np.full(2 * count, _LENS)
-        both = np.concatenate([size, size.conj()])
         return _points(
             np.tile(xy, (2, 1)),
             np.tile(depth, 2),
-            both,
-            shape,
+            np.concatenate([size, size.conj()]),
+            np.full(2 * count, _LENS),
             reach=np.concatenate([radius, -radius]),
         )
 
     def heterogeneity(self, ix: int, iy: int) -> Buried:
-        """Points of the uneven soil, each for its share of the volume; more of them where less loss lies above."""
+        """Draw the points of the uneven soil, each for its share of the volume.
+
+        There are more of them where less loss lies above.
+        """
         table = self._scene.heterogeneity
         rng = stream(self._seed, "heterogeneity", ix, iy)
-        cells = cells_of(self._density * TILE**2)
+        cells = cell_counts(self._density * TILE**2)
         count = math.prod(cells)
         xy = (jittered(rng, cells) + [ix, iy]) * TILE
         root = rng.random(count)
         depth = table.depth * root**2
-        volume = (
-            TILE**2 / count * 2 * table.depth * root
-        )  # over the probability density of the depth
+        # Of each point: the tile's area over the probability density of the depth.
+        volume = TILE**2 / count * 2 * table.depth * root
+        soil = self._spectra.permittivity(depth)
         strength = inclusions.volume_backscatter(
-            self._k,
-            _LEVEL,
-            self._spectra.permittivity(depth),
-            table.deviation,
-            table.horizontal,
-            table.vertical,
+            self._k, _LEVEL, soil, table.deviation, table.horizontal, table.vertical
         )
         z = rng.standard_normal((count, 2)).view(np.complex128)[:, 0] / math.sqrt(2)
         return _points(xy, depth, z * np.sqrt(strength * volume), np.full(count, _VOLUME))
 
 
 def stone_radii(table: Stones, chance: FloatArray) -> FloatArray:
-    """Radii (m) at the given chances: power law ``N(>r) ~ r^-D`` between the bounds."""
+    """Return radii, m, at the given chances: power law ``N(>r) ~ r^-D`` between the bounds."""
     low, high = table.radius
-    rest = 1 - (low / high) ** table.exponent
-    return np.asarray(low * (1 - chance * rest) ** (-1 / table.exponent))
+    span = 1 - (low / high) ** table.exponent
+    return np.asarray(low * (1 - chance * span) ** (-1 / table.exponent))
 
 
-def _place(rng: np.random.Generator, count: int, ix: int, iy: int) -> FloatArray:
+def _draw_places(rng: np.random.Generator, count: int, ix: int, iy: int) -> FloatArray:
+    """Draw places (point, 2) in a tile, m."""
     return (rng.random((count, 2)) + np.array([ix, iy])) * TILE
 
 
-def _directions(rng: np.random.Generator, count: int) -> FloatArray:
-    some = rng.standard_normal((count, 3))
-    return np.asarray(some / np.linalg.norm(some, axis=1, keepdims=True))
+def _draw_directions(rng: np.random.Generator, count: int) -> FloatArray:
+    """Draw unit vectors (point, 3), even over the sphere."""
+    vectors = rng.standard_normal((count, 3))
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
-def _shape(first: int, corner: FloatArray) -> NDArray[np.intp]:
-    """Index of the shape whose corner frequency is nearest."""
+def _shape_index(first: int, corner: FloatArray) -> NDArray[np.intp]:
+    """Return the number of the shape whose corner frequency is nearest, from ``first`` on."""
     step = math.log(_CORNERS[1] / _CORNERS[0])
     nearest = np.round(np.log(corner / _CORNERS[0]) / step)
     return first + np.clip(nearest, 0, _CORNERS.size - 1).astype(np.intp)
 
 
 def _points(
-    xy: FloatArray, depth: FloatArray, amplitude: ComplexArray | FloatArray, shape: NDArray[np.intp],
-    axial: ComplexArray | FloatArray | None = None, axis: FloatArray | None = None, reach: FloatArray | None = None,
-) -> Buried:  # fmt: skip
+    xy: FloatArray,
+    depth: FloatArray,
+    amplitude: ComplexArray | FloatArray,
+    shape: NDArray[np.intp],
+    axial: ComplexArray | FloatArray | None = None,
+    axis: FloatArray | None = None,
+    reach: FloatArray | None = None,
+) -> Buried:
+    """Return buried points; what is not given is zero."""
     count = len(xy)
-    return Buried(
-        xy,
-        depth,
-        amplitude.astype(np.complex64),
-        np.zeros(count, np.complex64) if axial is None else axial.astype(np.complex64),
-        np.zeros((count, 3)) if axis is None else axis,
-        shape,
-        np.zeros(count) if reach is None else reach,
-    )
+    if axial is None:
+        axial = np.zeros(count)
+    if axis is None:
+        axis = np.zeros((count, 3))
+    if reach is None:
+        reach = np.zeros(count)
+    round_amplitude = amplitude.astype(np.complex64)
+    return Buried(xy, depth, round_amplitude, axial.astype(np.complex64), axis, shape, reach)
 
 
 _NOTHING = _points(np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0, np.intp))
 
 
-def _joined(parts: list[Buried]) -> Buried:
-    return Buried._make(
-        np.concatenate(column) for column in zip(*(parts or [_NOTHING]), strict=True)
-    )
+def _concatenate(groups: list[Buried]) -> Buried:
+    """Return the points of all groups one after the other."""
+    columns = zip(*(groups or [_NOTHING]), strict=True)
+    return Buried._make(np.concatenate(column) for column in columns)
 
 
 class SubsurfaceLayer:
-    """What is strewn through the soil, as a scan sees it; ``laws`` (shape, sine from 0 to 1) multiply amplitudes."""
+    """The clutter in the soil, as a scan sees it.
+
+    Parameters
+    ----------
+    field : SubsurfaceField
+        The clutter.
+    spectra : BuriedSpectra
+        Its spectra.
+    laws : ndarray (shape, sine)
+        Factors of the amplitudes, at uniform sines from 0 to 1.
+    """
 
     def __init__(self, field: SubsurfaceField, spectra: BuriedSpectra, laws: FloatArray) -> None:
         self._field = field
@@ -372,7 +453,7 @@ class SubsurfaceLayer:
         self._laws = laws.astype(np.float32)
 
     def echoes(self, view: View) -> PointEchoes:
-        """Give the points in view, each at the surface above it."""
+        """Return the points in view, each at the surface above it."""
         buried = self._field.within(view.corners)
         inside = view.inside(buried.xy)
         buried = Buried._make(column[inside] for column in buried)
@@ -381,34 +462,52 @@ class SubsurfaceLayer:
         towards = away / np.hypot(away[:, 0], away[:, 1])[:, None]
         points[:, :2] = buried.xy + buried.reach[:, None] * towards
         sine = view.sine(points)
-        law = self._laws[buried.shape, np.round(sine * (self._laws.shape[1] - 1)).astype(np.intp)]
+        nearest = np.round(sine * (self._laws.shape[1] - 1)).astype(np.intp)
+        law = self._laws[buried.shape, nearest]
         amplitude = _polarized(buried, towards, sine, self._spectra) * law[:, None]
         weights = self._spectra.weights(buried.shape, buried.depth, sine)
         extra = self._spectra.delay(buried.depth, sine)
-        return PointEchoes(
-            points, extra, weights[:, :, None] * amplitude[:, None, :], self._spectra.basis
-        )
+        coefficient = weights[:, :, None] * amplitude[:, None, :]
+        return PointEchoes(points, extra, coefficient, self._spectra.basis)
 
 
 def _polarized(
     buried: Buried, towards: FloatArray, sine: FloatArray, spectra: BuriedSpectra
 ) -> NDArray[np.complex64]:
-    """Amplitude (point, 3) of HH, VV and cross: the axis's part by its direction across the ray, and t12² of each."""
+    """Return amplitudes (point, 3) of HH, VV and cross, with t12² of each.
+
+    The axial amplitude counts by the axis's direction across the ray in the soil.
+    """
     amplitude = np.zeros((len(sine), 3), np.complex64)
-    amplitude[:, 0] = amplitude[:, 1] = buried.round
-    some = np.flatnonzero(buried.axial)
-    inside = sine[some] / np.sqrt(spectra.permittivity(buried.depth[some]))  # sine in the soil
-    axis = buried.axis[some]
-    look = towards[some]
+    amplitude[:, 0] = buried.round
+    amplitude[:, 1] = buried.round
+    with_axis = np.flatnonzero(buried.axial)
+    sine_in_soil = sine[with_axis] / np.sqrt(spectra.permittivity(buried.depth[with_axis]))
+    axis = buried.axis[with_axis]
+    look = towards[with_axis]
     along_h = axis[:, 1] * look[:, 0] - axis[:, 0] * look[:, 1]
-    along_v = axis[:, 2] * inside - (axis[:, :2] * look).sum(axis=1) * np.sqrt(1 - inside**2)
+    level = (axis[:, :2] * look).sum(axis=1)
+    along_v = axis[:, 2] * sine_in_soil - level * np.sqrt(1 - sine_in_soil**2)
     dyad = np.stack([along_h**2, along_v**2, along_h * along_v], axis=1)
-    amplitude[some] += (buried.axial[some, None] * dyad).astype(np.complex64)
-    return np.asarray(amplitude * spectra.transmission(buried.depth, sine).astype(np.complex64))
+    amplitude[with_axis] += (buried.axial[with_axis, None] * dyad).astype(np.complex64)
+    entry = spectra.transmission(buried.depth, sine).astype(np.complex64)
+    return np.asarray(amplitude * entry)
 
 
 class HoleLayer:
-    """Edges of refilled holes, near and far flash each: ends of the wall, ``wall`` m uneven, and of the cap."""
+    """Edges of refilled holes: the near and far flash of the wall's ends and of the cap.
+
+    Parameters
+    ----------
+    holes : tuple of Hole
+        The holes.
+    wall : float
+        Rms unevenness of their walls, m.
+    ground : Ground
+        The soil and the tones.
+    spectra : BuriedSpectra
+        Spectra of buried points.
+    """
 
     def __init__(
         self, holes: tuple[Hole, ...], wall: float, ground: Ground, spectra: BuriedSpectra
@@ -419,63 +518,88 @@ class HoleLayer:
         middle = ground.frequency.size // 2
         self._k = float(ground.wavenumber[middle])
         self._soil = complex(ground.media[0][middle])
-        self._contrast = [
-            h.fill(ground.media[0], ground.frequency)[middle] - self._soil for h in holes
-        ]
+        self._contrast = []
+        for hole in holes:
+            fill = hole.fill(ground.media[0], ground.frequency)
+            self._contrast.append(fill[middle] - self._soil)
         self._xy = np.array([[h.x, h.y] for h in holes]).reshape(-1, 2)
 
     def echoes(self, view: View) -> PointEchoes:
-        """Give the edges in view: six points a hole."""
-        seen = np.flatnonzero(view.inside(self._xy))
-        points = np.zeros((seen.size, 6, 3))
-        amplitude = np.zeros((seen.size, 6, 3), complex)
-        depth = np.zeros((seen.size, 6))
-        middle = np.zeros((seen.size, 3))
-        middle[:, :2] = self._xy[seen]
+        """Return the edges in view: six points a hole, the three near ones first."""
+        visible = np.flatnonzero(view.inside(self._xy))
+        count = visible.size
+        points = np.zeros((count, 6, 3))
+        amplitude = np.zeros((count, 6, 3), complex)
+        depth = np.zeros((count, 6))
+        middle = np.zeros((count, 3))
+        middle[:, :2] = self._xy[visible]
         away = view.centre[:2] - middle[:, :2]
         towards = away / np.hypot(away[:, 0], away[:, 1])[:, None]
         sine = view.sine(middle)
-        for row, index in enumerate(seen):
+        for row, index in enumerate(visible):
             hole = self._holes[index]
-            s = float(sine[row])
             entry = self._spectra.transmission(np.zeros(1), sine[row : row + 1])[0]
             for side, first in ((1.0, 0), (-1.0, 3)):
-                wall = wall_flash(
-                    hole, self._contrast[index], self._soil.real, self._wall, s, self._k, side
-                )
-                amplitude[row, first] = wall * entry * _COPOLAR
-                amplitude[row, first + 1] = -wall * entry * _COPOLAR
-                amplitude[row, first + 2, :2] = cap_flash(hole, self._soil, s, self._k, side)
+                edges = slice(first, first + 3)
+                amplitude[row, edges] = self._edge_amplitudes(index, float(sine[row]), entry, side)
+                # Upper end of the wall, lower end of the wall, cap.
                 depth[row, first + 1] = hole.depth
-                points[row, first : first + 3, :2] = (
-                    middle[row, :2] + side * hole.radius * towards[row]
-                )
-        flat = depth.ravel()
-        level = np.repeat(sine, 6)
-        weights = self._spectra.weights(np.tile([_WALL, _WALL, _CAP], 2 * seen.size), flat, level)
+                points[row, edges, :2] = middle[row, :2] + side * hole.radius * towards[row]
+        flat_depth = depth.ravel()
+        flat_sine = np.repeat(sine, 6)
+        shape = np.tile([_WALL, _WALL, _CAP], 2 * count)
+        weights = self._spectra.weights(shape, flat_depth, flat_sine)
         coefficient = (weights[:, :, None] * amplitude.reshape(-1, 1, 3)).astype(np.complex64)
-        extra = self._spectra.delay(flat, level)
+        extra = self._spectra.delay(flat_depth, flat_sine)
         return PointEchoes(points.reshape(-1, 3), extra, coefficient, self._spectra.basis)
+
+    def _edge_amplitudes(
+        self, index: int, sine: float, entry: ComplexArray, side: float
+    ) -> ComplexArray:
+        """Return amplitudes (3, 3) of one side's edges: both ends of the wall, and the cap."""
+        hole = self._holes[index]
+        contrast = self._contrast[index]
+        wall = wall_flash(hole, contrast, self._soil.real, self._wall, sine, self._k, side)
+        amplitude = np.zeros((3, 3), complex)
+        amplitude[0] = wall * entry * _COPOLAR
+        amplitude[1] = -wall * entry * _COPOLAR
+        amplitude[2, :2] = cap_flash(hole, self._soil, sine, self._k, side)
+        return amplitude
 
 
 def subsurface_layers(
     scene: Scene, holes: tuple[Hole, ...], ground: Ground, density: float, seed: int
 ) -> list[Layer]:
-    """Make the layers under the surface, none for what is off; the scene may say another ``density`` per m²."""
-    if not holes and not strewn(scene):
+    """Return the layers under the surface, none for what is off.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its tables say what lies in the soil.
+    holes : tuple of Hole
+        The world's holes.
+    ground : Ground
+        The soil and the tones.
+    density : float
+        Points of the uneven soil per m², unless the scene says.
+    seed : int
+        Seed of the world.
+    """
+    clutter = buried_clutter(scene)
+    if not holes and not clutter:
         return []
     middle = ground.frequency.size // 2
     deepest = max(scene.stones.depth, scene.heterogeneity.depth, scene.lenses.depth[1], 0.4)
-    cover = (
-        (lambda sine: through_grass(scene.grass, ground.frequency, sine))
-        if scene.grass.grown
-        else None
-    )
-    spectra = BuriedSpectra(ground, shapes(scene, ground), deepest, cover)
+
+    def grass_cover(sine: FloatArray) -> FloatArray:
+        return through_grass(scene.grass, ground.frequency, sine)
+
+    cover = grass_cover if scene.grass.grown else None
+    spectra = BuriedSpectra(ground, spectral_shapes(scene, ground), deepest, cover)
     field = SubsurfaceField(scene, spectra, float(ground.wavenumber[middle]), density, seed)
     layers: list[Layer] = []
-    if strewn(scene):
-        layers.append(SubsurfaceLayer(field, spectra, laws(scene, ground)))
+    if clutter:
+        layers.append(SubsurfaceLayer(field, spectra, incidence_laws(scene, ground)))
     if holes:
         layers.append(HoleLayer(holes, scene.holes.wall, ground, spectra))
     return layers

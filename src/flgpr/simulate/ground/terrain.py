@@ -1,6 +1,7 @@
-"""The terrain: slope, undulation and ruts under everything that scatters, and the vehicle that follows it.
+"""The terrain: slope, undulation and ruts under everything that scatters, and the vehicle on it.
 
-The lane's plane z = 0 is the mean ground between the ruts over the lane. Depth counts from the ground above a body.
+The lane's plane z = 0 is the mean ground between the ruts over the lane. Depth counts from the
+ground above a body.
 """
 
 from __future__ import annotations
@@ -18,15 +19,26 @@ from flgpr.simulate.scene import scene_tables as tables
 from flgpr.simulate.scene.draw import stream
 
 _MODES = 96
-# nodes of the lattice per length of the undulation: linear interpolation errs by 0.3 % of s, rms
-_FINE = 12
+# Nodes of the lattice per length of the undulation: linear interpolation errs by 0.3 % of s, rms.
+_NODES_PER_LENGTH = 12
+_RUT_NODES = 200  # of the ruts' middle line, per length of its wandering
 
 
 class Terrain:
     """Height and slope of the ground at every point of the plane, without storage.
 
-    Slope is a plane, undulation a sum of plane waves whose wavenumbers follow the Gaussian spectrum, and each rut a
-    Gaussian trough along a slowly wandering line. In the lane's middle slopes cross zero and ruts run.
+    The slope is a plane, the undulation a sum of plane waves whose wavenumbers follow the Gaussian
+    spectrum, and each rut a Gaussian trough along a slowly wandering line. Slopes cross zero, and
+    ruts run, in the middle of the lane.
+
+    Parameters
+    ----------
+    table : Terrain
+        The scene's table.
+    lane : Lane
+        The lane.
+    seed : int
+        Seed of the world.
     """
 
     def __init__(self, table: tables.Terrain, lane: Lane, seed: int) -> None:
@@ -38,20 +50,28 @@ class Terrain:
         self._waves = rng.normal(0, math.sqrt(2) / table.undulation_length, (2, _MODES))
         self._phase = rng.uniform(0, 2 * np.pi, _MODES)
         rng = stream(seed, "ruts")
-        self._wander = (
-            2 * np.pi / table.rut_wander_length * rng.uniform(0.5, 1.5, 3),
-            rng.uniform(0, 2 * np.pi, 3),
-        )
+        self._rut_waves = 2 * np.pi / table.rut_wander_length * rng.uniform(0.5, 1.5, 3)
+        self._rut_phase = rng.uniform(0, 2 * np.pi, 3)
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Height of the ground at points of the lane frame, m, in the shape of ``x`` and ``y``."""
+        """Return the height of the ground at points of the lane frame, m, in their shape."""
         x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
-        return np.asarray(
-            self.relief(np.stack([x.ravel(), y.ravel()], axis=1))[:, 0].reshape(x.shape)
-        )
+        places = np.stack([x.ravel(), y.ravel()], axis=1)
+        return np.asarray(self.relief(places)[:, 0].reshape(x.shape))
 
     def relief(self, xy: FloatArray) -> FloatArray:
-        """Height (m) and slopes dz/dx and dz/dy at places (point, 2): (point, 3)."""
+        """Return height (m) and slopes of the ground.
+
+        Parameters
+        ----------
+        xy : ndarray (point, 2)
+            Places in the lane frame, m.
+
+        Returns
+        -------
+        ndarray (point, 3)
+            Height, m, dz/dx and dz/dy.
+        """
         out = np.zeros((len(xy), 3))
         if self.flat or not len(xy):
             return out
@@ -59,79 +79,88 @@ class Terrain:
         out[:, 0] = offset @ self._plane
         out[:, 1:] = self._plane
         if self.table.undulation > 0:
-            _add_undulation(xy, *self._undulation(xy), out)
+            origin, step, nodes = self._undulation(xy)
+            _add_undulation(xy, origin, step, nodes, out)
         if self.table.rut_depth > 0:
-            start, pitch, line = self._rut_line(xy[:, 1])
+            start, step, line = self._rut_line(xy[:, 1])
+            line = line + [self._middle[0], 0.0]
+            depth = self.table.rut_depth
             width = self.table.rut_width
-            spacing = self.table.rut_spacing
-            _add_ruts(
-                xy,
-                start,
-                pitch,
-                line + [self._middle[0], 0.0],
-                self.table.rut_depth,
-                width,
-                spacing,
-                out,
-            )
+            _add_ruts(xy, start, step, line, depth, width, self.table.rut_spacing, out)
         return out
 
     def _undulation(self, xy: FloatArray) -> tuple[FloatArray, float, FloatArray]:
-        """Heights and slopes (y, x, 3) on the lattice around places (point, 2), its first node and its step, m."""
-        step = self.table.undulation_length / _FINE
-        # one to spare for rounding
+        """Return the undulation on a lattice around places (point, 2).
+
+        These are the lattice's first node, m, its step, m, and heights and slopes (y, x, 3).
+        """
+        step = self.table.undulation_length / _NODES_PER_LENGTH
         first = np.floor(xy.min(axis=0) / step)
+        # One node more than needed, for rounding.
         last = np.floor(xy.max(axis=0) / step) + 3
-        x, y = (np.arange(a, b) * step for a, b in zip(first, last, strict=True))
+        x = np.arange(first[0], last[0]) * step
+        y = np.arange(first[1], last[1]) * step
         along_x = np.exp(1j * (x[:, None] * self._waves[0] + self._phase))
         along_y = np.exp(1j * y[:, None] * self._waves[1])
-        sums = [
-            (along_y * factor) @ along_x.T
-            for factor in (1.0, 1j * self._waves[0], 1j * self._waves[1])
-        ]
-        return (
-            first * step,
-            step,
-            np.stack(sums, axis=-1).real * (self.table.undulation * math.sqrt(2 / _MODES)),
-        )
+        height = along_y @ along_x.T
+        slope_x = (along_y * (1j * self._waves[0])) @ along_x.T
+        slope_y = (along_y * (1j * self._waves[1])) @ along_x.T
+        sums = np.stack([height, slope_x, slope_y], axis=-1).real
+        scale = self.table.undulation * math.sqrt(2 / _MODES)
+        return first * step, step, sums * scale
 
     def _rut_line(self, y: FloatArray) -> tuple[float, float, FloatArray]:
-        """Place across and its slope (node, 2) of the middle between the ruts, its first node and its step, m."""
-        step = self.table.rut_wander_length / 200
-        # one to spare for rounding
+        """Return the line midway between the ruts on nodes along the lane.
+
+        These are the first node, m, the step, m, and the line's place across, m, and slope
+        (node, 2).
+        """
+        step = self.table.rut_wander_length / _RUT_NODES
         first = math.floor(y.min() / step)
+        # One node more than needed, for rounding.
         last = math.floor(y.max() / step) + 3
-        (waves, start), size = self._wander, self.table.rut_wander * math.sqrt(2 / 3)
-        turns = np.arange(first, last)[:, None] * step * waves + start
-        return (
-            first * step,
-            step,
-            size * np.stack([np.sin(turns).sum(1), (waves * np.cos(turns)).sum(1)], axis=1),
-        )
+        amplitude = self.table.rut_wander * math.sqrt(2 / 3)
+        angle = np.arange(first, last)[:, None] * step * self._rut_waves + self._rut_phase
+        across = np.sin(angle).sum(1)
+        slope = (self._rut_waves * np.cos(angle)).sum(1)
+        return first * step, step, amplitude * np.stack([across, slope], axis=1)
 
     def local_sine(self, points: FloatArray, centre: FloatArray) -> FloatArray:
-        """Sine of incidence from ``centre`` on the ground under points (point, 3); 1 where it faces away."""
+        """Return the sines of the angles of incidence on the ground under points.
+
+        Parameters
+        ----------
+        points : ndarray (point, 3)
+            Their x and y count, m.
+        centre : ndarray (3,)
+            Where the rays come from, m.
+
+        Returns
+        -------
+        ndarray (point,)
+            1 where the ground faces away.
+        """
         z, along_x, along_y = self.relief(points[:, :2]).T
         ray = centre - points
         ray[:, 2] = centre[2] - z
         normal = np.sqrt(1 + along_x**2 + along_y**2)
-        cosine = (ray[:, 2] - along_x * ray[:, 0] - along_y * ray[:, 1]) / (
-            normal * np.linalg.norm(ray, axis=1)
-        )
+        towards = ray[:, 2] - along_x * ray[:, 0] - along_y * ray[:, 1]
+        cosine = towards / (normal * np.linalg.norm(ray, axis=1))
         return np.asarray(np.sqrt(1 - np.clip(cosine, 0, 1) ** 2))
 
     def follow(self, pose: FloatArray) -> FloatArray:
-        """Poses (scan, 6) of a vehicle with four wheels on the ground, half a wheelbase before and behind it."""
+        """Return the poses (scan, 6) of a vehicle whose four wheels stand on the ground.
+
+        The axles are half a wheelbase before and behind the place of the pose.
+        """
         if self.flat or not self.table.follow:
             return pose
         base = self.table.wheelbase
         gauge = self.table.rut_spacing
+        wheels = 0.5 * np.array([[-gauge, base], [gauge, base], [-gauge, -base], [gauge, -base]])
         lifted = pose.copy()
         for row in lifted:
             turn = heading_matrix(row[3])[:2, :2]
-            wheels = 0.5 * np.array(
-                [[-gauge, base], [gauge, base], [-gauge, -base], [gauge, -base]]
-            )
             z = self.relief(wheels @ turn.T + row[:2])[:, 0]
             row[2] += z.mean()
             row[4] += math.atan((z[0] + z[1] - z[2] - z[3]) / (2 * base))
@@ -141,6 +170,7 @@ class Terrain:
 
 @njit(cache=True, error_model="numpy")
 def _add_undulation(xy: Any, origin: Any, step: Any, nodes: Any, out: Any) -> None:
+    """Add heights and slopes, linear between a lattice's nodes, to ``out`` (point, 3)."""
     for i in range(xy.shape[0]):
         fx = (xy[i, 0] - origin[0]) / step
         fy = (xy[i, 1] - origin[1]) / step
@@ -158,13 +188,14 @@ def _add_undulation(xy: Any, origin: Any, step: Any, nodes: Any, out: Any) -> No
 def _add_ruts(
     xy: Any, origin: Any, step: Any, line: Any, depth: Any, width: Any, spacing: Any, out: Any
 ) -> None:
+    """Add the heights and slopes of both ruts to ``out`` (point, 3)."""
     sharp = 4 * math.log(2.0) / width**2
     for i in range(xy.shape[0]):
-        part = (xy[i, 1] - origin) / step
-        cell = int(part)
-        part -= cell
-        middle = line[cell, 0] * (1 - part) + line[cell + 1, 0] * part
-        lean = line[cell, 1] * (1 - part) + line[cell + 1, 1] * part
+        fraction = (xy[i, 1] - origin) / step
+        cell = int(fraction)
+        fraction -= cell
+        middle = line[cell, 0] * (1 - fraction) + line[cell + 1, 0] * fraction
+        lean = line[cell, 1] * (1 - fraction) + line[cell + 1, 1] * fraction
         for side in (-0.5, 0.5):
             across = xy[i, 0] - middle - side * spacing
             if abs(across) < 4 * width:  # beyond, the trough is nothing

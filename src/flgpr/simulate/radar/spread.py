@@ -1,7 +1,7 @@
-"""Echoes of many scatterers at once: spread into range profiles of every pair, then transformed to tones.
+"""Echoes of many scatterers at once: spread into range profiles, then transformed to tones.
 
-The transpose of range-profile interpolation with a Kaiser-Bessel window (Jackson et al. 1991). A scatterer's cost does
-not depend on the number of tones.
+The transpose of range-profile interpolation with a Kaiser-Bessel window (Jackson et al. 1991). A
+scatterer's cost does not depend on the number of tones.
 """
 
 from __future__ import annotations
@@ -23,25 +23,27 @@ from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
 
 WIDTH = 4  # taps of the window; with twofold oversampling the error is 4e-4, rms
-_TABLE = 1024
-_CHUNK = 1024
+_TABLE = 1024  # steps of the tabulated window in a bin
+_CHUNK = 1024  # points that are summed at once
 _COSINES = 1024  # steps of a tabulated beam over the cosine off the axis
 _LANES = 4  # numbers of lanes are multiples of it
 _TURNS = 4096  # places on the unit circle between which carriers are interpolated: right to 3e-7
 _CIRCLE = np.exp(-2j * np.pi * np.arange(_TURNS + 1) / _TURNS).astype(np.complex64)
-# cycles at the ends of the band by which points of a sweep in motion may differ and be summed at
-# once
+# Cycles at the ends of the band by which points of a sweep in motion may differ and be summed at
+# once.
 _TURN = 0.04
 
 
 @dataclass(frozen=True)
 class ArrayState:
-    """Where the antennas of a scan, (antenna, 3) transmitters before receivers, are and look, in the lane frame.
+    """Where the antennas of a scan stand and look, in the lane frame.
 
-    ``tx`` and ``rx`` are the antennas of each pair; ``horizontal`` and ``vertical`` unit vectors along the H and V
-    dipoles. ``exponent`` is n of a horn's power pattern cos^n, negative for dipoles; ``growth`` that of a beam that
-    narrows with frequency, ``n = max(growth·f² - 1, 0)``, s², zero where ``exponent`` always holds. ``drift`` is how
-    far the antennas move during a sweep over all tones, m; they stand at ``position`` in its middle.
+    ``position`` (antenna, 3) has transmitters before receivers, m. ``tx`` and ``rx`` are the
+    antennas of each pair; ``horizontal`` and ``vertical`` unit vectors along the H and V dipoles.
+    ``exponent`` is n of a horn's power pattern cos^n, negative for dipoles; ``growth`` that of a
+    beam that narrows with frequency, ``n = max(growth·f² - 1, 0)``, s², zero where ``exponent``
+    always holds. ``drift`` is how far the antennas move during a sweep over all tones, m; they
+    stand at ``position`` in its middle.
     """
 
     position: FloatArray
@@ -55,7 +57,7 @@ class ArrayState:
     drift: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     def exponents(self, frequency: FloatArray) -> FloatArray:
-        """Give n of a horn's power pattern at frequencies, Hz."""
+        """Return n of a horn's power pattern at frequencies, Hz."""
         if self.growth == 0:
             return np.full(frequency.shape, self.exponent)
         return np.maximum(self.growth * frequency**2 - 1, 0)
@@ -70,7 +72,7 @@ class ArrayState:
 def _antenna_gain(
     kx: Any, ky: Any, kz: Any, boresight: Any, horizontal: Any, vertical: Any, exponent: Any
 ) -> Any:
-    """Answer (H to h, H to v, V to v) of an antenna for the unit ray k leaving it."""
+    """Return the gains (H to h, H to v, V to v) of an antenna for the unit ray k leaving it."""
     if exponent >= 0:
         cosine = max(kx * boresight[0] + ky * boresight[1] + kz * boresight[2], 0.0)
         gain = cosine ** (0.5 * exponent)
@@ -84,14 +86,29 @@ def _antenna_gain(
 
 @shared(cache=True)
 def antenna_terms(  # type: ignore[no-untyped-def]
-    points, antennas, boresight, horizontal, vertical, exponent, beams, wavenumber, extra, drift, distance, phasor,
-    gain, begin, end,
-):  # fmt: skip
-    """Fill path (antenna, point) m, carrier phasor, and gain over distance (antenna, point, 3 or lane) of every ray.
+    points,
+    antennas,
+    boresight,
+    horizontal,
+    vertical,
+    exponent,
+    beams,
+    wavenumber,
+    extra,
+    drift,
+    distance,
+    phasor,
+    gain,
+    begin,
+    end,
+):
+    """Fill path, carrier phasor and gain over distance of every ray.
 
-    ``extra`` (point,) is path beyond the straight line, m; it delays and does not spread. ``drift`` (3,) is how far
-    the antennas move in a sweep times carrier over bandwidth, m: so much later or earlier echoes seem to come.
-    ``beams`` (cosine, lane) are tabulated patterns; where there is none, ``exponent`` holds.
+    Paths and phasors are (antenna, point), m, gains (antenna, point, 3 or lane).
+    ``extra`` (point,) is path beyond the straight line, m; it delays and does not spread. ``drift``
+    (3,) is how far the antennas move in a sweep times carrier over bandwidth, m: so much later or
+    earlier echoes seem to come. ``beams`` (cosine, lane) are tabulated patterns; where there is
+    none, ``exponent`` holds.
     """
     lanes = beams.shape[1]
     steps = beams.shape[0] - 2
@@ -106,24 +123,22 @@ def antenna_terms(  # type: ignore[no-untyped-def]
             dz = dz * over
             path = 1 / over + extra[i]
             turns = wavenumber * path
-            place = (turns - math.floor(turns)) * _TURNS
-            cell = min(int(place), _TURNS - 1)
-            part = np.float32(place - cell)
+            position = (turns - math.floor(turns)) * _TURNS
+            cell = min(int(position), _TURNS - 1)
+            fraction = np.float32(position - cell)
             distance[a, i] = path - (dx * drift[0] + dy * drift[1] + dz * drift[2])
-            phasor[a, i] = _CIRCLE[cell] + part * (_CIRCLE[cell + 1] - _CIRCLE[cell])
+            phasor[a, i] = _CIRCLE[cell] + fraction * (_CIRCLE[cell + 1] - _CIRCLE[cell])
             if lanes > 0:
-                place = (
-                    min(max(dx * boresight[0] + dy * boresight[1] + dz * boresight[2], 0.0), 1.0)
-                    * steps
-                )
-                row = int(place)
-                part = np.float32(place - row)
+                cosine = dx * boresight[0] + dy * boresight[1] + dz * boresight[2]
+                position = min(max(cosine, 0.0), 1.0) * steps
+                row = int(position)
+                fraction = np.float32(position - row)
                 size = np.float32(over)
                 low = beams[row]
                 high = beams[row + 1]
                 out = gain[a, i]
                 for g in range(lanes):
-                    out[g] = (low[g] + part * (high[g] - low[g])) * size
+                    out[g] = (low[g] + fraction * (high[g] - low[g])) * size
             else:
                 hh, hv, vv = _antenna_gain(dx, dy, dz, boresight, horizontal, vertical, exponent)
                 gain[a, i, 0] = hh * over
@@ -133,11 +148,12 @@ def antenna_terms(  # type: ignore[no-untyped-def]
 
 @cache
 def _spreading(lanes: int, dipoles: bool) -> Any:
-    """Compile the kernel for a number of lanes, which is known to the compiler, for it sums several at once.
+    """Return the kernel for a number of lanes.
 
-    It adds points to profiles (pair, bin, 2·lane): real parts first, then imaginary parts. ``coefficient``
-    (point, lane) holds h, v and cross, each for all ranks. For horns lanes are these, and every one has a gain of its
-    own; for dipoles lanes are HH, HV, VH and VV, each for all ranks.
+    The compiler knows the number, so that it sums several at once. The kernel adds points to
+    profiles (pair, bin, 2·lane): real parts first, then imaginary parts. ``coefficient`` (point,
+    lane) holds h, v and cross, each for all ranks. For horns lanes are these, and each has a gain
+    of its own; for dipoles lanes are HH, HV, VH and VV, each for all ranks.
     """
 
     @shared(cache=True, fastmath=True)
@@ -149,30 +165,30 @@ def _spreading(lanes: int, dipoles: bool) -> Any:
         turns = 1.0 / bins
         for q in range(begin, end):
             value = np.zeros(2 * lanes, np.float32)
-            # indices that cannot be negative need no look at their sign
+            # An index that cannot be negative needs no test of its sign.
             a = np.uint64(tx[q])
             b = np.uint64(rx[q])
             for i in range(np.uint64(coefficient.shape[0])):
-                where = (distance[a, i] + distance[b, i]) * per_metre
-                where -= bins * math.floor(where * turns)
-                start = np.uint64(min(int(where), bins - 1))
-                place = (where - start) * steps
-                row = np.uint64(place)
-                part = np.float32(place - row)
+                bin_position = (distance[a, i] + distance[b, i]) * per_metre
+                bin_position -= bins * math.floor(bin_position * turns)
+                start = np.uint64(min(int(bin_position), bins - 1))
+                position = (bin_position - start) * steps
+                row = np.uint64(position)
+                fraction = np.float32(position - row)
                 carrier = phasor[a, i] * phasor[b, i]
-                one = gain[a, i]
-                other = gain[b, i]
+                sent = gain[a, i]
+                taken = gain[b, i]
                 z = coefficient[i]
                 if dipoles:
                     for r in range(ranks):
                         h = z[r] * carrier
                         v = z[ranks + r] * carrier
                         x = z[2 * ranks + r] * carrier
-                        hh = one[0] * other[0] * h + (one[0] * other[1] + one[1] * other[0]) * x
-                        hh += one[1] * other[1] * v
-                        hv = one[0] * other[2] * x + one[1] * other[2] * v
-                        vh = one[2] * other[0] * x + one[2] * other[1] * v
-                        vv = one[2] * other[2] * v
+                        hh = sent[0] * taken[0] * h + (sent[0] * taken[1] + sent[1] * taken[0]) * x
+                        hh += sent[1] * taken[1] * v
+                        hv = sent[0] * taken[2] * x + sent[1] * taken[2] * v
+                        vh = sent[2] * taken[0] * x + sent[2] * taken[1] * v
+                        vv = sent[2] * taken[2] * v
                         o = r
                         m = lanes + r
                         value[o] = hh.real
@@ -187,26 +203,35 @@ def _spreading(lanes: int, dipoles: bool) -> Any:
                     real = carrier.real
                     imag = carrier.imag
                     for k in range(lanes):
-                        seen = one[k] * other[k]
-                        value[k] = seen * (z[k].real * real - z[k].imag * imag)
-                        value[lanes + k] = seen * (z[k].real * imag + z[k].imag * real)
-                low, high = table[row], table[row + 1]
-                w0 = low[0] + part * (high[0] - low[0])
-                w1 = low[1] + part * (high[1] - low[1])
-                w2 = low[2] + part * (high[2] - low[2])
-                w3 = low[3] + part * (high[3] - low[3])
-                near = profile[q, start : start + 4]
+                        both_ways = sent[k] * taken[k]
+                        value[k] = both_ways * (z[k].real * real - z[k].imag * imag)
+                        value[lanes + k] = both_ways * (z[k].real * imag + z[k].imag * real)
+                low = table[row]
+                high = table[row + 1]
+                w0 = low[0] + fraction * (high[0] - low[0])
+                w1 = low[1] + fraction * (high[1] - low[1])
+                w2 = low[2] + fraction * (high[2] - low[2])
+                w3 = low[3] + fraction * (high[3] - low[3])
+                taps = profile[q, start : start + 4]
                 for k in range(2 * lanes):
-                    near[0, k] += w0 * value[k]
-                    near[1, k] += w1 * value[k]
-                    near[2, k] += w2 * value[k]
-                    near[3, k] += w3 * value[k]
+                    taps[0, k] += w0 * value[k]
+                    taps[1, k] += w1 * value[k]
+                    taps[2, k] += w2 * value[k]
+                    taps[3, k] += w3 * value[k]
 
     return spread
 
 
 class Spreader:
-    """Sums the echoes of point scatterers over all pairs and ``count`` uniform tones."""
+    """Sum of the echoes of point scatterers over all pairs and uniform tones.
+
+    Parameters
+    ----------
+    start, step : float
+        First tone and spacing of the tones, Hz.
+    count : int
+        Number of tones.
+    """
 
     def __init__(self, start: float, step: float, count: int) -> None:
         self.count = count
@@ -217,33 +242,61 @@ class Spreader:
         self._table, self._correction = _window(self.bins, np.arange(count) - self.centre)
 
     def __call__(
-        self, points: FloatArray, values: NDArray[np.complex64], functions: NDArray[Any], array: ArrayState,
-        extra: FloatArray | None = None, nodes: FloatArray | None = None,
-    ) -> NDArray[np.complex64]:  # fmt: skip
-        """Sum ``Σ_i g_t·g_r/(R_t·R_r)·Σ_r value_r·H_r(f)·exp(-j2πf(R_t + R_r + 2·extra)/c)``: (channel, pair, tone).
+        self,
+        points: FloatArray,
+        values: NDArray[np.complex64],
+        functions: NDArray[Any],
+        array: ArrayState,
+        extra: FloatArray | None = None,
+        nodes: FloatArray | None = None,
+    ) -> NDArray[np.complex64]:
+        """Return ``Σ_i g_t·g_r/(R_t·R_r)·Σ_r value_r·H_r(f)·exp(-j2πf(R_t + R_r + 2·extra)/c)``.
 
-        ``points`` (point, 3) have amplitudes HH, VV and cross, ``values`` (point, 3, rank), for every function H_r
-        (rank, frequency); ``extra`` is the electrical path beyond the straight line to each antenna. ``nodes`` are the
-        frequencies at which the horns' beam is taken for every function; None takes the beam of ``array.exponent`` for
-        all. For horns there are three channels, HH, VV and cross of the rays' own directions, for dipoles HH, HV, VH
-        and VV.
+        Parameters
+        ----------
+        points : ndarray (point, 3)
+            Places in the lane frame, m.
+        values : ndarray (point, 3, rank) of complex64
+            Amplitudes HH, VV and cross for every function H_r, m.
+        functions : ndarray (rank, frequency)
+            H_r.
+        array : ArrayState
+            The antennas.
+        extra : ndarray (point,), optional
+            Electrical path beyond the straight line to each antenna, m.
+        nodes : ndarray (rank,), optional
+            Frequencies, Hz, at which the horns' beam is taken for every function; without them it
+            is that of ``array.exponent`` for all.
+
+        Returns
+        -------
+        ndarray (channel, pair, frequency) of complex64
+            For horns HH, VV and cross of the rays' own directions, for dipoles HH, HV, VH and VV.
         """
-        extra = np.zeros(len(points)) if extra is None else extra
-        exponents = (
-            np.full(len(functions), array.exponent) if nodes is None else array.exponents(nodes)
-        )
-        total = np.zeros((4 if array.dipoles else 3, array.tx.size, self.count), np.complex64)
-        for some in self._alike(points, array):
-            part = self._sum(points, values, functions, array, extra, exponents, some)
-            total += part * self._swept(points[some], array)
+        if extra is None:
+            extra = np.zeros(len(points))
+        if nodes is None:
+            exponents = np.full(len(functions), array.exponent)
+        else:
+            exponents = array.exponents(nodes)
+        channels = 4 if array.dipoles else 3
+        total = np.zeros((channels, array.tx.size, self.count), np.complex64)
+        for chosen in self._groups_of_equal_rate(points, array):
+            echoes = self._sum(points, values, functions, array, extra, exponents, chosen)
+            total += echoes * self._sweep_phase(points[chosen], array)
         return total
 
-    def _alike(self, points: FloatArray, array: ArrayState) -> Iterator[NDArray[np.intp]]:
-        """Give numbers of points whose echoes share the quadratic phase of a sweep in motion: all of them at rest."""
+    def _groups_of_equal_rate(
+        self, points: FloatArray, array: ArrayState
+    ) -> Iterator[NDArray[np.intp]]:
+        """Yield the indices of points whose echoes share the quadratic phase of a sweep in motion.
+
+        At rest these are all points at once.
+        """
         if not array.drift.any() or not len(points):
             yield np.arange(len(points))
             return
-        rate = _rates(points, array.position.mean(axis=0), array.drift)
+        rate = _path_rates(points, array.position.mean(axis=0), array.drift)
         turn = 2 * np.ptp(rate) * self.bandwidth / 4 / SPEED_OF_LIGHT
         edges = np.linspace(rate.min(), rate.max(), max(1, math.ceil(turn / _TURN)) + 1)
         for low, high in itertools.pairwise(edges):
@@ -254,29 +307,37 @@ class Spreader:
         """Number of tones times their spacing, Hz."""
         return self.per_metre * SPEED_OF_LIGHT / self.bins * self.count
 
-    def _swept(self, points: FloatArray, array: ArrayState) -> NDArray[np.complex64]:
-        """Phase (pair, frequency) that the mean rate of the path leaves beyond a delay: ``κ²·Δf·ΔL/(K·c)`` cycles."""
+    def _sweep_phase(self, points: FloatArray, array: ArrayState) -> NDArray[np.complex64]:
+        """Return the phase (pair, frequency) that the mean rate of the path leaves beyond a delay.
+
+        It is ``κ²·Δf·ΔL/(K·c)`` cycles, κ counting tones from the middle one.
+        """
         points = points[:: max(1, len(points) // 500)]
         if not array.drift.any() or not len(points):
             return np.ones((1, 1), np.complex64)
+        # Near points count more, as their echoes are stronger.
         weight = np.sum((points - array.position.mean(axis=0)) ** 2, axis=1) ** -2.0
-        rate = np.array(
-            [np.average(_rates(points, a, array.drift), weights=weight) for a in array.position]
-        )
-        cycles = (
-            (np.arange(self.count) - self.centre) ** 2
-            * self.bandwidth
-            / self.count**2
-            / SPEED_OF_LIGHT
-        )
-        return np.exp(-2j * np.pi * np.outer(rate[array.tx] + rate[array.rx], cycles)).astype(
-            np.complex64
-        )
+        rates = []
+        for antenna in array.position:
+            of_points = _path_rates(points, antenna, array.drift)
+            rates.append(np.average(of_points, weights=weight))
+        rate = np.array(rates)
+        square = (np.arange(self.count) - self.centre) ** 2
+        cycles = square * self.bandwidth / self.count**2 / SPEED_OF_LIGHT
+        phase = np.outer(rate[array.tx] + rate[array.rx], cycles)
+        return np.exp(-2j * np.pi * phase).astype(np.complex64)
 
     def _sum(
-        self, points: FloatArray, values: NDArray[np.complex64], functions: NDArray[Any], array: ArrayState,
-        extra: FloatArray, exponents: FloatArray, some: NDArray[np.intp],
-    ) -> NDArray[np.complex64]:  # fmt: skip
+        self,
+        points: FloatArray,
+        values: NDArray[np.complex64],
+        functions: NDArray[Any],
+        array: ArrayState,
+        extra: FloatArray,
+        exponents: FloatArray,
+        chosen: NDArray[np.intp],
+    ) -> NDArray[np.complex64]:
+        """Return the sum over the chosen points, without the phase of a sweep in motion."""
         ranks = len(functions)
         kinds = 4 if array.dipoles else 3
         lanes = -(-kinds * ranks // _LANES) * _LANES
@@ -290,28 +351,45 @@ class Spreader:
         phasor = np.empty(shape, np.complex64)
         gain = np.empty((*shape, 3 if array.dipoles else lanes), np.float32)
         drift = array.drift * (self.wavenumber * SPEED_OF_LIGHT / self.bandwidth)
-        look = (
-            array.boresight,
-            array.horizontal,
-            array.vertical,
-            array.exponent,
-            beams,
-            self.wavenumber,
-        )
-        for first in range(0, len(some), _CHUNK):
-            few = some[first : first + _CHUNK]
-            coefficient[: len(few), : 3 * ranks] = flat[few]
+        for first in range(0, len(chosen), _CHUNK):
+            chunk = chosen[first : first + _CHUNK]
+            coefficient[: len(chunk), : 3 * ranks] = flat[chunk]
             antenna_terms(
-                points[few], array.position, *look, extra[few], drift, distance, phasor, gain
+                points[chunk],
+                array.position,
+                array.boresight,
+                array.horizontal,
+                array.vertical,
+                array.exponent,
+                beams,
+                self.wavenumber,
+                extra[chunk],
+                drift,
+                distance,
+                phasor,
+                gain,
             )
-            rays = (distance, phasor, gain, array.tx, array.rx)
-            spread(coefficient[: len(few)], ranks, *rays, self.per_metre, self._table, profile)
+            spread(
+                coefficient[: len(chunk)],
+                ranks,
+                distance,
+                phasor,
+                gain,
+                array.tx,
+                array.rx,
+                self.per_metre,
+                self._table,
+                profile,
+            )
         return self._to_tones(profile, kinds, functions)
 
     def _to_tones(
         self, profile: NDArray[np.float32], kinds: int, functions: NDArray[Any]
     ) -> NDArray[np.complex64]:
-        """Transform profiles (pair, bin, 2·lane) and give each rank's tones their function: (kind, pair, frequency)."""
+        """Return the spectra (kind, pair, frequency) of profiles (pair, bin, 2·lane).
+
+        Each rank's tones are multiplied by their function.
+        """
         spectra = np.empty((kinds * len(functions), len(profile), self.bins), np.complex64)
         _fold(WIDTH, spectra, profile)
         spectra = scipy.fft.fft(spectra, axis=-1, overwrite_x=True, workers=2)
@@ -319,9 +397,9 @@ class Spreader:
         shift = np.exp(2j * np.pi * tones * (WIDTH // 2 - 1) / self.bins) * self._correction
         weight = (functions * shift).astype(np.complex64)
         out = np.zeros((kinds, len(profile), self.count), np.complex64)
-        for c, spectrum in enumerate(spectra):
-            kind, rank = divmod(c, len(functions))
-            below = self.centre  # tones below the middle lie at the end
+        below = self.centre  # tones below the middle lie at the end of a spectrum
+        for lane, spectrum in enumerate(spectra):
+            kind, rank = divmod(lane, len(functions))
             out[kind, :, :below] += spectrum[:, self.bins - below :] * weight[rank, :below]
             out[kind, :, below:] += spectrum[:, : self.count - below] * weight[rank, below:]
         return out
@@ -329,35 +407,41 @@ class Spreader:
 
 @shared(cache=True)
 def _fold(taps, out, profile, begin, end):  # type: ignore[no-untyped-def]
-    """Bring profiles (pair, bin + taps, 2·lane) to complex ones (lane, pair, bin), wrapped round at the end."""
+    """Fill complex profiles (lane, pair, bin), wrapped round at the end.
+
+    ``profile`` (pair, bin + taps, 2·lane) has real parts before imaginary ones.
+    """
     lanes = profile.shape[2] // 2
     bins = out.shape[2]
     for q in range(begin, end):
         for k in range(taps):
-            for c in range(
-                2 * lanes
-            ):  # whole rows would be checked for their shapes, which takes long to compile
+            # Whole rows would be checked for their shapes, which takes long to compile.
+            for c in range(2 * lanes):
                 profile[q, k, c] += profile[q, bins + k, c]
         for c in range(out.shape[0]):
             for k in range(bins):
                 out[c, q, k] = complex(profile[q, k, c], profile[q, k, lanes + c])
 
 
-def _rates(points: FloatArray, antenna: FloatArray, drift: FloatArray) -> FloatArray:
-    """How much longer the way from an antenna to points (point, 3) gets while it moves by ``drift``, m."""
+def _path_rates(points: FloatArray, antenna: FloatArray, drift: FloatArray) -> FloatArray:
+    """Return how much longer paths to points (point, 3) get as an antenna moves by a drift, m."""
     ray = points - antenna
     return np.asarray(-(ray @ drift) / np.linalg.norm(ray, axis=1))
 
 
 def _beam_table(exponents: FloatArray, lanes: int) -> NDArray[np.float32]:
-    """Amplitude cos^(n/2) over the cosine from 0 to 1 and one step more, the exponents again and again (step, lane)."""
+    """Return amplitudes cos^(n/2) over the cosine from 0 to 1 and one step more (step, lane).
+
+    The exponents are repeated over the lanes.
+    """
     cosine = np.minimum(np.arange(_COSINES + 2) / _COSINES, 1.0)
     return (cosine[:, None] ** (0.5 * np.resize(exponents, lanes))).astype(np.float32)
 
 
 def _window(bins: int, tone: NDArray[np.intp]) -> tuple[NDArray[np.float32], FloatArray]:
-    """Kaiser-Bessel taps by fraction of a bin, and the spectrum's correction for every tone."""
+    """Return Kaiser-Bessel taps by fraction of a bin, and the correction of every tone."""
     ratio = bins / tone.size
+    # Beatty, Nishimura & Pauly 2005: the best β for this width and oversampling.
     beta = math.pi * math.sqrt((WIDTH / ratio) ** 2 * (ratio - 0.5) ** 2 - 0.8)
     fraction = np.arange(_TABLE + 2) / _TABLE
     offset = np.arange(WIDTH) - (WIDTH // 2 - 1)

@@ -25,28 +25,28 @@ from flgpr.simulate.scene.scene_tables import (
     Holes,
     Lenses,
     Roots,
+    SceneTable,
     Shadow,
     Stones,
     Terrain,
 )
-from flgpr.simulate.scene.scene_tables import Part as _Part
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Percent = Annotated[float, Field(ge=0, le=100)]
 Size = Annotated[float, Field(gt=0, le=100)]
 Stride = Annotated[float, Field(ge=0.001, le=10_000)]
-Beside = Annotated[float, Field(ge=0, le=1000)]
+RoadsideDistance = Annotated[float, Field(ge=0, le=1000)]
 _SITES = resources.files("flgpr.simulate.scene") / "sites"
 
 
-class Layer(_Part):
+class Layer(SceneTable):
     """A layer of soil over the rest."""
 
     thickness: Positive  #: m
     moisture: Share  #: volumetric, m³/m³
 
 
-class Soil(_Part):
+class Soil(SceneTable):
     """The soil's permittivity."""
 
     model: Literal["mironov", "topp", "peplinski", "fixed"] = "mironov"  #: dielectric model
@@ -57,28 +57,46 @@ class Soil(_Part):
     #: permittivity, conductivity: ε' and ohmic conductivity (S/m) of the model "fixed"
     permittivity: Annotated[float, Field(ge=1, le=1000)] = 3.0
     conductivity: Annotated[float, Field(ge=0, le=1000)] = 0.0
-    loss_tangent: Annotated[float, Field(ge=0, le=100)] | None = (
-        None  #: overrides the model's loss when given
-    )
+    #: overrides the model's loss when given
+    loss_tangent: Annotated[float, Field(ge=0, le=100)] | None = None
 
     def media(self, frequency: ArrayLike) -> list[NDArray[np.complex128]]:
-        """Complex permittivity at each ``frequency`` (Hz) of every layer from the top down, the half-space last."""
+        """Return the complex permittivity of every layer, the half-space last.
+
+        Parameters
+        ----------
+        frequency : array_like
+            Frequencies, Hz.
+
+        Returns
+        -------
+        list of ndarray of complex
+            From the top down, each in the shape of ``frequency``.
+        """
         f = np.asarray(frequency, dtype=np.float64)
-        return [
-            self._mix(f, moisture)
-            for moisture in (*(layer.moisture for layer in self.layers), self.moisture)
-        ]
+        moistures = [layer.moisture for layer in self.layers]
+        moistures.append(self.moisture)
+        return [self._permittivity(f, moisture) for moisture in moistures]
 
-    def passed(self, depth: float) -> list[float]:
-        """Thickness of every layer that a point at ``depth`` (m) has above it, m."""
+    def thicknesses_above(self, depth: float) -> list[float]:
+        """Return how much of every layer, the half-space last, lies above a depth, m.
+
+        Parameters
+        ----------
+        depth : float
+            Depth of a point below the surface, m.
+        """
         above = []
-        left = max(depth, 0.0)
+        remaining = max(depth, 0.0)
         for layer in self.layers:
-            above.append(min(layer.thickness, left))
-            left -= above[-1]
-        return [*above, left]
+            thickness = min(layer.thickness, remaining)
+            above.append(thickness)
+            remaining -= thickness
+        above.append(remaining)
+        return above
 
-    def _mix(self, f: NDArray[np.float64], moisture: float) -> NDArray[np.complex128]:
+    def _permittivity(self, f: NDArray[np.float64], moisture: float) -> NDArray[np.complex128]:
+        """Return the complex permittivity of a layer of the given moisture at frequencies ``f``."""
         if self.model == "mironov":
             eps: NDArray[Any] = soils.mironov(f, self.clay, moisture)
         elif self.model == "peplinski":
@@ -92,33 +110,33 @@ class Soil(_Part):
         return np.asarray(eps)
 
 
-class Surface(_Part):
+class Surface(SceneTable):
     """The rough surface."""
 
     echo: bool = True  #: whether it scatters
     phase_screen: bool = True  #: whether its heights disturb the phase of what lies below
     rms_height: Annotated[float, Field(ge=0, le=10)] = 0.005  #: s of the exponential correlation, m
     correlation_length: Size = 0.05  #: l of the exponential correlation, m
-    #: spectral density of the ground's profile at 0.1 waves per metre, m³, whose longer waves come on top of these (ISO
-    #: 8608: 256e-6 in class C, 1024e-6 in D, 4096e-6 in E); 0 leaves the exponential correlation alone
+    #: spectral density of the ground's profile at 0.1 waves per metre, m³, whose longer waves come
+    #: on top of these (ISO 8608: 256e-6 in class C, 1024e-6 in D, 4096e-6 in E); 0 leaves the
+    #: exponential correlation alone
     unevenness: Annotated[float, Field(ge=0, le=1)] = 0.0
     waviness: Annotated[float, Field(gt=1, lt=3)] = 2.0  #: exponent with which that density falls
-    slope: Annotated[float, Field(ge=0, lt=math.pi / 2)] = math.radians(
-        5
-    )  #: rms tilt of the larger scale, rad
+    #: rms tilt of the larger scale, rad
+    slope: Annotated[float, Field(ge=0, lt=math.pi / 2)] = math.radians(5)
     cross_db: Decibels = -12.0  #: HV under HH, dB
     correlation: Annotated[float, Field(ge=0, le=1)] = 0.65  #: correlation of HH and VV
-    #: shape of the gamma-distributed local power (K-distributed amplitudes); None is Rayleigh clutter
+    #: shape of the gamma-distributed local power (K-distributed amplitudes); None is Rayleigh
+    #: clutter
     texture_shape: Annotated[float, Field(ge=0.01)] | None = 4.0
-    texture_length: Annotated[float, Field(gt=0.05)] = (
-        0.5  #: correlation length of the local power, m
-    )
+    #: correlation length of the local power, m
+    texture_length: Annotated[float, Field(gt=0.05)] = 0.5
     #: scatterers per m²; None takes 3 per resolution cell of the sensor at 10 m
     density: Positive | None = None
     level_db: Decibels = 0.0  #: added to σ⁰, dB: for sites whose level was measured
 
 
-class Patch(_Part):
+class Patch(SceneTable):
     """A round patch of ground that scatters more, as wet ground does."""
 
     x: float  #: m
@@ -127,29 +145,35 @@ class Patch(_Part):
     gain_db: Decibels = 4.0  #: by how much σ⁰ is higher in its middle, dB
 
 
-def _sized(data: Any, own: tuple[str, ...]) -> Any:
-    """Give a target that names a body the body's size; it must not bring its own."""
+def _with_body_size(data: Any, size_entries: tuple[str, ...]) -> Any:
+    """Return a target's entries with the size of the body that it names.
+
+    A size that differs from the body's is a ValueError.
+    """
     if not isinstance(data, dict) or not isinstance(data.get("body"), str):
         return data
-    given = [entry for entry in own if data.get(entry) is not None]
     size = body_size(data["body"])
-    if given and not all(data[entry] == size.get(entry) for entry in given):
-        raise ValueError(
-            f"{given[0]} must not be given with body = {data['body']!r}, which has its own"
-        )
+    present = [entry for entry in size_entries if data.get(entry) is not None]
+    for entry in present:
+        if data[entry] != size.get(entry):
+            raise ValueError(
+                f"{present[0]} must not be given with body = {data['body']!r}, which has its own"
+            )
     return {**data, **size}
 
 
-class Target(_Part):
+class Target(SceneTable):
     """A mine or another body in or on the ground."""
 
-    #: "metal", "plastic", "simulant" (plastic without an air gap) or any other name, which then is metal unless it has
-    #: a ``permittivity`` or a ``body``
+    #: "metal", "plastic", "simulant" (plastic without an air gap) or any other name, which then is
+    #: metal unless it has a ``permittivity`` or a ``body``
     kind: str
-    #: what scatters in the ground: a packaged body ("tm-62p"; ``flgpr simulate signature`` lists them) or a table made
-    #: of one's own. It brings its radius and height. None takes a generic metal or plastic mine of the given ones
+    #: what scatters in the ground: a packaged body ("tm-62p"; ``flgpr simulate signature`` lists
+    #: them) or the file of a table made by the user. It brings its radius and height. None takes a
+    #: generic metal or plastic mine of the radius and height given here
     body: str | None = None
-    #: x, y, depth: centre and depth of the top below the ground there, m; ``depth = -height`` lies on the ground
+    #: x, y, depth: centre and depth of the top below the ground there, m; ``depth = -height`` lies
+    #: on the ground
     x: float
     y: float
     depth: float = 0.0
@@ -170,7 +194,7 @@ class Target(_Part):
     @model_validator(mode="before")
     @classmethod
     def _take_body(cls, data: Any) -> Any:
-        return _sized(data, ("radius", "height", "profile", "permittivity", "gap"))
+        return _with_body_size(data, ("radius", "height", "profile", "permittivity", "gap"))
 
     @property
     def outline(self) -> Profile:
@@ -180,7 +204,9 @@ class Target(_Part):
     @property
     def extent(self) -> tuple[float, float]:
         """Greatest radius, and height, m."""
-        return max(radius for radius, _ in self.outline), self.outline[-1][1]
+        greatest_radius = max(radius for radius, _ in self.outline)
+        height = self.outline[-1][1]
+        return greatest_radius, height
 
     @property
     def dielectric(self) -> float | None:
@@ -197,7 +223,7 @@ class Target(_Part):
         return self.gap
 
 
-class TargetDraw(_Part):
+class TargetDraw(SceneTable):
     """A number of alike targets put into the lane at random."""
 
     kind: str  #: as of a target
@@ -206,8 +232,8 @@ class TargetDraw(_Part):
     count: Annotated[int, Field(ge=0, le=1_000_000)]
     radius: Size = 0.16  #: m
     height: Size = 0.15  #: m
-    #: depth_jitter, position_jitter, tilt: rms of the depth (m), of the place off an even grid along the lane (m), and
-    #: of the tilt (rad) in each axis
+    #: depth_jitter, position_jitter, tilt: rms of the depth (m), of the place off an even grid
+    #: along the lane (m), and of the tilt (rad) in each axis
     depth_jitter: NotNegative = 0.005
     position_jitter: NotNegative = 0.3
     tilt: Annotated[float, Field(ge=0, le=math.pi)] = math.radians(4)
@@ -215,14 +241,14 @@ class TargetDraw(_Part):
     @model_validator(mode="before")
     @classmethod
     def _take_body(cls, data: Any) -> Any:
-        return _sized(data, ("radius", "height"))
+        return _with_body_size(data, ("radius", "height"))
 
 
-class Thing(_Part):
+class SceneObject(SceneTable):
     """An object that is no target."""
 
-    #: a rock lies half in the ground; a post is a metal or wet wooden upright; a bush is a cloud of scatterers; a
-    #: fiducial is a corner reflector
+    #: a rock lies half in the ground; a post is a metal or wet wooden upright; a bush is a cloud of
+    #: scatterers; a fiducial is a corner reflector
     kind: Literal["rock", "post", "bush", "fiducial"]
     x: float  #: m
     y: float  #: m
@@ -231,7 +257,7 @@ class Thing(_Part):
     rcs_db: Decibels | None = None  #: cross section at 1 GHz of a bush or fiducial, dBsm
 
 
-class Clutter(_Part):
+class Clutter(SceneTable):
     """Discrete clutter drawn from the seed."""
 
     rocks: NotNegative = 0.0  #: rocks per m² on and beside the lane
@@ -239,34 +265,36 @@ class Clutter(_Part):
     posts: NotNegative = 0.0  #: per metre of roadside, both sides together
     patches: NotNegative = 0.0  #: wet patches per m²
     #: least and greatest distance of bushes and posts from the lane's middle, m
-    roadside: tuple[Beside, Beside] = (3.5, 7.0)
+    roadside: tuple[RoadsideDistance, RoadsideDistance] = (3.5, 7.0)
 
     @model_validator(mode="after")
     def _check(self) -> Clutter:
-        if not self.roadside[0] <= self.roadside[1]:
+        least, greatest = self.roadside
+        if not least <= greatest:
             raise ValueError(
                 f"roadside must be the least and the greatest distance, got {self.roadside}"
             )
         return self
 
 
-class Departure(_Part):
-    """A stretch over which the vehicle leaves the lane, with no scans while it is out."""
+class Departure(SceneTable):
+    """A stretch over which the vehicle is off the lane and takes no scans."""
 
-    #: start, length: where it leaves and how far on it comes back, m
+    #: start, length: where it leaves the lane, and how far on it returns, m
     start: float
     length: Positive
 
 
-class Track(_Part):
-    """The vehicle's way: positions of the array's reference point at each scan."""
+class Track(SceneTable):
+    """The vehicle's track: positions of the array's reference point at each scan."""
 
-    #: start, stop: first and last position along the lane, m; None begins 20 m before the lane and ends 5 m before its
-    #: end
+    #: start, stop: first and last position along the lane, m; None begins 20 m before the lane and
+    #: ends 5 m before its end
     start: float | None = None
     stop: float | None = None
     step: tuple[Stride, Stride] = (1.0, 3.0)  #: least and greatest distance between scans, m
-    #: wander, wander_length: rms and length of slow wandering across the lane, m; the heading follows it
+    #: wander, wander_length: rms and length of slow wandering across the lane, m; the heading
+    #: follows it
     wander: Annotated[float, Field(ge=0, le=100)] = 0.0
     wander_length: Annotated[float, Field(ge=0.01)] = 20.0
     attitude: Annotated[float, Field(ge=0, le=1)] = 0.0  #: rms pitch and roll, rad
@@ -279,17 +307,18 @@ class Track(_Part):
 
     @model_validator(mode="after")
     def _check(self) -> Track:
-        if not 0 < self.step[0] <= self.step[1]:
+        least, greatest = self.step
+        if not 0 < least <= greatest:
             raise ValueError(f"step must have 0 < least <= greatest, got {self.step}")
         return self
 
 
-class Scene(_Part):
+class Scene(SceneTable):
     """A lane and all that is in it."""
 
     name: str = "lane"
-    #: one of the packaged sites, or the path of a TOML file like theirs (``.toml``), whose soil, surface and clutter
-    #: stand wherever the scene says nothing itself
+    #: one of the packaged sites, or the path of a TOML file like theirs (``.toml``), whose soil,
+    #: surface and clutter stand wherever the scene says nothing itself
     site: str | None = None
     x_min: float = -1.5  #: m
     x_max: float = 1.5  #: m
@@ -308,7 +337,7 @@ class Scene(_Part):
     track: Track = Track()
     targets: tuple[Target, ...] = ()  #: at given places, as objects and patches
     draws: tuple[TargetDraw, ...] = ()  #: targets to be drawn
-    objects: tuple[Thing, ...] = ()
+    objects: tuple[SceneObject, ...] = ()
     patches: tuple[Patch, ...] = ()
 
     @model_validator(mode="before")
@@ -317,10 +346,11 @@ class Scene(_Part):
         if not isinstance(data, dict) or data.get("site") is None:
             return data
         merged = dict(data)
-        for part, values in site_tables(data["site"]).items():
-            given = data.get(part, {})
-            given = given.model_dump(exclude_unset=True) if isinstance(given, BaseModel) else given
-            merged[part] = {**values, **given}
+        for name, site_entries in site_tables(data["site"]).items():
+            scene_entries = data.get(name, {})
+            if isinstance(scene_entries, BaseModel):
+                scene_entries = scene_entries.model_dump(exclude_unset=True)
+            merged[name] = {**site_entries, **scene_entries}
         return merged
 
     @model_validator(mode="after")
@@ -336,35 +366,70 @@ class Scene(_Part):
 
 
 def site_tables(site: Any) -> dict[str, Any]:
-    """Read the tables of a packaged site or of a file."""
-    own = Path(str(site))
-    if own.suffix == ".toml" and own.is_file():
-        try:
-            tables = parse_toml(read_named(own))
-        except ValueError as error:
-            raise ValueError(f"site {own} must be TOML in UTF-8 ({error})") from None
-        parts = {
-            name for name, entry in Scene.model_fields.items() if isinstance(entry.default, _Part)
-        } - {"track"}
-        strange = sorted(set(tables) - parts)
-        if strange:
-            raise ValueError(f"site {own} must hold the tables of a site alone, got {strange[0]}")
-        return tables
-    known = sites()
-    if site not in known:
+    """Return the tables of a packaged site or of a TOML file.
+
+    Parameters
+    ----------
+    site : Any
+        Name of a packaged site, or the path of a file whose name ends in ``.toml``.
+
+    Raises
+    ------
+    ValueError
+        If there is no such site or file, or if the file is not TOML in UTF-8 or holds a table that
+        is none of a site's.
+    """
+    path = Path(str(site))
+    if path.suffix == ".toml" and path.is_file():
+        return _read_site(path)
+    packaged = sites()
+    if site not in packaged:
         raise ValueError(
-            f"site must be one of {', '.join(known)} or a TOML file that is there, got {site!r}"
+            f"site must be one of {', '.join(packaged)} or a TOML file that is there, got {site!r}"
         )
     return tomllib.loads((_SITES / f"{site}.toml").read_text(encoding="utf-8"))
 
 
+def _read_site(path: Path) -> dict[str, Any]:
+    """Return the tables of a site's file, or raise a ValueError."""
+    try:
+        tables = parse_toml(read_named(path))
+    except ValueError as error:
+        raise ValueError(f"site {path} must be TOML in UTF-8 ({error})") from None
+    allowed = set()
+    for name, field in Scene.model_fields.items():
+        # The track belongs to a drive, not to the ground.
+        if isinstance(field.default, SceneTable) and name != "track":
+            allowed.add(name)
+    unknown = sorted(set(tables) - allowed)
+    if unknown:
+        raise ValueError(f"site {path} must hold the tables of a site alone, got {unknown[0]}")
+    return tables
+
+
 def sites() -> list[str]:
-    """Names of the packaged sites."""
+    """Return the names of the packaged sites."""
     return preset_names(_SITES)
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Load a scene from a TOML file; if it is not there or breaks a rule, that is a ValueError that names the entry."""
+    """Read a scene from a TOML file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    Scene
+        The validated scene.
+
+    Raises
+    ------
+    ValueError
+        If the file is not there, or an entry breaks a rule; the entry is named.
+    """
     if not Path(path).is_file():
         raise ValueError(f"scene file not found: {path}")
     return parse_entries(Scene, read_named(path), f"scene {path}", "scene")

@@ -1,4 +1,4 @@
-"""The drawn world: targets, objects and wet patches of a scene, and the vehicle's way, from its seed."""
+"""The drawn world: targets, objects and patches of a scene, and its track, from a seed."""
 
 from __future__ import annotations
 
@@ -20,60 +20,81 @@ from flgpr.model import (
 from flgpr.model.arrays import FloatArray
 from flgpr.simulate.ground.holes import Hole, draw_holes, hole_patches
 from flgpr.simulate.scene.draw import stream
-from flgpr.simulate.scene.scene import Patch, Scene, Target, Thing
+from flgpr.simulate.scene.scene import Departure, Patch, Scene, SceneObject, Target, TargetDraw
 
 EVEN: dict[str, dict[str, bool]] = {
-    part: {"on": False} for part in ("stones", "roots", "lenses", "heterogeneity")
+    table: {"on": False} for table in ("stones", "roots", "lenses", "heterogeneity")
 }
-"""Parts of a scene whose soil has nothing in it but its targets and holes."""
+"""Tables of a scene whose soil has nothing in it but its targets and holes."""
 ALONE: dict[str, Any] = {"surface": {"echo": False}, "holes": {"on": False}, **EVEN}
-"""Parts of a scene whose ground returns nothing but its targets."""
+"""Tables of a scene whose ground returns nothing but its targets."""
 BARE = {"rocks": 0.0, "bushes": 0.0, "posts": 0.0, "patches": 0.0}
-"""Clutter of a lane on which nothing more is to be drawn."""
+"""Clutter table of a lane on which nothing more is to be drawn."""
 MARGIN = 35.0
 """Ground before and behind the lane that the radar may see, m."""
+_SPEED = 2.0  # of the vehicle, m/s
 
 
 @dataclass(frozen=True)
 class World:
-    """What a seed made of a scene."""
+    """What a seed makes of a scene: everything that has a place, given and drawn."""
 
     scene: Scene
     seed: int
-    targets: tuple[Target, ...]  #: as all else with a place, given and drawn
-    objects: tuple[Thing, ...]
+    targets: tuple[Target, ...]
+    objects: tuple[SceneObject, ...]
     patches: tuple[Patch, ...]
     holes: tuple[Hole, ...] = ()  #: refilled holes, over targets and empty
 
     def truth(self) -> pd.DataFrame:
-        """Truth table of the targets that lie in the lane."""
-        rows = [
-            (f"T{i + 1:03d}", t.x, t.y, t.kind, t.depth, *t.extent, self.scene.name)
-            for i, t in enumerate(self.targets)
-            if self.scene.lane.contains(t.x, t.y)
-        ]
+        """Return the truth table of the targets that lie in the lane."""
+        rows = []
+        for index, target in enumerate(self.targets):
+            if not self.scene.lane.contains(target.x, target.y):
+                continue
+            name = f"T{index + 1:03d}"
+            place = (target.x, target.y)
+            size = target.extent
+            rows.append((name, *place, target.kind, target.depth, *size, self.scene.name))
         return check_truth(_table(rows, TRUTH_COLUMNS))
 
     def objects_table(self) -> pd.DataFrame:
-        """Table of everything else that stands in or beside the lane, empty holes too; it never scores."""
-        things: list[tuple[Any, ...]] = [
-            (o.x, o.y, o.kind, o.radius, o.height) for o in self.objects
-        ]
-        things += [(h.x, h.y, "hole", h.radius, h.cap) for h in self.holes if h.target is None]
-        rows = [(f"O{i + 1:04d}", *thing) for i, thing in enumerate(things)]
+        """Return the table of all else that stands in or beside the lane, empty holes too.
+
+        Nothing in it is scored.
+        """
+        entries: list[tuple[Any, ...]] = []
+        for thing in self.objects:
+            entries.append((thing.x, thing.y, thing.kind, thing.radius, thing.height))
+        for hole in self.holes:
+            if hole.target is None:
+                entries.append((hole.x, hole.y, "hole", hole.radius, hole.cap))
+        rows = [(f"O{index + 1:04d}", *entry) for index, entry in enumerate(entries)]
         return check_objects(_table(rows, OBJECT_COLUMNS))
 
 
 def _table(rows: list[tuple[Any, ...]], columns: tuple[Column, ...]) -> pd.DataFrame:
-    return (
-        pd.DataFrame(rows, columns=[column.name for column in columns])
-        if rows
-        else empty_table(columns)
-    )
+    """Return a table of rows; without rows its columns still have their types."""
+    if not rows:
+        return empty_table(columns)
+    return pd.DataFrame(rows, columns=[column.name for column in columns])
 
 
 def draw_world(scene: Scene, seed: int) -> World:
-    """Draw the targets, objects and patches of a scene: the same seed gives the same world, bit for bit."""
+    """Draw the targets, objects, patches and holes of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is given and what is to be drawn.
+    seed : int
+        The same seed gives the same world, bit for bit.
+
+    Returns
+    -------
+    World
+        What is given before what is drawn.
+    """
     targets = (*scene.targets, *_draw_targets(scene, seed))
     objects = (*scene.objects, *_draw_rocks(scene, seed), *_draw_roadside(scene, seed))
     holes = draw_holes(scene, targets, seed)
@@ -82,119 +103,191 @@ def draw_world(scene: Scene, seed: int) -> World:
 
 
 def _draw_targets(scene: Scene, seed: int) -> list[Target]:
-    """Put the drawn targets on an even grid along the lane in random order, off it by their jitter."""
+    """Draw targets on an even grid along the lane in random order, off it by their jitter."""
     rng = stream(seed, "targets")
-    wanted = [draw for draw in scene.draws for _ in range(draw.count)]
-    order = rng.permutation(len(wanted))
-    pitch = scene.length / max(len(wanted), 1)
-    middle = (scene.x_min + scene.x_max) / 2
-    half = (scene.x_max - scene.x_min) / 2
+    draws: list[TargetDraw] = []
+    for draw in scene.draws:
+        draws.extend([draw] * draw.count)
+    order = rng.permutation(len(draws))
+    pitch = scene.length / max(len(draws), 1)
+    headings = stream(seed, "headings").uniform(0, math.pi, len(draws))
     targets = []
-    headings = stream(seed, "headings").uniform(0, math.pi, len(wanted))
     for slot, index in enumerate(order):
-        draw = wanted[index]
-        room = max(half - draw.radius - 0.1, 0.0)
-        offset = np.clip(rng.normal(0, draw.position_jitter), -0.3 * pitch, 0.3 * pitch)
-        lean, roll = rng.normal(0, draw.tilt, 2)
-        depth = draw.depth + rng.normal(0, draw.depth_jitter)
-        targets.append(
-            Target(
-                kind=draw.kind,
-                x=middle + rng.uniform(-room, room),
-                y=(slot + 0.5) * pitch + offset,
-                depth=max(depth, 0.0) if draw.depth >= 0 else draw.depth,
-                body=draw.body,
-                radius=draw.radius,
-                height=draw.height,
-                gap=rng.uniform(0.01, 0.02)
-                if draw.kind == "plastic" and draw.body is None
-                else None,
-                heading=headings[slot] if draw.body is not None else 0.0,
-                tilt=math.hypot(lean, roll) if draw.depth >= 0 else 0.0,
-                azimuth=math.atan2(roll, lean),
-            )
-        )
+        target = _draw_target(scene, draws[index], slot, pitch, headings[slot], rng)
+        targets.append(target)
     return targets
 
 
-def _draw_rocks(scene: Scene, seed: int) -> list[Thing]:
+def _draw_target(
+    scene: Scene,
+    draw: TargetDraw,
+    slot: int,
+    pitch: float,
+    heading: float,
+    rng: np.random.Generator,
+) -> Target:
+    """Draw the target in a slot of the grid; the order of the random numbers fixes the world."""
+    middle = (scene.x_min + scene.x_max) / 2
+    half_width = (scene.x_max - scene.x_min) / 2
+    # No target comes within 10 cm of the lane's edge.
+    room = max(half_width - draw.radius - 0.1, 0.0)
+    offset = np.clip(rng.normal(0, draw.position_jitter), -0.3 * pitch, 0.3 * pitch)
+    lean, roll = rng.normal(0, draw.tilt, 2)
+    depth = draw.depth + rng.normal(0, draw.depth_jitter)
+    x = middle + rng.uniform(-room, room)
+    buried = draw.depth >= 0
+    gap = None
+    if draw.kind == "plastic" and draw.body is None:
+        gap = rng.uniform(0.01, 0.02)
+    return Target(
+        kind=draw.kind,
+        x=x,
+        y=(slot + 0.5) * pitch + offset,
+        depth=max(depth, 0.0) if buried else draw.depth,
+        body=draw.body,
+        radius=draw.radius,
+        height=draw.height,
+        gap=gap,
+        heading=heading if draw.body is not None else 0.0,
+        tilt=math.hypot(lean, roll) if buried else 0.0,
+        azimuth=math.atan2(roll, lean),
+    )
+
+
+def _draw_rocks(scene: Scene, seed: int) -> list[SceneObject]:
+    """Draw the rocks on and beside the lane; their radii are 2 cm and exponential above it."""
     rng = stream(seed, "rocks")
     side = scene.clutter.roadside[1]
     ends = (-MARGIN, scene.length + MARGIN)
     count = rng.poisson(scene.clutter.rocks * 2 * side * (scene.length + 2 * MARGIN))
-    draws = (
-        (rng.uniform(-side, side), rng.uniform(*ends), rng.exponential(0.02)) for _ in range(count)
-    )
-    return [Thing(kind="rock", x=x, y=y, radius=min(0.02 + size, 0.12)) for x, y, size in draws]
+    rocks = []
+    for _ in range(count):
+        x = rng.uniform(-side, side)
+        y = rng.uniform(*ends)
+        radius = min(0.02 + rng.exponential(0.02), 0.12)
+        rocks.append(SceneObject(kind="rock", x=x, y=y, radius=radius))
+    return rocks
 
 
-def _draw_roadside(scene: Scene, seed: int) -> list[Thing]:
+def _draw_roadside(scene: Scene, seed: int) -> list[SceneObject]:
+    """Draw the bushes and then the posts on both sides of the lane."""
     rng = stream(seed, "roadside")
-    near, far = scene.clutter.roadside
     span = scene.length + 2 * MARGIN
-    things = []
-    for kind, density in (("bush", scene.clutter.bushes), ("post", scene.clutter.posts)):
-        for _ in range(rng.poisson(density * span)):
-            x = rng.uniform(near, far) * rng.choice([-1, 1])
-            y = rng.uniform(-MARGIN, scene.length + MARGIN)
-            if kind == "bush":
-                radius = rng.uniform(0.2, 0.7)
-                height = rng.uniform(0.3, 1.0)
-                level = rng.uniform(-20, -3)
-                things.append(
-                    Thing(kind="bush", x=x, y=y, radius=radius, height=height, rcs_db=level)
-                )
-            else:
-                radius = rng.uniform(0.02, 0.06)
-                height = rng.uniform(0.3, 1.0)
-                things.append(Thing(kind="post", x=x, y=y, radius=radius, height=height))
-    return things
+    bushes = [_draw_bush(scene, rng) for _ in range(rng.poisson(scene.clutter.bushes * span))]
+    posts = [_draw_post(scene, rng) for _ in range(rng.poisson(scene.clutter.posts * span))]
+    return bushes + posts
+
+
+def _roadside_place(scene: Scene, rng: np.random.Generator) -> tuple[float, float]:
+    """Draw a place at the roadside, m."""
+    nearest, farthest = scene.clutter.roadside
+    x = rng.uniform(nearest, farthest) * rng.choice([-1, 1])
+    y = rng.uniform(-MARGIN, scene.length + MARGIN)
+    return x, y
+
+
+def _draw_bush(scene: Scene, rng: np.random.Generator) -> SceneObject:
+    """Draw a bush at the roadside."""
+    x, y = _roadside_place(scene, rng)
+    radius = rng.uniform(0.2, 0.7)
+    height = rng.uniform(0.3, 1.0)
+    level = rng.uniform(-20, -3)
+    return SceneObject(kind="bush", x=x, y=y, radius=radius, height=height, rcs_db=level)
+
+
+def _draw_post(scene: Scene, rng: np.random.Generator) -> SceneObject:
+    """Draw a post at the roadside."""
+    x, y = _roadside_place(scene, rng)
+    radius = rng.uniform(0.02, 0.06)
+    height = rng.uniform(0.3, 1.0)
+    return SceneObject(kind="post", x=x, y=y, radius=radius, height=height)
 
 
 def _draw_patches(scene: Scene, seed: int) -> list[Patch]:
+    """Draw the wet patches on and beside the lane."""
     rng = stream(seed, "patches")
     side = scene.clutter.roadside[1]
     ends = (-MARGIN, scene.length + MARGIN)
     count = rng.poisson(scene.clutter.patches * 2 * side * (scene.length + 2 * MARGIN))
-    return [
-        Patch(
-            x=rng.uniform(-side, side),
-            y=rng.uniform(*ends),
-            radius=rng.uniform(0.4, 1.5),
-            gain_db=rng.uniform(2, 6),
-        )
-        for _ in range(count)
-    ]
+    patches = []
+    for _ in range(count):
+        x = rng.uniform(-side, side)
+        y = rng.uniform(*ends)
+        radius = rng.uniform(0.4, 1.5)
+        gain_db = rng.uniform(2, 6)
+        patches.append(Patch(x=x, y=y, radius=radius, gain_db=gain_db))
+    return patches
 
 
-def told(scene: Scene, seed: int) -> dict[str, Any]:
-    """Tell a scene with the targets, objects and patches that the seed put there; nothing is left to be drawn."""
+def world_description(scene: Scene, seed: int) -> dict[str, Any]:
+    """Return a scene's entries with the targets, objects and patches that the seed draws.
+
+    Nothing is left to be drawn: a scene of these entries has the same world for every seed, but for
+    the holes, whose patches are therefore not listed.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is given and what is to be drawn.
+    seed : int
+        Seed of the world.
+
+    Returns
+    -------
+    dict
+        Entries of a :class:`Scene`.
+    """
     world = draw_world(scene, seed)
-    data = scene.model_dump(exclude_unset=True, exclude={"draws"})
-    patches = world.patches[
-        : len(world.patches) - len(hole_patches(scene, world.holes))
-    ]  # those of holes come again
-    things = {"targets": world.targets, "objects": world.objects, "patches": patches}
-    return (
-        data
-        | {part: [one.model_dump() for one in some] for part, some in things.items()}
-        | {"clutter": BARE}
-    )
+    # Patches over holes stand last, and are made again from the holes.
+    of_holes = len(hole_patches(scene, world.holes))
+    patches = world.patches[: len(world.patches) - of_holes]
+    entries = scene.model_dump(exclude_unset=True, exclude={"draws"})
+    entries["targets"] = [target.model_dump() for target in world.targets]
+    entries["objects"] = [thing.model_dump() for thing in world.objects]
+    entries["patches"] = [patch.model_dump() for patch in patches]
+    entries["clutter"] = BARE
+    return entries
 
 
 def draw_track(scene: Scene, height: float, seed: int) -> tuple[FloatArray, FloatArray]:
-    """Draw poses (scan, 6), ``height`` m up, and times of all scans: at 2 m/s, one a second while it stands."""
+    """Draw the poses and times of all scans.
+
+    The vehicle drives at 2 m/s and takes one scan a second while it stands.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its ``track`` says how the vehicle drives.
+    height : float
+        Height of the array over the mean ground, m.
+    seed : int
+        Seed of the world.
+
+    Returns
+    -------
+    pose : ndarray (scan, 6)
+        Poses in the lane frame, m and rad.
+    time : ndarray (scan,)
+        Times from the first scan on, s.
+
+    Raises
+    ------
+    ValueError
+        If the track holds no scan.
+    """
     track = scene.track
     rng = stream(seed, "track")
     y, seconds = _positions(scene, rng)
     pose = np.zeros((y.size, 6))
     pose[:, 1] = y
     if track.wander > 0:
+        # Three waves of random length and phase; the heading follows their slope.
         wave = 2 * np.pi / track.wander_length * rng.uniform(0.5, 1.5, 3)
         phase = rng.uniform(0, 2 * np.pi, 3)
-        size = track.wander * np.sqrt(2 / 3)
-        pose[:, 0] = size * np.sin(np.outer(y, wave) + phase).sum(axis=1)
-        pose[:, 3] = np.arctan(size * (wave * np.cos(np.outer(y, wave) + phase)).sum(axis=1))
+        amplitude = track.wander * np.sqrt(2 / 3)
+        angle = np.outer(y, wave) + phase
+        pose[:, 0] = amplitude * np.sin(angle).sum(axis=1)
+        pose[:, 3] = np.arctan(amplitude * (wave * np.cos(angle)).sum(axis=1))
     pose[:, 0] += (scene.x_min + scene.x_max) / 2
     pose[:, 2] = height + rng.normal(0, track.bounce, y.size)
     pose[:, 4:] = rng.normal(0, track.attitude, (y.size, 2))
@@ -202,34 +295,45 @@ def draw_track(scene: Scene, height: float, seed: int) -> tuple[FloatArray, Floa
 
 
 def _positions(scene: Scene, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Return positions along the lane, m, and times, s, of all scans."""
     track = scene.track
     if track.positions is not None:
         exact = np.asarray(track.positions, dtype=float)
         return exact, np.arange(exact.size, dtype=np.float64)
-    place = -20.0 if track.start is None else track.start
+    start = -20.0 if track.start is None else track.start
     end = scene.length - 5.0 if track.stop is None else track.stop
     stops = sorted(track.stops)
     y = []
     seconds = []
+    position = start
     clock = 0.0
-    while place <= end:
-        inside = next((d for d in track.departures if d.start <= place < d.start + d.length), None)
-        if inside is not None:
-            clock += inside.length / 2.0
-            place = inside.start + inside.length
+    while position <= end:
+        departure = _departure_at(scene, position)
+        if departure is not None:
+            clock += departure.length / _SPEED
+            position = departure.start + departure.length
             continue
-        y.append(place)
+        y.append(position)
         seconds.append(clock)
-        while stops and stops[0][0] <= place:
-            for _ in range(stops.pop(0)[1]):
+        while stops and stops[0][0] <= position:
+            _, scans = stops.pop(0)
+            for _ in range(scans):
                 clock += 1.0
-                y.append(place)
+                y.append(position)
                 seconds.append(clock)
         stride = rng.uniform(*track.step)
-        place += stride
-        clock += stride / 2.0
+        position += stride
+        clock += stride / _SPEED
     if not y:
         raise ValueError(
-            f"track must hold at least one scan, got none from {place:g} m to {end:g} m"
+            f"track must hold at least one scan, got none from {position:g} m to {end:g} m"
         )
     return np.asarray(y, dtype=np.float64), np.asarray(seconds, dtype=np.float64)
+
+
+def _departure_at(scene: Scene, position: float) -> Departure | None:
+    """Return the departure that holds a position along the lane, or None."""
+    for departure in scene.track.departures:
+        if departure.start <= position < departure.start + departure.length:
+            return departure
+    return None

@@ -1,8 +1,8 @@
-"""Signatures: what buried bodies scatter, by Maxwell's equations inside and around them, tabulated.
+"""Signatures: what buried bodies scatter, by Maxwell's equations in and around them, in tables.
 
-Round bodies, metal and dielectric, are solved mode by mode on a grid (``revolution``), with the surface above them to
-all orders (``solve``); boxes as lattices of dipoles (``box``, ``dipoles``). ``build`` makes tables, ``table`` reads
-them.
+Round bodies, metal and dielectric, are solved mode by mode on a grid, with the surface above them
+to all orders (``revolution``); boxes as lattices of dipoles (``dipoles``). ``build`` makes tables,
+``table`` reads them.
 """
 
 from flgpr.lazy import face

@@ -29,7 +29,8 @@ class BodyLayer(Entries):
     @model_validator(mode="after")
     def _check(self) -> BodyLayer:
         widths = [width for width, _ in self.zones]
-        if not widths or any(b <= a for a, b in itertools.pairwise(widths)):
+        ascending = all(inner < outer for inner, outer in itertools.pairwise(widths))
+        if not widths or not ascending:
             raise ValueError(
                 f"zones must be at least one, each wider than the one before, got {widths}"
             )
@@ -41,15 +42,14 @@ class Body(Entries):
 
     name: str
     source: str = ""  #: where its dimensions come from
-    shape: Literal["round", "box"] = (
-        "round"  #: a box is as long (``aspect`` times) as its layers' widths say
-    )
+    #: a box is ``elongation`` times as long as its layers' widths say
+    shape: Literal["round", "box"] = "round"
     elongation: Annotated[float, Field(ge=1, le=10)] = 1.0  #: length over width of a box
     layers: Annotated[tuple[BodyLayer, ...], Field(min_length=1)]  #: from the top down
 
     @property
     def height(self) -> float:
-        """From top to bottom, m."""
+        """Distance from top to bottom, m."""
         return math.fsum(layer.thickness for layer in self.layers)
 
     @property
@@ -63,26 +63,49 @@ class Body(Entries):
         return any(eps == "metal" for layer in self.layers for _, eps in layer.zones)
 
     def radii(self) -> list[float]:
-        """All half-widths at which the medium changes, ascending, m."""
-        return sorted({round(width, 9) for layer in self.layers for width, _ in layer.zones})
+        """Return all half-widths at which the medium changes, ascending, m."""
+        # Rounded, so that equal widths are found to be equal.
+        widths = {round(width, 9) for layer in self.layers for width, _ in layer.zones}
+        return sorted(widths)
 
     def drops(self) -> list[float]:
-        """List the drops below the top at which a layer begins or ends, ascending from 0, m."""
-        return [0.0, *np.cumsum([layer.thickness for layer in self.layers]).tolist()]
+        """Return the drops below the top at which a layer begins or ends, ascending from 0, m."""
+        bottoms = np.cumsum([layer.thickness for layer in self.layers])
+        return [0.0, *bottoms.tolist()]
 
     def densest(self) -> float:
-        """Greatest permittivity of its dielectrics, 1 if there is none."""
-        found = [eps for layer in self.layers for _, eps in layer.zones if eps != "metal"]
-        return max([1.0, *(float(eps) for eps in found)])
+        """Return the greatest permittivity of its dielectrics, 1 if there is none."""
+        greatest = 1.0
+        for layer in self.layers:
+            for _, eps in layer.zones:
+                if eps != "metal":
+                    greatest = max(greatest, float(eps))
+        return greatest
 
     def inside(self, half_width: ArrayLike, drop: ArrayLike) -> NDArray[np.bool_]:
-        """Whether points at a half-width from the axis and a drop below the top (m, broadcast) lie in the body."""
+        """Return whether points lie in the body.
+
+        Parameters
+        ----------
+        half_width : array_like
+            Distance from the axis, m; of a box the greater of those along its sides.
+        drop : array_like
+            Drop below the top, m, broadcast with it.
+        """
         return np.asarray(self.permittivity(half_width, drop, -1.0) != -1.0)
 
     def permittivity(
         self, half_width: ArrayLike, drop: ArrayLike, soil: complex
     ) -> NDArray[np.complex128]:
-        """Relative permittivity at half-widths and drops (m, broadcast): NaN in metal, the soil's outside."""
+        """Return the relative permittivity at points, NaN in metal and the soil's outside.
+
+        Parameters
+        ----------
+        half_width, drop : array_like
+            Of the points, as in :meth:`inside`.
+        soil : complex
+            Permittivity of the soil.
+        """
         r, d = np.broadcast_arrays(
             np.asarray(half_width, dtype=float), np.asarray(drop, dtype=float)
         )
@@ -96,10 +119,16 @@ class Body(Entries):
 
 
 def packaged_bodies() -> list[str]:
-    """Names of the packaged bodies."""
+    """Return the names of the packaged bodies."""
     return preset_names(_PRESETS)
 
 
 def load_body(name: str | Path) -> Body:
-    """Load a body from a packaged name or a TOML file; an entry that breaks a rule is a ValueError that names it."""
+    """Read a body by a packaged name or from a TOML file.
+
+    Raises
+    ------
+    ValueError
+        If there is neither, or an entry breaks a rule; the entry is named.
+    """
     return load_preset(Body, "body", name, _PRESETS)

@@ -1,19 +1,20 @@
-"""Scattering by a penetrable body in a homogeneous soil: coupled dipoles on a lattice with two planes of symmetry.
+"""Scattering by a penetrable body in a homogeneous soil: coupled dipoles on a lattice.
 
 Every cell of the lattice carries a dipole; they answer to the incident wave and to each other.
 Interaction and polarizability are those of filtered coupled dipoles (Gay-Balmaz & Martin 2002;
 Piller & Martin 1998): waves that the lattice cannot carry, of wavenumbers above π/cell, are left
 out of the Green tensor. Sums over the lattice are convolutions and done in the spectral domain. A
-body that is its own mirror image in x and in y lets the fields be parted into four classes, even or
-odd in either, each of them known by a quarter of the lattice; cosines and sines then do the part of
-the Fourier transform, as matrix products that need not touch the padding: on lattices of this size
-quicker than fast transforms.
+body that is its own mirror image in x and in y lets the fields be split into four classes, even or
+odd in either, each of them known by a quarter of the lattice; cosines and sines then take the place
+of the Fourier transform, as matrix products that need not touch the padding: on lattices of this
+size quicker than fast transforms.
 
 All waves of a class are solved for together, with least residuals, in one block Krylov space. As
 the system is symmetric, scattering amplitudes can be written so that their error is quadratic in
 the residuals.
 
-Fields vary as ``e^{+jωt}``. The origin of phases is the centre of the lattice's top face, z points up.
+Fields vary as ``e^{+jωt}``. The origin of phases is the centre of the lattice's top face, z points
+up.
 """
 
 from __future__ import annotations
@@ -33,19 +34,22 @@ from flgpr.simulate.bodies.signature.body import Body
 
 SingleArray = NDArray[np.complex64]
 
-# directions of all waves together that are weaker than this, relative to one wave, are not solved
-# for
+# Directions of all waves together that are weaker than this, relative to a single wave, are not
+# solved for.
 _RANK = 3e-2
-# relative residual at which a direction counts as solved: its square is the error of the amplitudes
+# Relative residual at which a direction counts as solved: its square is the error of the
+# amplitudes.
 _RESIDUAL = 5e-2
 _BLOCKS = 30  # of the Krylov space at most
 _SAMPLE = 2000  # unknowns on which the waves' common directions are found
 
 
 class Lattice(NamedTuple):
-    """Quarter ``x > 0, y > 0`` of a body on a cubic lattice, from the axis outwards and from the top down.
+    """Quarter ``x > 0, y > 0`` of a body on a cubic lattice.
 
-    ``permittivity`` (x, y, z, 3) is that for fields along x, y, z; the soil's where there is no body.
+    Cells go from the axis outwards and from the top down; ``cell`` is their edge, m.
+    ``permittivity`` (x, y, z, 3) is that for fields along x, y, z; the soil's where there is no
+    body.
     """
 
     cell: float
@@ -53,7 +57,11 @@ class Lattice(NamedTuple):
 
 
 class Waves(NamedTuple):
-    """Downgoing plane waves, H and V each, of horizontal wavenumber κ towards ``azimuth``, from x towards y."""
+    """Downgoing plane waves, H and V each.
+
+    ``transverse`` (wave,) are their horizontal wavenumbers κ, rad/m, ``azimuth`` (wave,) where they
+    go to, from x towards y, rad.
+    """
 
     transverse: FloatArray
     azimuth: FloatArray
@@ -62,13 +70,30 @@ class Waves(NamedTuple):
 def scattering_amplitudes(
     lattice: Lattice, soil: complex, wavenumber: float, waves: Waves
 ) -> ComplexArray:
-    """Give scattering amplitudes F (2, wave, 2, wave) of a body, m: H, V and wave of receiver, then transmitter.
+    """Return the scattering amplitudes F of a body, m.
 
-    A wave ``E = e·e^{-jk·r}`` has the wave vector ``k = (κcosφ, κsinφ, -q)``, ``q = sqrt(ε_s·k0² - κ²)``, complex in a
-    soil with loss (imaginary part of ε_s not positive). Its unit vector is ``h = z × κ/|κ|`` or ``v = (qcosφ, qsinφ,
-    κ)/k_s``. What goes back to a receiver is described by the wave that it would send, with the same unit vectors
-    (backscatter alignment): ``F = k0²/(4π)·∫(ε - ε_s)·E_receive·E dV``, so that ``E_s = F·e^{-jk_s·r}/r`` where the
-    soil has no loss.
+    A wave ``E = e·e^{-jk·r}`` has the wave vector ``k = (κcosφ, κsinφ, -q)``,
+    ``q = sqrt(ε_s·k0² - κ²)``, complex in a soil with loss. Its unit vector is ``h = z × κ/|κ|`` or
+    ``v = (qcosφ, qsinφ, κ)/k_s``. What goes back to a receiver is described by the wave that it
+    would send, with the same unit vectors (backscatter alignment):
+    ``F = k0²/(4π)·∫(ε - ε_s)·E_receive·E dV``, so that ``E_s = F·e^{-jk_s·r}/r`` where the soil has
+    no loss.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        The body.
+    soil : complex
+        Permittivity ε_s, its imaginary part not positive.
+    wavenumber : float
+        Wavenumber k0 in air, rad/m.
+    waves : Waves
+        Waves of transmitters and receivers.
+
+    Returns
+    -------
+    ndarray (2, wave, 2, wave) of complex
+        H or V and wave of the receiver, then of the transmitter.
     """
     k = wavenumber * np.sqrt(complex(soil))
     scale = _dipole_scale(lattice, soil, k)
@@ -83,27 +108,39 @@ def scattering_amplitudes(
 
 
 def _dipole_scale(lattice: Lattice, soil: complex, k: complex) -> SingleArray:
-    """Square root of the polarizability over the cell's volume, (3, x, y, z)."""
+    """Return the square root of the polarizability over the cell's volume (3, x, y, z)."""
     size = k * lattice.cell
     ratio = np.moveaxis(lattice.permittivity, -1, 0) / soil
     static = 3 / (4 * np.pi) * (ratio - 1) / (ratio + 2)
-    radiation = 4 / 3 * size**2 + 2 / 3 * size**3 * (
-        np.log((np.pi - size) / (np.pi + size)) / np.pi - 1j
-    )
+    filtered = np.log((np.pi - size) / (np.pi + size)) / np.pi - 1j
+    radiation = 4 / 3 * size**2 + 2 / 3 * size**3 * filtered
     return np.ascontiguousarray(np.sqrt(static / (1 - static * radiation)), dtype=np.complex64)
 
 
 def filtered_green(size: complex, count: int) -> tuple[ComplexArray, ComplexArray]:
-    """Give the filtered Green tensor ``A·1 + B·RR/R²`` of a unit lattice: A and B where R² = 0, 1, 2, ... cells.
+    """Return the filtered Green tensor ``A·1 + B·RR/R²`` of a unit lattice.
 
-    Both are zero at R = 0, which the polarizability includes; ``size`` is wavenumber times cell. With ``g =
-    e^{-jkR}/R`` and the delta function δ without the wavenumbers above π: ``A = k²g + g'/R + 4π/3·δ``, ``B = g'' -
-    g'/R``.
+    With ``g = e^{-jkR}/R`` and the delta function δ without the wavenumbers above π:
+    ``A = k²g + g'/R + 4π/3·δ``, ``B = g'' - g'/R``. Both are zero at R = 0, which the
+    polarizability includes.
+
+    Parameters
+    ----------
+    size : complex
+        Wavenumber times cell.
+    count : int
+        Number of squared distances.
+
+    Returns
+    -------
+    isotropic, radial : ndarray (count,) of complex
+        A and B where R² = 0, 1, 2, ... cells.
     """
     r = np.sqrt(np.arange(1, count))
     sine = np.sin(size * r)
     cosine = np.cos(size * r)
-    (si_minus, ci_minus), (si_plus, ci_plus) = (sici((np.pi + sign * size) * r) for sign in (-1, 1))
+    si_minus, ci_minus = sici((np.pi - size) * r)
+    si_plus, ci_plus = sici((np.pi + size) * r)
     si = si_minus + si_plus
     ci = ci_minus - ci_plus - 1j * np.pi
     g = (cosine * si + sine * ci) / (np.pi * r)
@@ -112,60 +149,83 @@ def filtered_green(size: complex, count: int) -> tuple[ComplexArray, ComplexArra
     slope = (size * (cosine * ci - sine * si) + 2 * edge_sine / r) / (np.pi * r) - g / r
     curve = -(size**2) * g + 2 * (edge_cosine - edge_sine) / (np.pi * r**3) - 2 * slope / r
     delta = (edge_sine - edge_cosine) / (2 * np.pi**2 * r**3)
-    zero = np.zeros(1)
-    return (
-        np.concatenate([zero, size**2 * g + slope / r + 4 * np.pi / 3 * delta]),
-        np.concatenate([zero, curve - slope / r]),
-    )
+    at_zero = np.zeros(1)
+    isotropic = size**2 * g + slope / r + 4 * np.pi / 3 * delta
+    radial = curve - slope / r
+    return np.concatenate([at_zero, isotropic]), np.concatenate([at_zero, radial])
 
 
 def green_symbols(shape: tuple[int, ...], size: complex) -> list[list[SingleArray]]:
-    """Fourier transform of the Green tensor over the lags of a lattice whose quarter has this shape.
+    """Return the Fourier transform of the Green tensor over the lags of a lattice.
 
-    3 x 3 arrays (2·x + 1, 2·y + 1, 2·z - 1) over cosines or sines in x and y (sines where the component is odd),
-    exponentials in z.
+    Parameters
+    ----------
+    shape : tuple of int
+        Cells of the lattice's quarter, (x, y, z).
+    size : complex
+        Wavenumber times cell.
+
+    Returns
+    -------
+    list of list of ndarray (2·x + 1, 2·y + 1, 2·z - 1)
+        3 x 3 components over cosines or sines in x and y (sines where the component is odd),
+        exponentials in z.
     """
     lags = [np.arange(2 * n) for n in shape[:2]] + [np.arange(shape[2])]
     grid = np.meshgrid(*lags, indexing="ij", sparse=True)
     square = grid[0] ** 2 + grid[1] ** 2 + grid[2] ** 2
-    table = filtered_green(size, int(square.max()) + 1)
-    everywhere = table[0][square]
-    line = table[1][square] / np.maximum(square, 1)
+    isotropic, radial = filtered_green(size, int(square.max()) + 1)
+    diagonal = isotropic[square]
+    line = radial[square] / np.maximum(square, 1)
     out: list[list[SingleArray]] = [[None] * 3 for _ in range(3)]  # type: ignore[list-item]
     for a in range(3):
         for b in range(a, 3):
-            part = line * grid[a] * grid[b] + (everywhere if a == b else 0)
+            component = line * grid[a] * grid[b]
+            component = component + (diagonal if a == b else 0)
             odd = [(a == axis) != (b == axis) for axis in range(3)]
-            out[a][b] = out[b][a] = _symbol(part, shape, odd)
+            symbol = _symbol(component, shape, odd)
+            out[a][b] = symbol
+            out[b][a] = symbol
     return out
 
 
-def _symbol(part: ComplexArray, shape: tuple[int, ...], odd: list[bool]) -> SingleArray:
-    """Transform one component, given for lags that are not negative; z is counted downwards."""
+def _symbol(component: ComplexArray, shape: tuple[int, ...], odd: list[bool]) -> SingleArray:
+    """Return the transform of one component, given for lags that are not negative.
+
+    z is counted downwards.
+    """
     for axis in range(2):
         period = 2 * shape[axis]
         angle = np.pi / period * np.outer(np.arange(period + 1), np.arange(period))
-        part = np.moveaxis(
-            np.tensordot(_lag_sum(angle, odd[axis]).astype(complex), part, (1, axis)), 0, axis
-        )
-    angle = (
-        2 * np.pi / (2 * shape[2] - 1) * np.outer(np.arange(2 * shape[2] - 1), np.arange(shape[2]))
-    )
+        matrix = _lag_sum(angle, odd[axis]).astype(complex)
+        component = np.moveaxis(np.tensordot(matrix, component, (1, axis)), 0, axis)
+    period = 2 * shape[2] - 1
+    angle = 2 * np.pi / period * np.outer(np.arange(period), np.arange(shape[2]))
     matrix = _lag_sum(angle, odd[2]) * (1j if odd[2] else 1)
-    return np.ascontiguousarray(part @ matrix.T, dtype=np.complex64)
+    return np.ascontiguousarray(component @ matrix.T, dtype=np.complex64)
 
 
 def _lag_sum(angle: NDArray[Any], odd: bool) -> FloatArray:
-    """Matrix that sums a function of lags of either sign from those that are not negative."""
+    """Return the matrix that sums a function over lags of either sign.
+
+    The function is given at lags that are not negative, and even or odd.
+    """
     matrix = 2 * (np.sin(angle) if odd else np.cos(angle))
     matrix[:, 0] /= 2
     return matrix
 
 
 class ClassSystem:
-    """Equations ``(1 - s·G·s)·y = s·E`` of the dipoles in one symmetry class, s² their polarizability (3, x, y, z).
+    """Equations ``(1 - s·G·s)·y = s·E`` of the dipoles in one symmetry class.
 
-    ``parity`` is whether the vertical component is even (1) or odd (-1) in x and in y.
+    Parameters
+    ----------
+    scale : ndarray (3, x, y, z)
+        s, whose square is the polarizability.
+    symbols : list of list of ndarray
+        Transform of the Green tensor, from :func:`green_symbols`.
+    parity : tuple of int
+        Whether the vertical component is even (1) or odd (-1) in x and in y.
     """
 
     def __init__(
@@ -182,28 +242,27 @@ class ClassSystem:
         self._up = (np.exp(angle.T) / length).astype(np.complex64)
 
     def apply(self, vector: SingleArray) -> SingleArray:
-        """Left-hand side for one vector (3·x·y·z,)."""
+        """Return the left-hand side for one vector (3·x·y·z,)."""
         field = vector.reshape(self.shape) * self.scale
         spectra = [self._spectrum(field[b], b) for b in range(3)]
         out = np.empty_like(field)
         for a in range(3):
-            total = (
-                spectra[0] * self.symbols[a][0]
-                if self._coupling[a][0] > 0
-                else -spectra[0] * self.symbols[a][0]
-            )
+            first = spectra[0] if self._coupling[a][0] > 0 else -spectra[0]
+            total = first * self.symbols[a][0]
             for b in (1, 2):
                 total += self._coupling[a][b] * (self.symbols[a][b] * spectra[b])
             out[a] = self._field(total, a)
         return vector - (out * self.scale).ravel()
 
     def _spectrum(self, field: SingleArray, component: int) -> SingleArray:
+        """Return the spectrum of one component of a field; real matrices act on real views."""
         nx, ny, nz = field.shape
         in_x = self._forward[0][component == 0][0] @ field.reshape(nx, -1).view(np.float32)
         in_y = self._forward[1][component == 1][0] @ in_x.reshape(-1, ny, 2 * nz)
         return np.asarray(in_y.view(np.complex64) @ self._down)
 
     def _field(self, spectrum: SingleArray, component: int) -> SingleArray:
+        """Return the field of one component of a spectrum."""
         in_z = (spectrum @ self._up).view(np.float32)
         in_y = self._forward[1][component == 1][1] @ in_z
         in_x = self._forward[0][component == 0][1] @ in_y.reshape(in_y.shape[0], -1)
@@ -211,24 +270,27 @@ class ClassSystem:
 
 
 def _transforms(count: int, parity: int) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
-    """Matrices to and from the spectrum, for components of this parity along an axis and for those of the other."""
+    """Return the matrices to and from the spectrum along an axis.
+
+    The first two are for components of this parity, the others for those of the other.
+    """
     order = np.arange(2 * count + 1)
     angle = np.pi / (2 * count) * np.outer(order, np.arange(count) + 0.5)
     weight = np.where((order == 0) | (order == 2 * count), 1, 2) / (4 * count)
-    pairs = []
+    matrices = []
     for even in (parity > 0, parity < 0):
         wave = np.cos(angle) if even else np.sin(angle)
-        pairs.append(
-            (
-                (2 * wave).astype(np.float32),
-                np.ascontiguousarray((wave * weight[:, None]).T, np.float32),
-            )
-        )
-    return pairs
+        forward = (2 * wave).astype(np.float32)
+        backward = np.ascontiguousarray((wave * weight[:, None]).T, np.float32)
+        matrices.append((forward, backward))
+    return matrices
 
 
 def _couplings(parity: tuple[int, int]) -> list[list[int]]:
-    """Sign with which a component's spectrum enters another's: an odd kernel makes -cos of sin, but sin of cos."""
+    """Return the signs with which a component's spectrum enters another's.
+
+    An odd kernel makes -cos of sin, but sin of cos.
+    """
     in_x, in_y = parity
     return [[1, -in_x * in_y, in_x], [-in_x * in_y, 1, in_y], [-in_x, -in_y, 1]]
 
@@ -236,42 +298,48 @@ def _couplings(parity: tuple[int, int]) -> list[list[int]]:
 def _wave_columns(
     lattice: Lattice, scale: SingleArray, k: complex, waves: Waves, parity: tuple[int, int]
 ) -> SingleArray:
-    """Part of each wave that belongs to a class, times s: (3·x·y·z, 2·wave), H before V."""
+    """Return what of each wave belongs to a class, times s: (3·x·y·z, 2·wave), H before V."""
     nx, ny, nz = scale.shape[1:]
     kappa = waves.transverse
     down = np.sqrt(k**2 - waves.transverse**2)
     cosine = np.cos(waves.azimuth)
     sine = np.sin(waves.azimuth)
-    in_x = _parts(kappa * cosine, (np.arange(nx) + 0.5) * lattice.cell, parity[0])
-    in_y = _parts(kappa * sine, (np.arange(ny) + 0.5) * lattice.cell, parity[1])
-    in_z = np.exp(-1j * np.outer((np.arange(nz) + 0.5) * lattice.cell, down)).astype(np.complex64)
+    x = (np.arange(nx) + 0.5) * lattice.cell
+    y = (np.arange(ny) + 0.5) * lattice.cell
+    z = (np.arange(nz) + 0.5) * lattice.cell
+    in_x = _by_parity(kappa * cosine, x, parity[0])
+    in_y = _by_parity(kappa * sine, y, parity[1])
+    in_z = np.exp(-1j * np.outer(z, down)).astype(np.complex64)
     unit = [[-sine, down / k * cosine], [cosine, down / k * sine], [0 * sine, kappa / k]]
     out = np.empty((*scale.shape, 2, kappa.size), np.complex64)
     for c in range(3):
         plane = in_x[c == 0][:, None, None, :] * (in_y[c == 1][:, None, :] * in_z)
         plane *= scale[c][..., None]
         for polarization in range(2):
-            np.multiply(
-                plane, unit[c][polarization].astype(np.complex64), out=out[c, :, :, :, polarization]
-            )
+            component = unit[c][polarization].astype(np.complex64)
+            np.multiply(plane, component, out=out[c, :, :, :, polarization])
     return out.reshape(scale.size, -1)
 
 
-def _parts(wavenumber: NDArray[Any], place: NDArray[Any], parity: int) -> list[SingleArray]:
-    """Part of ``e^{-jkx}`` of this parity, then of the other, (place, wave)."""
+def _by_parity(wavenumber: NDArray[Any], place: NDArray[Any], parity: int) -> list[SingleArray]:
+    """Return what of ``e^{-jkx}`` has this parity, then the other (place, wave)."""
     phase = np.outer(place, wavenumber)
-    both = [np.cos(phase).astype(np.complex64), (-1j * np.sin(phase)).astype(np.complex64)]
-    return both if parity > 0 else both[::-1]
+    even = np.cos(phase).astype(np.complex64)
+    odd = (-1j * np.sin(phase)).astype(np.complex64)
+    return [even, odd] if parity > 0 else [odd, even]
 
 
 def _project(system: ClassSystem, columns: SingleArray) -> ComplexArray:
-    """Compute ``aᵀ·M⁻¹·a`` of all columns from one block Krylov space that grows until all residuals are small.
+    """Return ``aᵀ·M⁻¹·a`` of all columns, from one block Krylov space.
 
-    With ``x ≈ M⁻¹·a`` of least residual the value is ``aᵀ·x + xᵀ·a - xᵀ·M·x``, stationary as M is symmetric.
+    The space grows until all residuals are small. With ``x ≈ M⁻¹·a`` of least residual the value is
+    ``aᵀ·x + xᵀ·a - xᵀ·M·x``, stationary as M is symmetric.
     """
-    start = residual = _directions(columns)
+    start = _directions(columns)
+    residual = start
     norm = float(np.linalg.norm(columns, axis=0).max())
-    basis = image = start[:, :0]
+    basis = start[:, :0]
+    image = start[:, :0]
     gram = np.zeros((0, 0), complex)
     sources = np.zeros((0, start.shape[1]), complex)
     for _ in range(_BLOCKS):
@@ -293,85 +361,113 @@ def _project(system: ClassSystem, columns: SingleArray) -> ComplexArray:
 
 
 def _directions(columns: SingleArray) -> SingleArray:
-    """Combine the columns into fewer that nearly span them, each as long as it matters."""
-    some = columns[:: max(1, columns.shape[0] // _SAMPLE)].astype(complex)
-    power, mixing = np.linalg.eigh(some.conj().T @ some)
-    norm = np.linalg.norm(some, axis=0).max()
-    return np.asarray(columns @ mixing[:, power > (_RANK * norm) ** 2].astype(np.complex64))
+    """Return fewer columns that nearly span these, each as long as it matters."""
+    stride = max(1, columns.shape[0] // _SAMPLE)
+    sample = columns[::stride].astype(complex)
+    power, mixing = np.linalg.eigh(sample.conj().T @ sample)
+    norm = np.linalg.norm(sample, axis=0).max()
+    strong = power > (_RANK * norm) ** 2
+    return np.asarray(columns @ mixing[:, strong].astype(np.complex64))
 
 
 def _orthonormal(block: SingleArray, basis: SingleArray, least: float) -> SingleArray:
-    """Orthonormal directions of a block, outside a basis, that are longer than ``least``."""
-    for _ in range(2):
+    """Return orthonormal directions of a block, outside a basis, longer than ``least``."""
+    for _ in range(2):  # once more for what rounding leaves
         block = block - basis @ (basis.conj().T @ block)
     weight, mixing = np.linalg.eigh((block.conj().T @ block).astype(complex))
-    kept = weight > least**2
-    return np.asarray(block @ (mixing[:, kept] / np.sqrt(weight[kept])).astype(np.complex64))
+    long = weight > least**2
+    return np.asarray(block @ (mixing[:, long] / np.sqrt(weight[long])).astype(np.complex64))
 
 
 _LAYER_CELLS = 2  # at least, in the thinnest layer
 
 
 def solve_box(
-    body: Body, frequency: float, permittivity: complex, sines: ArrayLike, aspects: ArrayLike,
-    separations: ArrayLike = (0.0,), cells_per_wavelength: float = 9.0, most_cells: int = 400_000,
-) -> ComplexArray:  # fmt: skip
-    """Scattering matrix (sine, aspect, separation, 4) of a box in homogeneous soil for waves that come from the air, m.
+    body: Body,
+    frequency: float,
+    permittivity: complex,
+    sines: ArrayLike,
+    aspects: ArrayLike,
+    separations: ArrayLike = (0.0,),
+    cells_per_wavelength: float = 9.0,
+    most_cells: int = 400_000,
+) -> ComplexArray:
+    """Return the scattering amplitudes of a box in homogeneous soil, m, for waves from the air.
 
     A wave that comes at θ from the vertical in air has the horizontal wavenumber ``k0·sinθ`` in the
     soil, too. What the interface does to it is not included, nor are waves that go to and fro
-    between body and interface, for the contrast of plastic to soil is weak. The box is without
-    metal, its long side along x.
+    between body and interface, for the contrast of plastic to soil is weak. Origin of phases, unit
+    vectors and F are those of :func:`scattering_amplitudes`.
 
-    Origin of phases, unit vectors and F (HH, HV, VH, VV; "HV" transmits H) are those of
-    ``dipoles.scattering_amplitudes``. Transmitter and receiver stand at the azimuths ``aspect ∓ separation/2`` from x
-    as seen from the body; it is quickest where these are few. Of a square box, aspects from 0 to π/4 tell all: F does
-    not change when it turns by π/2, and its mirror image has -HV and -VH. Cells are those of the denser of soil and
-    body, at least two in the thinnest layer, and coarser where there would be more than ``most_cells``.
+    Parameters
+    ----------
+    body : Body
+        A box without metal, its long side along x.
+    frequency : float
+        Tone, Hz.
+    permittivity : complex
+        Permittivity of the soil.
+    sines : array_like (sine,)
+        Sines of the angle of incidence in air.
+    aspects, separations : array_like
+        Transmitter and receiver stand at the azimuths ``aspect ∓ separation/2`` from x as seen from
+        the body, rad; it is quickest where these are few. Of a square box, aspects from 0 to π/4
+        say all: F does not change when it turns by π/2, and its mirror image has -HV and -VH.
+    cells_per_wavelength : float
+        In the denser of soil and body; at least two cells lie in the thinnest layer.
+    most_cells : int
+        Cells are coarser where there would be more than these.
+
+    Returns
+    -------
+    ndarray (sine, aspect, separation, 4) of complex
+        HH, HV, VH and VV; "HV" transmits H.
+
+    Raises
+    ------
+    ValueError
+        If the body is no box without metal, or a number is outside its range.
     """
-    s, aspect, separation = (
-        np.atleast_1d(np.asarray(x, dtype=float)) for x in (sines, aspects, separations)
-    )
+    s = np.atleast_1d(np.asarray(sines, dtype=float))
+    aspect = np.atleast_1d(np.asarray(aspects, dtype=float))
+    separation = np.atleast_1d(np.asarray(separations, dtype=float))
     _check(body, frequency, permittivity, s, cells_per_wavelength)
     wavenumber = 2 * math.pi * frequency / SPEED_OF_LIGHT
     sent = aspect[:, None] - separation / 2
     # Rounded, so that equal azimuths are found to be equal.
-    azimuth, place = np.unique(np.round([sent, sent + separation], 9), return_inverse=True)
+    azimuths = np.round([sent, sent + separation], 9)
+    azimuth, index = np.unique(azimuths, return_inverse=True)
     kappa = np.repeat(wavenumber * s, azimuth.size)
     waves = Waves(kappa, np.tile(azimuth, s.size))
     cell = choose_cell(body, permittivity, wavenumber, cells_per_wavelength, most_cells)
+    lattice = lattice_of(body, permittivity, cell)
     with threadpool_limits(1):
-        full = scattering_amplitudes(
-            lattice_of(body, permittivity, cell), permittivity, wavenumber, waves
-        )
+        full = scattering_amplitudes(lattice, permittivity, wavenumber, waves)
     full = full.reshape(2, s.size, azimuth.size, 2, s.size, azimuth.size)
-    each = np.arange(s.size)[:, None, None]
-    transmit, receive = place.reshape(2, *sent.shape)
-    pairs = full[
-        :, each, receive, :, each, transmit
-    ]  # (sine, aspect, separation, receiver, transmitter)
+    sine = np.arange(s.size)[:, None, None]
+    transmit, receive = index.reshape(2, *sent.shape)
+    # Axes: sine, aspect, separation, receiver, transmitter.
+    pairs = full[:, sine, receive, :, sine, transmit]
     return np.ascontiguousarray(np.swapaxes(pairs, -1, -2).reshape(*pairs.shape[:3], 4))
 
 
 def _check(
     body: Body, frequency: float, permittivity: complex, sines: FloatArray, cells: float
 ) -> None:
+    """Raise a ValueError that names the first argument of a box which breaks its rule."""
+    if body.shape != "box" or body.metal:
+        raise ValueError(f"body must be a box without metal, got {body.name}")
+    if not frequency > 0:
+        raise ValueError(f"frequency must be positive, got {frequency}")
     eps = complex(permittivity)
-    rules: list[tuple[str, str, bool, Any]] = [
-        ("body", "a box without metal", body.shape == "box" and not body.metal, body.name),
-        ("frequency", "positive", frequency > 0, frequency),
-        (
-            "permittivity",
-            "of real part >= 1 and imaginary part <= 0",
-            eps.real >= 1 and eps.imag <= 0,
-            permittivity,
-        ),
-        ("sines", "from 0 to below 1", bool(((sines >= 0) & (sines < 1)).all()), sines),
-        ("cells_per_wavelength", "at least 4", cells >= 4, cells),
-    ]
-    for name, rule, holds, value in rules:
-        if not holds:
-            raise ValueError(f"{name} must be {rule}, got {value}")
+    if not (eps.real >= 1 and eps.imag <= 0):
+        raise ValueError(
+            f"permittivity must be of real part >= 1 and imaginary part <= 0, got {permittivity}"
+        )
+    if not ((sines >= 0) & (sines < 1)).all():
+        raise ValueError(f"sines must be from 0 to below 1, got {sines}")
+    if not cells >= 4:
+        raise ValueError(f"cells_per_wavelength must be at least 4, got {cells}")
 
 
 def choose_cell(
@@ -381,32 +477,41 @@ def choose_cell(
     cells_per_wavelength: float,
     most_cells: int,
 ) -> float:
-    """Choose the lattice's cell, m."""
+    """Return the edge of the lattice's cells, m; parameters are those of :func:`solve_box`."""
     slowest = math.sqrt(max(complex(permittivity).real, body.densest()))
     thinnest = min(layer.thickness for layer in body.layers)
-    cell = min(2 * math.pi / (wavenumber * slowest * cells_per_wavelength), thinnest / _LAYER_CELLS)
+    for_waves = 2 * math.pi / (wavenumber * slowest * cells_per_wavelength)
+    cell = min(for_waves, thinnest / _LAYER_CELLS)
     volume = 4 * body.radius**2 * body.elongation * body.height
     return max(cell, (volume / most_cells) ** (1 / 3))
 
 
 def lattice_of(body: Body, permittivity: complex, cell: float) -> Lattice:
-    """Lay a quarter of a box on a lattice.
+    """Return a quarter of a box on a lattice of cells of an edge, m, in soil of a permittivity.
 
-    In a cell that a face cuts, the field along an axis meets the harmonic mean along that axis of the arithmetic means
-    across it: what the continuity of the field along a face, and of the displacement through it, asks for.
+    In a cell that a face cuts, the field along an axis meets the harmonic mean along that axis of
+    the arithmetic means across it: what the continuity of the field along a face, and of the
+    displacement through it, asks for.
     """
     widths = [0.0, *body.radii()]
-    edges = [[body.elongation * w for w in widths], widths, body.drops()]
-    middles = [[(a + b) / 2 for a, b in pairwise(e)] for e in edges]
-    across = np.maximum(np.array(middles[0])[:, None] / body.elongation, np.array(middles[1]))
-    media = body.permittivity(across[..., None], np.array(middles[2]), permittivity)
+    lengths = [body.elongation * width for width in widths]
+    drops = body.drops()
+    x = _midpoints(lengths)
+    y = _midpoints(widths)
+    half_width = np.maximum(x[:, None] / body.elongation, y)
+    media = body.permittivity(half_width[..., None], _midpoints(drops), permittivity)
     media = np.pad(media, [(0, 1)] * 3, constant_values=permittivity)
-    shares = [_shares(e, cell) for e in edges]
+    shares = [_shares(edges, cell) for edges in (lengths, widths, drops)]
     return Lattice(cell, np.stack([_average(media, shares, axis) for axis in range(3)], axis=-1))
 
 
+def _midpoints(edges: list[float]) -> FloatArray:
+    """Return the middles between edges."""
+    return np.array([(lower + upper) / 2 for lower, upper in pairwise(edges)])
+
+
 def _shares(edges: list[float], cell: float) -> FloatArray:
-    """Share of each cell (row) that each interval, and all beyond the last, takes."""
+    """Return the share of each cell (row) that each interval, and all beyond the last, takes."""
     count = math.ceil(edges[-1] / cell - 1e-6)
     borders = np.array([*edges, math.inf])
     low = np.arange(count)[:, None] * cell
@@ -415,7 +520,7 @@ def _shares(edges: list[float], cell: float) -> FloatArray:
 
 
 def _average(media: ComplexArray, shares: list[FloatArray], along: int) -> ComplexArray:
-    """Harmonic mean along one axis of the arithmetic means over the others."""
+    """Return the harmonic mean along one axis of the arithmetic means over the others."""
     for axis in range(3):
         if axis != along:
             media = _weigh(shares[axis], media, axis)
@@ -423,4 +528,5 @@ def _average(media: ComplexArray, shares: list[FloatArray], along: int) -> Compl
 
 
 def _weigh(share: FloatArray, values: ComplexArray, axis: int) -> ComplexArray:
+    """Return the means of values along an axis, by the shares of every cell."""
     return np.moveaxis(np.tensordot(share, values, (1, axis)), 0, axis)

@@ -1,4 +1,4 @@
-"""Scattering by a body of revolution in a homogeneous soil: Maxwell's equations on a Yee grid, mode by mode.
+"""Scattering by a body of revolution in a homogeneous soil, on a Yee grid, mode by mode.
 
 The field scattered by the body obeys ``∇×∇×E_s - k0²ε(r)·E_s = k0²(ε(r) - ε_s)·E_i`` (on metal the
 tangential field ``E_s = -E_i``). With ``E ~ e^{jmφ}`` it is a sparse linear system on the half
@@ -8,9 +8,10 @@ tests of it is ``T = ∫E_test·P dV``: 4π times the scattering amplitude.
 
 The origin of phases is the centre of the body's top face; fields vary as ``e^{+jωt}``.
 
-Signatures take all modes and depths of one frequency and soil, with the surface above to all orders. A body radiates
-upgoing waves only above its top, so its answer T to downgoing waves and the surface's reflection R make the whole:
-``S = T + T·R·T + T·R·T·R·T + ...``, summed in closed form over the horizontal wavenumber κ.
+Signatures take all modes and depths of one frequency and soil, with the surface above to all
+orders. A body radiates upgoing waves only above its top, so its answer T to downgoing waves and the
+surface's reflection R make the whole: ``S = T + T·R·T + T·R·T·R·T + ...``, summed in closed form
+over the horizontal wavenumber κ.
 """
 
 from __future__ import annotations
@@ -29,12 +30,12 @@ from scipy.special import jv
 
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import ComplexArray, FloatArray
+from flgpr.model.refraction import reflection
 from flgpr.simulate.bodies.signature.body import Body
-from flgpr.simulate.ground.refraction import reflection
 
 _GUARD = 4  # cells between the body and the absorbing layers
 _ABSORBER = 9  # cells of each absorbing layer
-# imaginary length of an absorbing layer times the wavenumber: e^-12 at normal incidence
+# Imaginary length of an absorbing layer times the wavenumber: e^-12 at normal incidence.
 _STRETCH = 6.0
 _CROWDING = 0.75  # 0 spaces nodes evenly between a body's edges, 1 puts them as a cosine does
 _GROWTH = 1.5  # of cells from the body outwards
@@ -50,26 +51,28 @@ class Grid:
     z: ComplexArray
     permittivity: ComplexArray  #: (rho cell, z cell): NaN in metal
     inside: NDArray[np.bool_]  #: (rho cell, z cell): cells of the body
-    # : permittivity without the body: the soil's, and 1 above the surface if the grid holds it
+    #: permittivity without the body: the soil's, and 1 above the surface if the grid holds it
     ground: ComplexArray
 
 
-def _divided(edges: Sequence[float], cell: float) -> FloatArray:
-    """Put nodes on all edges and enough between them, closer near the edges, where fields are singular."""
+def _nodes_between(edges: Sequence[float], cell: float) -> FloatArray:
+    """Return nodes on all edges and between them, closer near edges, where fields are singular."""
     nodes = [np.array([edges[0]])]
-    middle = 1 - _CROWDING + _CROWDING * math.pi / 2
+    # Greatest spacing over the mean one.
+    widest = 1 - _CROWDING + _CROWDING * math.pi / 2
     for low, high in itertools.pairwise(edges):
-        count = max(2, math.ceil(middle * (high - low) / cell - 1e-9))
+        count = max(2, math.ceil(widest * (high - low) / cell - 1e-9))
         even = np.arange(1, count + 1) / count
-        nodes.append(
-            low
-            + (high - low) * ((1 - _CROWDING) * even + _CROWDING * (1 - np.cos(np.pi * even)) / 2)
-        )
+        crowded = (1 - _CROWDING) * even + _CROWDING * (1 - np.cos(np.pi * even)) / 2
+        nodes.append(low + (high - low) * crowded)
     return np.concatenate(nodes)
 
 
 def _absorber(cell: float, first: float, wavenumber: float) -> ComplexArray:
-    """Outward steps of guard cells, growing from the body's last cell, and of absorbing cells, m."""
+    """Return the nodes outside the body, from its face outwards, m.
+
+    Guard cells grow from the body's last cell on; absorbing cells come after them.
+    """
     step = np.minimum(first * _GROWTH ** np.arange(1, 40), cell)
     guard = np.cumsum(step)
     guard = guard[: np.searchsorted(guard, _GUARD * cell) + 1]
@@ -85,33 +88,63 @@ def make_grid(
     cells_per_wavelength: float,
     cover: float | None = None,
 ) -> Grid:
-    """Lay a grid whose lines follow the body; ``cover`` is the soil between it and the air, None soil without end."""
+    """Return a grid whose lines follow the body.
+
+    Parameters
+    ----------
+    body : Body
+        The body.
+    soil : complex
+        Permittivity of the soil.
+    wavenumber : float
+        In air, rad/m.
+    cells_per_wavelength : float
+        In the denser of soil and body.
+    cover : float, optional
+        Soil between body and air, m; None is soil without end.
+    """
     radii = body.radii()
     drops = body.drops()
     slowest = max(soil.real, body.densest())
     wavelength = 2 * math.pi / (wavenumber * math.sqrt(slowest))
     cell = min(wavelength / cells_per_wavelength, radii[-1] / 6)
-    rho = _divided([0.0, *radii], cell)
-    z = _divided([*(-d for d in reversed(drops)), *([] if cover is None else [cover])], cell)
-    out = _absorber(cell, rho[-1] - rho[-2], wavenumber * math.sqrt(soil.real))
-    up = _absorber(
-        cell, z[-1] - z[-2], wavenumber * (1.0 if cover is not None else math.sqrt(soil.real))
-    )
-    down = _absorber(cell, z[1] - z[0], wavenumber * math.sqrt(soil.real))
+    levels = [-drop for drop in reversed(drops)]
+    if cover is not None:
+        levels.append(cover)
+    rho = _nodes_between([0.0, *radii], cell)
+    z = _nodes_between(levels, cell)
+    in_soil = wavenumber * math.sqrt(soil.real)
+    in_cover = in_soil if cover is None else wavenumber
+    out = _absorber(cell, rho[-1] - rho[-2], in_soil)
+    up = _absorber(cell, z[-1] - z[-2], in_cover)
+    down = _absorber(cell, z[1] - z[0], in_soil)
     rho = np.concatenate([rho, rho[-1] + out])
     z = np.concatenate([(z[0] - down)[::-1], z, z[-1] + up])
     centre_rho = (rho[1:] + rho[:-1]).real / 2
     centre_z = (z[1:] + z[:-1]).real / 2
-    ground = np.where(centre_z > (math.inf if cover is None else cover), 1.0, soil)
-    inside = body.inside(centre_rho[:, None], -centre_z[None, :])
-    permittivity = np.where(
-        inside, body.permittivity(centre_rho[:, None], -centre_z[None, :], soil), ground
-    )
+    surface = math.inf if cover is None else cover
+    ground = np.where(centre_z > surface, 1.0, soil)
+    half_width = centre_rho[:, None]
+    drop = -centre_z[None, :]
+    inside = body.inside(half_width, drop)
+    permittivity = np.where(inside, body.permittivity(half_width, drop, soil), ground)
     return Grid(rho.astype(complex), z.astype(complex), permittivity, inside, ground)
 
 
 class ModalSolver:
-    """Answer of a body to waves of one azimuthal mode, not negative."""
+    """Answer of a body to waves of one azimuthal mode.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid.
+    soil : complex
+        Permittivity of the soil.
+    wavenumber : float
+        In air, rad/m.
+    mode : int
+        Azimuthal mode m, not negative.
+    """
 
     def __init__(self, grid: Grid, soil: complex, wavenumber: float, mode: int) -> None:
         self.grid = grid
@@ -135,9 +168,8 @@ class ModalSolver:
         self._solved = solved
         self._count = edges.count
         self._to_metal = outside[solved][:, self._body[self._metal]]
-        system = outside[solved][:, solved] - sp.diags(
-            self.k0**2 * np.where(metal, 0, contrast)[solved]
-        )
+        added = sp.diags(self.k0**2 * np.where(metal, 0, contrast)[solved])
+        system = outside[solved][:, solved] - added
         self._factor = splu(
             system.tocsc(),
             permc_spec="MMD_AT_PLUS_A",
@@ -146,24 +178,35 @@ class ModalSolver:
         )
 
     def waves(self, transverse: ComplexArray, mode: int) -> ComplexArray:
-        """Fields of downgoing waves on the body's edges, H first then V, (edge, 2·wave)."""
+        """Return the fields of downgoing waves on the body's edges, H before V (edge, 2·wave)."""
         rho, z, kind = self._places
-        here = rho[self._body], z[self._body], kind[self._body]
-        return np.concatenate(wave_modes(transverse, self.ks, *here, mode), axis=1)
+        horizontal, vertical = wave_modes(
+            transverse, self.ks, rho[self._body], z[self._body], kind[self._body], mode
+        )
+        return np.concatenate([horizontal, vertical], axis=1)
 
     def answer(self, transverse: ComplexArray) -> ComplexArray:
-        """``T[test, incident]``, m, for all pairs of downgoing waves of these horizontal wavenumbers, H before V."""
+        """Return ``T[test, incident]``, m, for all pairs of downgoing waves, H before V.
+
+        Parameters
+        ----------
+        transverse : ndarray (wave,) of complex
+            Horizontal wavenumbers, rad/m.
+        """
         incident = self.waves(transverse, self.mode)
         scale = np.linalg.norm(incident, axis=0)
         scale[scale == 0] = 1.0
         basis, weight, mixing = np.linalg.svd(incident / scale, full_matrices=False)
-        kept = weight > _RANK * weight[0] if weight[0] > 0 else np.zeros(weight.size, bool)
-        source = self._source(basis[:, kept])
-        test = self.waves(transverse, -self.mode) * (2 * np.pi * self._volume[self._body])[:, None]
-        return (test.T @ source) @ (weight[kept, None] * mixing[kept] * scale)
+        strong = np.zeros(weight.size, bool)
+        if weight[0] > 0:
+            strong = weight > _RANK * weight[0]
+        source = self._source(basis[:, strong])
+        ring = 2 * np.pi * self._volume[self._body]
+        test = self.waves(transverse, -self.mode) * ring[:, None]
+        return (test.T @ source) @ (weight[strong, None] * mixing[strong] * scale)
 
     def _source(self, incident: ComplexArray) -> ComplexArray:
-        """P on the body's edges for incident fields given there."""
+        """Return the source P on the body's edges for incident fields there."""
         right = np.zeros((self._count, incident.shape[1]), complex)
         right[self._body] = self.k0**2 * self._contrast[:, None] * incident
         right = right[self._solved] + self._to_metal @ incident[self._metal]
@@ -181,27 +224,50 @@ def wave_modes(
     kind: NDArray[np.intp],
     mode: int,
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Azimuthal mode of downgoing plane waves along x, as components on edges: h and v, (edge, wave).
+    """Return one azimuthal mode of downgoing plane waves along x, as components on edges.
 
-    ``e^{-jκρcosφ} = Σ(-j)^n J_n(κρ)e^{jnφ}``; H is along y, V along (q, 0, κ)/k, with ``q = sqrt(k² - κ²)``. ``kind``
-    is 0, 1, 2 for components along ρ, φ, z; the mode may be negative.
+    ``e^{-jκρcosφ} = Σ(-j)^n J_n(κρ)e^{jnφ}``; H is along y, V along (q, 0, κ)/k, with
+    ``q = sqrt(k² - κ²)``.
+
+    Parameters
+    ----------
+    transverse : ndarray (wave,) of complex
+        Horizontal wavenumbers κ, rad/m.
+    wavenumber : complex
+        Wavenumber k in the soil, rad/m.
+    rho, z : ndarray (edge,)
+        Places of the edges, m.
+    kind : ndarray (edge,) of int
+        0, 1, 2 for components along ρ, φ, z.
+    mode : int
+        Azimuthal mode; it may be negative.
+
+    Returns
+    -------
+    h, v : ndarray (edge, wave) of complex
+        Fields of the H and of the V waves.
     """
     order = abs(mode)
     radius, which_rho = np.unique(rho, return_inverse=True)
     level, which_z = np.unique(z, return_inverse=True)
     down = np.sqrt(wavenumber**2 - transverse**2)
     x = transverse * radius[:, None]
-    before, bessel, after = (jv(n, x) for n in (order - 1, order, order + 1))
-    # J' and n·J/x
+    before = jv(order - 1, x)
+    bessel = jv(order, x)
+    after = jv(order + 1, x)
+    # J' and n·J/x.
     slope = (before - after) / 2
-    over = (before + after) / 2
-    over = math.copysign(1.0, mode) * over if order else np.zeros_like(x)
+    over = np.zeros_like(x)
+    if order:
+        over = math.copysign(1.0, mode) * ((before + after) / 2)
     phase = (-1j) ** order * np.exp(1j * down * level[:, None])
-    none = np.zeros_like(x)
-    h_parts = np.stack([over, 1j * slope, none])
-    v_parts = np.stack([1j * down * slope, -down * over, transverse * bessel]) / wavenumber
+    zero = np.zeros_like(x)
+    h_components = np.stack([over, 1j * slope, zero])
+    v_components = np.stack([1j * down * slope, -down * over, transverse * bessel]) / wavenumber
     phase = phase[which_z]
-    return h_parts[kind, which_rho] * phase, v_parts[kind, which_rho] * phase
+    h = h_components[kind, which_rho] * phase
+    v = v_components[kind, which_rho] * phase
+    return h, v
 
 
 class _Edges:
@@ -220,52 +286,64 @@ class _Edges:
         dual_z = _dual(z)
         dual_area = rho * dual_rho
         dual_area[0] = half_rho[0] ** 2 / 2
-        self.places = (
-            np.concatenate(
-                [np.repeat(half_rho, nz), np.repeat(rho, nz), np.repeat(rho, nz - 1)]
-            ).real,
-            np.concatenate([np.tile(z, nr - 1), np.tile(z, nr), np.tile(half_z, nr)]).real,
-            np.repeat(np.arange(3), self.sizes),
+        edge_rho = np.concatenate(
+            [np.repeat(half_rho, nz), np.repeat(rho, nz), np.repeat(rho, nz - 1)]
         )
-        self._widths = (
-            np.pad(np.diff(rho.real), 1, mode="edge")[:, None],
-            np.pad(np.diff(z.real), 1, mode="edge"),
-        )
-        sides = (half_rho * np.diff(rho), dual_z), (dual_area, dual_z), (dual_area, np.diff(z))
-        self.volume = np.concatenate([np.outer(*pair).ravel() for pair in sides]).real
-        along, around, upright = (np.zeros((a.size, b.size), bool) for a, b in sides)
+        edge_z = np.concatenate([np.tile(z, nr - 1), np.tile(z, nr), np.tile(half_z, nr)])
+        kind = np.repeat(np.arange(3), self.sizes)
+        self.places = (edge_rho.real, edge_z.real, kind)
+        self._width_rho = np.pad(np.diff(rho.real), 1, mode="edge")[:, None]
+        self._width_z = np.pad(np.diff(z.real), 1, mode="edge")
+        volumes = [
+            np.outer(half_rho * np.diff(rho), dual_z),
+            np.outer(dual_area, dual_z),
+            np.outer(dual_area, np.diff(z)),
+        ]
+        self.volume = np.concatenate([volume.ravel() for volume in volumes]).real
+        # Fields along the outer boundary are zero, and so are those of the axis but of mode 0
+        # along it.
+        along, around, upright = (np.zeros(volume.shape, bool) for volume in volumes)
         along[:, 1:-1] = True
         around[1:-1, 1:-1] = True
         upright[0 if mode == 0 else 1 : -1] = True
         self.used = np.concatenate([along.ravel(), around.ravel(), upright.ravel()])
 
     def average(self, cells: ComplexArray) -> ComplexArray:
-        """Mean of a cell's quantity over the cells around each edge, weighted by area; NaN where any is NaN."""
-        dr, dz = self._widths
-        wide = np.pad(cells, 1, mode="edge")
-        level = (wide[:, :-1] * dz[:-1] + wide[:, 1:] * dz[1:]) / (dz[:-1] + dz[1:])
-        upright = ((wide[:-1] * dr[:-1] + wide[1:] * dr[1:]) / (dr[:-1] + dr[1:]))[:, 1:-1]
+        """Return the mean of a quantity over the cells around each edge, weighted by area.
+
+        It is NaN where any of the cells is.
+        """
+        dr = self._width_rho
+        dz = self._width_z
+        padded = np.pad(cells, 1, mode="edge")
+        level = (padded[:, :-1] * dz[:-1] + padded[:, 1:] * dz[1:]) / (dz[:-1] + dz[1:])
+        upright = (padded[:-1] * dr[:-1] + padded[1:] * dr[1:]) / (dr[:-1] + dr[1:])
+        upright = upright[:, 1:-1]
         around = (level[:-1] * dr[:-1] + level[1:] * dr[1:]) / (dr[:-1] + dr[1:])
         return np.concatenate([level[1:-1].ravel(), around.ravel(), upright.ravel()])
 
     def touching(self, cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Edges with at least one of these cells around them."""
+        """Return the edges with at least one of these cells around them."""
         return self.average(cells.astype(complex)).real > 0
 
 
 def _dual(nodes: ComplexArray) -> ComplexArray:
+    """Return the width of the dual cell about every node."""
     step = np.diff(nodes)
     return np.concatenate([step[:1] / 2, (step[1:] + step[:-1]) / 2, step[-1:] / 2])
 
 
 def _difference(nodes: ComplexArray) -> Any:
-    """Difference quotient from nodes to cells."""
+    """Return the matrix of difference quotients from nodes to cells."""
     step = 1 / np.diff(nodes)
     return sp.diags([-step, step], [0, 1], shape=(step.size, nodes.size))
 
 
 def _curl_curl(grid: Grid, mode: int, edges: _Edges) -> Any:
-    """Matrix of ∇×∇× on all edges; rows of edges on the outer boundary and the axis mean nothing."""
+    """Return the matrix of ∇×∇× on all edges.
+
+    Rows of edges on the outer boundary and the axis have no meaning.
+    """
     rho = grid.rho
     z = grid.z
     nr, nz = edges.shape
@@ -273,7 +351,10 @@ def _curl_curl(grid: Grid, mode: int, edges: _Edges) -> Any:
     over_rho = np.zeros(nr, complex)
     over_rho[1:] = 1 / rho[1:]
     m = 1j * mode
-    eye_r, eye_z, eye_hr, eye_hz = (sp.identity(n) for n in (nr, nz, nr - 1, nz - 1))
+    eye_r = sp.identity(nr)
+    eye_z = sp.identity(nz)
+    eye_hr = sp.identity(nr - 1)
+    eye_hz = sp.identity(nz - 1)
     d_r = _difference(rho)
     d_z = _difference(z)
     # Curl of E, on the faces' middles.
@@ -300,28 +381,52 @@ def _curl_curl(grid: Grid, mode: int, edges: _Edges) -> Any:
 
 
 def _flux(nodes: int) -> Any:
-    """Cell after a node less the cell before it."""
+    """Return the matrix of the cell after a node less the cell before it."""
     return sp.diags([np.ones(nodes - 1), -np.ones(nodes - 1)], [0, -1], shape=(nodes, nodes - 1))
 
 
 _DETOUR = 0.25  # height of the path over the real axis, relative to the wavenumber in the soil
-# where the path comes back to the real axis and where it ends, relative to the same
+# Where the path comes back to the real axis and where it ends, relative to the same.
 _TURN = 1.4
 _END = 3.0
 
 
 def solve_round(
-    body: Body, frequency: float, permittivity: complex, sines: FloatArray, separations: FloatArray,
-    depths: FloatArray, cells_per_wavelength: float = 8.0,
-) -> ComplexArray:  # fmt: skip
-    """Scattering amplitudes (depth, sine, separation, 4) of a round body in the ground, m.
+    body: Body,
+    frequency: float,
+    permittivity: complex,
+    sines: FloatArray,
+    separations: FloatArray,
+    depths: FloatArray,
+    cells_per_wavelength: float = 8.0,
+) -> ComplexArray:
+    """Return the scattering amplitudes of a round body in the ground, m.
 
-    They are HH, VV, (HV + VH)/2, which is zero, and (HV - VH)/2 ("HV" transmits H and receives V; the receiver stands
-    counterclockwise of the transmitter as seen from above). The field in air is
-    ``t12²·e^{-2jqd}·F·e^{-jk(R_t+R_r)}/(R_t·R_r)`` by the alignment of backscatter, in which a level plate has HH = VV.
-    Phases refer to the centre of the top. Sines are those in air, the same for transmitter and receiver; separations
-    the azimuth between them as seen from the body; depths the soil over its top, infinity soil without a surface. Cells
-    are counted per wavelength in the denser of soil and body.
+    The field in air is ``t12²·e^{-2jqd}·F·e^{-jk(R_t+R_r)}/(R_t·R_r)`` by the alignment of
+    backscatter, in which a level plate has HH = VV. Phases refer to the centre of the top.
+
+    Parameters
+    ----------
+    body : Body
+        The body.
+    frequency : float
+        Tone, Hz.
+    permittivity : complex
+        Permittivity of the soil.
+    sines : ndarray (sine,)
+        Sines of the angle of incidence in air, the same for transmitter and receiver.
+    separations : ndarray (separation,)
+        Azimuth between them as seen from the body, rad.
+    depths : ndarray (depth,)
+        Soil over the top, m; infinity is soil without a surface.
+    cells_per_wavelength : float
+        In the denser of soil and body.
+
+    Returns
+    -------
+    ndarray (depth, sine, separation, 4) of complex
+        HH, VV, (HV + VH)/2, which is zero, and (HV - VH)/2. "HV" transmits H and receives V; the
+        receiver stands counterclockwise of the transmitter as seen from above.
     """
     k0 = 2 * math.pi * frequency / SPEED_OF_LIGHT
     path = spectral_path(k0 * np.sqrt(complex(permittivity)), body.radius)
@@ -332,45 +437,51 @@ def solve_round(
     outer = np.concatenate([nodes + np.arange(count), waves.size + nodes + np.arange(count)])
     out = np.zeros((len(depths), count, len(separations), 4), complex)
     reach = k0 * body.radius * float(np.max(sines))
-    for mode in range(math.ceil(reach + 1.8 * max(reach, 1.0) ** (1 / 3)) + 1):
+    # Beyond this order the Bessel functions are negligible over the body.
+    highest_mode = math.ceil(reach + 1.8 * max(reach, 1.0) ** (1 / 3))
+    for mode in range(highest_mode + 1):
         answer = ModalSolver(grid, permittivity, k0, mode).answer(waves)
         for i, depth in enumerate(depths):
             if math.isinf(depth):
-                whole = answer[np.ix_(outer, outer)]
+                scattered = answer[np.ix_(outer, outer)]
             else:
-                whole = with_surface(answer, path, mode, permittivity, k0, float(depth))
-            out[i] += _share(whole / (4 * np.pi), mode, np.asarray(separations))
+                scattered = with_surface(answer, path, mode, permittivity, k0, float(depth))
+            out[i] += _modes_sum(scattered / (4 * np.pi), mode, np.asarray(separations))
     return out
 
 
-def _share(whole: ComplexArray, mode: int, separation: FloatArray) -> ComplexArray:
-    """Sum the modes ±m (sine, separation, 4): T of HH and VV is even in m, that of HV odd."""
-    count = whole.shape[0] // 2
-    hh = np.diag(whole[:count, :count])
-    vv = np.diag(whole[count:, count:])
-    hv = np.diag(whole[count:, :count])
+def _modes_sum(answer: ComplexArray, mode: int, separation: FloatArray) -> ComplexArray:
+    """Return the sum of the modes ±m (sine, separation, 4).
+
+    T of HH and VV is even in m, that of HV odd.
+    """
+    count = answer.shape[0] // 2
+    hh = np.diag(answer[:count, :count])
+    vv = np.diag(answer[count:, count:])
+    hv = np.diag(answer[count:, :count])
     even = (1.0 if mode == 0 else 2.0) * np.cos(mode * separation)
     odd = 2j * np.sin(mode * separation)
-    return np.stack(
-        [
-            np.outer(hh, even),
-            np.outer(vv, even),
-            np.zeros((count, separation.size)),
-            np.outer(hv, odd),
-        ],
-        axis=-1,
-    )
+    no_mean = np.zeros((count, separation.size))
+    return np.stack([np.outer(hh, even), np.outer(vv, even), no_mean, np.outer(hv, odd)], axis=-1)
 
 
 class Path(NamedTuple):
-    """Nodes of the integral over horizontal wavenumbers κ, and weights of dκ."""
+    """Nodes of the integral over horizontal wavenumbers κ, rad/m, and weights of dκ."""
 
     transverse: ComplexArray
     weight: ComplexArray
 
 
 def spectral_path(wavenumber: complex, radius: float) -> Path:
-    """Path around the branch points and poles on and below the real axis: the wider the body, the more nodes."""
+    """Return a path around the branch points and poles on and below the real axis.
+
+    Parameters
+    ----------
+    wavenumber : complex
+        In the soil, rad/m.
+    radius : float
+        Of the body, m: the wider, the more nodes.
+    """
     size = wavenumber.real
     height = min(_DETOUR * size, 1.5 / radius)
     t, w = np.polynomial.legendre.leggauss(12 + math.ceil(0.75 * size * radius))
@@ -387,13 +498,32 @@ def spectral_path(wavenumber: complex, radius: float) -> Path:
 def with_surface(
     answer: ComplexArray, path: Path, mode: int, soil: complex, wavenumber: float, depth: float
 ) -> ComplexArray:
-    """Add the surface to a body's answer T of one azimuthal mode, for the path's nodes and then the waves of interest.
+    """Return a body's answer S with the surface above it, for one azimuthal mode.
 
-    All H stand before all V. What comes out is S for the waves of interest, without the factor ``t12²·e^{-2jqd}`` of
-    ways in and out; ``depth`` is the soil above the body's top. With Weyl's integral an upgoing wave of the body meets
-    the surface, comes back with the reflection r_p and ``e^{-2jqd}`` and goes once more through T: ``K =
-    (-j/4π)·κ·dκ/q·(-1)^m·s_p·r_p·e^{-2jqd}``, s = -1 for H and +1 for V by the alignment of backscatter, and ``S = T +
-    T_n·(K^-1 - T_nn)^-1·T_n``.
+    With Weyl's integral an upgoing wave of the body meets the surface, comes back with the
+    reflection r_p and ``e^{-2jqd}`` and goes once more through T:
+    ``K = (-j/4π)·κ·dκ/q·(-1)^m·s_p·r_p·e^{-2jqd}``, s = -1 for H and +1 for V by the alignment of
+    backscatter, and ``S = T + T_n·(K^-1 - T_nn)^-1·T_n``.
+
+    Parameters
+    ----------
+    answer : ndarray (2·wave, 2·wave) of complex
+        T of the path's nodes and then of the waves of interest; all H stand before all V.
+    path : Path
+        The nodes.
+    mode : int
+        Azimuthal mode m.
+    soil : complex
+        Permittivity of the soil.
+    wavenumber : float
+        In air, rad/m.
+    depth : float
+        Soil above the body's top, m.
+
+    Returns
+    -------
+    ndarray (2·interest, 2·interest) of complex
+        S of the waves of interest, without the factor ``t12²·e^{-2jqd}`` of ways in and out.
     """
     nodes = path.transverse.size
     count = answer.shape[0] // 2
@@ -401,16 +531,10 @@ def with_surface(
     outer = np.setdiff1d(np.arange(2 * count), inner)
     down = np.sqrt(wavenumber**2 * soil - path.transverse**2)
     r_h, r_v = reflection(path.transverse / wavenumber, soil, 1.0)
-    share = (
-        -0.25j
-        / np.pi
-        * path.transverse
-        * path.weight
-        / down
-        * (-1) ** mode
-        * np.exp(-2j * down * depth)
-    )
+    measure = -0.25j / np.pi * path.transverse * path.weight / down
+    share = measure * (-1) ** mode * np.exp(-2j * down * depth)
     bounce = np.concatenate([-share * r_h, share * r_v])
     system = np.identity(2 * nodes) - answer[np.ix_(inner, inner)] * bounce
-    again = np.linalg.solve(system, answer[np.ix_(inner, outer)])
-    return np.asarray(answer[np.ix_(outer, outer)] + answer[np.ix_(outer, inner)] * bounce @ again)
+    repeated = np.linalg.solve(system, answer[np.ix_(inner, outer)])
+    direct = answer[np.ix_(outer, outer)]
+    return np.asarray(direct + answer[np.ix_(outer, inner)] * bounce @ repeated)

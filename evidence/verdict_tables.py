@@ -1,0 +1,104 @@
+"""Make the tables of docs/evidence/verdicts.md from the folder of `flgpr reproduce all` in both worlds.
+
+    python evidence/verdict_tables.py FOLDER [docs/evidence/verdicts]
+
+A study that has results in one world only has dashes for the other. The counts that the page's first table holds are
+printed. Tables of experiments, ``reasons.csv`` of ``flgpr reproduce reasons``, are taken over as they are.
+"""
+
+import csv
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+WORLDS = {"prepared": "", "as found": "as-found"}
+"""Folder of a world within that of a study, by the heading of its columns."""
+VERDICTS = ("agrees", "disagrees", "cannot say")
+MAIN_GROUP = "open"
+"""Group of lanes that a study's own table has, where it has several."""
+Finding = dict[str, Any]
+Statement = tuple[str, str]
+"""What tells a statement from others of its group: claim and quantity."""
+
+
+def main() -> None:
+    """Write a table for every study in the folder, and one for each further group of its lanes."""
+    folder = Path(sys.argv[1])
+    output = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/evidence/verdicts")
+    for study in sorted(path for path in folder.iterdir() if path.is_dir()):
+        copy_reasons(study, output)
+        judged = {world: read_findings(study / place) for world, place in WORLDS.items()}
+        groups = dict.fromkeys(finding["group"] for found in judged.values() for finding in found)
+        for group in groups:
+            findings = {world: by_statement(found, group) for world, found in judged.items()}
+            name = study.name if group in ("", MAIN_GROUP) else f"{study.name}-{group}"
+            path = output / f"{name}.csv"
+            with path.open("w", newline="", encoding="utf-8") as file:
+                csv.writer(file, lineterminator="\n").writerows([header(), *rows_of(findings)])
+            counts = [count_verdicts(world, found) for world, found in findings.items()]
+            print(f"{path}: {'; '.join(counts)}")
+
+
+def copy_reasons(study: Path, output: Path) -> None:
+    """Take over the tables of experiments of a study, a file per world."""
+    for place in WORLDS.values():
+        table = study / place / "reasons.csv"
+        if table.is_file():
+            name = "-".join(part for part in ("reasons", study.name, place) if part)
+            (output / f"{name}.csv").write_text(table.read_text(encoding="utf-8"), encoding="utf-8")
+
+
+def header() -> list[str]:
+    """Return the names of the columns."""
+    columns = ["statement", "the paper"]
+    for world in WORLDS:
+        columns += [world, "verdict"]
+    return columns
+
+
+def read_findings(folder: Path) -> list[Finding]:
+    """Read the statements of a run that were judged; none where it was not run."""
+    path = folder / "findings.json"
+    if not path.is_file():
+        return []
+    found = json.loads(path.read_text(encoding="utf-8"))["findings"]
+    return [finding for finding in found if finding["verdict"] in VERDICTS]
+
+
+def by_statement(found: list[Finding], group: str) -> dict[Statement, Finding]:
+    """Return the findings of a group of lanes by claim and quantity: one claim may be asked of several quantities."""
+    chosen = [finding for finding in found if finding["group"] == group]
+    return {(finding["claim"], finding["quantity"]): finding for finding in chosen}
+
+
+def rows_of(findings: dict[str, dict[Statement, Finding]]) -> list[list[str]]:
+    """Return a row for every statement that a world judged, in the order of the first world that has it.
+
+    Where a claim is asked of several quantities the quantity stands with it.
+    """
+    papers: dict[Statement, str] = {}
+    for found in findings.values():
+        for statement, finding in found.items():
+            papers.setdefault(statement, finding["paper"])
+    claims = [claim for claim, _ in papers]
+    rows = []
+    for (claim, quantity), paper in papers.items():
+        row = [f"{claim} ({quantity})" if claims.count(claim) > 1 else claim, paper]
+        for found in findings.values():
+            finding = found.get((claim, quantity))
+            row += [finding["ours"], finding["verdict"]] if finding else ["–", "–"]
+        rows.append(row)
+    return rows
+
+
+def count_verdicts(world: str, found: dict[Statement, Finding]) -> str:
+    """Return how many statements agree, disagree and cannot be said in a world."""
+    if not found:
+        return f"{world}: not run"
+    verdicts = [finding["verdict"] for finding in found.values()]
+    return f"{world}: " + ", ".join(f"{verdicts.count(verdict)} {verdict}" for verdict in VERDICTS)
+
+
+if __name__ == "__main__":
+    main()

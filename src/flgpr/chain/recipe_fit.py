@@ -1,0 +1,287 @@
+"""Whether a recipe fits a run: its channels, its band, and echoes that its image would repeat."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.chain.recipe import Recipe, as_imaged, lane_of
+from flgpr.model import (
+    SPEED_OF_LIGHT,
+    Lane,
+    clear_end,
+    complete_scans,
+    tightest_paths,
+    vehicle_to_scan,
+)
+
+FloatArray = NDArray[np.float64]
+Band = tuple[float, float]
+ALARM_RADIUS = 0.75
+"""Radius of an alarm, m (Wang et al. 2007)."""
+FEWEST_SCANS = 5
+"""Scans from which on their mean holds little of a target, and so is a self-signature."""
+SCAN_SPACING = 0.5
+"""Mean distance between such scans, m."""
+
+_HINT = "`flgpr recipe for RUN` writes one that fits"
+_OUTSIDE = 0.1  # share of a sub-band that may lie outside the run's band
+_HEIGHTS = (0.5, 3.5)  # antenna heights ahead at which an image may begin without a warning
+
+
+@dataclass(frozen=True)
+class RadarSetup:
+    """What a recipe depends on: channels, tones, array and course of a run."""
+
+    polarizations: list[str]
+    tones: FloatArray  #: Hz
+    tx: FloatArray  #: (pair, 3) transmitters in the scan frame, m
+    rx: FloatArray  #: (pair, 3) receivers in the scan frame, m
+    poses: FloatArray  #: (scan, 6) of the complete scans
+    aperture: bool = False  #: whether the run is taken as one scan
+
+    @property
+    def height(self) -> float:
+        """Mean height of the antennas, m."""
+        return float((self.tx + self.rx)[:, 2].mean() / 2)
+
+    @property
+    def ahead(self) -> float:
+        """Distance of the middle of the antennas ahead of the vehicle's reference point, m."""
+        return float((self.tx + self.rx)[:, 1].mean() / 2)
+
+    @property
+    def step(self) -> float:
+        """Step of the tones, Hz; zero of a single tone."""
+        return float(np.median(np.diff(self.tones))) if self.tones.size > 1 else 0.0
+
+    @property
+    def drives(self) -> bool:
+        """Whether the mean scan is the self-signature rather than a blend of targets."""
+        travelled = float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
+        enough_scans = len(self.poses) >= FEWEST_SCANS
+        return enough_scans and travelled >= SCAN_SPACING * (FEWEST_SCANS - 1)
+
+    def cross_range(self, frequency: float, distance: float) -> float:
+        """Return the cross-range resolution λR/(D_t + D_r), m.
+
+        Parameters
+        ----------
+        frequency : float
+            Hz.
+        distance : float
+            Ground range ahead of the antennas, m.
+        """
+        aperture = max(float(np.ptp((self.tx + self.rx)[:, 0])), 0.05)
+        return SPEED_OF_LIGHT / frequency * math.hypot(distance, self.height) / aperture
+
+    def reach(self, band: Band) -> float:
+        """Return how far ahead a band resolves an alarm's radius across, m."""
+        slant = ALARM_RADIUS / self.cross_range(sum(band) / 2, 0.0) * self.height
+        return math.sqrt(max(slant**2 - self.height**2, 0.0))
+
+    def behind(self, frames: int) -> float:
+        """Return how far the vehicle drives while an image gathers its last scans, m.
+
+        The earliest of them lies so far behind the latest.
+        """
+        earlier = self.poses[: 1 - frames or None, :2]
+        later = self.poses[frames - 1 :, :2]
+        return float(np.hypot(*(later - earlier).T).max()) if len(later) else 0.0
+
+
+def radar_setup(run: xr.Dataset, aperture: bool = False) -> RadarSetup:
+    """Return what a recipe depends on.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        The run, as it is imaged.
+    aperture : bool
+        Whether it is one scan of a whole run.
+
+    Raises
+    ------
+    ValueError
+        If no scan is complete.
+    """
+    poses = run["pose"].values[complete_scans(run)]
+    if not len(poses):
+        raise ValueError(
+            f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}"
+        )
+    pose = np.median(poses, axis=0)
+    tx = vehicle_to_scan(run["tx_position"].values, pose)
+    rx = vehicle_to_scan(run["rx_position"].values, pose)
+    labels = [str(label) for label in run["polarization"].values]
+    return RadarSetup(labels, run["frequency"].values, tx, rx, poses, aperture)
+
+
+def area_of(run: xr.Dataset, recipe: Recipe, lane: Lane | None = None) -> Lane:
+    """Check that a recipe fits a run, and return the lane.
+
+    That is the lane that is given, or the recipe's, or the ground that the scans cover.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit, see :func:`check_fit`.
+    """
+    check_fit(run, recipe)
+    return lane if lane is not None else lane_of(run, recipe)
+
+
+def check_fit(run: xr.Dataset, recipe: Recipe) -> None:
+    """Refuse a recipe that does not fit a run, and warn of what is doubtful.
+
+    The run must have the polarizations, at most a tenth of a sub-band may lie outside its band, and
+    the image must not show an echo twice for the steps of the tones.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit; it names every entry at fault and what to do.
+
+    Warns
+    -----
+    UserWarning
+        If the image begins less than 0.5 or more than 3.5 antenna heights ahead, or echoes from
+        before it appear in it again: much of it may still be good.
+    """
+    faults, doubts = fit_faults(run, recipe)
+    _raise(faults)
+    for doubt in doubts:
+        warnings.warn(f"{doubt}; {_HINT}", stacklevel=2)
+
+
+def fit_faults(run: xr.Dataset, recipe: Recipe) -> tuple[list[str], list[str]]:
+    """Return what of a recipe does not fit a run, entry by entry, and what is doubtful.
+
+    See :func:`check_fit`.
+    """
+    setup = radar_setup(as_imaged(run, recipe))
+    image = recipe.image
+    faults = _channel_faults(recipe, setup.polarizations, setup.tones)
+    doubts = []
+    behind = setup.behind(image.summed)
+    fault, doubt = alias_faults(recipe, setup.tones, setup.tx, setup.rx, behind)
+    if fault:
+        faults.append(fault)
+    if doubt:
+        doubts.append(doubt)
+    heights = math.inf
+    if setup.height > 0:
+        heights = (image.y[0] - setup.ahead) / setup.height
+    if not _HEIGHTS[0] <= heights <= _HEIGHTS[1]:
+        doubts.append(
+            f"image.y should begin {_HEIGHTS[0]} to {_HEIGHTS[1]} antenna heights ahead of the "
+            f"antennas, got {image.y[0]:g} m for antennas {setup.height:.3g} m high"
+        )
+    return faults, doubts
+
+
+def alias_faults(
+    recipe: Recipe, frequency: FloatArray, tx: FloatArray, rx: FloatArray, behind: float = 0.0
+) -> tuple[str, str]:
+    """Return why a recipe's image shows echoes where they are not, as a fault and as a doubt.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+    frequency : (frequency,) ndarray
+        Tones, Hz. Every sub-band counts by the tones that it takes.
+    tx, rx : (pair, 3) ndarray
+        Antennas in the scan frame, m.
+    behind : float
+        How far the earliest scan that an image sums lies behind the latest, m.
+
+    Returns
+    -------
+    fault : str
+        Why the image shows an echo twice; "" if it does not.
+    doubt : str
+        Why echoes from before the image appear in it; "" if they do not.
+    """
+    image = recipe.image
+    ground = image.x, (image.y[0], image.y[1] + behind)
+    paths = tightest_paths(frequency, image.subbands, tx, rx, *ground)
+    if not (paths.repeats or paths.aliased):
+        return "", ""
+
+    received = (
+        f"got {image.y[1]:g} m with one of {paths.farthest:.4g} m: for the steps of the tones "
+        f"echoes repeat after {paths.unambiguous:.4g} m of path"
+    )
+    remedy = f"record with steps of at most {paths.widest_step / 1e6:.3g} MHz"
+    end = clear_end(paths, tx, rx, *ground) - behind
+    if end > image.y[0]:
+        remedy = f"end it at {math.floor(100 * end) / 100:g} m, or {remedy}"
+    if paths.repeats:
+        return (
+            "image.y must end where paths are shorter than "
+            f"{paths.nearest + paths.unambiguous:.4g} m, {received}, "
+            f"so the image shows what is near in it again where it is far; {remedy}"
+        ), ""
+    return "", (
+        f"image.y should end where paths are shorter than {paths.longest_clear:.4g} m, {received}, "
+        "so the direct coupling and what lies under the vehicle appear in the image again; "
+        f"{remedy}"
+    )
+
+
+def check_channels(recipe: Recipe, polarizations: Sequence[str], tones: FloatArray) -> None:
+    """Refuse a recipe that asks for polarizations or tones (Hz) that are not measured.
+
+    Raises
+    ------
+    ValueError
+        As of :func:`check_fit`.
+    """
+    _raise(_channel_faults(recipe, polarizations, tones))
+
+
+def allow_features(polarizations: Sequence[str]) -> bool:
+    """Return whether polarimetric features can be computed: of HH, VV and HV or VH."""
+    return {"HH", "VV"} <= set(polarizations) and bool({"HV", "VH"} & set(polarizations))
+
+
+def _raise(faults: list[str]) -> None:
+    """Raise the ValueError of faults, if there are any."""
+    if faults:
+        raise ValueError("; ".join([*faults, _HINT]))
+
+
+def _channel_faults(recipe: Recipe, polarizations: Sequence[str], tones: FloatArray) -> list[str]:
+    """Return the entries that ask for polarizations or tones that are not measured."""
+    known = ", ".join(polarizations)
+    asked = [("contrast.polarization", recipe.contrast.polarization)]
+    if recipe.map is None:
+        asked.insert(0, ("prescreen.polarization", recipe.prescreen.polarization))
+    for name in recipe.image.polarizations:
+        asked.append(("image.polarizations", name))
+
+    faults = []
+    for entry, name in asked:
+        if name not in polarizations:
+            faults.append(f"{entry} must be one the run has ({known}), got {name!r}")
+    if recipe.features is not None and not allow_features(polarizations):
+        faults.append(
+            f"features must be left out unless the run has HH, VV and HV or VH, got {known}"
+        )
+    for name, (low, high) in recipe.image.subbands.items():
+        outside = max(tones[0] - low, 0.0) + max(high - tones[-1], 0.0)
+        has_tones = ((tones >= low) & (tones <= high)).any()
+        if outside > _OUTSIDE * (high - low) or not has_tones:
+            faults.append(
+                f"image.subbands.{name} must lie in the run's band, "
+                f"{tones[0] / 1e9:.4g} to {tones[-1] / 1e9:.4g} GHz, "
+                f"got {low / 1e9:.4g} to {high / 1e9:.4g} GHz"
+            )
+    return faults

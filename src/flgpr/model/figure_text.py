@@ -1,0 +1,20 @@
+"""Text in figures that comes from files: names of targets, lanes, runs and recipes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+_TICK_LABEL = "$\\mathdefault{"
+"""How Matplotlib's own labels of logarithmic axes begin, which are formulas."""
+
+
+def show_dollar_signs(figure: Any) -> None:
+    """Let a Matplotlib figure show the dollar signs of its texts as they are.
+
+    Matplotlib takes two of them for the ends of a formula, and cannot draw a name such as ``$x^{$``. Call this when the
+    figure is complete, before it is drawn.
+    """
+    for text in figure.findobj(lambda artist: hasattr(artist, "set_parse_math")):
+        words = text.get_text()
+        if "$" in words and _TICK_LABEL not in words:
+            text.set_parse_math(False)

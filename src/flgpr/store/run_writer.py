@@ -1,0 +1,533 @@
+"""Writing of run stores (:mod:`flgpr.store.run_store`), scan by scan, safe against a kill."""
+
+from __future__ import annotations
+
+import glob
+import json
+import math
+import os
+import shutil
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from flgpr.door import MOST_JSON, DoorError, Folder, parse_json
+from flgpr.model import check_run, make_run
+from flgpr.model.run import check_poses
+from flgpr.store.files import (
+    canonical_json,
+    replace_folder,
+    replaced_by,
+    sha256,
+    sync_file,
+    write_whole,
+)
+from flgpr.store.journal import (
+    JOURNAL,
+    Journal,
+    JournalError,
+    OtherRunError,
+    WrittenScan,
+    difference,
+)
+from flgpr.store.outputs import tell_finished
+from flgpr.store.run_store import (
+    CHECKSUM_BYTES,
+    FORMAT,
+    MANIFEST,
+    VERSION,
+    CommittedFiles,
+    RunStoreError,
+    manifest_bytes,
+    read_manifest,
+)
+
+MADE_OF = "made-of.json"
+"""File that records what a store's scans depend on, by which the same call knows it again."""
+_SCANS_PER_GROWTH = 64  # Zarr writes the array's description anew each time it grows
+_SIGNAL_DIMS = ("scan", "polarization", "pair", "frequency")
+
+
+class RunExistsError(FileExistsError):
+    """A run store exists already; ``same`` is true if it is complete and made of the same."""
+
+    def __init__(self, path: Path, different: str | None) -> None:
+        self.same = different == ""
+        if self.same:
+            content = "which is whole and holds this very run"
+        elif different:
+            content = f"which holds another run ({different})"
+        else:
+            content = "which holds something else or a damaged store"
+        super().__init__(
+            f"path must not exist yet, got {path}, {content}: move it away or choose another output"
+        )
+
+
+class RunWriter:
+    """Writer of a run store, scan by scan; the store appears under its name when it is complete.
+
+    Use it as a context manager: leaving it normally commits the store, leaving it by an exception
+    removes what was written, unless it is to be resumed (``keeps``). ``len(writer)`` is the number
+    of scans that are written, where a resumed run continues::
+
+        with RunWriter(path, *fixed, resume=True) as writer:
+            for scan in range(len(writer), total):
+                writer.append(signal(scan), pose[scan])
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder to make. One that exists is a RunExistsError, unless ``overwrite`` is true.
+    frequency, polarization, tx_position, rx_position, attrs
+        As in :func:`flgpr.model.make_run`.
+    overwrite : bool
+        Replace a run that exists.
+    resume : bool
+        Continue after the last good scan of a writer of the same run that was stopped, even by a
+        kill. Without it, what a stopped writer left is removed.
+    inputs : dict, optional
+        What else the scans depend on (digests of input files, versions), as JSON values. Resuming
+        requires the same inputs. A complete store records them, but they are no part of the run.
+
+    Raises
+    ------
+    ValueError
+        If a parameter breaks a rule of ``make_run``, or ``attrs`` is not writable as JSON.
+    RunExistsError
+        If the run exists already.
+    RunStoreError
+        If ``resume`` finds another unfinished run, or another process writes this one.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        frequency: ArrayLike,
+        polarization: ArrayLike,
+        tx_position: ArrayLike,
+        rx_position: ArrayLike,
+        attrs: dict[str, Any] | None = None,
+        overwrite: bool = False,
+        *,
+        resume: bool = False,
+        inputs: dict[str, Any] | None = None,
+    ) -> None:
+        self.path = Path(path)
+        self._frequency = np.asarray(frequency, dtype=np.float64)
+        self._polarization = [str(label) for label in np.atleast_1d(np.asarray(polarization))]
+        self._tx = np.asarray(tx_position, dtype=np.float64)
+        self._rx = np.asarray(rx_position, dtype=np.float64)
+        try:
+            self._attrs = json.loads(canonical_json(attrs or {}))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"attrs must be writable as JSON: {error}") from None
+        self._shape = (len(self._polarization), len(self._tx), self._frequency.size)
+        # A broken rule is found here, not when the last scan is written.
+        probe = np.broadcast_to(np.complex64(0), (1, *self._shape))
+        make_run(probe, self._frequency, self._polarization, self._tx, self._rx, np.zeros((1, 6)))
+        self.keeps = resume
+        self._committed = False
+        self._partial = self.path.with_name(self.path.name + ".partial")
+        self._about = _describe(
+            self._frequency, self._polarization, self._tx, self._rx, self._attrs, inputs
+        )
+        self._journal = self._open_journal(overwrite, resume)
+        self._drop_unverified_files()
+        for folder in self._discarded():
+            shutil.rmtree(folder, ignore_errors=True)
+        import zarr  # slow to import, and needed for writing only
+
+        self._group = zarr.open_group(self._partial, mode="a", zarr_format=3)
+        self._signal = self._array(
+            "signal", (len(self), *self._shape), (1, *self._shape), "complex64"
+        )
+
+    @classmethod
+    def resumed(cls, *fixed: Any, inputs: dict[str, Any]) -> RunWriter:
+        """Return a writer that continues a stopped writer of the same run and inputs.
+
+        What a stopped writer of another run left is removed.
+        """
+        try:
+            return cls(*fixed, resume=True, inputs=inputs)
+        except RunStoreError as error:
+            if not isinstance(error.__cause__, OtherRunError):
+                raise
+        # Without ``resume`` the writer empties what the other run left, while it holds the journal.
+        writer = cls(*fixed, inputs=inputs)
+        writer.keeps = True
+        return writer
+
+    def _open_journal(self, overwrite: bool, resume: bool) -> Journal:
+        """Return the journal of this run, which no other process holds."""
+        self._check_free(overwrite)
+        try:
+            journal = Journal(self._partial, self._about, resume)
+        except JournalError as error:
+            raise RunStoreError(str(error)) from error
+        try:
+            # Another process may have committed the run before the journal was free.
+            self._check_free(overwrite)
+        except FileExistsError:
+            self._discard(journal)
+            raise
+        return journal
+
+    def __len__(self) -> int:
+        return len(self._journal.scans)
+
+    def __enter__(self) -> RunWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, _: object
+    ) -> None:
+        if isinstance(error, OSError) and error.errno is not None and error.filename is None:
+            error.filename = str(self.path)
+        try:
+            if kind is None:
+                self.commit()
+        finally:
+            if self._committed or (self.keeps and len(self)):
+                self._journal.close()
+            else:
+                self._discard(self._journal)
+
+    def append(self, signal: ArrayLike, pose: ArrayLike, time: float = float("nan")) -> None:
+        """Write one scan by the rules of :func:`flgpr.model.make_run`.
+
+        Parameters
+        ----------
+        signal : (polarization, pair, frequency) array_like of complex
+            Received field over transmitted field.
+        pose : (6,) array_like
+            x, y, z, m, and heading, pitch, roll, rad.
+        time : float
+            Time of the scan, s; NaN where it is unknown.
+
+        Raises
+        ------
+        ValueError
+            If the signal has another shape, the pose is not finite, or the time decreases.
+        OSError
+            If the scan cannot be written.
+        """
+        block = np.asarray(signal, dtype=np.complex64)
+        if block.shape != self._shape:
+            raise ValueError(
+                "signal must have the shape (polarization, pair, frequency) "
+                f"{self._shape}, got {block.shape}"
+            )
+        checked_pose = check_poses(np.asarray(pose)[None], 1)[0]
+        self._check_time(time)
+        count = len(self)
+        if count == self._signal.shape[0]:
+            self._signal.resize((count + _SCANS_PER_GROWTH, *self._shape))
+        self._signal[count] = block
+        chunk = self._chunk(count)
+        sync_file(chunk)
+        valid = np.asarray(np.isfinite(block).all(axis=-1), dtype=np.bool_)
+        digest = sha256(chunk.read_bytes())
+        self._journal.append(WrittenScan(digest, checked_pose, float(time), valid))
+
+    def _check_time(self, time: float) -> None:
+        """Refuse a time that is infinite or before that of the last scan."""
+        last = self._journal.scans[-1].time if len(self) else None
+        decreases = last is not None and time < last
+        if math.isinf(time) or decreases:
+            before = "" if last is None else f" after {last:g}"
+            raise ValueError(
+                "time must be finite, or NaN, and not decrease from scan to scan, "
+                f"got {time:g}{before}"
+            )
+
+    def commit(self) -> None:
+        """Write the small arrays and the manifest, then give the store its name.
+
+        Raises
+        ------
+        ValueError
+            If no scan was written.
+        OSError
+            If a file cannot be written.
+        """
+        scans = self._journal.scans
+        if not scans:
+            raise ValueError("a run must hold at least one scan, got none")
+        self._write_small_arrays(scans)
+        self._group.attrs.update(
+            {
+                "format": FORMAT,
+                "version": VERSION,
+                "polarization": self._polarization,
+                "attrs": self._attrs,
+            }
+        )
+        digest = _write_manifest(self._partial, len(scans))
+        if self._about["inputs"]:
+            made_of = {"commit": digest, "about": self._about}
+            write_whole(self._partial / MADE_OF, canonical_json(made_of) + b"\n")
+        replace_folder(self._partial, self.path)
+        self._committed = True
+        # Not before: a kill in between would cost every scan. The next writer removes what a kill
+        # here leaves.
+        (self.path / JOURNAL).unlink(missing_ok=True)
+
+    def _write_small_arrays(self, scans: list[WrittenScan]) -> None:
+        """Write all arrays but the signal, which is cut to the scans that were written."""
+        # One tone stands for all, which were checked at the beginning: those of a day's drive would
+        # not fit into the memory.
+        valid = np.stack([scan.valid for scan in scans])[..., None]
+        probe = np.where(valid, np.complex64(0), np.complex64(np.nan))
+        run = make_run(
+            probe,
+            self._frequency[:1],
+            self._polarization,
+            self._tx,
+            self._rx,
+            np.stack([scan.pose for scan in scans]),
+            [scan.time for scan in scans],
+        )
+        # The array may have grown ahead, and hold a scan that append failed at.
+        self._signal.resize((len(scans), *self._shape))
+        for name in ("valid", "tx_position", "rx_position", "pose", "frequency", "time"):
+            values = self._frequency if name == "frequency" else run[name].values
+            array = self._array(name, values.shape, values.shape, str(values.dtype), run[name].dims)
+            array[...] = values
+
+    def _check_free(self, overwrite: bool) -> None:
+        """Refuse a path that exists.
+
+        If it is this very run, what killed writers left beside it is removed.
+        """
+        if overwrite or not os.path.lexists(self.path):
+            return
+        different = _difference_from_stored(self.path, self._about)
+        if different == "":
+            (self.path / JOURNAL).unlink(missing_ok=True)
+            for folder in (replaced_by(self.path), *self._discarded()):
+                shutil.rmtree(folder, ignore_errors=True)
+        raise RunExistsError(self.path, different)
+
+    def _discard(self, journal: Journal) -> None:
+        """Remove what was written.
+
+        The folder is renamed first, because the next writer may take its name at once.
+        """
+        with suppress(OSError):
+            aside = tempfile.mkdtemp(
+                prefix=f".discarded-{self.path.name}-", dir=self._partial.parent
+            )
+            self._partial.rename(aside)
+        for folder in self._discarded():
+            shutil.rmtree(folder, ignore_errors=True)
+        journal.close()
+
+    def _discarded(self) -> list[Path]:
+        """Return folders of discarded runs of this name, which a killed process may have left."""
+        return list(self.path.parent.glob(f".discarded-{glob.escape(self.path.name)}-*"))
+
+    def _chunk(self, scan: int) -> Path:
+        """Return the file of a scan's signal."""
+        return self._partial / "signal" / "c" / str(scan) / "0" / "0" / "0"
+
+    def _drop_unverified_files(self) -> None:
+        """Remove all files but the journal and the scans before the first that differs from it."""
+        verified: list[Path] = []
+        for scan, written in enumerate(self._journal.scans):
+            chunk = self._chunk(scan)
+            if not self._is_verified(chunk, written):
+                break
+            verified.append(chunk)
+        self._journal.keep(len(verified))
+        remaining = {self._partial / JOURNAL, *verified}
+        for path in sorted(self._partial.rglob("*"), reverse=True):
+            if path.is_dir() and not path.is_symlink():
+                if not any(path.iterdir()):
+                    path.rmdir()
+            elif path not in remaining:
+                path.unlink()
+
+    def _is_verified(self, chunk: Path, written: WrittenScan) -> bool:
+        """Return whether a chunk is what the journal says; one that is too large is not read."""
+        largest = np.dtype(np.complex64).itemsize * math.prod(self._shape) + CHECKSUM_BYTES
+        try:
+            data = Folder(self._partial).read(chunk.relative_to(self._partial).as_posix(), largest)
+        except (OSError, DoorError):
+            return False
+        return sha256(data) == written.sha256
+
+    def _array(
+        self,
+        name: str,
+        shape: tuple[int, ...],
+        chunks: tuple[int, ...],
+        dtype: str,
+        dims: tuple[Any, ...] = _SIGNAL_DIMS,
+    ) -> Any:
+        """Return a new array of the store."""
+        from zarr.codecs import Crc32cCodec
+
+        return self._group.create_array(
+            name,
+            shape=shape,
+            chunks=chunks,
+            dtype=dtype,
+            fill_value=False if dtype == "bool" else np.nan,
+            compressors=[Crc32cCodec()],
+            filters=[],
+            dimension_names=list(map(str, dims)),
+            config={"write_empty_chunks": True},
+        )
+
+
+def save_run(
+    run: xr.Dataset, path: str | Path, overwrite: bool = False, resume: bool = False
+) -> Path:
+    """Write a run as a store.
+
+    Parameters
+    ----------
+    run : Dataset
+        A run, see :func:`flgpr.model.make_run`.
+    path : str or Path
+        Folder to make.
+    overwrite : bool
+        Replace a run that exists.
+    resume : bool
+        Continue where writing exactly this run was stopped, even by a kill. What is left of another
+        run is removed, and a complete store of exactly this run is left as it is.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    FileExistsError
+        If the path exists and ``overwrite`` is false, unless ``resume`` finds this very run.
+    RunStoreError
+        If another process writes the same store.
+    """
+    check_run(run)
+    fixed = (
+        path,
+        run["frequency"].values,
+        run["polarization"].values,
+        run["tx_position"].values,
+        run["rx_position"].values,
+        _attrs_of(run),
+        overwrite,
+    )
+    try:
+        begun = RunWriter.resumed(*fixed, inputs=_digests(run)) if resume else RunWriter(*fixed)
+    except RunExistsError as error:
+        if not (resume and error.same):
+            raise
+        tell_finished(path)
+        return Path(path)
+    with begun as writer:
+        pose = run["pose"].values
+        time = run["time"].values
+        for scan in range(len(writer), run.sizes["scan"]):
+            writer.append(run["signal"][scan].values, pose[scan], float(time[scan]))
+    return Path(path)
+
+
+def is_stored(run: xr.Dataset, path: str | Path) -> bool:
+    """Return whether a path holds a complete store of exactly this run.
+
+    Anything else that lies there is a RunExistsError.
+    """
+    root = Path(path)
+    if not os.path.lexists(root):
+        return False
+    about = _describe(
+        run["frequency"].values,
+        [str(label) for label in run["polarization"].values],
+        run["tx_position"].values,
+        run["rx_position"].values,
+        _attrs_of(run),
+        _digests(run),
+    )
+    different = _difference_from_stored(root, about)
+    if different != "":
+        raise RunExistsError(root, different)
+    return True
+
+
+def _attrs_of(run: xr.Dataset) -> dict[str, Any]:
+    """Return the attributes of a run with names of text."""
+    return {str(key): value for key, value in run.attrs.items()}
+
+
+def _digests(run: xr.Dataset) -> dict[str, Any]:
+    """Return the digests of all that a run's scans hold."""
+    digests = {}
+    for name in ("signal", "pose", "time"):
+        values = np.ascontiguousarray(run[name].values)
+        digests[name] = sha256(values.view(np.uint8).data)
+    return digests
+
+
+def _describe(
+    frequency: NDArray[np.float64],
+    polarization: list[str],
+    tx_position: NDArray[np.float64],
+    rx_position: NDArray[np.float64],
+    attrs: dict[str, Any],
+    inputs: dict[str, Any] | None,
+) -> dict[str, Any]:
+    """Return a description of all that the scans of a store depend on."""
+    return {
+        "frequency": sha256(frequency.tobytes()),
+        "polarization": polarization,
+        "tx_position": sha256(tx_position.tobytes()),
+        "rx_position": sha256(rx_position.tobytes()),
+        "attrs": attrs,
+        "inputs": inputs or {},
+    }
+
+
+def _difference_from_stored(root: Path, about: dict[str, Any]) -> str | None:
+    """Return the first difference between what a store was made of and ``about``.
+
+    It is empty if there is none, and None if the store is incomplete or does not record it.
+    """
+    try:
+        stored = parse_json(Folder(root).read(MADE_OF, MOST_JSON))
+        manifest = read_manifest(root)
+        CommittedFiles(root, manifest["files"]).check_sizes()
+        if stored["commit"] != manifest["sha256"]:
+            return None
+        return difference(stored["about"], parse_json(canonical_json(about)))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def _write_manifest(root: Path, scans: int) -> str:
+    """Write the manifest of all files in a folder, and return its digest."""
+    files = {}
+    for file in sorted(root.rglob("*")):
+        if file.is_file() and file.name not in (JOURNAL, MADE_OF):
+            data = file.read_bytes()
+            sync_file(file)
+            name = file.relative_to(root).as_posix()
+            files[name] = {"sha256": sha256(data), "bytes": len(data)}
+    manifest: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "scans": scans,
+        "files": files,
+    }
+    digest = sha256(canonical_json(manifest))
+    manifest["sha256"] = digest
+    write_whole(root / MANIFEST, manifest_bytes(manifest))
+    return digest
