@@ -18,7 +18,7 @@ import pandas as pd
 from flgpr.chain.progress import Track, silent
 from flgpr.commands.doubts import tell_doubts
 from flgpr.commands.registering import Entrant, find_entrant, open_truth
-from flgpr.commands.score_files import must_write, with_last, write_score_files
+from flgpr.commands.score_output import must_write, with_last, write_score_files
 from flgpr.door import Folder, parse_toml, read_named
 from flgpr.execution.driver import results_at
 from flgpr.model import Lane

@@ -20,7 +20,7 @@ from flgpr.commands.registering import (
     find_entrant,
     registration_of,
 )
-from flgpr.commands.score_files import write_score_files
+from flgpr.commands.score_output import write_score_files
 from flgpr.commands.scoring import (
     borders,
     entrant_names,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from flgpr.commands.score_files import must_write, with_last, write_score_files
+from flgpr.commands.score_output import must_write, with_last, write_score_files
 
 FILES = {"roc.json": "{}", "figures/roc.png": b"png", "report.html": "page"}
 
