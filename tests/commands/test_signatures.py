@@ -12,14 +12,14 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import COMMANDS, GROUPS
 from flgpr.commands.options import REQUIRED, ShellDefault, ShellType
-from flgpr.commands.shell import OnErrors, Unfinished, command, shell_function
+from flgpr.commands.shell import ErrorStreamText, RawText, command, shell_function
 from flgpr.commands.signatures import shell_type, type_in_words
 
 ALL = {**COMMANDS, **{f"{g[0]} {n}": f for g, fs in GROUPS.items() for n, f in fs.items()}}
 
 
 @command(
-    lines=lambda made, call: [f"made {made}", OnErrors("aside"), Unfinished("end")],
+    lines=lambda made, call: [f"made {made}", ErrorStreamText("aside"), RawText("end")],
     as_json=lambda made, call: {"made": made},
     status=lambda made: 3 if made == "b" else 0,
 )

@@ -45,7 +45,12 @@ def _lines(fit: dict[str, Any], call: Arguments) -> Iterator[str | Path]:
             yield path
 
 
-@command(lines=_lines, as_json=lambda fit, _: fit, quiet=False)
+def _as_json(fit: dict[str, Any], _: Arguments) -> dict[str, Any]:
+    """Return the fit as it is."""
+    return fit
+
+
+@command(lines=_lines, as_json=_as_json, quiet=False)
 def anchor(
     points: Annotated[PathLike, Argument(help="Anchor (TOML), or CSV of surveyed points.")],
     crs: Annotated[

@@ -296,7 +296,7 @@ def _speed(fit: GroundFit) -> float:
     return float(0.299792458 / fit.permittivity**0.5)
 
 
-@command(lines=_permittivity_lines, as_json=_permittivity_json, answers=True)
+@command(lines=_permittivity_lines, as_json=_permittivity_json, always_printed=True)
 def calibrate_permittivity(
     run: RunArgument,
     along: Annotated[

@@ -93,7 +93,7 @@ def _summary(result: Result) -> dict[str, Any]:
     }
 
 
-@command(lines=_lines, as_json=_as_json, before=_before, compiles=True)
+@command(lines=_lines, as_json=_as_json, lines_before=_before, compiles_kernels=True)
 def detect(
     runs: Annotated[RunsLike, Argument(help="Run stores; several make a survey.")],
     recipe: Annotated[

@@ -101,7 +101,7 @@ def _passphrase(call: Arguments) -> dict[str, Any]:
     return {"passphrase": _ask_new_passphrase if call.seal else _ask_passphrase}
 
 
-@command(lines=_lines, as_json=_as_json, passes=_passphrase)
+@command(lines=_lines, as_json=_as_json, python_values=_passphrase)
 def score(
     alarms: Annotated[
         OneOrMorePaths,
