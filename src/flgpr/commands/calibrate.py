@@ -15,11 +15,14 @@ if TYPE_CHECKING:
     from flgpr.calibrate import BiasFit, ClockFit
     from flgpr.calibrate.permittivity import GroundFit
 
-NewRun = Annotated[PathLike | None, Option("-o", "--output", help="Run store to make, calibrated.")]
+NewRun = Annotated[PathLike | None, Option("-o", "--output", help="Calibrated run store to make.")]
 Reflectors = Annotated[PathLike, Option(help="CSV of reflectors: x_m, y_m, z_m in the lane frame.")]
 Tolerance = Annotated[
     float,
-    Option(help="Largest distance of an echo from its reflector, and of reflectors' biases, m."),
+    Option(
+        help="Largest distance of an echo from its reflector, and largest difference between "
+        "reflectors' biases, m."
+    ),
 ]
 Offsets = Annotated[Limits, Option(help="Least and greatest offset of the track's clock, s.")]
 TrackFile = Annotated[

@@ -145,7 +145,7 @@ def image(
     band: Annotated[Limits | None, Option(help="GHz; all tones by default.")] = None,
     window: Annotated[str, Option(help="boxcar, hann, hamming or taylor.")] = "hann",
     permittivity: Annotated[
-        float | None, Option(help="Of the medium of all paths: the ground's, for antennas on it.")
+        float | None, Option(help="Permittivity along all paths: the ground's, for antennas on it.")
     ] = None,
     ground: Annotated[
         float | None, Option(help="Permittivity of ground below z = 0 that refracts.")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from flgpr.live.session import LiveReport, LiveRun
 
 Lane = Annotated[PathLike | None, Option(help="TOML with x_min, x_max, y_min, y_max in metres.")]
-Socket = Annotated[PathLike | None, Option(help="Unix socket on which scans come.")]
+Socket = Annotated[PathLike | None, Option(help="Unix socket that scans arrive on.")]
 VIEW = Annotated[bool, Option("--view", help="Show it in the browser.")]
 NO_BROWSER = Annotated[bool, Option("--no-browser", help="With --view: print the address only.")]
 
@@ -144,7 +144,7 @@ def live(
         int | None, Option(help="Scans that the background is estimated from; all by default.")
     ] = None,
     snapshot: Annotated[int, Option(help="Scans between snapshots; 0 writes only the last.")] = 20,
-    idle: Annotated[float | None, Option(help="End after so many seconds without a scan.")] = None,
+    idle: Annotated[float | None, Option(help="End after this time without a scan, s.")] = None,
     threshold: Annotated[
         float | None, Option(help="Confidence from which the page shows alarms; default all.")
     ] = None,
@@ -153,7 +153,7 @@ def live(
         Option(help="Probability of another decision from which an alarm advises one more look."),
     ] = 0.1,
     fresh: Annotated[
-        bool, Option("--fresh", help="Begin anew, whatever the output folder holds.")
+        bool, Option("--fresh", help="Start anew, whatever the output folder holds.")
     ] = False,
     *,
     emit: Annotated[

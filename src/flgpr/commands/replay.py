@@ -42,9 +42,7 @@ def _status(outcome: dict[str, Any]) -> int:
 @command(lines=_lines, as_json=_as_json, status=_status, always_printed=True)
 def replay(
     result: Annotated[PathLike, Argument(help="Result folder.")],
-    run: Annotated[
-        PathLike | None, Option(help="Run store, if it is no longer where the result says.")
-    ] = None,
+    run: Annotated[PathLike | None, Option(help="Run store, if it has moved since.")] = None,
     *,
     track: Progress = None,
     tolerance: Annotated[

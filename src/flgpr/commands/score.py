@@ -139,8 +139,8 @@ def score(
     show: Annotated[
         str | None,
         Option(
-            help="With --seal: scores may tell the curve and counts (default), or also which "
-            "targets."
+            help="With --seal: what scores show, curve and counts (default) or also which targets "
+            "are found."
         ),
         ShellType(Show),
     ] = None,
