@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 from typer import Argument, Option
 
-from flgpr.commands.calibrate import NewRun
 from flgpr.commands.options import PathLike
 from flgpr.commands.shell import Arguments, command
 
@@ -65,7 +64,9 @@ def anchor(
         PathLike | None, Option(help="GeoJSON of the lane's outline to write.")
     ] = None,
     run: Annotated[PathLike | None, Option(help="Run store to tie to the Earth.")] = None,
-    output: NewRun = None,
+    output: Annotated[
+        PathLike | None, Option("-o", "--output", help="Run store to make, with its georeference.")
+    ] = None,
 ) -> dict[str, Any]:
     """Fit a lane to surveyed points: its position on the Earth, and the uncertainty.
 
