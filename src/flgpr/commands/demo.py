@@ -47,7 +47,13 @@ def _page(call: Arguments) -> Iterator[None]:
         viewer.serve(Path(call.output), announce=typer.echo, make_map=map_bytes)
 
 
-@command(lines=_lines, as_json=_as_json, around=_page, extra={"view": (VIEW, False)}, compiles=True)
+@command(
+    lines=_lines,
+    as_json=_as_json,
+    context=_page,
+    shell_options={"view": (VIEW, False)},
+    compiles_kernels=True,
+)
 def demo(
     output: Output = "demo-result", overwrite: Overwrite = True, *, track: Progress = None
 ) -> tuple[Result, list[Score]]:

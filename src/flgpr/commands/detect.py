@@ -102,7 +102,7 @@ def _summary(result: Result) -> dict[str, Any]:
     }
 
 
-@command(lines=_lines, as_json=_as_json, before=_before, compiles=True)
+@command(lines=_lines, as_json=_as_json, lines_before=_before, compiles_kernels=True)
 def detect(
     runs: Annotated[RunsLike, Argument(help="Run stores; several make a survey.")],
     recipe: Annotated[
@@ -117,16 +117,14 @@ def detect(
         OneOrMorePaths | None,
         Option(help="TOML with x_min, x_max, y_min, y_max, m; once per run."),
     ] = None,
-    model: Annotated[
-        PathLike | None, Option(help="What `flgpr train` made for the recipe.")
-    ] = None,
+    model: Annotated[PathLike | None, Option(help="Model of `flgpr train` for the recipe.")] = None,
     workers: Annotated[int | None, Option(help="Processes; the result is the same.", min=1)] = None,
     scheduler: Scheduler = None,
     lanes_at_once: Annotated[
         int | None, Option(help="Lanes at the same time; needs workers or a scheduler.", min=1)
     ] = None,
     max_memory: Annotated[
-        str | int, Option(help="Memory of each process; larger lanes are taken in sections.")
+        str | int, Option(help="Memory of each process; larger lanes are processed in sections.")
     ] = "2GB",
     section: Annotated[
         float | None, Option(help="Longest section of a lane, m, for recipes without variants.")

@@ -145,7 +145,7 @@ def image(
     band: Annotated[Limits | None, Option(help="GHz; all tones by default.")] = None,
     window: Annotated[str, Option(help="boxcar, hann, hamming or taylor.")] = "hann",
     permittivity: Annotated[
-        float | None, Option(help="Of the medium of all paths: the ground's, for antennas on it.")
+        float | None, Option(help="Permittivity along all paths: the ground's, for antennas on it.")
     ] = None,
     ground: Annotated[
         float | None, Option(help="Permittivity of ground below z = 0 that refracts.")
@@ -299,9 +299,9 @@ def _refuse_options_of_runs(options: dict[str, Any]) -> None:
         )
 
 
-def _refuse_options_of_recordings(steps: dict[str, bool], others: tuple[Any, ...]) -> None:
+def _refuse_options_of_recordings(steps: dict[str, bool], settings: tuple[Any, ...]) -> None:
     """Refuse options that have no effect on a run: steps, channel, last time and window."""
-    channel, until, step_window = others
+    channel, until, step_window = settings
     refused = [name for name, is_on in steps.items() if is_on]
     if refused or channel or until is not None or step_window is not None:
         names = ", ".join(refused) or "channel, until or step-window"

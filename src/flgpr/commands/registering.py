@@ -275,8 +275,8 @@ def _heads_in(report: PathLike, kinds: Sequence[str]) -> list[dict[str, Any]]:
     A report that states none is a ValueError.
     """
     try:
-        notes = parse_json(_report_bytes(Path(report)))["notes"]
-        heads = list(_stated_heads(notes, kinds))
+        provenance = parse_json(_report_bytes(Path(report)))["notes"]
+        heads = list(_stated_heads(provenance, kinds))
         is_valid = bool(heads) and all(_is_head(head) for head in heads)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         is_valid = False
@@ -288,10 +288,10 @@ def _heads_in(report: PathLike, kinds: Sequence[str]) -> list[dict[str, Any]]:
     return heads
 
 
-def _stated_heads(notes: Mapping[str, Any], kinds: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """Yield the heads in the notes of one alarm list, or in those of several by name."""
-    of_lists = [value for value in notes.values() if isinstance(value, dict)]
-    for entry in [notes, *of_lists]:
+def _stated_heads(provenance: Mapping[str, Any], kinds: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """Yield the heads in the provenance of one alarm list, or in those of several by name."""
+    of_lists = [value for value in provenance.values() if isinstance(value, dict)]
+    for entry in [provenance, *of_lists]:
         for kind in kinds:
             head = entry.get(kind)
             if isinstance(head, dict):
@@ -365,7 +365,7 @@ def open_truth(
     -------
     targets : pandas.DataFrame
         The truth.
-    notes : list of dict
+    provenance : list of dict
         Provenance of each list, for the report.
 
     Raises
@@ -385,26 +385,26 @@ def open_truth(
             raise ValueError(
                 f"recipe and book must be given together, got no book, and {truth} names none"
             )
-        return targets, _notes_on(entrants, [None] * len(entrants), digest)
+        return targets, _provenance_of(entrants, [None] * len(entrants), digest)
 
     lines = _lines_of_entrants(entrants, register)
     path, _ = register_paths(register)
     require_truth(path, digest, lanes, rules, planned=named_register is not None)
-    notes = _notes_on(entrants, lines, digest)
+    provenance = _provenance_of(entrants, lines, digest)
 
-    for entrant, note in zip(entrants, notes, strict=True):
-        note["register"] = _enter_opening(register, entrant, note)
-    return targets, notes
+    for entrant, of_list in zip(entrants, provenance, strict=True):
+        of_list["register"] = _enter_opening(register, entrant, of_list)
+    return targets, provenance
 
 
-def _notes_on(
+def _provenance_of(
     entrants: Sequence[Entrant], lines: Sequence[Mapping[str, Any] | None], digest: str
 ) -> list[dict[str, Any]]:
     """Return the provenance of each list, with the digest of the truth."""
-    notes = []
+    provenance = []
     for entrant, line in zip(entrants, lines, strict=True):
-        notes.append({**entrant.provenance(line), "truth_sha256": digest})
-    return notes
+        provenance.append({**entrant.provenance(line), "truth_sha256": digest})
+    return provenance
 
 
 def _lines_of_entrants(entrants: Sequence[Entrant], register: RegisterLike) -> list[dict[str, Any]]:
@@ -419,14 +419,14 @@ def _lines_of_entrants(entrants: Sequence[Entrant], register: RegisterLike) -> l
 
 
 def _enter_opening(
-    register: RegisterLike, entrant: Entrant, note: Mapping[str, Any]
+    register: RegisterLike, entrant: Entrant, provenance: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Enter the opening of a truth for an alarm list; return the head of the register."""
     opening = {
         "event": OPENED,
         "recipe": entrant.recipe,
-        "alarms": note["alarms_sha256"],
-        "truth": note["truth_sha256"],
+        "alarms": provenance["alarms_sha256"],
+        "truth": provenance["truth_sha256"],
     }
     return head_of(enter(register, lambda _: opening))
 

@@ -106,7 +106,7 @@ def run_info(
         },
         "looks_map": looks.values.tolist(),
         "recipes": {name: _recipe_faults(dataset, load_recipe(name)) for name in checked},
-        "import_notes": [str(note) for note in import_notes if note not in doubts],
+        "import_notes": [str(line) for line in import_notes if line not in doubts],
         "warnings": doubts,
     }
 

@@ -20,7 +20,7 @@ from flgpr.commands.registering import (
     find_entrant,
     registration_of,
 )
-from flgpr.commands.score_files import write_score_files
+from flgpr.commands.score_output import write_score_files
 from flgpr.commands.scoring import (
     borders,
     entrant_names,
@@ -215,14 +215,14 @@ def score_sealed(
     blind = score_blind(table, path, passphrase, log, registration, witness)
 
     if output is not None:
-        notes = {
+        provenance = {
             **entrant.provenance(blind.registered),
             "sealed_sha256": content_hash(path),
             **blind.heads,
         }
         files = {
-            "report.html": blind_html(blind, notes),
-            "roc.json": blind_roc_json(blind, notes),
+            "report.html": blind_html(blind, provenance),
+            "roc.json": blind_roc_json(blind, provenance),
         }
         write_score_files(Path(output), files)
     return blind
@@ -254,18 +254,18 @@ def compare_sealed(
     phrase = passphrase() if callable(passphrase) else passphrase
 
     matches = {}
-    notes = {}
+    provenance = {}
     for name, entrant, table in zip(names, entrants, tables, strict=True):
         registration = registration_of(entrant, register)
-        look = match_blind(table, path, phrase, log, registered=registration, witness=witness)
-        matches[name] = look.matched
-        notes[name] = {
-            **entrant.provenance(look.line),
-            "looks": len(look.looks),
-            **look.heads,
+        blind_look = match_blind(table, path, phrase, log, registered=registration, witness=witness)
+        matches[name] = blind_look.matched
+        provenance[name] = {
+            **entrant.provenance(blind_look.line),
+            "looks": len(blind_look.looks),
+            **blind_look.heads,
             "sealed_sha256": content_hash(path),
         }
-        sealed_rules = look.rules
+        sealed_rules = blind_look.rules
 
     rules = Rules(halo=sealed_rules["halo"], area=sealed_rules["area"])
     comparison = side_by_side(matches, FAR_GRID, rules, means=False)
@@ -280,7 +280,7 @@ def compare_sealed(
         "level": rules.level,
         "far_max": rules.far_max,
     }
-    write_comparison(output, comparison, {}, stated_rules, notes)
+    write_comparison(output, comparison, {}, stated_rules, provenance)
     return comparison
 
 
@@ -304,11 +304,11 @@ def holds_sealed_score(
 
     entrants = find_entrants(alarms, recipes)
     digest = content_hash(existing(sealed, "sealed truth"))
-    wanted = sorted(_wanted_digests(entrants, digest, with_recipe=register is not None))
+    expected = sorted(_expected_digests(entrants, digest, with_recipe=register is not None))
     try:
         report = parse_json(Folder(folder).read(file.name, MOST_JSON))
         stated = sorted(_stated_digests(report["notes"], is_comparison))
-        is_same = stated == wanted and report["flgpr"] == flgpr.__version__
+        is_same = stated == expected and report["flgpr"] == flgpr.__version__
     except (ValueError, KeyError, TypeError, AttributeError):
         is_same = False
 
@@ -318,7 +318,7 @@ def holds_sealed_score(
     return True
 
 
-def _wanted_digests(
+def _expected_digests(
     entrants: Sequence[Entrant], sealed: str, with_recipe: bool
 ) -> Iterator[tuple[str, str, str]]:
     """Yield the digests of list, sealed truth and recipe that a score of these lists states."""
@@ -327,8 +327,10 @@ def _wanted_digests(
         yield content_hash(entrant.path), sealed, recipe
 
 
-def _stated_digests(notes: Mapping[str, Any], is_comparison: bool) -> Iterator[tuple[str, ...]]:
+def _stated_digests(
+    provenance: Mapping[str, Any], is_comparison: bool
+) -> Iterator[tuple[str, ...]]:
     """Yield the digests that a report states of each of its lists."""
-    of_lists = list(notes.values()) if is_comparison else [notes]
+    of_lists = list(provenance.values()) if is_comparison else [provenance]
     for entry in of_lists:
         yield entry["alarms_sha256"], entry["sealed_sha256"], entry.get("recipe_sha256", "")
