@@ -602,7 +602,7 @@ def _deck(
         lines.append(f"#waveform: gaussiandotnorm {point.weight:.12g} {centre:.9g} pulse{k + 1}")
         lines.append(f"#hertzian_dipole: {point.component} {_node(point, cell)} pulse{k + 1}")
     for index, receiver in enumerate(receivers):
-        numbered = {}
+        numbered: dict[int, Any] = {}
         for points in receiver.values():
             numbered.update(points)
         for number, point in sorted(numbered.items()):
