@@ -5,9 +5,9 @@ KILLS ?= 100
 CASES ?= 10000
 
 # What a change needs every time: it takes about a minute.
-QUICK := model kernels features screen clutter calibrate scoring report chain/test_passes.py chain/test_recipe.py \
-    simulate/test_sums.py simulate/test_shadow.py docs/test_docs_pages.py test_imports.py
-SLOW := kernels/test_compiled.py trials/test_register.py
+QUICK := model jit kernels features screen clutter calibrate scoring report chain/test_passes.py chain/test_recipe.py \
+    simulate/test_spread.py simulate/test_echoes.py simulate/test_shadow.py docs/test_docs_pages.py test_imports.py
+SLOW := jit/test_compiled.py kernels/test_ahead.py trials/test_register.py
 
 # Whole files go to three processes, heavy ones first (tests/conftest.py): on two cores, for some wait much of their time.
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder

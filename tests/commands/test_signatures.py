@@ -12,14 +12,14 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import COMMANDS, GROUPS
 from flgpr.commands.options import REQUIRED, ShellDefault, ShellType
-from flgpr.commands.shell import OnErrors, Unfinished, command, shell_function
-from flgpr.commands.signatures import shell_type, type_in_words
+from flgpr.commands.shell import ErrorStreamText, RawText, command, shell_function
+from flgpr.commands.signatures import help_of, shell_type, type_in_words
 
 ALL = {**COMMANDS, **{f"{g[0]} {n}": f for g, fs in GROUPS.items() for n, f in fs.items()}}
 
 
 @command(
-    lines=lambda made, call: [f"made {made}", OnErrors("aside"), Unfinished("end")],
+    lines=lambda made, call: [f"made {made}", ErrorStreamText("aside"), RawText("end")],
     as_json=lambda made, call: {"made": made},
     status=lambda made: 3 if made == "b" else 0,
 )
@@ -74,6 +74,22 @@ def test_the_command_line_sees_options_their_help_and_their_own_defaults():
     done = run("a", "-o", "x", "--part", "1", "--part", "2")
     assert (done.exit_code, done.stdout, done.stderr) == (0, "made a\nend", "aside\n")
     assert example.seen == (1.0, Path("x"), False, ["1", "2"], 0)
+
+
+def test_a_paragraph_of_help_is_wrapped_by_the_terminal_alone():
+    def two_lines():
+        """Do it.
+
+        A sentence that the source breaks
+        in the middle.
+
+        Parameters
+        ----------
+        """
+
+    two_lines.__doc__ = inspect.cleandoc(two_lines.__doc__)
+    expected = "Do it.\n\nA sentence that the source breaks in the middle."
+    assert help_of(two_lines) == expected
 
 
 def test_errors_are_a_line_and_json_an_object():

@@ -42,6 +42,14 @@ def test_links_lead_to_files_and_headings(page):
             assert anchor in anchors(file), f"{target}: no such heading"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=identify)
+def test_files_that_a_page_includes_exist(page):
+    text = re.sub(r"<!--.*?-->", "", read(page), flags=re.DOTALL)
+    included = re.findall(r"^```\{literalinclude\} (\S+)", text, re.MULTILINE)
+    included += re.findall(r"^:file: (\S+)", text, re.MULTILINE)
+    assert not [name for name in included if not (page.parent / name).is_file()]
+
+
 # The changelog names files where they were when its line was written.
 CURRENT = [page for page in PAGES if page.name != "CHANGELOG.md"]
 

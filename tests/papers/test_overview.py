@@ -176,10 +176,10 @@ def test_a_study_that_is_there_is_told_and_its_other_form_is_refused(tmp_path, m
 
     monkeypatch.setattr(overview, "study_of", lambda _: Study)
     words = ["reproduce", "wang2007", "-o", str(tmp_path / "w")]
-    assert "there already" not in CliRunner().invoke(app, [*words, "--quick"]).stderr
+    assert "exists already" not in CliRunner().invoke(app, [*words, "--quick"]).stderr
     again = CliRunner().invoke(app, [*words, "--quick"])
     assert again.exit_code == 0
-    assert "wang2007.html is there already" in again.stderr
+    assert "wang2007.html exists already" in again.stderr
     full = CliRunner().invoke(app, words)
     assert full.exit_code == 2
     assert "with the quick form: choose another output" in full.stderr

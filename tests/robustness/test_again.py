@@ -9,7 +9,7 @@ from every_command import COMMANDS, make_cheap, make_inputs, names_of_commands
 from flgpr.results.result import are_settled
 from flgpr.store.files import replaced_by, write_whole
 from flgpr.store.journal import JOURNAL
-from flgpr.store.outputs import held_folder
+from flgpr.store.outputs import locked_folder
 from robust import digests
 
 
@@ -61,7 +61,7 @@ def test_given_again_it_says_so_and_on_another_input_it_is_refused(
     assert "Traceback" not in again.output
     assert command.content(output) == want
     if name not in GROWS:
-        assert "there already" in again.stderr
+        assert "exists already" in again.stderr
         assert stamps(output) == times
     if command.other:
         before = digests(output)
@@ -119,7 +119,7 @@ def test_a_live_run_takes_away_what_a_killed_one_left_and_refuses_a_second_one(c
     want = command.content(output)
     for name in ("snapshot.bundle.123-abcd.partial", "alarms.csv.partial", "live.json.partial"):
         (output / "live" / name).write_bytes(b"half")
-    with held_folder(output / "live"):
+    with locked_folder(output / "live"):
         told = command.run(output)
         assert told.exit_code == 2
         assert "another process is writing here" in told.stderr
@@ -156,7 +156,7 @@ def test_a_training_at_the_same_output_is_refused(commands, tmp_path):
     command = commands["train"]
     output = tmp_path / "out"
     command.start(output)
-    with held_folder(output / ".partial-model"):
+    with locked_folder(output / ".partial-model"):
         told = command.run(output)
     assert told.exit_code == 2
     assert "another process is writing here" in told.stderr

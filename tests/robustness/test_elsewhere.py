@@ -15,7 +15,8 @@ import flgpr
 from flgpr.commands.app import app
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.explain import explain_file
-from flgpr.formats.gprmax import explain_merged, read_gprmax
+from flgpr.formats.gprmax import read_gprmax
+from flgpr.formats.gprmax_explain import explain_merged
 from flgpr.geo import map_backdrop, read_anchor
 from flgpr.geo.anchor import lonlat_of, transform_lonlat
 from flgpr.store import sample_lane, save_run, seal, unseal
@@ -202,7 +203,7 @@ def test_nothing_else_is_looked_for_in_the_working_folder(tmp_path):
         "os.stat = note\n"
         "sys.addaudithook(lambda event, given: looked.add(given[0]) if event == 'open'\n"
         "    and isinstance(given[0], str) and not os.path.isabs(given[0]) else None)\n"
-        "import flgpr.kernels.compiled, flgpr.report.figures, flgpr.geo.anchor\n"
+        "import flgpr.jit.compiled, flgpr.report.figures, flgpr.geo.anchor\n"
         "import flgpr.formats.arrays, flgpr.viewer.server\n"
         "from flgpr.report.kit import figure_png\n"
         "from matplotlib.figure import Figure\n"

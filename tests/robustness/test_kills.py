@@ -22,7 +22,7 @@ from every_command import make_cheap, make_inputs
 from flgpr.commands.imports import import_fullwave, import_gpr, import_mapped
 from flgpr.execution import checkpoint
 from flgpr.execution import job as job_module
-from flgpr.execution.driver import results_at
+from flgpr.execution.finished import results_at
 from flgpr.results.result import ResultError, read_result
 from flgpr.store import open_run
 from flgpr.store.journal import JOURNAL

@@ -219,8 +219,8 @@ def messages(tree):
             "warn",
             "Option",
             "Argument",
-            "tell_finished",
-            "other_output",
+            "log_finished",
+            "output_exists_error",
             "ValueError",
         )
         if isinstance(node, ast.Raise) or spoken or name.endswith("Error"):

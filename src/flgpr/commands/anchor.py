@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 from typer import Argument, Option
 
-from flgpr.commands.calibrate import NewRun
 from flgpr.commands.options import PathLike
 from flgpr.commands.shell import Arguments, command
 
@@ -45,7 +44,12 @@ def _lines(fit: dict[str, Any], call: Arguments) -> Iterator[str | Path]:
             yield path
 
 
-@command(lines=_lines, as_json=lambda fit, _: fit, quiet=False)
+def _as_json(fit: dict[str, Any], _: Arguments) -> dict[str, Any]:
+    """Return the fit as it is."""
+    return fit
+
+
+@command(lines=_lines, as_json=_as_json, quiet=False)
 def anchor(
     points: Annotated[PathLike, Argument(help="Anchor (TOML), or CSV of surveyed points.")],
     crs: Annotated[
@@ -60,7 +64,9 @@ def anchor(
         PathLike | None, Option(help="GeoJSON of the lane's outline to write.")
     ] = None,
     run: Annotated[PathLike | None, Option(help="Run store to tie to the Earth.")] = None,
-    output: NewRun = None,
+    output: Annotated[
+        PathLike | None, Option("-o", "--output", help="Run store to make, with its georeference.")
+    ] = None,
 ) -> dict[str, Any]:
     """Fit a lane to surveyed points: its position on the Earth, and the uncertainty.
 

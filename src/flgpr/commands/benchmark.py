@@ -24,7 +24,7 @@ Tier = Annotated[
 ]
 Workers = Annotated[int | None, Option(min=1, help="Processes that share the work.")]
 Quick = Annotated[
-    bool, Option("--quick", help="The quick form, which only shows that all of it runs.")
+    bool, Option("--quick", help="A small version that only checks that everything runs.")
 ]
 
 

@@ -15,11 +15,14 @@ if TYPE_CHECKING:
     from flgpr.calibrate import BiasFit, ClockFit
     from flgpr.calibrate.permittivity import GroundFit
 
-NewRun = Annotated[PathLike | None, Option("-o", "--output", help="Run store to make, calibrated.")]
+NewRun = Annotated[PathLike | None, Option("-o", "--output", help="Calibrated run store to make.")]
 Reflectors = Annotated[PathLike, Option(help="CSV of reflectors: x_m, y_m, z_m in the lane frame.")]
 Tolerance = Annotated[
     float,
-    Option(help="Largest distance of an echo from its reflector, and of reflectors' biases, m."),
+    Option(
+        help="Largest distance of an echo from its reflector, and largest difference between "
+        "reflectors' biases, m."
+    ),
 ]
 Offsets = Annotated[Limits, Option(help="Least and greatest offset of the track's clock, s.")]
 TrackFile = Annotated[
@@ -149,18 +152,19 @@ def calibrate_clock(
         If the answer cannot be trusted; the message says why.
     """
     from flgpr.calibrate import estimate_clock, with_track
+    from flgpr.calibrate.trial_grid import offsets_to_try, pixels_of_area
     from flgpr.commands import calibration
     from flgpr.imaging import ImagingOperator
     from flgpr.store import open_run
 
     dataset = open_run(run)
     track_table = calibration.track_of_run(run, track, anchor)
-    pixels = calibration.pixels_of_area(dataset, area, height, spacing)
+    pixels = pixels_of_area(dataset["frequency"].values, area, height, spacing)
     fit = estimate_clock(
         calibration.searched_run(dataset, keep_standing),
         track_table,
         pixels,
-        calibration.offsets_to_try(offsets, step),
+        offsets_to_try(offsets, step),
         ImagingOperator,
         tuple(rate or [1.0]),
     )
@@ -250,6 +254,7 @@ def calibrate_joint(
         If the answer cannot be trusted; the message says why.
     """
     from flgpr.calibrate import estimate_joint, remove_range_bias, with_track
+    from flgpr.calibrate.trial_grid import offsets_to_try
     from flgpr.commands import calibration
     from flgpr.imaging import ImagingOperator
     from flgpr.store import open_run
@@ -263,7 +268,7 @@ def calibrate_joint(
         ImagingOperator,
         biases,
         track_table,
-        calibration.offsets_to_try(offsets, step),
+        offsets_to_try(offsets, step),
         tolerance,
     )
     calibration.refuse_doubt(fit, run, keep_standing)
@@ -294,7 +299,7 @@ def _speed(fit: GroundFit) -> float:
     return float(0.299792458 / fit.permittivity**0.5)
 
 
-@command(lines=_permittivity_lines, as_json=_permittivity_json, answers=True)
+@command(lines=_permittivity_lines, as_json=_permittivity_json, always_printed=True)
 def calibrate_permittivity(
     run: RunArgument,
     along: Annotated[

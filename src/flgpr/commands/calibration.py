@@ -12,53 +12,12 @@ import xarray as xr
 from flgpr.calibrate import BiasFit, ClockFit
 from flgpr.clutter import subtract_mean_scan
 from flgpr.commands.positions import track_of
-from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
 from flgpr.store import save_run
 from flgpr.store.files import existing
 from flgpr.store.text_tables import read_text_table
 
 PathLike = str | Path
-_MOST_PIXELS = 2_000_000  # pixels of the area that is focused for every trial
-_MOST_OFFSETS = 10_000  # a trial each
-
-
-def pixels_of_area(
-    run: xr.Dataset,
-    area: tuple[float, float, float, float],
-    height: float,
-    spacing: float | None,
-) -> FloatArray:
-    """Return the pixels (y, x, 3) of a level area that is focused for every trial, m.
-
-    ``area`` is x_min, x_max, y_min, y_max in the lane frame; ``spacing`` is by default a quarter of
-    the shortest wavelength. An area of too many pixels is a ValueError.
-    """
-    x_min, x_max, y_min, y_max = area
-    spacing = spacing or SPEED_OF_LIGHT / float(run["frequency"].values[-1]) / 4
-    if not (x_max > x_min and y_max > y_min and spacing > 0):
-        raise ValueError(f"area must have x_max > x_min and y_max > y_min, got {area}")
-    x = np.arange(x_min, x_max + spacing / 2, spacing)
-    y = np.arange(y_min, y_max + spacing / 2, spacing)
-    if x.size * y.size > _MOST_PIXELS:
-        raise ValueError(
-            f"area must hold at most {_MOST_PIXELS:,} pixels, got {x.size} x {y.size} of "
-            f"{spacing:.3g} m: take a smaller one or a wider spacing"
-        )
-    return np.stack([*np.meshgrid(x, y), np.full((y.size, x.size), height)], axis=-1)
-
-
-def offsets_to_try(limits: tuple[float, float], step: float) -> FloatArray:
-    """Return the offsets to try, s; a single one for equal limits."""
-    low, high = limits
-    if not (np.isfinite(limits).all() and high >= low and step > 0):
-        raise ValueError(f"offsets must increase and step be positive, got {limits} and {step:g}")
-    if (high - low) / step > _MOST_OFFSETS:
-        raise ValueError(
-            f"offsets must be at most {_MOST_OFFSETS:,}, got {low:g} to {high:g} s by {step:g} s"
-        )
-    # Half a step more: rounding must not cost the last offset.
-    return np.arange(low, high + step / 2, step)
 
 
 def searched_run(run: xr.Dataset, keep_standing: bool) -> xr.Dataset:

@@ -45,7 +45,7 @@ def _check_json(call: Arguments) -> dict[str, Any]:
     return {}
 
 
-@command(lines=_lines, as_json=_as_json, passes=_check_json)
+@command(lines=_lines, as_json=_as_json, python_values=_check_json)
 def design(
     sensor: Annotated[str, Argument(help="Sensor preset or TOML file.")],
     compare: Annotated[

@@ -145,7 +145,7 @@ def image(
     band: Annotated[Limits | None, Option(help="GHz; all tones by default.")] = None,
     window: Annotated[str, Option(help="boxcar, hann, hamming or taylor.")] = "hann",
     permittivity: Annotated[
-        float | None, Option(help="Of the medium of all paths: the ground's, for antennas on it.")
+        float | None, Option(help="Permittivity along all paths: the ground's, for antennas on it.")
     ] = None,
     ground: Annotated[
         float | None, Option(help="Permittivity of ground below z = 0 that refracts.")
@@ -233,6 +233,7 @@ def image(
         )
         return make_radargram(run, radargram_view, outputs)
 
+    _refuse_other_files(Path(run))
     steps = {"dewow": dewow, "background": background, "gain": gain}
     _refuse_options_of_recordings(steps, (channel, until, step_window))
     if scan is not None and scans is not None:
@@ -274,6 +275,20 @@ def _extent(name: str, limits: Limits | None, value: float | None) -> Limits | f
     return limits if value is None else value
 
 
+def _refuse_other_files(path: Path) -> None:
+    """Refuse a file that is no recording, and name what can be drawn; a run is a folder."""
+    if not path.is_file():
+        return
+    from flgpr.formats.gpr_files import READERS
+    from flgpr.store.files import existing
+
+    existing(path)  # refuses a pointer of Git LFS
+    raise ValueError(
+        f"{path}: a run or a recording ({', '.join(READERS)}) can be drawn, "
+        f"got the ending {path.suffix!r}; flgpr info describes how arrays are imported"
+    )
+
+
 def _refuse_options_of_runs(options: dict[str, Any]) -> None:
     """Refuse options that have no effect on a recording."""
     refused = [name for name, value in options.items() if value is not None]
@@ -284,9 +299,9 @@ def _refuse_options_of_runs(options: dict[str, Any]) -> None:
         )
 
 
-def _refuse_options_of_recordings(steps: dict[str, bool], others: tuple[Any, ...]) -> None:
+def _refuse_options_of_recordings(steps: dict[str, bool], settings: tuple[Any, ...]) -> None:
     """Refuse options that have no effect on a run: steps, channel, last time and window."""
-    channel, until, step_window = others
+    channel, until, step_window = settings
     refused = [name for name, is_on in steps.items() if is_on]
     if refused or channel or until is not None or step_window is not None:
         names = ", ".join(refused) or "channel, until or step-window"

@@ -57,6 +57,14 @@ def _carriers(scan: Scan, paths: NDArray[np.float64]) -> ComplexArray:
     return np.exp(2j * np.pi * (turns - np.floor(turns))).astype(np.complex64)
 
 
+def _angles(scan: Scan, paths: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return the phase (pair, pixel) between neighbouring tones, from -π to π, rad."""
+    step = scan.frequency[1] - scan.frequency[0]
+    turns = paths * (step / SPEED_OF_LIGHT)
+    # Whole turns are dropped in double precision, before single precision loses them.
+    return (2 * np.pi * (turns - np.rint(turns))).astype(np.float32)
+
+
 def _subband_data(scan: Scan, pair: int) -> ComplexArray:
     """Return the data (polarization·subband, tone) of a pair, cut to every sub-band."""
     inside = band_weights(scan.frequency, SUBBANDS, boxcar).astype(np.float32)
@@ -74,24 +82,25 @@ class _Finufft:
         self._scan = scan
         self._tolerance = tolerance
         paths = _paths(scan)
-        step = scan.frequency[1] - scan.frequency[0]
-        turns = paths * (step / SPEED_OF_LIGHT)
-        self._angle = (2 * np.pi * (turns - np.rint(turns))).astype(np.float32)
+        self._angle = _angles(scan, paths)
         self._carrier = _carriers(scan, paths)
         self._threads = get_num_threads()
         self._pool = ThreadPoolExecutor(self._threads)
 
     def _plans(self, kind: int, many: int) -> list[Any]:
         """Return a plan per pair, of a type of transform, for many data at once."""
+        tones = self._scan.frequency.size
         plans = []
         for angle in self._angle:
-            options = {
-                "eps": self._tolerance,
-                "isign": 1 if kind == 2 else -1,
-                "dtype": "complex64",
-            }
             plan = self._finufft.Plan(
-                kind, (self._scan.frequency.size,), many, nthreads=1, spread_sort=0, **options
+                kind,
+                (tones,),
+                many,
+                eps=self._tolerance,
+                isign=1 if kind == 2 else -1,
+                dtype="complex64",
+                nthreads=1,
+                spread_sort=0,
             )
             plan.setpts(angle)
             plans.append(plan)
@@ -103,6 +112,7 @@ class _Finufft:
         """Return a function that images the data (many, tone) of every pair."""
         plans = self._plans(2, many)
         count = len(self._scan.pixels)
+        # One of each for every thread: they are added when all are done.
         images = np.empty((self._threads, many, count), np.complex64)
         totals = np.empty((self._threads, many, count), np.complex64)
 
@@ -118,7 +128,8 @@ class _Finufft:
         def run() -> ComplexArray:
             totals[:] = 0
             list(self._pool.map(image_share, range(self._threads)))
-            total = totals.sum(axis=0).reshape(-1, many // 3 or 1, count)
+            subbands = max(many // 3, 1)
+            total = totals.sum(axis=0).reshape(-1, subbands, count)
             return np.asarray(total, dtype=np.complex64)
 
         return run
@@ -131,7 +142,8 @@ class _Finufft:
 
         def compute_share(thread: int) -> None:
             for pair in range(thread, len(plans), self._threads):
-                plans[pair].execute(self._scan.image[0, 0] * conjugate[pair], out=data[0, pair])
+                image = self._scan.image[0, 0] * conjugate[pair]
+                plans[pair].execute(image, out=data[0, pair])
 
         def run() -> ComplexArray:
             list(self._pool.map(compute_share, range(self._threads)))
@@ -167,20 +179,25 @@ def _numpy_cases(scan: Scan, exact: DirectSums) -> list[Case]:
     size = 8 * scan.frequency.size
     middle = scan.frequency.size // 2
     paths = _paths(scan)
+    pairs, count = paths.shape
     step = scan.frequency[1] - scan.frequency[0]
     position = (paths * (step / SPEED_OF_LIGHT) % 1) * size
     low = position.astype(np.int32)
     fraction = (position - low).astype(np.float32)
     carrier = _carriers(scan, paths)
 
+    def range_profiles(pair: int) -> ComplexArray:
+        tones = _subband_data(scan, pair)
+        # The middle tone is put at zero: it is the carrier's.
+        padded = np.zeros((15, size), np.complex64)
+        padded[:, : tones.shape[1] - middle] = tones[:, middle:]
+        padded[:, -middle:] = tones[:, :middle]
+        return np.asarray(fft.ifft(padded, axis=1, norm="forward", workers=get_num_threads()))
+
     def images() -> ComplexArray:
-        total = np.zeros((15, paths.shape[1]), np.complex64)
-        for pair in range(paths.shape[0]):
-            tones = _subband_data(scan, pair)
-            padded = np.zeros((15, size), np.complex64)
-            padded[:, : tones.shape[1] - middle] = tones[:, middle:]
-            padded[:, -middle:] = tones[:, :middle]
-            profiles = fft.ifft(padded, axis=1, norm="forward", workers=get_num_threads())
+        total = np.zeros((15, count), np.complex64)
+        for pair in range(pairs):
+            profiles = range_profiles(pair)
             before = carrier[pair] * (1 - fraction[pair])
             after = carrier[pair] * fraction[pair]
             high = (low[pair] + 1) % size
@@ -197,18 +214,32 @@ def _fastsar_cases(scan: Scan, exact: DirectSums) -> list[Case]:
     step = float(scan.frequency[1] - scan.frequency[0])
     origin = np.zeros(len(scan.tx))
 
-    def image(data: ComplexArray, first: float) -> ComplexArray:
-        options = {"rcv": scan.rx, "ref": origin, "backend": "cpu", "upsample": 8, "window": False}
-        return np.asarray(fastsar.backproject(data, scan.tx, first, step, scan.pixels, **options))
+    def image(data: ComplexArray, first_tone: float) -> ComplexArray:
+        value = fastsar.backproject(
+            data,
+            scan.tx,
+            first_tone,
+            step,
+            scan.pixels,
+            rcv=scan.rx,
+            ref=origin,
+            backend="cpu",
+            upsample=8,
+            window=False,
+        )
+        return np.asarray(value)
 
-    inside = band_weights(scan.frequency, SUBBANDS, boxcar) > 0
-    cuts = [(scan.frequency[band][0], band) for band in inside]
+    subbands = band_weights(scan.frequency, SUBBANDS, boxcar) > 0
+
+    def subband_images(data: ComplexArray) -> list[ComplexArray]:
+        values = []
+        for is_inside in subbands:
+            first_tone = scan.frequency[is_inside][0]
+            values.append(image(data[:, is_inside], first_tone))
+        return values
 
     def images() -> ComplexArray:
-        by_polarization = []
-        for data in scan.data:
-            by_polarization.append([image(data[:, band], first) for first, band in cuts])
-        return np.array(by_polarization)
+        return np.array([subband_images(data) for data in scan.data])
 
     def channel() -> ComplexArray:
         return image(scan.data[0], float(scan.frequency[0]))[None, None]
@@ -239,28 +270,45 @@ def cufinufft_rows(scan: Scan, exact: DirectSums, rounds: int) -> list[tuple[Any
     list of tuple
         Rows as those of :func:`flgpr.commands.imaging_speed.bench_imaging`.
     """
+    pairs = range(len(scan.tx))
+    subband_data = [_subband_data(scan, pair) for pair in pairs]
+    channel_data = [scan.data[:1, pair] for pair in pairs]
     works = (
-        ("15 images", [_subband_data(scan, pair) for pair in range(len(scan.tx))], exact.images),
-        ("one channel", [scan.data[:1, pair] for pair in range(len(scan.tx))], exact.channel),
+        ("15 images", subband_data, exact.images),
+        ("one channel", channel_data, exact.channel),
     )
+
     peer = _Cufinufft(scan)
     rows = []
     for work, data, sums in works:
-        many = len(data[0])
-        trials = []
-        for method in (1, 2):
-            for bins in BIN_SIZES:
-                timed = peer.timed_images(data, method, bins, rounds)
-                if timed is not None:
-                    seconds, images = timed
-                    checked = images[:, exact.pixel].reshape(sums.shape)
-                    error = float(np.linalg.norm(checked - sums) / np.linalg.norm(sums))
-                    trials.append((seconds, f"cufinufft, method {method}, bins {bins}", error))
+        trials = _cufinufft_trials(peer, data, sums, exact.pixel, rounds)
         if trials:
             seconds, code, error = min(trials)
-            rate = len(scan.pixels) * len(scan.tx) * many / seconds
+            updates = len(scan.pixels) * len(scan.tx) * len(data[0])
+            rate = updates / seconds
             rows.append((f"{work}, on the device", code, seconds, error, rate, np.nan))
     return rows
+
+
+def _cufinufft_trials(
+    peer: _Cufinufft,
+    data: list[ComplexArray],
+    sums: NDArray[np.complex128],
+    pixel: NDArray[np.int64],
+    rounds: int,
+) -> list[tuple[float, str, float]]:
+    """Return time (s), name and error for every method and size of bins that fits the device."""
+    trials = []
+    for method in (1, 2):
+        for bins in BIN_SIZES:
+            timed = peer.timed_images(data, method, bins, rounds)
+            if timed is None:
+                continue
+            seconds, images = timed
+            checked = images[:, pixel].reshape(sums.shape)
+            error = float(np.linalg.norm(checked - sums) / np.linalg.norm(sums))
+            trials.append((seconds, f"cufinufft, method {method}, bins {bins}", error))
+    return trials
 
 
 class _Cufinufft:
@@ -271,10 +319,7 @@ class _Cufinufft:
         self._tones = scan.frequency.size
         self._count = len(scan.pixels)
         paths = _paths(scan)
-        step = scan.frequency[1] - scan.frequency[0]
-        turns = paths * (step / SPEED_OF_LIGHT)
-        angles = (2 * np.pi * (turns - np.rint(turns))).astype(np.float32)
-        self._angles = [cuda.to_device(row) for row in angles]
+        self._angles = [cuda.to_device(row) for row in _angles(scan, paths)]
         self._carriers = [cuda.to_device(row) for row in _carriers(scan, paths)]
 
     def timed_images(
@@ -288,7 +333,8 @@ class _Cufinufft:
         data = [cuda.to_device(np.ascontiguousarray(values)) for values in data_by_pair]
         image = cuda.device_array((many, self._count), np.complex64)
         total = cuda.device_array((many, self._count), np.complex64)
-        blocks = (-(-self._count // gpu.THREADS), many)
+        blocks = (-(-self._count // gpu.THREADS), many)  # rounded up
+
         times = []
         for _ in range(rounds + 1):
             start = time.perf_counter()

@@ -19,8 +19,8 @@ from flgpr.commands.imaging_cases import (
     direct_sums,
     sri_scan,
 )
+from flgpr.commands.roofline import peak_bandwidth, peak_flops
 from flgpr.imaging import ImagingOperator
-from flgpr.kernels.roofline import peak_bandwidth, peak_flops
 
 BATCH = 32
 """Scans in flight on a CUDA device."""
@@ -150,7 +150,10 @@ def _image_cases(scan: Scan, exact: DirectSums, operators: _Operators, code: str
     buffer = operators.images.image_buffer(3)
 
     def run_of(operator: ImagingOperator) -> Callable[[], NDArray[Any]]:
-        return lambda: operator.adjoint(scan.data, buffer)
+        def run() -> NDArray[Any]:
+            return operator.adjoint(scan.data, buffer)
+
+        return run
 
     works = (
         ("15 images", operators.images, exact.images),

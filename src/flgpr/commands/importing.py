@@ -31,7 +31,7 @@ from flgpr.geo.anchor import Anchor
 from flgpr.model.motion import judge_run
 from flgpr.model.track import reference_track
 from flgpr.store import RunWriter, save_run, write_geojson, write_table, write_whole
-from flgpr.store.outputs import tell_finished
+from flgpr.store.outputs import log_finished
 from flgpr.store.run_writer import RunExistsError, is_stored
 
 _TABLES_OF_DECKS = ("truth.csv", "truth.json", "objects.csv", "objects.json", "lane.toml")
@@ -273,7 +273,7 @@ def import_gprmax_decks(
         # The same run is complete already; any other one is refused.
         if not error.same:
             raise
-        tell_finished(store)
+        log_finished(store)
         return [store]
 
     with begun as writer:

@@ -26,8 +26,8 @@ def info_lines(report: dict[str, Any]) -> list[str]:
     for health in report["health"]:
         lines.append(f"  channels       {health}")
     lines += _recipe_lines(report["recipes"])
-    for note in report["import_notes"]:
-        lines.append(f"  note           {note}")
+    for sentence in report["import_notes"]:
+        lines.append(f"  note           {sentence}")
     for warning in report["warnings"]:
         lines.append(f"  warning        {warning}")
     if is_on_vehicle:

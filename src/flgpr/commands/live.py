@@ -16,32 +16,32 @@ import typer
 from typer import Argument, Option
 
 from flgpr.commands.options import PathLike
-from flgpr.commands.shell import Arguments, OnErrors, command
+from flgpr.commands.shell import Arguments, ErrorStreamText, command
 
 if TYPE_CHECKING:
     from flgpr.live.session import LiveReport, LiveRun
 
 Lane = Annotated[PathLike | None, Option(help="TOML with x_min, x_max, y_min, y_max in metres.")]
-Socket = Annotated[PathLike | None, Option(help="Unix socket on which scans come.")]
+Socket = Annotated[PathLike | None, Option(help="Unix socket that scans arrive on.")]
 VIEW = Annotated[bool, Option("--view", help="Show it in the browser.")]
 NO_BROWSER = Annotated[bool, Option("--no-browser", help="With --view: print the address only.")]
 
 
-def _summary_lines(report: LiveReport, call: Arguments) -> Iterator[OnErrors]:
+def _summary_lines(report: LiveReport, call: Arguments) -> Iterator[ErrorStreamText]:
     """Yield latency and rate, then how many scans were treated in each way."""
     from flgpr.live.intake import COUNTS
 
     latency = asdict(report)["latency_ms"]
     if latency["scans"]:
-        yield OnErrors(
+        yield ErrorStreamText(
             f"{report.alarms} alarms; {latency['median']:g} ms from scan to alarms (median), "
             f"{latency['p95']:g} ms at the 95th percentile, {latency['largest']:g} ms at most; "
             f"{report.rate:.2f} scans/s"
         )
     for name, count in report.counts.items():
         if count:
-            yield OnErrors(f"  {count:6d} {COUNTS[name]}")
-    yield OnErrors(f"wrote {call.output}")
+            yield ErrorStreamText(f"  {count:6d} {COUNTS[name]}")
+    yield ErrorStreamText(f"wrote {call.output}")
 
 
 @contextlib.contextmanager
@@ -111,10 +111,10 @@ def _no_event(_: str) -> None:
 
 @command(
     lines=_summary_lines,
-    around=_page,
-    extra={"view": (VIEW, False), "no_browser": (NO_BROWSER, False)},
-    passes=_events,
-    compiles=True,
+    context=_page,
+    shell_options={"view": (VIEW, False), "no_browser": (NO_BROWSER, False)},
+    python_values=_events,
+    compiles_kernels=True,
 )
 def live(
     incoming: Annotated[
@@ -144,7 +144,7 @@ def live(
         int | None, Option(help="Scans that the background is estimated from; all by default.")
     ] = None,
     snapshot: Annotated[int, Option(help="Scans between snapshots; 0 writes only the last.")] = 20,
-    idle: Annotated[float | None, Option(help="End after so many seconds without a scan.")] = None,
+    idle: Annotated[float | None, Option(help="End after this time without a scan, s.")] = None,
     threshold: Annotated[
         float | None, Option(help="Confidence from which the page shows alarms; default all.")
     ] = None,
@@ -153,7 +153,7 @@ def live(
         Option(help="Probability of another decision from which an alarm advises one more look."),
     ] = 0.1,
     fresh: Annotated[
-        bool, Option("--fresh", help="Begin anew, whatever the output folder holds.")
+        bool, Option("--fresh", help="Start anew, whatever the output folder holds.")
     ] = False,
     *,
     emit: Annotated[

@@ -281,6 +281,6 @@ def survey_plan(
     Every row of the sheet says in ``emplaced`` yes or no. Where place or depth is empty it is as
     planned.
     """
-    from flgpr.commands.planning import register_survey
+    from flgpr.commands.surveying import register_survey
 
     return register_survey(plan, sheet, output, book, within)

@@ -53,7 +53,7 @@ def prepare(
         Option(help="TOML of steps in any order, in place of all these."),
         ShellType(Path),
     ] = None,
-    max_memory: Annotated[str | int, Option(help="Largest memory.")] = "2GB",
+    max_memory: Annotated[str | int, Option(help="Largest memory that is used.")] = "2GB",
 ) -> xr.Dataset:
     """Prepare raw data, in the order of the options. The new run's history holds the steps.
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from flgpr.commands.options import PathLike, RunArgument, ShellType
-from flgpr.commands.shell import Arguments, Unfinished, command
+from flgpr.commands.shell import Arguments, RawText, command
 
 if TYPE_CHECKING:
     from flgpr.chain.recipe import Recipe
@@ -44,7 +44,7 @@ def list_recipes() -> dict[str, str]:
 
 def _text_lines(text: str, _: Arguments) -> Iterator[str]:
     """Yield the TOML of a recipe as it is."""
-    yield Unfinished(text)
+    yield RawText(text)
 
 
 @command(lines=_text_lines, quiet=False)
@@ -64,7 +64,7 @@ def show_recipe(name: RecipeArgument) -> str:
 def _recipe_lines(text: str, call: Arguments) -> Iterator[str | Path]:
     """Yield the file of a recipe, or its text where it has no file."""
     if call.output is None:
-        yield Unfinished(text)
+        yield RawText(text)
     else:
         yield call.output
 

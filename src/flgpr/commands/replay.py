@@ -29,17 +29,20 @@ def _lines(outcome: dict[str, Any], _: Arguments) -> Iterator[str]:
     yield f"{verdict}: run-views differ by {outcome['difference']:.1e}; other bytes in {files}"
 
 
+def _as_json(outcome: dict[str, Any], _: Arguments) -> dict[str, Any]:
+    """Return the comparison as it is."""
+    return outcome
+
+
 def _status(outcome: dict[str, Any]) -> int:
     """Return 1 where the results do not agree."""
     return 0 if outcome["agrees"] else 1
 
 
-@command(lines=_lines, as_json=lambda outcome, _: outcome, status=_status, answers=True)
+@command(lines=_lines, as_json=_as_json, status=_status, always_printed=True)
 def replay(
     result: Annotated[PathLike, Argument(help="Result folder.")],
-    run: Annotated[
-        PathLike | None, Option(help="Run store, if it is no longer where the result says.")
-    ] = None,
+    run: Annotated[PathLike | None, Option(help="Run store, if it has moved since.")] = None,
     *,
     track: Progress = None,
     tolerance: Annotated[
@@ -99,7 +102,7 @@ def _detect_again(
     other_runs = _other_runs(description.get("others", {}))
 
     section_note = old.manifest.get("section")
-    # A section is processed with scans around it: its note states the lane with these.
+    # A section is part of a lane: its note states the lane, its rows and the threshold of all.
     lane = old.lane
     section = None
     if section_note is not None:

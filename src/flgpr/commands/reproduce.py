@@ -33,7 +33,7 @@ def reproduce(
     ],
     output: Annotated[PathLike | None, Option("-o", "--output", help="Folder to work in.")] = None,
     quick: Annotated[
-        bool, Option("--quick", help="A small version that only shows that all of it runs.")
+        bool, Option("--quick", help="A small version that only checks that everything runs.")
     ] = False,
     part: Annotated[
         Sequence[str] | None,

@@ -101,7 +101,7 @@ def _passphrase(call: Arguments) -> dict[str, Any]:
     return {"passphrase": _ask_new_passphrase if call.seal else _ask_passphrase}
 
 
-@command(lines=_lines, as_json=_as_json, passes=_passphrase)
+@command(lines=_lines, as_json=_as_json, python_values=_passphrase)
 def score(
     alarms: Annotated[
         OneOrMorePaths,
@@ -139,8 +139,8 @@ def score(
     show: Annotated[
         str | None,
         Option(
-            help="With --seal: scores may tell the curve and counts (default), or also which "
-            "targets."
+            help="With --seal: what scores show, curve and counts (default) or also which targets "
+            "are found."
         ),
         ShellType(Show),
     ] = None,
@@ -241,8 +241,8 @@ def score(
 
     if seal:
         _refuse(options, ("lane", "halo", "show"), "--seal seals a truth with its lane and halo")
-        rules = _without_none({"halo": halo, "show": show and str(show), "register": register})
-        return _seal_truth(lists, lane, output, passphrase, rules)
+        seal_rules = {"halo": halo, "show": show and str(show), "register": register}
+        return _seal_truth(lists, lane, output, passphrase, _without_none(seal_rules))
 
     if len(lists) == 1 and len(recipes) > 1:
         raise ValueError(f"recipe must be given once per alarm list, got {len(recipes)} for 1 list")
@@ -261,20 +261,30 @@ def score(
     if truth is None:
         raise ValueError("score needs --truth or --sealed, got neither")
 
-    score_options = _without_none(
-        {"halo": halo, "far": far, "reading": table_reading(columns, anchor)}
-    )
-    score_options["truth_reading"] = table_reading(truth_columns, anchor)
-    score_options |= {"register": register, "overwrite": overwrite}
-
+    rules = _without_none({"halo": halo, "far": far, "reading": table_reading(columns, anchor)})
+    rules["truth_reading"] = table_reading(truth_columns, anchor)
+    rules["register"] = register
+    rules["overwrite"] = overwrite
     if len(lists) > 1:
-        from flgpr.commands.scoring import compare_alarms
-
         _refuse({"objects": objects}, (), "several lists are compared without pictures")
-        folder = Path(output or "score")
-        return compare_alarms(lists, truth, folder, lane, recipes=recipes, **score_options)
-    score_options["recipe"] = recipes[0] if recipes else None
-    return _score_single(lists[0], truth, objects, lane, output, score_options, track)
+        return _compare(lists, truth, output, lane, recipes, rules)
+    rules["recipe"] = recipes[0] if recipes else None
+    return _score_single(lists[0], truth, objects, lane, output, rules, track)
+
+
+def _compare(
+    lists: list[Path],
+    truth: PathLike,
+    output: PathLike | None,
+    lane: PathLike | None,
+    recipes: list[Any],
+    rules: dict[str, Any],
+) -> Any:
+    """Compare several lists against an open truth."""
+    from flgpr.commands.scoring import compare_alarms
+
+    folder = Path(output or "score")
+    return compare_alarms(lists, truth, folder, lane, recipes=recipes, **rules)
 
 
 def _without_none(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -295,7 +305,7 @@ def _score_single(
     objects: PathLike | None,
     lane: PathLike | None,
     output: PathLike | None,
-    options: dict[str, Any],
+    rules: dict[str, Any],
     track: Any,
 ) -> Scored:
     """Score a result by its recipe's rules, or an alarm list by the rules of the options."""
@@ -311,16 +321,16 @@ def _score_single(
     if lane is not None:
         _refuse({"objects": objects}, (), "an alarm list is scored without pictures")
         folder = Path(output or "score")
-        return Scored(folder, score_alarms(alarms, truth, lane, folder, **options))
-    _refuse({"halo": options.get("halo")}, (), "a result is scored by the halo of its recipe")
-    reading = options.pop("reading", None)
+        return Scored(folder, score_alarms(alarms, truth, lane, folder, **rules))
+    _refuse({"halo": rules.get("halo")}, (), "a result is scored by the halo of its recipe")
+    reading = rules.pop("reading", None)
     if reading is not None and reading.columns:
         raise ValueError(
             "columns are of alarm lists: a result's list has its own; see --truth-columns"
         )
     result_folder = alarms.parent if alarms.name == "alarms.csv" else alarms
     folder = score_folder(result_folder) if output is None else Path(output)
-    result, scores = score_result(result_folder, truth, objects, folder, track or silent, **options)
+    result, scores = score_result(result_folder, truth, objects, folder, track or silent, **rules)
     return Scored(folder, scores, result)
 
 

@@ -17,10 +17,11 @@ import pandas as pd
 
 from flgpr.chain.progress import Track, silent
 from flgpr.commands.doubts import tell_doubts
+from flgpr.commands.reach import targets_in_reach
 from flgpr.commands.registering import Entrant, find_entrant, open_truth
-from flgpr.commands.score_files import must_write, with_last, write_score_files
+from flgpr.commands.score_output import must_write, with_last, write_score_files
 from flgpr.door import Folder, parse_toml, read_named
-from flgpr.execution.driver import results_at
+from flgpr.execution.finished import results_at
 from flgpr.model import Lane
 from flgpr.report import comparison_html, score_files
 from flgpr.results.result import Result, add_files, are_settled, join_sections, read_result
@@ -39,7 +40,7 @@ from flgpr.store import read_table
 from flgpr.store.dialects import TableReading
 from flgpr.store.files import existing, faults_of
 from flgpr.store.tables import read_columns
-from flgpr.trials.ledger import Book
+from flgpr.trials.ledger import RegisterLike
 
 PathLike = str | Path
 _OUTCOME_COLUMNS = [
@@ -107,7 +108,7 @@ def score_result(
     track: Track = silent,
     *,
     recipe: PathLike | None = None,
-    register: Book | None = None,
+    register: RegisterLike | None = None,
     far: float = Rules.far,
     overwrite: bool = True,
     truth_reading: TableReading | None = None,
@@ -162,8 +163,14 @@ def score_result(
     rules = {"halo": result.recipe.score.halo, "far": far}
     entrant = find_entrant(result_folder, recipe)
     lane_borders = borders(result.lane)
-    targets, [notes] = open_truth(truth, [entrant], lane_borders, rules, register, truth_reading)
+    targets, [provenance] = open_truth(
+        truth, [entrant], lane_borders, rules, register, truth_reading
+    )
     tell_doubts(targets, "truth", Path(truth).name, result.lane)
+    targets, outside = targets_in_reach(
+        targets, result.lane, result.recipe.score.halo, Path(truth).name
+    )
+    provenance |= outside
 
     of_lane = score_detections(result, targets, far)
     of_frames = []
@@ -177,10 +184,10 @@ def score_result(
     # A single item: the bar shows that the report is being drawn.
     for _ in track(["report.html"], "drawing the report", 1):
         if of_frames:
-            files |= score_files(of_frames, notes, title=of_frames[0].title)
+            files |= score_files(of_frames, provenance, title=of_frames[0].title)
         else:
             files |= score_files(
-                of_lane, notes, result=result, objects=other_objects, sections=pages
+                of_lane, provenance, result=result, objects=other_objects, sections=pages
             )
     if is_one_piece:
         files[VIEW_SCORE] = view_score(result, of_lane, other_objects)
@@ -233,7 +240,7 @@ def score_alarms(
     output: PathLike,
     *,
     recipe: PathLike | None = None,
-    register: Book | None = None,
+    register: RegisterLike | None = None,
     title: str = "Detection report",
     overwrite: bool = True,
     reading: TableReading | None = None,
@@ -284,25 +291,27 @@ def score_alarms(
     tell_doubts(table, "alarms", entrant.path.name, lanes)
 
     entered = {"halo": score_rules.halo, "far": score_rules.far}
-    targets, [notes] = open_truth(
+    targets, [provenance] = open_truth(
         truth, [entrant], borders(lanes), entered, register, truth_reading
     )
     tell_doubts(targets, "truth", Path(truth).name, lanes)
+    targets, outside = targets_in_reach(targets, lanes, score_rules.halo, Path(truth).name)
+    provenance |= outside
 
-    notes |= _reading_notes(table, targets)
+    provenance |= _reading_notes(table, targets)
     scores = [score_list(table, targets, lanes, score_rules)]
-    write_score_files(Path(output), score_files(scores, notes, title=title), overwrite)
+    write_score_files(Path(output), score_files(scores, provenance, title=title), overwrite)
     return scores
 
 
 def _reading_notes(alarms: pd.DataFrame, truth: pd.DataFrame) -> dict[str, Any]:
     """Return what the reader of the tables assumed or converted, for the report."""
-    notes = {}
+    notes_by_table = {}
     for name, table in (("alarms_read", alarms), ("truth_read", truth)):
         reading_notes = table.attrs.get("notes", [])
         if reading_notes:
-            notes[name] = reading_notes
-    return notes
+            notes_by_table[name] = reading_notes
+    return notes_by_table
 
 
 def outcome_table(scored: Sequence[Score]) -> pd.DataFrame:
@@ -324,7 +333,7 @@ def compare_alarms(
     lane: PathLike | None = None,
     *,
     recipes: Sequence[PathLike] = (),
-    register: Book | None = None,
+    register: RegisterLike | None = None,
     halo: float | None = None,
     far: float = Rules.far,
     overwrite: bool = True,
@@ -375,17 +384,20 @@ def compare_alarms(
     tables = [entrant.table() for entrant in entrants]
 
     entered = {"halo": rules.halo, "far": far}
-    targets, notes = open_truth(truth, entrants, borders(lanes), entered, register, truth_reading)
+    targets, provenance = open_truth(
+        truth, entrants, borders(lanes), entered, register, truth_reading
+    )
 
     for entrant, table in zip(entrants, tables, strict=True):
         tell_doubts(table, "alarms", entrant.path.name, lanes)
     tell_doubts(targets, "truth", Path(truth).name, lanes)
+    targets, outside = targets_in_reach(targets, lanes, rules.halo, Path(truth).name)
 
     scores = {}
-    notes_by_name = {}
-    for name, table, note in zip(names, tables, notes, strict=True):
+    provenance_by_name = {}
+    for name, table, of_list in zip(names, tables, provenance, strict=True):
         scores[name] = score_list(table, targets, lanes, rules)
-        notes_by_name[name] = note | _reading_notes(table, targets)
+        provenance_by_name[name] = of_list | outside | _reading_notes(table, targets)
 
     first_score = scores[names[0]]
     far_points = first_score.operating_points()["far_allowed"].tolist()
@@ -394,7 +406,7 @@ def compare_alarms(
 
     curves = {name: score.curve for name, score in scores.items()}
     stated_rules = {**first_score.rules_summary(), "far_max": rules.far_max}
-    write_comparison(output, comparison, curves, stated_rules, notes_by_name, overwrite)
+    write_comparison(output, comparison, curves, stated_rules, provenance_by_name, overwrite)
     return comparison
 
 
@@ -480,12 +492,12 @@ def write_comparison(
     comparison: SideBySide,
     curves: Mapping[str, pd.DataFrame],
     rules: Mapping[str, Any],
-    notes: Mapping[str, Any],
+    provenance: Mapping[str, Any],
     overwrite: bool = True,
 ) -> None:
     """Write the page and the JSON of a comparison."""
     files = {
-        "comparison.html": comparison_html(comparison, curves, rules, notes),
-        "comparison.json": comparison_json(comparison, rules, notes),
+        "comparison.html": comparison_html(comparison, curves, rules, provenance),
+        "comparison.json": comparison_json(comparison, rules, provenance),
     }
     write_score_files(Path(output), files, overwrite)

@@ -20,7 +20,7 @@ from flgpr.commands.registering import (
     find_entrant,
     registration_of,
 )
-from flgpr.commands.score_files import write_score_files
+from flgpr.commands.score_output import write_score_files
 from flgpr.commands.scoring import (
     borders,
     entrant_names,
@@ -34,11 +34,11 @@ from flgpr.results.score import blind_roc_json
 from flgpr.scoring import Rules, SideBySide, side_by_side
 from flgpr.scoring.matching import LaneLike
 from flgpr.store.files import existing
-from flgpr.store.outputs import OVERWRITE, other_output, tell_finished, whole_output
+from flgpr.store.outputs import OVERWRITE, atomic_output, log_finished, output_exists_error
 from flgpr.store.tables import parse_table
 from flgpr.trials import BlindScore, content_hash, require_truth
 from flgpr.trials.blind import FAR_GRID, Phrase, match_blind, score_blind, seal_truth, seals
-from flgpr.trials.ledger import Book, parts_of, read_book
+from flgpr.trials.ledger import RegisterLike, read_checked_register, register_paths
 
 PathLike = str | Path
 
@@ -62,7 +62,7 @@ def seal_truth_file(
     area: Literal["union", "paper"] = "union",
     by: str | None = "kind",
     show: Literal["curve", "targets"] = "curve",
-    register: Book | None = None,
+    register: RegisterLike | None = None,
 ) -> Path:
     """Encrypt a truth with its lane or lanes and rules for blind scoring.
 
@@ -109,10 +109,10 @@ def seal_truth_file(
     path = Path(output)
     if os.path.lexists(path):
         _require_same_seal(path, passphrase, table, lanes, rules, bound_register)
-        tell_finished(path)
+        log_finished(path)
     else:
-        with whole_output(path) as partial:
-            seal_truth(table, lanes, partial, passphrase, **rules, book=bound_register)
+        with atomic_output(path) as partial:
+            seal_truth(table, lanes, partial, passphrase, **rules, register=bound_register)
 
     if register is not None:
         _enter_sealed(register, path, bound_register)
@@ -120,11 +120,11 @@ def seal_truth_file(
 
 
 def _bound_register(
-    register: Book, truth: bytes, lanes: LaneLike, halo: float, is_planned: bool
+    register: RegisterLike, truth: bytes, lanes: LaneLike, halo: float, is_planned: bool
 ) -> dict[str, Any]:
     """Return what a sealed file states of its register: the truth's digest and the last line."""
-    path = existing(parts_of(register)[0], "register")
-    lines = read_book(register)
+    path = existing(register_paths(register)[0], "register")
+    lines = read_checked_register(register)
     digest = content_hash(truth)
     require_truth(path, digest, borders(lanes), {"halo": halo}, planned=is_planned)
     if not lines:
@@ -149,13 +149,17 @@ def _require_same_seal(
         # The register may have grown since: its last line may be another one.
         is_same = is_same and sealed_register["truth"] == bound_register["truth"]
     if not is_same:
-        raise other_output(path, "or was sealed with another passphrase: choose another output")
+        raise output_exists_error(
+            path, "or was sealed with another passphrase: choose another output"
+        )
 
 
-def _enter_sealed(register: Book, path: Path, bound_register: Mapping[str, Any] | None) -> None:
+def _enter_sealed(
+    register: RegisterLike, path: Path, bound_register: Mapping[str, Any] | None
+) -> None:
     """Enter a sealed file into a register that does not hold it yet."""
     digest = content_hash(path)
-    if any(line.get("sealed") == digest for line in read_book(register)):
+    if any(line.get("sealed") == digest for line in read_checked_register(register)):
         return
     truth = None if bound_register is None else bound_register["truth"]
     trials.register(register, event="sealed", truth=truth, sealed=digest)
@@ -169,7 +173,7 @@ def score_sealed(
     log: PathLike | None = None,
     *,
     recipe: PathLike | None = None,
-    register: Book | None = None,
+    register: RegisterLike | None = None,
     witness: PathLike | None = None,
 ) -> BlindScore:
     """Score an alarm list, or that of a result, against a sealed truth; no position is shown.
@@ -211,14 +215,14 @@ def score_sealed(
     blind = score_blind(table, path, passphrase, log, registration, witness)
 
     if output is not None:
-        notes = {
+        provenance = {
             **entrant.provenance(blind.registered),
             "sealed_sha256": content_hash(path),
             **blind.heads,
         }
         files = {
-            "report.html": blind_html(blind, notes),
-            "roc.json": blind_roc_json(blind, notes),
+            "report.html": blind_html(blind, provenance),
+            "roc.json": blind_roc_json(blind, provenance),
         }
         write_score_files(Path(output), files)
     return blind
@@ -232,7 +236,7 @@ def compare_sealed(
     log: PathLike | None = None,
     *,
     recipes: Sequence[PathLike] = (),
-    register: Book | None = None,
+    register: RegisterLike | None = None,
     witness: PathLike | None = None,
 ) -> SideBySide:
     """Compare alarm lists against a sealed truth; each of them is a look.
@@ -250,18 +254,18 @@ def compare_sealed(
     phrase = passphrase() if callable(passphrase) else passphrase
 
     matches = {}
-    notes = {}
+    provenance = {}
     for name, entrant, table in zip(names, entrants, tables, strict=True):
         registration = registration_of(entrant, register)
-        look = match_blind(table, path, phrase, log, registered=registration, witness=witness)
-        matches[name] = look.matched
-        notes[name] = {
-            **entrant.provenance(look.line),
-            "looks": len(look.looks),
-            **look.heads,
+        blind_look = match_blind(table, path, phrase, log, registered=registration, witness=witness)
+        matches[name] = blind_look.matched
+        provenance[name] = {
+            **entrant.provenance(blind_look.line),
+            "looks": len(blind_look.looks),
+            **blind_look.heads,
             "sealed_sha256": content_hash(path),
         }
-        sealed_rules = look.rules
+        sealed_rules = blind_look.rules
 
     rules = Rules(halo=sealed_rules["halo"], area=sealed_rules["area"])
     comparison = side_by_side(matches, FAR_GRID, rules, means=False)
@@ -276,7 +280,7 @@ def compare_sealed(
         "level": rules.level,
         "far_max": rules.far_max,
     }
-    write_comparison(output, comparison, {}, stated_rules, notes)
+    write_comparison(output, comparison, {}, stated_rules, provenance)
     return comparison
 
 
@@ -285,7 +289,7 @@ def holds_sealed_score(
     sealed: PathLike,
     output: PathLike,
     recipes: Sequence[PathLike] = (),
-    register: Book | None = None,
+    register: RegisterLike | None = None,
 ) -> bool:
     """Return, before anybody looks, whether a folder has this very score against a sealed truth.
 
@@ -300,21 +304,21 @@ def holds_sealed_score(
 
     entrants = find_entrants(alarms, recipes)
     digest = content_hash(existing(sealed, "sealed truth"))
-    wanted = sorted(_wanted_digests(entrants, digest, with_recipe=register is not None))
+    expected = sorted(_expected_digests(entrants, digest, with_recipe=register is not None))
     try:
         report = parse_json(Folder(folder).read(file.name, MOST_JSON))
         stated = sorted(_stated_digests(report["notes"], is_comparison))
-        is_same = stated == wanted and report["flgpr"] == flgpr.__version__
+        is_same = stated == expected and report["flgpr"] == flgpr.__version__
     except (ValueError, KeyError, TypeError, AttributeError):
         is_same = False
 
     if not is_same:
-        raise other_output(file, f"{OVERWRITE}, or choose another output")
-    tell_finished(folder, f"{OVERWRITE}, which is another look")
+        raise output_exists_error(file, f"{OVERWRITE}, or choose another output")
+    log_finished(folder, f"{OVERWRITE}, which is another look")
     return True
 
 
-def _wanted_digests(
+def _expected_digests(
     entrants: Sequence[Entrant], sealed: str, with_recipe: bool
 ) -> Iterator[tuple[str, str, str]]:
     """Yield the digests of list, sealed truth and recipe that a score of these lists states."""
@@ -323,8 +327,10 @@ def _wanted_digests(
         yield content_hash(entrant.path), sealed, recipe
 
 
-def _stated_digests(notes: Mapping[str, Any], is_comparison: bool) -> Iterator[tuple[str, ...]]:
+def _stated_digests(
+    provenance: Mapping[str, Any], is_comparison: bool
+) -> Iterator[tuple[str, ...]]:
     """Yield the digests that a report states of each of its lists."""
-    of_lists = list(notes.values()) if is_comparison else [notes]
+    of_lists = list(provenance.values()) if is_comparison else [provenance]
     for entry in of_lists:
         yield entry["alarms_sha256"], entry["sealed_sha256"], entry.get("recipe_sha256", "")

@@ -42,13 +42,13 @@ Arguments = SimpleNamespace
 """The arguments that a command was called with, by name."""
 
 
-class OnErrors(str):
+class ErrorStreamText(str):
     """A line that is printed on the error stream."""
 
     __slots__ = ()
 
 
-class Unfinished(str):
+class RawText(str):
     """A text that is printed without a line break behind it."""
 
     __slots__ = ()
@@ -65,21 +65,22 @@ class Command:
     function: Callable[..., Any]
     lines: Callable[[Any, Arguments], Iterable[Any]] | None = None
     as_json: Callable[[Any, Arguments], Any] | None = None  #: object that --json prints
-    before: Callable[[Arguments], Iterable[str]] | None = None  #: lines before the work begins
+    #: lines that are printed before the work begins
+    lines_before: Callable[[Arguments], Iterable[str]] | None = None
     #: checks options, and returns what the command line passes for parameters of Python alone
-    passes: Callable[[Arguments], Mapping[str, Any]] | None = None
+    python_values: Callable[[Arguments], Mapping[str, Any]] | None = None
     status: Callable[[Any], int] | None = None  #: exit status for what was returned
     #: context of call and output, such as a page that stays open
-    around: Callable[[Arguments], AbstractContextManager[Any]] | None = None
+    context: Callable[[Arguments], AbstractContextManager[Any]] | None = None
     #: options of the command line alone, by name: annotation and default
-    extra: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)
+    shell_options: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)
     quiet: bool = True  #: whether there is --quiet
-    answers: bool = False  #: whether its lines are the answer, which is printed even when quiet
-    compiles: bool = False  #: whether kernels are compiled while the first data are read
+    always_printed: bool = False  #: whether its lines are the answer, printed even when quiet
+    compiles_kernels: bool = False  #: whether kernels are compiled while the first data are read
 
     @cached_property
     def parameters(self) -> list[Parameter]:
-        """Parameters of the function with their annotations."""
+        """Return the parameters of the function with their annotations."""
         return parameters_of(self.function)
 
 
@@ -133,7 +134,7 @@ def _shell_parameters(described: Command) -> list[inspect.Parameter]:
         else:
             options.append(keyword)
 
-    for name, (annotation, default) in described.extra.items():
+    for name, (annotation, default) in described.shell_options.items():
         options.append(_keyword(name, annotation, default))
     if described.quiet:
         options.append(_keyword("quiet", QUIET, False))
@@ -155,16 +156,16 @@ def _run(described: Command, values: dict[str, Any]) -> None:
     silent = quiet or as_json
     call = SimpleNamespace(**values, quiet=quiet, as_json=as_json)
     with plain_errors(quiet), ExitStack() as stack:
-        if described.before is not None and not silent:
-            print_lines(described.before(call))
-        if described.around is not None:
-            stack.enter_context(described.around(call))
-        if described.passes is not None:
-            values = {**values, **described.passes(call)}
+        if described.lines_before is not None and not silent:
+            print_lines(described.lines_before(call))
+        if described.context is not None:
+            stack.enter_context(described.context(call))
+        if described.python_values is not None:
+            values = {**values, **described.python_values(call)}
         returned = _call(described, values, silent)
         if as_json and described.as_json is not None:
             typer.echo(json.dumps(described.as_json(returned, call)))
-        elif described.lines is not None and (described.answers or not quiet):
+        elif described.lines is not None and (described.always_printed or not quiet):
             print_lines(described.lines(returned, call))
     if described.status is not None:
         status = described.status(returned)
@@ -176,10 +177,10 @@ def _call(described: Command, values: Mapping[str, Any], silent: bool) -> Any:
     """Call the function; options that were not given keep the function's own defaults."""
     arguments = {}
     for name, value in values.items():
-        if value is not None and value != [] and name not in described.extra:
+        if value is not None and value != [] and name not in described.shell_options:
             arguments[name] = value
     with ExitStack() as stack:
-        if described.compiles:
+        if described.compiles_kernels:
             from flgpr.kernels.ahead import compiled_beside
 
             stack.enter_context(compiled_beside())
@@ -218,7 +219,9 @@ def print_lines(lines: Iterable[Any]) -> None:
             if not is_unchanged(line):
                 typer.echo(f"wrote {line}")
         elif isinstance(line, str):
-            typer.echo(line, err=isinstance(line, OnErrors), nl=not isinstance(line, Unfinished))
+            typer.echo(
+                line, err=isinstance(line, ErrorStreamText), nl=not isinstance(line, RawText)
+            )
         else:
             from rich.console import Console
 

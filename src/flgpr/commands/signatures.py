@@ -171,10 +171,14 @@ def python_documentation(text: str, parameters: Sequence[Parameter]) -> str:
 
 
 def help_of(function: Callable[..., Any]) -> str:
-    """Return the part of a command's docstring that the command line shows."""
+    """Return the part of a command's docstring that the command line shows.
+
+    A paragraph is a single line: the terminal wraps it.
+    """
     documentation = function.__doc__ or ""
     before_parameters = re.split(r"^Parameters\n-+$", documentation, flags=re.MULTILINE)[0]
-    return before_parameters.strip()
+    paragraphs = before_parameters.strip().split("\n\n")
+    return "\n\n".join(paragraph.replace("\n", " ") for paragraph in paragraphs)
 
 
 def _split(text: str) -> tuple[str, str]:

@@ -32,7 +32,7 @@ def _lines(_: Model, call: Arguments) -> Iterator[Path]:
     yield call.output
 
 
-@command(lines=_lines, compiles=True)
+@command(lines=_lines, compiles_kernels=True)
 def train(
     runs: Annotated[Paths, Argument(help="Run stores, one lane each.")],
     truths: Annotated[

@@ -141,7 +141,7 @@ def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float
     """
     soil = run.get("soil")
     permittivity = soil.get("permittivity") if isinstance(soil, dict) else None
-    if type(permittivity) not in (int, float):
+    if not isinstance(permittivity, (int, float)) or isinstance(permittivity, bool):
         return np.full(len(truth), np.nan)
     x = truth["x"].to_numpy(dtype=float)
     y = truth["y"].to_numpy(dtype=float)

@@ -35,7 +35,7 @@ from flgpr.store.journal import (
     WrittenScan,
     difference,
 )
-from flgpr.store.outputs import tell_finished
+from flgpr.store.outputs import log_finished
 from flgpr.store.run_store import (
     CHECKSUM_BYTES,
     FORMAT,
@@ -431,7 +431,7 @@ def save_run(
     except RunExistsError as error:
         if not (resume and error.same):
             raise
-        tell_finished(path)
+        log_finished(path)
         return Path(path)
     with begun as writer:
         pose = run["pose"].values

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from flgpr.report import figure_png, render
 from flgpr.scoring import Match, chance, clopper_pearson, operating_row, roc_of
-from flgpr.store.outputs import tell_finished
+from flgpr.store.outputs import log_finished
 from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS
 
 
@@ -58,7 +58,7 @@ def telling_if_same(path: Path) -> Iterator[None]:
     before = path.read_bytes() if path.is_file() else None
     yield
     if path.read_bytes() == before:
-        tell_finished(path)
+        log_finished(path)
 
 
 def draw(figure: Figure, quick: bool, dpi: float = 110) -> bytes:
